@@ -1,0 +1,67 @@
+"""Errors that users meet: one base class, one exit code for each kind.
+
+Every message names the place (file, line, column, key) and what to do about it; nothing here prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with the user's input, and where.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and what would be right, in the user's words.
+    key : str
+        Dotted key of the study file, for instance ``site.latitude``; empty where no key applies.
+    file : str
+        Name of the file as the user gave it.
+    line, column : int, optional
+        Position in the file, counted from 1.
+    """
+
+    message: str
+    key: str = ""
+    file: str = ""
+    line: int | None = None
+    column: int | None = None
+
+    def __str__(self) -> str:
+        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part not in ("", None))
+        return ": ".join(part for part in (place, self.key, self.message) if part)
+
+
+class HeliosweepError(Exception):
+    """Base class of all errors that heliosweep raises on purpose."""
+
+    exit_code = 1
+
+
+class StudyError(HeliosweepError):
+    """The study, or a file that it names, is wrong; lists every problem found."""
+
+    exit_code = 2
+
+    def __init__(self, problems: Problem | Iterable[Problem]) -> None:
+        self.problems = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+    def __reduce__(self) -> tuple[type[StudyError], tuple[tuple[Problem, ...]]]:
+        return type(self), (self.problems,)
+
+
+class PlanError(HeliosweepError):
+    """The study is valid but would not fit this machine; says which axis to shrink."""
+
+    exit_code = 3
+
+
+class RunInterrupted(HeliosweepError):
+    """The run was stopped before its end; nothing half written was left."""
+
+    exit_code = 4
