@@ -1,0 +1,52 @@
+# Everything here needs only python3 (3.11 or newer) and make; `make setup` builds .venv/ from pinned versions.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.ready
+# one study for `make run`: make STUDY=studies/chong2012_table2.yaml run
+STUDY  ?=
+# what `make` and `make studies` run
+STUDIES ?= $(wildcard studies/*.yaml)
+PYTEST_ARGS ?=
+
+.DEFAULT_GOAL := studies
+.PHONY: studies run test check bench setup clean help
+
+studies: $(STAMP)  ## set up and run every study in studies/ (the default)
+	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run $$study; done
+
+run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
+	@test -n "$(STUDY)" || { echo "say which study: make STUDY=studies/my_study.yaml run" >&2; exit 2; }
+	@$(BIN)/heliosweep run $(STUDY)
+
+test: $(STAMP)  ## set up and run the tests
+	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: $(STAMP)  ## lint, formatting and types
+	@$(BIN)/ruff check pipeline tests
+	@$(BIN)/ruff format --check pipeline tests
+	@$(BIN)/mypy
+
+bench: $(STAMP)  ## speed of the kernels beside named baselines (PySAM too, where it installs)
+	@$(BIN)/python -c "import PySAM" 2>/dev/null \
+	  || $(BIN)/python -m pip install -q -c constraints.txt -e ".[bench]" \
+	  || echo "nrel-pysam does not install here; the benchmark goes on without it" >&2
+	@$(BIN)/python tests/bench/run.py
+
+setup: $(STAMP)  ## build the environment in .venv/
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "heliosweep needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 2; }
+	@echo "setting up $(VENV)/ (once)" >&2
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 \
+	  $(BIN)/python -m pip install -q -e ".[test,check]"
+	@touch $@
+
+clean:  ## remove the environment and caches, keep outputs/
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache
+	find pipeline tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+help:  ## this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1\t/' | expand -t 10
