@@ -1,0 +1,334 @@
+"""Radial-staggered fields: rings about the tower, each turned by half a pitch against the one before.
+
+The field is made of zones. All rings of a zone have the same angular pitch, so that every second ring stands
+on the same spokes and each heliostat looks at the tower between two of the ring before. Going outwards the
+heliostats of a ring drift apart; a new zone with a finer pitch then starts.
+
+The rule is the one that the field of Chong and Tan [1]_ follows: neighbours stand one clearance apart, in the
+first ring of a zone and from each ring to the next.
+
+References
+----------
+.. [1] Chong, K. K. and Tan, M. H. (2012). Comparison study of two different sun-tracking methods in optical
+   efficiency of heliostat field. International Journal of Photoenergy 2012, 908364. doi:10.1155/2012/908364
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.errors import Problem, StudyError
+from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
+
+WIDEST_SPACING = 1.7
+"""Spacing within a ring, in clearances, beyond which an automatic zone ends."""
+
+CLOSING_TOLERANCE = 1e-3
+"""A pitch this near to a whole fraction of the circle, relatively, is taken as that fraction."""
+
+ROUNDING = 1e-12
+"""Relative shortfall of a distance that is put down to rounding."""
+
+
+class Zone(NamedTuple):
+    """Rings with one common angular pitch.
+
+    Parameters
+    ----------
+    start : float
+        Radius of the first ring. [m]
+    rings : int
+        Number of rings.
+    pitch : float, optional
+        Angle between neighbours of a ring, at most 180; None for the one at which the neighbours of the first
+        ring stand one clearance apart. [deg]
+    """
+
+    start: float
+    rings: int
+    pitch: float | None = None
+
+
+def radial_stagger(
+    clearance: float,
+    inner_radius: float | None = None,
+    rings: int | None = None,
+    heliostats: int | None = None,
+    zones: Sequence[Zone] | None = None,
+) -> Layout:
+    """Generate a radial-staggered layout on level ground, symmetric about the north-south line.
+
+    Exactly one of `rings`, `heliostats` and `zones` says how far the field goes.
+
+    Parameters
+    ----------
+    clearance : float
+        Least distance between the centres of any two heliostats. [m]
+    inner_radius : float, optional
+        Radius of the first ring, at least half a clearance. With `zones` it may be left out, or be the
+        start of the first one. [m]
+    rings : int, optional
+        Number of rings, in automatic zones.
+    heliostats : int, optional
+        Number of heliostats, in automatic zones. The surplus of the last ring is left out from the south
+        towards the north on both sides; if one heliostat has to go without its mirror image, the eastern
+        one of the pair stays.
+    zones : sequence of Zone, optional
+        The zones outwards, each at least one clearance outside the last ring of the one before.
+
+    Returns
+    -------
+    Layout
+        Ring by ring outwards, each ring clockwise from north, with z = 0 and the columns ``ring``, counted
+        from 1, and ``azimuth``, from north clockwise [deg].
+
+    Raises
+    ------
+    StudyError
+        If the parameters cannot be met; each problem carries the parameter as its key, a zone's as
+        ``zones.1.pitch``, counted from 0.
+
+    Notes
+    -----
+    With clearance c, pitch p and radius r(k) of ring k of a zone,
+
+        r(k+1) = r(k) cos(p/2) + sqrt(c^2 - r(k)^2 sin^2(p/2)),  at least r(k-1) + c,
+
+    which puts ring k+1 one clearance from its neighbours in ring k, and clear of ring k-1 on the same spokes.
+    The pitch of a zone that starts at radius r is 2 asin(c / 2r). If it is within 0.1 % of 360 deg / n it
+    becomes that, unless heliostats would come too close, and the rings close. Otherwise the rings are filled
+    from north, at 0, p, 2p, ... or p/2, 3p/2, ... on both sides, as far as all stay clear across the gap in
+    the south; and one more heliostat stands due south where it is clear of all others.
+
+    An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
+    clearance further out.
+    """
+    _check(clearance, inner_radius, rings, heliostats, zones)
+    if zones is not None:
+        sequence = _given_zones(clearance, [Zone(*zone) for zone in zones])
+    else:
+        assert inner_radius is not None
+        sequence = _automatic_zones(clearance, inner_radius)
+
+    field: list[_Ring] = []
+    count = 0
+    for ring in sequence:
+        field.append(ring)
+        count += len(ring)
+        if count > MAX_HELIOSTATS:
+            key = "zones" if zones is not None else "rings"
+            raise StudyError(Problem(f"the field would have more than {MAX_HELIOSTATS:,} heliostats", key))
+        if len(field) == rings:
+            break
+        if heliostats is not None and count >= heliostats:
+            field[-1] = ring.northernmost(len(ring) - (count - heliostats))
+            break
+    return _layout(field)
+
+
+@dataclass(frozen=True)
+class _Ring:
+    """One ring: whether heliostats stand due north and south, and the azimuths of those in between.
+
+    Azimuths count from north on both sides, increase, and lie strictly between 0 and 180. [deg]
+    """
+
+    radius: float
+    north: bool
+    east: NDArray[np.floating]
+    south: bool
+    west: NDArray[np.floating]  # as east, or one less where a ring is cut
+
+    def __len__(self) -> int:
+        """Return the number of heliostats."""
+        return self.north + self.east.size + self.south + self.west.size
+
+    @property
+    def last(self) -> float:
+        """Azimuth of the southernmost heliostat on the eastern side, in degrees."""
+        if self.south:
+            return 180.0
+        return float(self.east[-1]) if self.east.size else 0.0
+
+    def clockwise(self) -> NDArray[np.floating]:
+        """Return the azimuths clockwise from north, those in the west negative, in degrees."""
+        return np.concatenate([[0.0] * self.north, self.east, [180.0] * self.south, -self.west[::-1]])
+
+    def northernmost(self, count: int) -> _Ring:
+        """Return the ring with only its northernmost heliostats; of a pair, the eastern one first."""
+        if count == len(self):
+            return self
+        pairs = count - self.north
+        return replace(self, south=False, east=self.east[: (pairs + 1) // 2], west=self.west[: pairs // 2])
+
+
+def _layout(field: list[_Ring]) -> Layout:
+    """Place the heliostats, ring by ring and clockwise; east and west mirror each other to the last bit."""
+    signed = np.concatenate([ring.clockwise() for ring in field])
+    counts = [len(ring) for ring in field]
+    radius = np.repeat([ring.radius for ring in field], counts)
+    x, y = radius * np.sin(np.radians(signed)), radius * np.cos(np.radians(signed))
+    columns = {"ring": np.repeat(np.arange(1, len(field) + 1), counts), "azimuth": signed % 360}
+    return Layout(x, y, np.zeros_like(x), columns, "radial_stagger")
+
+
+def _given_zones(clearance: float, zones: list[Zone]) -> Iterator[_Ring]:
+    """Yield the rings of the zones that the user gave."""
+    outermost = -math.inf
+    for index, (start, rings, pitch) in enumerate(zones):
+        if start < (outermost + clearance) * (1 - ROUNDING):
+            raise StudyError(
+                Problem(
+                    f"the zone must start at least one clearance outside the last ring of the one before, "
+                    f"at {outermost + clearance:.6g} m or more (got {start:.6g})",
+                    f"zones.{index}.start",
+                )
+            )
+        count = 0
+        for ring in islice(_zone(clearance, start, *_pitch(clearance, start, pitch)), rings):
+            outermost = ring.radius
+            count += 1
+            yield ring
+        if count < rings:
+            raise StudyError(
+                Problem(
+                    f"only {count} of {rings} rings fit before heliostats stand so far apart that the next "
+                    f"would fit between them; start a new zone at {outermost + clearance:.6g} m or more",
+                    f"zones.{index}.rings",
+                )
+            )
+
+
+def _automatic_zones(clearance: float, start: float) -> Iterator[_Ring]:
+    """Yield rings without end; a new zone starts where the spacing within a ring would become too wide."""
+    while True:
+        pitch, closed = _pitch(clearance, start)
+        outermost = start
+        for ring in _zone(clearance, start, pitch, closed):
+            if 2 * ring.radius * math.sin(math.radians(pitch) / 2) > WIDEST_SPACING * clearance:
+                break
+            outermost = ring.radius
+            yield ring
+        start = outermost + clearance
+
+
+def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[float, int | None]:
+    """Return the pitch of a zone [deg], and the number of heliostats of its rings if they close."""
+    finest = _angle_apart(start, start, clearance)
+    pitch = finest if given is None else given
+    count = round(360 / pitch)
+    if 360 / count < finest * (1 - ROUNDING):
+        count -= 1  # closed in these steps, neighbours would stand too close
+    if abs(360 / count - pitch) <= CLOSING_TOLERANCE * pitch:
+        return 360 / count, count
+    return pitch, None
+
+
+def _zone(clearance: float, start: float, pitch: float, closed: int | None) -> Iterator[_Ring]:
+    """Yield the rings of one zone until a ring has room for the staggered heliostats among its own."""
+    half = math.radians(pitch) / 2
+    before, radius = -math.inf, start
+    staggered = False
+    ring: _Ring | None = None
+    while True:
+        if closed is not None:
+            ring = _closed_ring(radius, closed, staggered)
+        else:
+            ring = _open_ring(radius, pitch, staggered, clearance, ring)
+        yield ring
+        if 2 * radius * math.sin(half / 2) >= clearance:
+            return
+        touching = radius * math.cos(half) + math.sqrt(clearance**2 - (radius * math.sin(half)) ** 2)
+        before, radius = radius, max(touching, before + clearance)
+        staggered = not staggered
+
+
+def _closed_ring(radius: float, count: int, staggered: bool) -> _Ring:
+    """Return a ring of equal steps all round, from north or, staggered, from half a step beside it."""
+    steps = np.arange(count // 2) + 0.5 if staggered else np.arange(1, (count + 1) // 2)
+    half = steps * (360 / count)
+    return _Ring(radius, not staggered, half, staggered == (count % 2 == 1), half)
+
+
+def _open_ring(
+    radius: float, pitch: float, staggered: bool, clearance: float, previous: _Ring | None
+) -> _Ring:
+    """Return a ring filled from north on both sides, with a gap in the south and perhaps one heliostat in it.
+
+    Only the ring before can be too near: those before it are at least one clearance further in. With it the
+    stagger keeps the distance, also across the gap, except for a heliostat due south of either ring.
+    """
+    apart = _angle_apart(radius, radius, clearance)
+    from_previous = _angle_apart(radius, previous.radius, clearance) if previous else 0.0
+    gap = max(apart / 2, from_previous if previous and previous.south else 0.0)
+    first = 0.5 if staggered else 1.0
+    half = (np.arange(math.floor((180 - gap) / pitch + 1 - first)) + first) * pitch
+    ring = _Ring(radius, not staggered, half, False, half)
+    clear = 180 - ring.last >= apart and (previous is None or 180 - previous.last >= from_previous)
+    return replace(ring, south=clear)
+
+
+def _angle_apart(radius: float, other: float, distance: float) -> float:
+    """Return the least difference in azimuth [deg] of two points at these radii that keeps the distance."""
+    sine_squared = (distance**2 - (radius - other) ** 2) / (4 * radius * other)
+    return math.degrees(2 * math.asin(math.sqrt(min(max(sine_squared, 0.0), 1.0))))
+
+
+def _check(
+    clearance: float,
+    inner_radius: float | None,
+    rings: int | None,
+    heliostats: int | None,
+    zones: Sequence[Zone] | None,
+) -> None:
+    """Raise with everything that is wrong with single parameters."""
+    problems: list[Problem] = []
+
+    def require(valid: bool, key: str, message: str) -> bool:
+        if not valid:
+            problems.append(Problem(message, key))
+        return valid
+
+    def check_radius(radius: float, key: str) -> bool:
+        least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
+        message = f"must be at least half the clearance, {least:.6g} m (got {radius:.6g})"
+        if not require(radius >= least * (1 - ROUNDING), key, message):
+            return False
+        message = f"a ring of {radius:.6g} m has more than {MAX_HELIOSTATS:,} heliostats at this clearance"
+        return require(radius <= most, key, message)
+
+    extents = {"rings": rings, "heliostats": heliostats, "zones": zones}
+    given = [key for key, value in extents.items() if value is not None]
+    if len(given) != 1:
+        message = f"give exactly one of rings, heliostats and zones (got {' and '.join(given) or 'none'})"
+        require(False, given[-1] if given else "rings", message)
+    for key, value in (("rings", rings), ("heliostats", heliostats)):
+        if value is not None and require(value >= 1, key, f"must be at least 1 (got {value})"):
+            require(value <= MAX_HELIOSTATS, key, f"must be at most {MAX_HELIOSTATS:,} (got {value})")
+    usable = require(0 < clearance < math.inf, "clearance", f"must be greater than 0 m (got {clearance})")
+
+    if inner_radius is None:
+        require(zones is not None, "inner_radius", "is missing: the radius of the first ring, in m")
+    elif usable:
+        check_radius(inner_radius, "inner_radius")
+    if zones is not None and require(len(zones) > 0, "zones", "must hold at least one zone"):
+        if inner_radius is not None:
+            first = zones[0][0]
+            message = f"must be the start of the first zone, {first} m, or be left out (got {inner_radius})"
+            require(inner_radius == first, "inner_radius", message)
+        for index, zone in enumerate(zones):
+            start, count, pitch = Zone(*zone)
+            require(count >= 1, f"zones.{index}.rings", f"must be at least 1 (got {count})")
+            if usable and check_radius(start, f"zones.{index}.start") and pitch is not None:
+                finest = _angle_apart(start, start, clearance)
+                message = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {pitch:.6g})"
+                require(finest * (1 - ROUNDING) <= pitch <= 180, f"zones.{index}.pitch", message)
+    if problems:
+        raise StudyError(problems)
