@@ -1,0 +1,84 @@
+"""Mirror frames of the two tracking methods.
+
+A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
+its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows of
+`PACKET` numbers in one flat array, because loops over rows at fixed offsets of one array turn into vector code.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.packets import PACKET
+
+__all__ = ["AZIMUTH_ELEVATION", "FRAME_ROWS", "SPINNING_ELEVATION", "half_sides"]
+
+SPINNING_ELEVATION = 0
+"""Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
+AZIMUTH_ELEVATION = 1
+"""Vertical first axis: the width axis u = unit(z x n) stays horizontal."""
+FRAME_ROWS = 6
+"""Rows of a frame block: the half sides (w/2) u and (h/2) v, components x, y, z of each."""
+
+_PARALLEL = 1e-30
+"""Squared sine below which two directions are parallel: the cross product is rounding noise."""
+
+
+@kernel
+def half_sides(
+    frame: NDArray[np.float64],
+    sun: NDArray[np.float64],
+    rx: float,
+    ry: float,
+    rz: float,
+    half_width: float,
+    half_height: float,
+    tracking: int,
+) -> None:
+    """Write the half sides of one mirror for every lane of a packet.
+
+    Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
+    (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: both sides
+    are nothing.
+
+    Parameters
+    ----------
+    frame : ndarray, shape (FRAME_ROWS * PACKET,)
+        Receives the rows. [m]
+    sun : ndarray, shape (3 * PACKET,)
+        Rows x, y, z of the unit vectors to the sun. [1]
+    rx, ry, rz : float
+        Unit vector from the mirror centre to the target. [1]
+    half_width, half_height : float
+        Half sides along u and v. [m]
+    tracking : int
+        `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
+    """
+    # A fallback for every lane whose u is undefined, so that the lane loops need no branch.
+    level = np.sqrt(rx * rx + ry * ry)
+    ex, ey = 1.0, 0.0
+    if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
+        ex, ey = -ry / level, rx / level
+    for k in range(PACKET):
+        sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
+        nx, ny, nz = rx + sx, ry + sy, rz + sz
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        scale = 1.0 / length if length > 0.0 else 0.0
+        nx, ny, nz = nx * scale, ny * scale, nz * scale
+        if tracking == SPINNING_ELEVATION:
+            ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx
+        else:
+            ux, uy, uz = -ny, nx, 0.0
+        square = ux * ux + uy * uy + uz * uz
+        undefined = square < _PARALLEL
+        scale = 1.0 / np.sqrt(1.0 if undefined else square)
+        ux = ex if undefined else ux * scale
+        uy = ey if undefined else uy * scale
+        uz = 0.0 if undefined else uz * scale
+        present = half_width if length > 0.0 else 0.0
+        frame[k] = present * ux
+        frame[PACKET + k] = present * uy
+        frame[2 * PACKET + k] = present * uz
+        frame[3 * PACKET + k] = half_height * (ny * uz - nz * uy)
+        frame[4 * PACKET + k] = half_height * (nz * ux - nx * uz)
+        frame[5 * PACKET + k] = half_height * (nx * uy - ny * ux)

@@ -1,0 +1,236 @@
+"""Which heliostats can shade or block which: a uniform grid, a wedge, a cone. Never more than the exact test drops.
+
+Let D = C_j - C_i, R the sum of the bounding radii of mirrors i and j, and d a direction (sun or target). Mirror j
+projects onto mirror i along d only if the line distance |D - (D.d) d| is below R, and, when the bounding spheres
+are disjoint (|D| > R), only if it is in front, D.d > 0: a point C_j + q in front of C_i + p along d means
+t d = D + e, |e| = |q - p| <= R, with t > 0; if D.d <= 0 then e.d >= t - D.d >= |D.d| and, across d, |e| equals the
+line distance, so |e| >= |D|: a contradiction. Both conditions say: the angle between D and d is below asin(R / |D|).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import kernel
+
+__all__ = ["Beam", "Grid", "beam", "bin_field", "search"]
+
+_SLACK = 1e-9
+"""Relative slack of every cull: far above rounding, far below what would cost time."""
+
+
+class Grid(NamedTuple):
+    """Uniform grid in plan over the field: heliostats of one cell, and of one row of cells, are contiguous."""
+
+    first: NDArray[np.int64]
+    """Where the heliostats of each cell begin in `names`; cells run from west to east, then from south to north."""
+    names: NDArray[np.int64]
+    """Heliostats in cell order, rising within a cell."""
+    west: float
+    south: float
+    cell: float
+    columns: int
+    rows: int
+    bottom: float
+    """Lowest centre. [m]"""
+    top: float
+    """Highest centre. [m]"""
+    radius: float
+    """Largest bounding radius. [m]"""
+
+
+class Beam(NamedTuple):
+    """A bundle of directions: every direction lies within an angle of the axis."""
+
+    x: float
+    y: float
+    z: float
+    cosine: float
+    """Cosine of the half-angle."""
+    sine: float
+    low: float
+    """Smallest |sine of the elevation| of a direction."""
+    left_x: float
+    """The leftmost and the rightmost direction in plan, unit vectors, for a narrow beam."""
+    left_y: float
+    right_x: float
+    right_y: float
+    narrow: bool
+    """Whether the azimuths span less than a half circle."""
+
+
+@kernel
+def bin_field(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], radius: NDArray[np.float64]):
+    """Bin the mirror centres by a counting sort; at most about 4 cells for each heliostat.
+
+    Parameters
+    ----------
+    x, y, z : ndarray, shape (N,)
+        Mirror centres. [m]
+    radius : ndarray, shape (N,)
+        Bounding radii. [m]
+
+    Returns
+    -------
+    Grid
+    """
+    count = x.shape[0]
+    west, east, south, north = x.min(), x.max(), y.min(), y.max()
+    largest = radius.max()
+    # Cells of one bounding diameter, but larger where the field is sparse.
+    cell = max(2.0 * largest, np.sqrt((east - west) * (north - south) / (2.0 * count)))
+    cell = max(cell, max(east - west, north - south) / (2.0 * count), 1e-9)
+    columns, rows = int((east - west) / cell) + 1, int((north - south) / cell) + 1
+    home = np.empty(count, np.int64)
+    first = np.zeros(columns * rows + 1, np.int64)
+    for j in range(count):
+        home[j] = min(int((y[j] - south) / cell), rows - 1) * columns + min(int((x[j] - west) / cell), columns - 1)
+        first[home[j] + 1] += 1
+    for k in range(columns * rows):
+        first[k + 1] += first[k]
+    names = np.empty(count, np.int64)
+    fill = first.copy()
+    for j in range(count):
+        names[fill[home[j]]] = j
+        fill[home[j]] += 1
+    return Grid(first, names, west, south, cell, columns, rows, z.min(), z.max(), largest)
+
+
+@kernel
+def beam(directions: NDArray[np.float64], stride: int, count: int) -> Beam:
+    """Bundle of the first `count` directions in rows x, y, z of length `stride`."""
+    x = y = z = 0.0
+    for k in range(count):
+        x, y, z = x + directions[k], y + directions[stride + k], z + directions[2 * stride + k]
+    length = max(np.sqrt(x * x + y * y + z * z), 1e-300)
+    x, y, z = x / length, y / length, z / length
+    level = max(np.sqrt(x * x + y * y), 1e-300)
+    gx, gy = x / level, y / level
+    cosine, plan, low = 1.0, 1.0, 1.0
+    for k in range(count):
+        dx, dy, dz = directions[k], directions[stride + k], directions[2 * stride + k]
+        cosine, low = min(cosine, x * dx + y * dy + z * dz), min(low, abs(dz))
+        level = np.sqrt(dx * dx + dy * dy)
+        plan = min(plan, (gx * dx + gy * dy) / level) if level > 1e-12 else -1.0
+    # Slack first, then the sines from it: an angle is never smaller than the true one.
+    cosine, plan = cosine - 1e-14, plan - 1e-14
+    sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
+    swing = np.sqrt(max(0.0, 1.0 - plan * plan))
+    return Beam(
+        x,
+        y,
+        z,
+        cosine,
+        sine,
+        low,
+        plan * gx - swing * gy,
+        plan * gy + swing * gx,
+        plan * gx + swing * gy,
+        plan * gy - swing * gx,
+        plan > 0.0,
+    )
+
+
+@kernel
+def search(
+    i: int,
+    bundle: Beam,
+    limit: float,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    z: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    grid: Grid,
+    found: NDArray[np.int64],
+    count: int,
+):
+    """Append to `found` every heliostat that may occlude heliostat i along some direction of the bundle.
+
+    In plan, h ahead of i along the azimuth of d: the line distance has the components h sin a - dz cos a (a the
+    elevation of d) and the offset across, so the offset is below R and h < (R + |dz| cos a) / sin a. In front (D.d >
+    0, or |D| <= R) moreover h >= -R: for dz >= 0 both h > -dz tan a and h > dz cot a - R / sin a hold, whose larger
+    is least, -R sin a, where they meet; for dz < 0, h > 0. (A direction below the horizon is the same upside down.)
+    So D lies in a strip of half-width R from h = -R on, swung over the azimuths of the bundle; left and right
+    of the swing, and behind, three straight lines at sqrt(2) R from i contain it (a swing below a half circle).
+    The cells between these lines are visited. Each heliostat in them is kept if the angle between D and the axis is
+    below asin(R / |D|) + half-angle, by the triangle inequality on the sphere, or if |D| <= R.
+
+    Parameters
+    ----------
+    i : int
+        Test heliostat.
+    bundle : Beam
+        Directions.
+    limit : float
+        Largest D.d; infinity for the sun. [m]
+    x, y, z, radius : ndarray, shape (N,)
+        Mirror centres and bounding radii. [m]
+    grid : Grid
+        The field, binned.
+    found : ndarray of int64
+        List to append to.
+    count : int
+        Its length.
+
+    Returns
+    -------
+    found : ndarray of int64
+        The list, moved to a longer array when it was full.
+    count : int
+        Its new length.
+    """
+    wide = (radius[i] + grid.radius) * (1.0 + _SLACK)
+    rise = max(grid.top - z[i], z[i] - grid.bottom)
+    level = np.sqrt(max(0.0, 1.0 - bundle.low * bundle.low))
+    reach = min((wide + rise * level) / max(bundle.low, 1e-300), limit) * (1.0 + _SLACK) + wide
+    bound = 1.4142135623730951 * wide
+    south, north = y[i] - grid.south - reach, y[i] - grid.south + reach
+    if north < 0.0:
+        return found, count
+    last_row = int(min(north / grid.cell, grid.rows - 1.0))
+    for row in range(int(max(south / grid.cell, 0.0)), last_row + 1):
+        near, far = -reach, reach
+        if bundle.narrow:
+            y0 = grid.south + (row - 1e-6) * grid.cell - y[i]
+            y1 = y0 + (1.0 + 2e-6) * grid.cell
+            near, far = _beside(-bundle.left_y, bundle.left_x, bound, y0, y1, near, far)
+            near, far = _beside(bundle.right_y, -bundle.right_x, bound, y0, y1, near, far)
+            near, far = _beside(-bundle.x, -bundle.y, bound, y0, y1, near, far)
+            if near > far:
+                continue
+        west, east = (x[i] + near - grid.west) / grid.cell - 1e-6, (x[i] + far - grid.west) / grid.cell + 1e-6
+        if east < 0.0 or west > grid.columns:
+            continue
+        start = row * grid.columns + int(min(max(west, 0.0), grid.columns - 1.0))
+        stop = row * grid.columns + int(min(max(east, 0.0), grid.columns - 1.0)) + 1
+        for k in range(grid.first[start], grid.first[stop]):
+            j = grid.names[k]
+            dx, dy, dz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
+            square = dx * dx + dy * dy + dz * dz
+            reach_j = (radius[i] + radius[j]) * (1.0 + _SLACK)
+            ahead = dx * bundle.x + dy * bundle.y + dz * bundle.z
+            if square > reach_j * reach_j and bundle.cosine > 0.0:
+                edge = np.sqrt(square - reach_j * reach_j) * bundle.cosine - reach_j * bundle.sine
+                if ahead < edge - _SLACK * np.sqrt(square):
+                    continue
+            if j == i or ahead >= limit:
+                continue
+            if count == found.shape[0]:
+                longer = np.empty(2 * count, np.int64)
+                longer[:count] = found
+                found = longer
+            found[count] = j
+            count += 1
+    return found, count
+
+
+@kernel
+def _beside(mx, my, bound, y0, y1, near, far):
+    """Narrow the interval of x to mx x + my y <= bound for some y between y0 and y1."""
+    room = bound - min(my * y0, my * y1)
+    if mx > 0.0:
+        return near, min(far, room / mx)
+    if mx < 0.0:
+        return max(near, room / mx), far
+    return near, far if room >= 0.0 else -np.inf

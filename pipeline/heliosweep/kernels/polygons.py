@@ -1,0 +1,206 @@
+"""Exact areas of convex polygons and of their unions within the square [-1, 1] x [-1, 1].
+
+A test mirror, scaled by its half sides, is that square, so sizes and aspect ratios drop out. Polygons are rows (x, y)
+of an array with a separate count of corners, counter-clockwise. Every routine depends continuously on the corners:
+coincident and nearly coincident edges cost rounding, never a wrong branch.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, kernel
+
+__all__ = ["SQUARE", "area", "clip_to_square", "cut", "edge_term", "gaps", "slope", "square_area"]
+
+SQUARE = 4.0
+"""Area of the square."""
+
+_NOTHING = 1e-17
+"""Area of a piece not worth following: cutting along coincident edges leaves such slivers."""
+
+
+@inline
+def slope(rise: float, run: float) -> float:
+    """Quotient that is 0 for an edge without run, where its factor vanishes but infinity times nothing would not."""
+    return rise / run if abs(run) > 1e-200 else 0.0
+
+
+@inline
+def _unit(value: float) -> float:
+    """Clamp to [-1, 1], in the form that becomes two vector instructions."""
+    low = -1.0 if value < -1.0 else value
+    return 1.0 if low > 1.0 else low
+
+
+@inline
+def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: float) -> float:
+    """Integral of clamp(y) dx along the part of the edge p-q with x in [-1, 1].
+
+    Summed around a polygon it is, up to sign, the area within the square (Green's theorem; each vertical line sees
+    the clamped top minus the clamped bottom). By parts it is [x y] minus the integral of x dy, and the latter needs x
+    only where the edge crosses y = -1 and y = 1. These crossings are computed outright, not by dividing a difference
+    of integrals, so nearly horizontal and nearly vertical edges lose nothing.
+
+    Parameters
+    ----------
+    px, py, qx, qy : float
+        Ends of the edge.
+    rise, run : float
+        Its slopes dy/dx and dx/dy, from `slope`.
+    """
+    x0, x1 = _unit(px), _unit(qx)
+    y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
+    c0, c1 = _unit(y0), _unit(y1)
+    crossings = (x0 + (c0 - y0) * run) + (x1 + (c1 - y1) * run)
+    return c1 * x1 - c0 * x0 - 0.5 * (c1 - c0) * crossings
+
+
+@kernel
+def square_area(polygon: NDArray[np.float64], corners: int) -> float:
+    """Area of a polygon of either sense within the square."""
+    total = 0.0
+    px, py = polygon[corners - 1, 0], polygon[corners - 1, 1]
+    for k in range(corners):
+        qx, qy = polygon[k, 0], polygon[k, 1]
+        total += edge_term(px, py, qx, qy, slope(qy - py, qx - px), slope(qx - px, qy - py))
+        px, py = qx, qy
+    return abs(total)
+
+
+@kernel
+def area(polygon: NDArray[np.float64], corners: int) -> float:
+    """Area of a polygon, positive counter-clockwise."""
+    total = 0.0
+    for k in range(2, corners):
+        px, py = polygon[k - 1, 0] - polygon[0, 0], polygon[k - 1, 1] - polygon[0, 1]
+        qx, qy = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1]
+        total += px * qy - py * qx
+    return 0.5 * total
+
+
+@kernel
+def cut(polygon, corners, ox, oy, ex, ey, inside, outside):
+    """Cut a convex polygon by the line through o along e: what lies left of it, and what lies right.
+
+    Returns
+    -------
+    tuple of int
+        Corners written to `inside` (left) and to `outside` (right). A part without interior may have corners on the
+        line; its area is nothing.
+    """
+    left = right = 0
+    qx, qy = polygon[corners - 1, 0], polygon[corners - 1, 1]
+    q = ex * (qy - oy) - ey * (qx - ox)
+    for k in range(corners):
+        px, py = polygon[k, 0], polygon[k, 1]
+        p = ex * (py - oy) - ey * (px - ox)
+        if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
+            share = q / (q - p)
+            inside[left, 0] = outside[right, 0] = qx + share * (px - qx)
+            inside[left, 1] = outside[right, 1] = qy + share * (py - qy)
+            left += 1
+            right += 1
+        if p >= 0.0:
+            inside[left, 0], inside[left, 1] = px, py
+            left += 1
+        if p <= 0.0:
+            outside[right, 0], outside[right, 1] = px, py
+            right += 1
+        qx, qy, q = px, py, p
+    return left, right
+
+
+@kernel
+def clip_to_square(polygon, corners, spare, outside):
+    """Clip a convex polygon to the square, in place; returns its corners. The other arrays are scratch."""
+    corners, _ = cut(polygon, corners, -1.0, -1.0, 1.0, 0.0, spare, outside)
+    corners, _ = cut(spare, corners, 1.0, -1.0, 0.0, 1.0, polygon, outside) if corners > 2 else (0, 0)
+    corners, _ = cut(polygon, corners, 1.0, 1.0, -1.0, 0.0, spare, outside) if corners > 2 else (0, 0)
+    corners, _ = cut(spare, corners, -1.0, 1.0, 0.0, -1.0, polygon, outside) if corners > 2 else (0, 0)
+    return corners
+
+
+@kernel
+def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], first: int, middle: int, last: int):
+    """Area of the square that the union of convex polygons leaves open.
+
+    Polygons are subtracted one after the other, depth first over convex pieces: the square is the first piece, each
+    edge of a polygon splits off the part outside it, and what stays inside all edges is gone. Pieces never overlap,
+    so no inclusion-exclusion is needed, and a covered square ends the search at once. The work grows with the pieces
+    that remain, a small multiple of the number of polygons in a row of mirrors.
+
+    Parameters
+    ----------
+    polygons : ndarray, shape (m, c, 2)
+        Corners, counter-clockwise. Large polygons first save work.
+    corners : ndarray of int64, shape (m,)
+        Number of corners of each.
+    first, middle, last : int
+        The polygons to take are first..last.
+
+    Returns
+    -------
+    tuple of float
+        Area left open by the polygons first..middle, and by all of them.
+    """
+    room = 32
+    piece, inner, spare, outer = np.empty((room, 2)), np.empty((room, 2)), np.empty((room, 2)), np.empty((room, 2))
+    stack, sizes, following = np.empty((128, 2)), np.empty(32, np.int64), np.empty(32, np.int64)
+    stack[0, 0], stack[0, 1], stack[1, 0], stack[1, 1] = -1.0, -1.0, 1.0, -1.0
+    stack[2, 0], stack[2, 1], stack[3, 0], stack[3, 1] = 1.0, 1.0, -1.0, 1.0
+    sizes[0], following[0] = 4, first
+    top, depth = 4, 1
+    before = after = 0.0
+    while depth > 0:
+        depth -= 1
+        size, k = sizes[depth], following[depth]
+        top -= size
+        _copy(stack, top, piece, 0, size)
+        while True:
+            if k == middle:
+                before += area(piece, size)
+            if k == last:
+                after += area(piece, size)
+                break
+            top_before, depth_before = top, depth
+            inside = size
+            _copy(piece, 0, inner, 0, size)
+            px, py = polygons[k, corners[k] - 1, 0], polygons[k, corners[k] - 1, 1]
+            for e in range(corners[k]):
+                qx, qy = polygons[k, e, 0], polygons[k, e, 1]
+                if 2 * inside + 2 > room:  # no cut can more than double the corners
+                    room *= 2
+                    piece, inner, spare, outer = _longer(piece), _longer(inner), _longer(spare), _longer(outer)
+                inside, outside = cut(inner, inside, px, py, qx - px, qy - py, spare, outer)
+                inner, spare = spare, inner
+                if inside < 3:
+                    break
+                if outside > 2 and area(outer, outside) > _NOTHING:
+                    while top + outside > stack.shape[0]:
+                        stack = _longer(stack)
+                    if depth == sizes.shape[0]:
+                        sizes, following = _longer(sizes), _longer(following)
+                    _copy(outer, 0, stack, top, outside)
+                    sizes[depth], following[depth] = outside, k + 1
+                    top += outside
+                    depth += 1
+                px, py = qx, qy
+            k += 1
+            if inside > 2 and area(inner, inside) > _NOTHING:
+                break
+            top, depth = top_before, depth_before  # the polygon misses this piece: keep it whole
+    return before, after
+
+
+@kernel
+def _copy(source, at, target, to, rows):
+    for k in range(rows):
+        target[to + k, 0], target[to + k, 1] = source[at + k, 0], source[at + k, 1]
+
+
+@kernel
+def _longer(array):
+    """Copy of an array with room for twice as many rows."""
+    longer = np.empty((2 * array.shape[0], *array.shape[1:]), array.dtype)
+    longer[: array.shape[0]] = array
+    return longer
