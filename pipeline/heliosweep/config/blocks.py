@@ -1,0 +1,246 @@
+"""Blocks of a study file that families share. A family adds its own in the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Discriminator, Field, Tag
+
+from heliosweep.config.block import Block
+from heliosweep.config.faults import Fault
+from heliosweep.config.fields import Choice, FileName, Flag, Quantity, Text
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.times import CivilTime, SolarTime, Time, TimeZone
+
+__all__ = [
+    "Block", "CivilTime", "Execution", "Heliostat", "Layout", "NamedSite", "Output", "RadialStagger", "Receiver",
+    "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "Zone",
+]  # fmt: skip
+
+_LATITUDE = "Geographic latitude, positive north"
+_LONGITUDE = "Geographic longitude, positive east; needed for the civil clock"
+_ALTITUDE = "Height above sea level"
+_TIMEZONE = "Time zone, an offset (+08:00) or an IANA name; needed for the civil clock where 'time' has none"
+
+
+class Site(Block):
+    """Where the plant stands."""
+
+    latitude: Annotated[
+        float | Sweep,
+        Quantity(_LATITUDE, "deg", ge=-90, le=90, title="latitude", standard_name="latitude"),
+    ]
+    longitude: Annotated[
+        float | Sweep | None,
+        Quantity(_LONGITUDE, "deg", ge=-180, le=180, title="longitude", standard_name="longitude"),
+    ] = None
+    altitude: Annotated[
+        float | Sweep,
+        Quantity(_ALTITUDE, "m", ge=-500, le=10_000, title="altitude", standard_name="altitude"),
+    ] = 0.0
+    timezone: Annotated[str | None, TimeZone(_TIMEZONE)] = None
+
+
+class NamedSite(Block):
+    """One of several sites."""
+
+    name: Annotated[str, Text("Name of the site, its label in the result")]
+    latitude: Annotated[float, Quantity(_LATITUDE, "deg", ge=-90, le=90, sweep=False)]
+    longitude: Annotated[float | None, Quantity(_LONGITUDE, "deg", ge=-180, le=180, sweep=False)] = None
+    altitude: Annotated[float, Quantity(_ALTITUDE, "m", ge=-500, le=10_000, sweep=False)] = 0.0
+    timezone: Annotated[str | None, TimeZone(_TIMEZONE)] = None
+
+
+class SiteFile(Block):
+    """A table of sites."""
+
+    file: Annotated[
+        str,
+        FileName(
+            "CSV table of sites, columns name, latitude and optional longitude, altitude, timezone",
+            sweep=False,
+        ),
+    ]
+
+
+def _sites_form(raw: Any) -> str | None:
+    if isinstance(raw, list | tuple):
+        return "list"
+    return "table" if isinstance(raw, dict | SiteFile) else None
+
+
+Sites = Annotated[
+    Annotated[tuple[NamedSite, ...], Tag("list"), Field(min_length=1)] | Annotated[SiteFile, Tag("table")],
+    Discriminator(
+        _sites_form,
+        custom_error_type="fault",
+        custom_error_message="must be a list of named sites or {file: NAME.csv}",
+    ),
+    Field(description="Several named sites: a list, or a CSV table"),
+]
+
+
+class Receiver(Block):
+    """The aim of all heliostats: a point on the tower."""
+
+    height: Annotated[
+        float | Sweep,
+        Quantity(
+            "Height of the aim point above the ground",
+            "m",
+            gt=0,
+            dimension="receiver_height",
+            title="receiver height",
+        ),
+    ]
+
+
+class Heliostat(Block):
+    """The mirror of every heliostat, one flat rectangle."""
+
+    width: Annotated[
+        float | Sweep,
+        Quantity("Width of the mirror", "m", gt=0, dimension="heliostat_width", title="mirror width"),
+    ]
+    height: Annotated[
+        float | Sweep,
+        Quantity("Height of the mirror", "m", gt=0, dimension="heliostat_height", title="mirror height"),
+    ]
+    pivot_height: Annotated[
+        float | Sweep,
+        Quantity("Height of the mirror centre above the ground, where the layout has no z", "m", ge=0,
+                 title="height of the mirror centre"),
+    ]  # fmt: skip
+
+
+class Zone(Block):
+    """Rings of a field that share one angular pitch."""
+
+    start: Annotated[float, Quantity("Radius of the first ring", "m", gt=0, sweep=False)]
+    rings: Annotated[int, Quantity("Number of rings", "1", ge=1, integer=True, sweep=False)]
+    pitch: Annotated[
+        float | None,
+        Quantity(
+            "Angle between neighbours of a ring; by default the one that puts them one clearance apart",
+            "deg", gt=0, le=180, sweep=False,
+        ),
+    ] = None  # fmt: skip
+
+
+class RadialStagger(Block):
+    """A field of rings about the tower, each turned by half a pitch against the one before."""
+
+    clearance: Annotated[
+        float | Sweep, Quantity("Least distance between heliostat centres", "m", gt=0, title="clearance")
+    ]
+    inner_radius: Annotated[
+        float | Sweep | None,
+        Quantity(
+            "Radius of the first ring; may be left out with zones",
+            "m",
+            gt=0,
+            title="radius of the first ring",
+        ),
+    ] = None
+    rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = (
+        None
+    )
+    heliostats: Annotated[
+        int | Sweep | None,
+        Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count"),
+    ] = None
+    zones: Annotated[
+        tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
+    ] = None  # fmt: skip
+
+    def rules(self) -> Iterable[Fault]:
+        """Exactly one key says how far the field goes."""
+        given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
+        if len(given) != 1:
+            yield Fault(
+                "give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False
+            )
+        if self.inner_radius is None and self.zones is None:
+            yield Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)
+
+
+class Layout(Block):
+    """Where the heliostats stand: a table, or a generator with its parameters."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["radial_stagger"]}]}
+    )
+
+    file: Annotated[
+        str | Sweep | None,
+        FileName(
+            "CSV table of heliostats, columns x and y and optional z, in m, any others kept",
+            dimension="layout",
+        ),
+    ] = None
+    radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
+
+    def rules(self) -> Iterable[Fault]:
+        """A table or a generator."""
+        if (self.file is None) == (self.radial_stagger is None):
+            yield Fault("give exactly one of 'file' and 'radial_stagger'", show_value=False)
+
+
+class Execution(Block):
+    """How the study is computed; never changes a number of the result."""
+
+    scheduler: Annotated[
+        str,
+        Choice(
+            "Where the work runs",
+            {
+                "threads": "threads of this process",
+                "processes": "worker processes",
+                "synchronous": "one by one",
+            },
+            sweep=False,
+        ),
+    ] = "threads"
+    workers: Annotated[
+        int | None,
+        Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False),
+    ] = None
+    memory: Annotated[
+        int | None,
+        Quantity(
+            "Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False
+        ),
+    ] = None
+    chunks: Annotated[
+        dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]],
+        Field(description="Sizes of chunks along named dimensions; by default chosen by the plan"),
+    ] = {}
+
+
+class Output(Block):
+    """What is stored and how; not part of the study's identity."""
+
+    time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
+    compression: Annotated[
+        str,
+        Choice(
+            "Compression of result.nc", {"none": "fastest", "zlib": "smaller, read everywhere"}, sweep=False
+        ),
+    ] = "none"
+    compression_level: Annotated[
+        int, Quantity("Level of zlib, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)
+    ] = 4
+
+
+class Published(Block):
+    """Published numbers to compare the result with."""
+
+    file: Annotated[str, FileName("CSV table of the published numbers", sweep=False)]
+    source: Annotated[str, Text("Where they were published")]
+
+
+class Report(Block):
+    """What the report adds to the figures of the result."""
+
+    published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None

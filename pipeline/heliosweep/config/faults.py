@@ -1,0 +1,94 @@
+"""What is wrong with a value, before it is known where in which file the value stands.
+
+Reading code raises :class:`Invalid`; :mod:`heliosweep.config.load` turns the faults into located problems.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pydantic import ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+Path = tuple[str | int, ...]
+"""Place of a value inside a study: keys and list positions from the top."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing wrong with a value or with a part of it.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, as the end of a sentence that starts with the key.
+    path : tuple of str or int
+        The part that is wrong, relative to the value that was read; empty for the value itself.
+    show_value : bool
+        Whether the message gains from repeating the value: ``(got 91)``.
+    """
+
+    message: str
+    path: Path = ()
+    show_value: bool = True
+
+
+class Invalid(ValueError):
+    """A value cannot be read; carries one fault or several."""
+
+    def __init__(self, faults: str | Fault | Iterable[Fault]) -> None:
+        if isinstance(faults, str):
+            faults = Fault(faults)
+        self.faults = (faults,) if isinstance(faults, Fault) else tuple(faults)
+        super().__init__("; ".join(fault.message for fault in self.faults))
+
+    def under(self, key: str | int) -> tuple[Fault, ...]:
+        """Return the faults as seen from one level up, where the value stands under `key`."""
+        return tuple(Fault(fault.message, (key, *fault.path), fault.show_value) for fault in self.faults)
+
+
+def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
+    """Return the faults as the one exception through which pydantic keeps inner places."""
+    return ValidationError.from_exception_data(
+        "study",
+        [
+            InitErrorDetails(
+                type=PydanticCustomError(
+                    "fault" if fault.show_value else "rule", "{text}", {"text": fault.message}
+                ),
+                loc=fault.path,
+                input=None,
+            )
+            for fault in faults
+        ],
+    )
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return ``; did you mean '...'?`` with the nearest of the `known` words, or nothing if none is near."""
+    nearest = difflib.get_close_matches(word[:100], list(known), n=1)
+    return f"; did you mean '{nearest[0]}'?" if nearest else ""
+
+
+def one_of(names: Iterable[str]) -> str:
+    """Return the names as a phrase: ``'a', 'b' or 'c'``."""
+    *most, last = (f"'{name}'" for name in names)
+    return f"{', '.join(most)} or {last}" if most else last
+
+
+def shown(value: object) -> str:
+    """Return a short form of a value for messages, in the spelling of a study file."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return "a mapping" if value else "an empty mapping"
+    if isinstance(value, list | tuple) and len(text := f"[{', '.join(shown(v) for v in value[:10])}]") > 40:
+        return f"a list of {len(value)}"
+    if isinstance(value, list | tuple):
+        return text if len(value) <= 10 else f"a list of {len(value)}"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

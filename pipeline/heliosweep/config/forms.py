@@ -1,0 +1,163 @@
+"""The forms in which swept values are written: ``[0, 15, 30]``, ``{start, stop, step}``, ``{start, stop, num}``,
+``{logspace: {start, stop, num}}``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
+from typing import Any
+
+from heliosweep.config.faults import Fault, Invalid, did_you_mean
+from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
+
+MAX_POINTS = 10**15
+RANGE_KEYS = ("start", "stop", "step", "num")
+_ON_STEP = Decimal("1e-9")  # a stop this near to the last step, in steps, falls on it
+
+ReadNumber = Callable[[Any], float]
+
+
+def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber) -> Sweep:
+    """Read swept numbers from any of their forms.
+
+    Parameters
+    ----------
+    raw : list or mapping
+        What stands in the study file.
+    number : callable
+        Reads one number or raises Invalid.
+
+    Raises
+    ------
+    Invalid
+        With every fault, each at its inner key.
+    """
+    if not isinstance(raw, Mapping):
+        return read_list(raw, number)
+    if "logspace" in raw:
+        if len(raw) > 1:
+            raise Invalid(Fault("'logspace' cannot be mixed with other keys", show_value=False))
+        try:
+            return _read_logspace(raw["logspace"], number)
+        except Invalid as error:
+            raise Invalid(error.under("logspace")) from None
+    return _read_range(raw, number)
+
+
+def read_list(raw: Sequence[Any], read: Callable[[Any], Any]) -> Listed:
+    """Read a list of numbers or names, which must not be empty nor name a value twice. Raises Invalid."""
+    if not raw:
+        raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
+    items: dict[Any, int] = {}
+    faults: list[Fault] = []
+    for position, entry in enumerate(raw):
+        try:
+            value = read(entry)
+        except Invalid as error:
+            faults += error.under(position)
+            continue
+        if items.setdefault(value, position) != position:
+            faults.append(Fault("the same value stands in the list twice", (position,)))
+    if faults:
+        raise Invalid(faults)
+    return Listed(tuple(items))
+
+
+def _read_range(raw: Mapping[str, Any], number: ReadNumber) -> Range:
+    faults = _key_faults(raw, RANGE_KEYS, required=("start", "stop"))
+    if "step" in raw and "num" in raw:
+        faults.append(Fault("give 'step' or 'num', not both", ("num",), show_value=False))
+    elif not faults and "step" not in raw and "num" not in raw:
+        faults.append(Fault("a range needs 'step' or 'num' beside 'start' and 'stop'", show_value=False))
+    values = _read_parts(raw, {"start": number, "stop": number, "step": number, "num": _count}, faults)
+    start, stop = values["start"], values["stop"]
+    if "num" in values:
+        num = int(values["num"])
+        if num == 1 and start != stop:
+            raise Invalid(Fault("must be at least 2 where start and stop differ", ("num",)))
+        limit, part = None, "num"
+    else:
+        num, stop, limit = _stepped(start, stop, values["step"])
+        part = "step"
+    if num > 1 and start == stop:
+        raise Invalid(Fault("must differ from start where there is more than one value", ("stop",)))
+    if num > 1 and abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop))):
+        raise Invalid(Fault("the steps are finer than the precision of numbers", (part,)))
+    return Range(start, stop, num, limit)
+
+
+def _stepped(start: float, stop: float, step: float) -> tuple[int, float, float | None]:
+    """Return the number of values, the last one, and the stop as written where it is not the last one."""
+    if step == 0:
+        raise Invalid(Fault("must not be zero", ("step",)))
+    if (stop - start) * step < 0:
+        sign = "positive" if stop > start else "negative"
+        raise Invalid(
+            Fault(f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", ("step",))
+        )
+    exact_start, exact_step = Decimal(repr(start)), Decimal(repr(step))
+    steps = (Decimal(repr(stop)) - exact_start) / exact_step
+    if steps >= MAX_POINTS:
+        raise Invalid(Fault(f"gives more than {MAX_POINTS:.0e} values; is the step too small?", ("step",)))
+    whole = int(steps + _ON_STEP)
+    if abs(steps - whole) <= _ON_STEP:
+        return whole + 1, stop, None
+    return whole + 1, float(exact_start + whole * exact_step), stop
+
+
+def _read_logspace(raw: Any, number: ReadNumber) -> Geometric:
+    if not isinstance(raw, Mapping):
+        raise Invalid("must be a mapping {start, stop, num}")
+    keys = ("start", "stop", "num")
+    values = _read_parts(raw, {"start": number, "stop": number, "num": _count}, _key_faults(raw, keys, keys))
+    start, stop, num = values["start"], values["stop"], int(values["num"])
+    faults = [Fault("must not be zero", (key,)) for key in ("start", "stop") if values[key] == 0]
+    if start * stop < 0:
+        faults.append(Fault("must have the sign of start", ("stop",)))
+    if (num == 1) != (start == stop):
+        message = (
+            "must be at least 2 where start and stop differ" if num == 1 else "must be 1 where they are equal"
+        )
+        faults.append(Fault(message, ("num",)))
+    if faults:
+        raise Invalid(faults)
+    return Geometric(start, stop, num)
+
+
+def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str]) -> list[Fault]:
+    """Return the faults of the keys of a range."""
+    faults = [
+        Fault(f"unknown key{did_you_mean(str(key), known)}", (key,), show_value=False)
+        for key in raw
+        if key not in known
+    ]
+    missing = [key for key in required if key not in raw]
+    if missing:
+        hint = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
+        names = " and ".join(f"'{key}'" for key in missing)
+        faults.append(Fault(f"{names} missing: {hint}", show_value=False))
+    return faults
+
+
+def _read_parts(
+    raw: Mapping[str, Any], readers: Mapping[str, ReadNumber], faults: list[Fault]
+) -> dict[str, float]:
+    """Read the numbers of a range; raise Invalid with `faults` and all that are found on the way."""
+    values: dict[str, float] = {}
+    for key in readers.keys() & raw.keys():
+        try:
+            values[key] = readers[key](raw[key])
+        except Invalid as error:
+            faults += error.under(key)
+    if faults:
+        raise Invalid(faults)
+    return values
+
+
+def _count(raw: Any) -> float:
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not float(raw).is_integer():
+        raise Invalid("must be a whole number")
+    if not 1 <= raw <= MAX_POINTS:
+        raise Invalid(f"must be between 1 and {MAX_POINTS:.0e}")
+    return raw

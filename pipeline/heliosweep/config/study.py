@@ -1,0 +1,163 @@
+"""The study as a whole: what all families have in common, its swept parameters and its identity."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, get_args
+
+from pydantic import Field, PrivateAttr
+
+from heliosweep.config import identity
+from heliosweep.config.block import Block, block_at
+from heliosweep.config.blocks import Execution, Output, Report
+from heliosweep.config.fields import FileName, Parameter, Samples, Text
+from heliosweep.config.source import Source
+from heliosweep.config.sweep import Sweep
+from heliosweep.errors import Problem
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A dimension of the result: one swept parameter, or several that `zip` ties together.
+
+    Parameters
+    ----------
+    name : str
+        Name of the dimension; of tied parameters, the name of the first.
+    sweeps : mapping of str to Sweep
+        The swept values by dotted key, all of one length.
+    """
+
+    name: str
+    sweeps: Mapping[str, Sweep]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.sweeps.values())))
+
+
+class Study(Block):
+    """A validated study. A family subclasses it, sets `family` to ``Literal["its name"]`` and adds its blocks."""
+
+    DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "execution", "output", "report")
+    """Keys that never change a number and so are no part of the study's identity."""
+
+    family: Annotated[str, Text("Name of the study family")]
+    title: Annotated[str, Text("Title of the study, shown in results and reports")] = ""
+    description: Annotated[str, Text("What the study shows, in a few sentences")] = ""
+    references: Annotated[
+        tuple[Annotated[str, Text("Reference")], ...], Field(description="Publications the study rests on")
+    ] = ()
+    zip: Annotated[
+        tuple[tuple[Annotated[str, Text("Key")], ...], ...],
+        Field(description="Groups of swept keys that vary together on one dimension instead of as a product"),
+    ] = ()
+    execution: Annotated[Execution, Field(description="How the study is computed")] = Execution()
+    output: Annotated[Output, Field(description="What is stored and how")] = Output()
+    report: Annotated[Report, Field(description="What the report shows")] = Report()
+
+    _source: Source = PrivateAttr(default_factory=lambda: Source({}))
+
+    def check(self) -> Iterable[Problem]:
+        """Yield what is wrong between blocks or with named files; runs when every block is right by itself."""
+        return ()
+
+    @property
+    def source(self) -> Source:
+        """Where the study comes from: ``.path`` and ``.directory``."""
+        return self._source
+
+    def resolve(self, name: str) -> pathlib.Path:
+        """Return the path of a file that the study names, relative to the study file."""
+        return self._source.directory / name
+
+    def problem(self, key: str, message: str) -> Problem:
+        """Return a problem with the value of a dotted key (``site.latitude``), located in the study file."""
+        return self._source.problem(self._source.path_of(key), message)
+
+    @classmethod
+    def family_name(cls) -> str:
+        """Return the name of the family, as study files have it."""
+        return get_args(cls.model_fields["family"].annotation)[0]
+
+    def sweeps(self) -> dict[str, Sweep]:
+        """Return the swept parameters by dotted key, in the order in which the family declares them."""
+        return {key: value for key, parameter, value in parameters(self) if _is_swept(parameter, value)}
+
+    def dimension_names(self) -> dict[str, str]:
+        """Return the name of the dimension that each swept parameter asks for, by dotted key, before `zip`."""
+        return {
+            key: parameter.dimension or key.rpartition(".")[2]
+            for key, parameter, value in parameters(self)
+            if _is_swept(parameter, value)
+        }
+
+    def dimensions(self) -> list[Dimension]:
+        """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied."""
+        sweeps, names = self.sweeps(), self.dimension_names()
+        key_of = {name: key for key, name in names.items()} | {key: key for key in names}
+        groups = [[key_of[entry] for entry in group] for group in self.zip]
+        tied = {key: group for group in groups for key in group}
+        dimensions: dict[str, Dimension] = {}
+        for key in sweeps:
+            group = tied.get(key, [key])
+            name = names[group[0]]
+            dimensions.setdefault(name, Dimension(name, {member: sweeps[member] for member in group}))
+        return list(dimensions.values())
+
+    def files(self) -> dict[str, tuple[str, ...]]:
+        """Return the names of all files that the study names, by dotted key."""
+        return {
+            key: value.values() if isinstance(value, Sweep) else (value,)
+            for key, parameter, value in parameters(self)
+            if isinstance(parameter, FileName)
+        }
+
+    def canonical(self) -> dict[str, Any]:
+        """Return what the numbers of the result depend on, as plain data: defaults resolved, sweeps compact."""
+        return {key: value for key, value in identity.plain(self).items() if key not in self.DOES_NOT_MATTER}
+
+    @property
+    def study_id(self) -> str:
+        """Twelve hexadecimal digits that stand for :meth:`canonical` and the contents of the named files."""
+        return identity.study_id(self)
+
+
+def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter, Any]]:
+    """Yield dotted key, declaration and value of every parameter that is given, in the order of declaration."""
+    for name in type(block).model_fields:
+        value, parameter = getattr(block, name), type(block).parameter(name)
+        if value is None:
+            continue
+        if parameter is not None:
+            yield f"{prefix}{name}", parameter, value
+        elif isinstance(value, Block):
+            yield from parameters(value, f"{prefix}{name}.")
+        elif isinstance(value, tuple):
+            for position, item in enumerate(value):
+                if isinstance(item, Block):
+                    yield from parameters(item, f"{prefix}{name}[{position}].")
+
+
+def _is_swept(parameter: Parameter, value: Any) -> bool:
+    return isinstance(value, Sweep) and not isinstance(parameter, Samples)
+
+
+def field_quantity(study_class: type[Block], key: str) -> Parameter:
+    """Return the declaration of the parameter at a dotted key.
+
+    Its attributes are ``title``, ``description``, ``standard_name``, ``dimension`` and, of a Quantity, ``unit``.
+
+    Raises
+    ------
+    KeyError
+        The class has no such parameter.
+    """
+    *outer, last = re.sub(r"\[\d+\]", "", key).split(".")
+    block = block_at(study_class, outer)
+    parameter = block.parameter(last) if block and last in block.model_fields else None
+    if parameter is None:
+        raise KeyError(key)
+    return parameter

@@ -1,0 +1,282 @@
+"""The time block: which instants a study looks at, on the solar or on the civil clock."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+import zoneinfo
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from heliosweep.config.block import Block
+from heliosweep.config.faults import Fault, Invalid, did_you_mean
+from heliosweep.config.fields import Choice, Parameter, Quantity, Samples
+from heliosweep.config.forms import read_list
+from heliosweep.config.sweep import Range, Sweep
+
+Sampling = Annotated[
+    str,
+    Choice(
+        "Which instants stand for a range of hours or for a window",
+        {
+            "inclusive": "every step, both ends included",
+            "left": "every step but the last end",
+            "midpoint": "the middle of every step",
+        },
+        sweep=False,
+    ),
+]
+
+WHOLE_YEAR = Range(1.0, 365.0, 365)
+
+
+class SolarTime(Block):
+    """Days and hours on the solar clock, on which the sun culminates at 12 h."""
+
+    clock: Literal["solar"]
+    declination: Annotated[
+        Sweep | None, Samples("Declination of the sun, positive north, instead of days", "deg", ge=-90, le=90)
+    ] = None
+    days: Annotated[
+        Sweep | None,
+        Samples("Days of the year, 1 = 1 January; by default 1 to 365", "1", ge=1, le=365, integer=True),
+        Field(default_factory=lambda given: None if given.get("declination") else WHOLE_YEAR),
+    ]
+    hours: Annotated[Sweep, Samples("Solar hours of each day, 12 = noon", "h", ge=0, le=24)]
+    sampling: Sampling = "inclusive"
+
+    def rules(self) -> Iterable[Fault]:
+        """Days or a declination; a range of whole steps where instants stand for steps."""
+        if self.declination is not None and self.days is not None:
+            yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
+        if self.sampling != "inclusive":
+            if not isinstance(self.hours, Range) or self.hours.num < 2:
+                message = f"must be a range {{start, stop, step}} for the sampling '{self.sampling}'"
+                yield Fault(message, ("hours",), show_value=False)
+            elif self.hours.limit is not None:
+                yield _uneven(self.sampling, ("hours", "step"))
+
+    def day_numbers(self) -> NDArray[np.int64]:
+        """Return the days of the year, 1 to 365, shape (days,); none where the study gives declinations."""
+        return np.empty(0, np.int64) if self.days is None else self.days.values().astype(np.int64)
+
+    def declinations(self) -> NDArray[np.float64] | None:
+        """Return the declinations [deg], shape (declinations,); None where the study gives days."""
+        return None if self.declination is None else self.declination.values()
+
+    def solar_hours(self) -> NDArray[np.float64]:
+        """Return the solar hours of a day after sampling [h], shape (hours,)."""
+        if self.sampling == "inclusive":
+            return self.hours.values()
+        ends = self.hours.values()
+        return ends[:-1] if self.sampling == "left" else (ends[:-1] + ends[1:]) / 2
+
+
+@dataclass(frozen=True)
+class DateRange:
+    """Dates from `start` to `stop`, both included where they fall on the step.
+
+    Parameters
+    ----------
+    start, stop : datetime.date
+    step : int
+        Days between dates.
+    """
+
+    start: dt.date
+    stop: dt.date
+    step: int
+
+    def dates(self) -> list[dt.date]:
+        """Return all dates."""
+        first, last = self.start.toordinal(), self.stop.toordinal()
+        return [dt.date.fromordinal(day) for day in range(first, last + 1, self.step)]
+
+    def spec(self) -> dict[str, Any]:
+        """Return the compact form, as a study file may hold it."""
+        return {"start": self.start, "stop": self.dates()[-1], "step": self.step}
+
+
+@dataclass(frozen=True)
+class DateList:
+    """Dates written out one by one."""
+
+    items: tuple[dt.date, ...]
+
+    def dates(self) -> list[dt.date]:
+        """Return all dates."""
+        return list(self.items)
+
+    def spec(self) -> list[dt.date]:
+        """Return the compact form, as a study file may hold it."""
+        return self.dates()
+
+
+@dataclass(frozen=True)
+class Dates(Parameter):
+    """Calendar dates: one, a list, or ``{start, stop, step}`` with the step in days."""
+
+    sweep: bool = field(default=False, kw_only=True)
+
+    def read(self, raw: Any) -> DateRange | DateList:
+        """Return the dates. Raises Invalid."""
+        if isinstance(raw, DateRange | DateList):
+            return raw
+        if isinstance(raw, Mapping):
+            return _date_range(raw)
+        return DateList(read_list(raw if isinstance(raw, list | tuple) else [raw], _date).items)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of dates."""
+        date = {"type": "string", "format": "date"}
+        step = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False).json_schema()
+        span = {"type": "object", "properties": {"start": date, "stop": date, "step": step}}
+        closed = {"required": ["start", "stop"], "additionalProperties": False}
+        return {"anyOf": [date, {"type": "array", "items": date, "minItems": 1}, span | closed]}
+
+
+@dataclass(frozen=True)
+class WallTime(Parameter):
+    """Time of day on the wall clock, ``HH:MM`` or ``HH:MM:SS``, read as seconds after midnight."""
+
+    sweep: bool = field(default=False, kw_only=True)
+
+    def read(self, raw: Any) -> str:
+        """Return the time as written, zero-padded. Raises Invalid."""
+        match = _WALL_TIME.fullmatch(raw) if isinstance(raw, str) else None
+        if match is None:
+            raise Invalid("must be a time of day such as '07:00'")
+        hours, minutes, seconds = (int(part or 0) for part in match.groups())
+        if minutes > 59 or seconds > 59 or (hours, minutes, seconds) > (24, 0, 0):
+            raise Invalid("must be a time of day between '00:00' and '24:00'")
+        return f"{hours:02}:{minutes:02}" + (f":{seconds:02}" if seconds else "")
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of a time of day."""
+        return {"type": "string", "pattern": "^[0-9]{1,2}:[0-9]{2}(:[0-9]{2})?$"}
+
+
+_WALL_TIME = re.compile(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2}))?")
+_ISO_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+_OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
+
+
+@dataclass(frozen=True)
+class TimeZone(Parameter):
+    """A fixed offset from UTC such as ``+08:00``, or an IANA name such as ``Asia/Shanghai``."""
+
+    sweep: bool = field(default=False, kw_only=True)
+
+    def read(self, raw: Any) -> str:
+        """Return the time zone as written. Raises Invalid."""
+        hint = "must be an offset such as '+08:00' or a name such as 'Asia/Shanghai'"
+        if not isinstance(raw, str):
+            raise Invalid(f"{hint}, in quotes")
+        if raw[:1] in ("+", "-"):
+            match = _OFFSET.fullmatch(raw)
+            if match is None or int(match[1]) > 14 or int(match[2]) > 59:
+                raise Invalid(hint)
+        elif raw not in (known := zoneinfo.available_timezones()):
+            raise Invalid(f"unknown time zone{did_you_mean(raw, known) or f'; it {hint}'}")
+        return raw
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of a time zone."""
+        return {"type": "string", "pattern": "^([+-][0-9]{2}:[0-9]{2}|[A-Za-z].*)$"}
+
+
+class Window(Block):
+    """The part of each date that is looked at, on the wall clock."""
+
+    start: Annotated[str, WallTime("Wall time at which the window opens, HH:MM")]
+    stop: Annotated[str, WallTime("Wall time at which the window closes, HH:MM, at most 24:00")]
+    step: Annotated[float, Quantity("Time between instants", "h", gt=0, le=24, sweep=False)]
+
+    def rules(self) -> Iterable[Fault]:
+        """The window closes after it opens and holds a step."""
+        if seconds_of(self.stop) <= seconds_of(self.start):
+            yield Fault(f"must be after the start, {self.start}", ("stop",))
+        elif self.step * 3600 > (seconds_of(self.stop) - seconds_of(self.start)) * (1 + 1e-9):
+            yield Fault("must not be longer than the window", ("step",))
+
+
+class CivilTime(Block):
+    """Dates and a daily window on the clock of a time zone."""
+
+    clock: Literal["civil"]
+    timezone: Annotated[
+        str | None, TimeZone("Time zone of the dates and the window: an offset (+08:00) or an IANA name")
+    ] = None
+    dates: Annotated[
+        DateRange | DateList, Dates("Calendar dates, YYYY-MM-DD; the step of a range is in days")
+    ]
+    window: Annotated[Window, Field(description="The part of each date that is looked at")]
+    sampling: Sampling = "inclusive"
+
+    def rules(self) -> Iterable[Fault]:
+        """Whole steps where instants stand for steps."""
+        start, stop, step = self.window_seconds()
+        steps = (stop - start) / step
+        if self.sampling != "inclusive" and abs(steps - round(steps)) > 1e-9 * steps:
+            yield _uneven(self.sampling, ("window", "step"))
+
+    def date_list(self) -> list[dt.date]:
+        """Return all dates."""
+        return self.dates.dates()
+
+    def window_seconds(self) -> tuple[float, float, float]:
+        """Return opening, closing (seconds after midnight on the wall clock) and step of the window. [s]"""
+        return seconds_of(self.window.start), seconds_of(self.window.stop), self.window.step * 3600
+
+
+Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description="The instants looked at")]
+
+
+def seconds_of(wall_time: str) -> float:
+    """Return the seconds after midnight of a wall time ``HH:MM`` or ``HH:MM:SS``."""
+    return float(
+        sum(int(part) * unit for part, unit in zip(wall_time.split(":"), (3600, 60, 1), strict=False))
+    )
+
+
+def _uneven(sampling: str, path: tuple[str, ...]) -> Fault:
+    return Fault(f"must divide the window into whole steps for the sampling '{sampling}'", path)
+
+
+def _date(raw: Any) -> dt.date:
+    if isinstance(raw, dt.date) and not isinstance(raw, dt.datetime):
+        return raw
+    if not isinstance(raw, str) or not _ISO_DATE.fullmatch(raw):
+        raise Invalid("must be a date YYYY-MM-DD")
+    try:
+        return dt.date.fromisoformat(raw)
+    except ValueError:
+        raise Invalid("is not a date of the calendar") from None
+
+
+def _date_range(raw: Mapping[str, Any]) -> DateRange:
+    step = Quantity("Days between dates", "d", ge=1, le=366_000, integer=True, sweep=False).read
+    readers = {"start": _date, "stop": _date, "step": step}
+    faults: list[Fault] = []
+    values: dict[str, Any] = {"step": 1}
+    for key, entry in raw.items():
+        if key not in readers:
+            faults.append(Fault(f"unknown key{did_you_mean(str(key), readers)}", (key,), show_value=False))
+            continue
+        try:
+            values[key] = readers[key](entry)
+        except Invalid as error:
+            faults += error.under(key)
+    if missing := [key for key in ("start", "stop") if key not in raw]:
+        names = " and ".join(f"'{key}'" for key in missing)
+        faults.append(Fault(f"{names} missing: a range of dates is {{start, stop, step}}", show_value=False))
+    if not faults and values["stop"] < values["start"]:
+        faults.append(Fault(f"must not be before the start, {values['start']}", ("stop",)))
+    if faults:
+        raise Invalid(faults)
+    return DateRange(**values)

@@ -1,0 +1,103 @@
+"""Units that study files may use: a small exact table, so that reading a study needs no unit library."""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+
+from heliosweep.config.faults import Invalid, did_you_mean
+
+_DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
+
+# Factor to the first unit of each kind. Decimal, so that "38 ft" is 11.5824 m and not a neighbour of it.
+_KINDS: dict[str, dict[str, Decimal]] = {
+    "a length": {
+        "m": Decimal(1),
+        "mm": Decimal("0.001"),
+        "cm": Decimal("0.01"),
+        "km": Decimal(1000),
+        "in": Decimal("0.0254"),
+        "ft": Decimal("0.3048"),
+    },
+    "an angle": {
+        "deg": Decimal(1),
+        "rad": _DEG_PER_RAD,
+        "mrad": _DEG_PER_RAD / 1000,
+        "urad": _DEG_PER_RAD / 1_000_000,
+        "arcmin": Decimal(1) / 60,
+        "arcsec": Decimal(1) / 3600,
+        "\u00b0": Decimal(1),
+    },
+    "a duration": {
+        "s": Decimal(1),
+        "min": Decimal(60),
+        "h": Decimal(3600),
+        "d": Decimal(86400),
+    },
+    "an amount of memory": {
+        "B": Decimal(1),
+        "kB": Decimal(10**3),
+        "MB": Decimal(10**6),
+        "GB": Decimal(10**9),
+        "TB": Decimal(10**12),
+        "KiB": Decimal(2**10),
+        "MiB": Decimal(2**20),
+        "GiB": Decimal(2**30),
+        "TiB": Decimal(2**40),
+    },
+    "a pressure": {"Pa": Decimal(1), "hPa": Decimal(100), "kPa": Decimal(1000), "mbar": Decimal(100)},
+    "an irradiance": {"W/m2": Decimal(1), "kW/m2": Decimal(1000)},
+    "a plain number": {"1": Decimal(1), "%": Decimal("0.01")},
+}
+_KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
+_QUANTITY = re.compile(r"\s*([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*")
+_EXAMPLES = {"m": "38 ft", "deg": "1.2 mrad", "h": "30 min", "B": "2 GB", "1": "5 %", "mrad": "0.1 deg"}
+
+
+def parse(text: str, unit: str) -> float:
+    """Read a number with its unit, such as ``"1.2 mrad"``.
+
+    Parameters
+    ----------
+    text : str
+        A number followed by a unit.
+    unit : str
+        Unit of the result, one of the table.
+
+    Returns
+    -------
+    float
+        The value in `unit`; infinite if it is too large for a float.
+
+    Raises
+    ------
+    Invalid
+        No number, no unit, an unknown unit or a unit of the wrong kind.
+    """
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise Invalid(f"must be {expected(unit)}")
+    number, given = float(match[1]), match[2]
+    if not given:
+        raise Invalid("must be a number without quotes, or a number with its unit")
+    if given not in _KIND_OF:
+        raise Invalid(f"unknown unit '{given[:20]}'{did_you_mean(given, _KIND_OF)}")
+    kind = _KIND_OF[unit]
+    if _KIND_OF[given] != kind:
+        raise Invalid(f"must be {expected(unit)}; '{given}' is the unit of {_KIND_OF[given]}")
+    if number in (float("inf"), float("-inf")):
+        return number
+    factors = _KINDS[kind]
+    return float(Decimal(repr(number)) * factors[given] / factors[unit])
+
+
+def expected(unit: str) -> str:
+    """Return what to write for a quantity: ``an angle in deg, such as 0.5 or '1.2 mrad'``."""
+    if unit == "1":
+        return "a number"
+    return f"{_KIND_OF[unit]} in {unit}, a number or text such as '{_EXAMPLES.get(unit, f'1 {unit}')}'"
+
+
+def suffix(unit: str) -> str:
+    """Return the unit as it follows a number in text: `` deg``; nothing for pure numbers."""
+    return "" if unit == "1" else f" {unit}"
