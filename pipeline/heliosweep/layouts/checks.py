@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from itertools import product
 
@@ -19,22 +18,26 @@ FARTHEST = 100e3
 """Distance from the tower beyond which coordinates must be map coordinates or in another unit. [m]"""
 
 CROWD = 16
-"""Heliostats of a cell with which another is compared; no more than 8 that keep their distance fit in one."""
+"""Heliostats of a cell with which another is compared: half of them before it in its own cell, half behind.
+
+At most 8 that keep their distance fit in a cell, one in each octant, so that nine in a row hold a close pair.
+"""
 
 
-def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: float) -> list[tuple[int, int, float]]:
+def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> list[tuple[int, int, float]]:
     """Find the heliostats that stand closer to another one than a limit.
 
-    Each heliostat is paired with its nearest neighbour, so that answer and time grow with the number of
-    heliostats even if all of them coincide. The list is empty exactly if no pair is below the limit. Where
-    more than 16 heliostats crowd into a cube of side `limit`, a partner may be a near one, not the nearest.
+    Each heliostat is paired with the neighbour that comes nearest in terms of the limit, so that answer and
+    time grow with the number of heliostats even if all of them coincide. With one limit for all, the list is
+    empty exactly if no pair is below it. In a cube of the largest limit that holds more than 16 heliostats, a
+    partner may be a near one, not the nearest; with several limits, pairs may then be missed.
 
     Parameters
     ----------
     x, y, z : array_like, shape (heliostat,)
         Positions, finite. [m]
-    limit : float
-        Distance between centres from which on a pair is clear. [m]
+    limit : float or array_like, shape (heliostat,)
+        Distance between centres from which on a pair is clear; for unequal heliostats the mean of both. [m]
 
     Returns
     -------
@@ -42,18 +45,20 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: float) -> list[tu
         Rows of each pair, the lower first, and their distance [m]; the closest pair first.
     """
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
-    if len(points) < 2 or not limit > 0:
+    radius = np.broadcast_to(np.asarray(limit, float) / 2, len(points))
+    cell = 2.002 * radius.max(initial=0.0)
+    if len(points) < 2 or not cell > 0:
         return []
     # A cell is a little larger than the limit: rounding never parts a close pair by more than one cell.
-    east_cell, north_cell, up_cell = (_compressed(np.floor(axis / (1.001 * limit))) for axis in points.T)
+    east_cell, north_cell, up_cell = (_compressed(np.floor(axis / cell)) for axis in points.T)
     depth, height = north_cell.max() + 2, up_cell.max() + 2
     key = (east_cell * depth + north_cell) * height + up_cell
     order = np.lexsort((*points.T[::-1], key))  # within a cell by position: near ones are near in the list
-    points, key = points[order], key[order]
+    points, key, radius = points[order], key[order], radius[order]
 
     count = len(key)
     position = np.arange(count)
-    nearest, distance = np.zeros(count, np.int64), np.full(count, float(limit))
+    partner, distance, closeness = np.zeros(count, np.int64), np.zeros(count), np.ones(count)
     for east, north, up in product((-1, 0, 1), repeat=3):
         neighbour = key + (east * depth + north) * height + up
         first, end = np.searchsorted(key, neighbour), np.searchsorted(key, neighbour, side="right")
@@ -63,11 +68,13 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: float) -> list[tu
             here = np.flatnonzero((other < end) & (other != position))
             other = other[here]
             apart = np.sqrt(np.sum((points[here] - points[other]) ** 2, axis=1))
-            closer = apart < distance[here]
-            nearest[here[closer]], distance[here[closer]] = other[closer], apart[closer]
+            ratio = apart / (radius[here] + radius[other])
+            closer = ratio < closeness[here]
+            here = here[closer]
+            partner[here], distance[here], closeness[here] = other[closer], apart[closer], ratio[closer]
 
-    found = np.flatnonzero(distance < limit)
-    rows = np.sort(np.column_stack([order[found], order[nearest[found]]]), axis=1)
+    found = np.flatnonzero(closeness < 1)
+    rows = np.sort(np.column_stack([order[found], order[partner[found]]]), axis=1)
     rows, index = np.unique(rows, axis=0, return_index=True)
     distance = distance[found][index]
     by_distance = np.argsort(distance, kind="stable")
@@ -83,14 +90,14 @@ def _compressed(cell: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.cumsum(np.minimum(np.diff(values, prepend=values[0] - 1), 2)).astype(np.int64)[inverse]
 
 
-def check_layout(layout: Layout, width: float, height: float) -> tuple[list[Problem], list[Problem]]:
+def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[list[Problem], list[Problem]]:
     """Check that the heliostats of a layout can stand and turn where they are.
 
     Parameters
     ----------
     layout : Layout
         Where the heliostats stand.
-    width, height : float
+    width, height : float or array_like, shape (heliostat,)
         Sides of the mirrors; of a sweep, the largest. [m]
 
     Returns
@@ -114,26 +121,34 @@ def check_layout(layout: Layout, width: float, height: float) -> tuple[list[Prob
     problems = _listed(layout, repeated, (f"stands on the place of {layout.where(row)}" for row in original))
 
     distinct = np.delete(np.arange(len(layout)), repeated)
-    shorter, diagonal = min(width, height), math.hypot(width, height)
-    close = too_close(layout.x[distinct], layout.y[distinct], layout.z[distinct], diagonal)
-    pairs = [(int(distinct[low]), int(distinct[high]), apart) for low, high, apart in close]
-    colliding = [pair for pair in pairs if pair[2] < shorter]
+
+    def pairs_below(limit: NDArray[np.float64]) -> list[tuple[int, int, float]]:
+        close = too_close(layout.x[distinct], layout.y[distinct], layout.z[distinct], limit[distinct])
+        return [(int(distinct[low]), int(distinct[high]), apart) for low, high, apart in close]
+
+    shorter = np.broadcast_to(np.minimum(width, height), len(layout))
+    diagonal = np.broadcast_to(np.hypot(width, height), len(layout))
+    tight = pairs_below(diagonal)
+    colliding = pairs_below(shorter) if tight else []
     problems += _listed(
         layout,
         [high for _, high, _ in colliding],
         (
-            f"stands {apart:.6g} m from {layout.where(low)}; mirrors of {width:.6g} x {height:.6g} m collide"
-            for low, _, apart in colliding
+            f"stands {apart:.6g} m from {layout.where(low)}, less than the shorter side of the mirrors, "
+            f"{(shorter[low] + shorter[high]) / 2:.6g} m: they collide"
+            for low, high, apart in colliding
         ),
     )
-    tight = pairs[len(colliding) :]
+    known = set(colliding)
+    tight = [pair for pair in tight if pair not in known]
     if not tight:
         return problems, []
     low, high, apart = tight[0]
     number = "1 pair of neighbours stands" if len(tight) == 1 else f"{len(tight):,} pairs of neighbours stand"
     message = (
-        f"{number} closer than the diagonal of the mirrors, {diagonal:.6g} m, and may touch in some "
-        f"postures; the closest are {layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart"
+        f"{number} closer than the diagonal of the mirrors and may touch in some postures; the closest are "
+        f"{layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
+        f"{(diagonal[low] + diagonal[high]) / 2:.6g} m"
     )
     return problems, [Problem(message, file=layout.name)]
 

@@ -164,7 +164,7 @@ class _Reader:
             if separator in header and "," not in header:
                 advice = "use commas, and a point in decimal numbers"
                 self._fail(f"is separated by {called}; {advice}", self.numbers[0])
-        table = csv.reader(self.lines, strict=True)
+        table = csv.reader(self.lines, skipinitialspace=True, strict=True)
         try:
             rows = list(table)
         except csv.Error as error:
@@ -196,7 +196,8 @@ class _Reader:
         numbers = _numbers(values)
         bad = np.flatnonzero(~np.isfinite(numbers)).tolist()
         if key not in ("x", "y", "z"):
-            if len(bad) == len(values) or not all(_is_gap(values[row]) for row in bad) or _CODE.search(",".join(values)):
+            holds_numbers = len(bad) < len(values) and all(_is_gap(values[row]) for row in bad)
+            if not holds_numbers or _CODE.search(",".join(values)):
                 return self._text_column(key, index, values, rows)
             if not bad and _DIGITS.fullmatch("".join(values)):
                 integers = list(map(int, values))

@@ -1,0 +1,156 @@
+"""Distances between heliostats, against a k-d tree, and the messages about them."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from heliosweep.layouts import Layout, check_layout, radial_stagger, too_close
+
+
+def at(*places: tuple[float, ...], lines: list[int] | None = None) -> Layout:
+    """Return a layout of a few heliostats."""
+    x, y, z = np.array([(*place, 0.0)[:3] for place in places]).T
+    return Layout(x, y, z, name="field.csv", lines=None if lines is None else np.array(lines))
+
+
+def messages(layout: Layout, width: ArrayLike = 10, height: ArrayLike = 10) -> tuple[list[str], list[str]]:
+    problems, warnings = check_layout(layout, width, height)
+    return [str(problem) for problem in problems], [str(warning) for warning in warnings]
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(2, 400),
+    size=st.sampled_from([1, 10, 100, 1e6]),
+    limit=st.floats(1e-3, 20),
+    flat=st.booleans(),
+)
+def test_pairs_against_a_tree(seed, count, size, limit, flat):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-size, size, (count, 3)) * [1, 1, 0 if flat else 1]
+    pairs = too_close(points[:, 0], points[:, 1], points[:, 2], limit)
+
+    tree = KDTree(points)
+    nearest = tree.query(points, k=2)[0][:, 1]
+    assert bool(pairs) == bool((nearest < limit).any())
+    assert [apart for *_, apart in pairs] == sorted(apart for *_, apart in pairs)
+    for low, high, apart in pairs:
+        assert low < high
+        assert apart == pytest.approx(math.dist(points[low], points[high]), rel=1e-12)
+    crowded = max(len(near) for near in tree.query_ball_point(points, 2 * limit)) > 16
+    if not crowded:  # nobody can then meet more than 16 in a cell: every heliostat finds its nearest
+        assert {row for pair in pairs for row in pair[:2]} == set(np.flatnonzero(nearest < limit))
+        assert len(pairs) == len({tuple(sorted(p)) for p in _nearest_pairs(points, tree, limit)})
+
+
+def _nearest_pairs(points, tree, limit):
+    apart, partner = tree.query(points, k=2)
+    return [(row, partner[row, 1]) for row in range(len(points)) if apart[row, 1] < limit]
+
+
+def test_limit_itself_is_clear():
+    assert too_close([0, 10], [0, 0], [0, 0], 10) == []
+    assert too_close([0, np.nextafter(10, 0)], [0, 0], [0, 0], 10) == [(0, 1, np.nextafter(10, 0))]
+    assert too_close([0, 0], [0, 0], [0, 0], 0) == []
+    assert too_close([0], [0], [0], 5) == []
+
+
+def test_height_counts():
+    assert too_close([0, 0], [0, 0], [0, 11], 10) == []
+    assert too_close([0, 0], [0, 0], [0, 9], 10) == [(0, 1, 9.0)]
+
+
+def test_cells_on_a_vertical_wall():
+    # 1,000 heliostats above each other: nothing of the search may depend on a flat field.
+    height = np.arange(1000.0)
+    assert too_close(np.zeros(1000), np.zeros(1000), height, 1) == []
+    assert len(too_close(np.zeros(1000), np.zeros(1000), height, 1.01)) == 999
+
+
+@pytest.mark.parametrize("spread", [0, 1e-9, 1.0])
+def test_a_crowd_takes_linear_time(spread):
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 1, (100_000, 3)) * spread
+    start = time.perf_counter()
+    pairs = too_close(points[:, 0], points[:, 1], points[:, 2], 10)
+    assert time.perf_counter() - start < 5  # a second or less on a free machine; all pairs would take minutes
+    assert len({row for pair in pairs for row in pair[:2]}) == 100_000
+    assert len(pairs) <= 100_000
+
+
+def test_a_sound_field_passes():
+    assert check_layout(radial_stagger(16, 61.3, heliostats=5000), 11, 11) == ([], [])
+
+
+def test_an_empty_layout():
+    assert messages(Layout(np.array([]), np.array([]), np.array([]), name="field.csv")) == (
+        ["field.csv: the layout has no heliostats"],
+        [],
+    )
+
+
+def test_duplicates_name_the_rows():
+    problems, warnings = messages(at((0, 50), (20, 50), (0, 50), (0, 50), lines=[2, 3, 4, 7]))
+    assert problems == [
+        "field.csv:4: heliostat 2 stands on the place of heliostat 0 (line 2)",
+        "field.csv:7: heliostat 3 stands on the place of heliostat 0 (line 2)",
+    ]
+    assert warnings == []
+    assert messages(at((0, 50), (0, 50, 12)))[0] == []
+
+
+def test_colliding_mirrors_name_the_rows():
+    problems, warnings = messages(at((0, 50), (9, 50), (40, 50)), width=12, height=10)
+    assert problems == [
+        "field.csv: heliostat 1 stands 9 m from heliostat 0, less than the shorter side of the "
+        "mirrors, 10 m: they collide"
+    ]
+    assert warnings == []
+
+
+def test_mirrors_of_unequal_size():
+    layout = at((0, 50), (9, 50), (9, 57))
+    problems, (warning,) = messages(layout, np.array([12, 4, 4]), np.array([12, 4, 4]))
+    assert problems == []
+    assert warning.endswith("heliostat 0 and heliostat 1, 9 m apart, with a diagonal of 11.3137 m")
+    problems, _ = messages(layout, np.array([12, 8, 2]), np.array([12, 8, 2]))
+    assert problems == [
+        "field.csv: heliostat 1 stands 9 m from heliostat 0, less than the shorter side of the "
+        "mirrors, 10 m: they collide"
+    ]
+
+
+def test_below_the_diagonal_is_one_warning():
+    problems, (warning,) = messages(at((0, 50), (12, 50), (40, 50), (40, 63), lines=[2, 3, 4, 5]))
+    assert problems == []
+    assert warning == (
+        "field.csv: 2 pairs of neighbours stand closer than the diagonal of the mirrors and may touch in "
+        "some postures; the closest are heliostat 0 (line 2) and heliostat 1 (line 3), 12 m apart, with a "
+        "diagonal of 14.1421 m"
+    )
+    assert "1 pair of neighbours stands" in messages(at((0, 50), (12, 50)))[1][0]
+    assert messages(at((0, 50), (10, 50)))[0] == []  # one shorter side apart: a warning, not an error
+
+
+def test_a_heliostat_at_the_foot_of_the_tower_is_no_error():
+    assert messages(at((0, 0), (30, 0))) == ([], [])
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -4.1e6])
+def test_coordinates_off_any_field(value):
+    problems, _ = messages(at((0, 50), (20, value)))
+    assert len(problems) == 1
+    assert problems[0].startswith("field.csv: heliostat 1 is out of any field: x, y and z must be metres")
+
+
+def test_long_lists_are_counted():
+    problems, _ = messages(Layout(np.zeros(100_000), np.zeros(100_000), np.zeros(100_000), name="field.csv"))
+    assert len(problems) == 21
+    assert problems[-1] == "field.csv: and 99,979 more of this kind"

@@ -1,0 +1,200 @@
+"""Layouts as CSV: what is read, what comes back, and what each bad file is told."""
+
+import string
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from heliosweep.errors import StudyError
+from heliosweep.layouts import Layout, radial_stagger, read_csv, write_csv
+from heliosweep.layouts import csv as module
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+words = st.text(string.ascii_letters + string.punctuation + " ", max_size=20).map(
+    lambda text: "w" + text.strip()
+)
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Return a function that writes a file and gives its path."""
+
+    def write(content: str | bytes) -> Path:
+        path = tmp_path / "field.csv"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def problems(path: Path, **options) -> list[str]:
+    """Return what a bad file is told."""
+    with pytest.raises(StudyError) as caught:
+        read_csv(path, name="field.csv", **options)
+    assert caught.value.exit_code == 2
+    return [str(problem) for problem in caught.value.problems]
+
+
+def test_columns_and_their_types(written):
+    layout = read_csv(
+        written("x,y,ring,azimuth,row,code\n1,2,1,0.5,A1,007\n-3.5,4e1,2,1,B2,010\n"), name="f.csv"
+    )
+    assert layout.name == "f.csv"
+    assert len(layout) == 2
+    assert layout.x.tolist() == [1, -3.5]
+    assert layout.y.tolist() == [2, 40]
+    assert layout.z.tolist() == [0, 0]
+    assert list(layout.columns) == ["ring", "azimuth", "row", "code"]
+    assert {key: values.dtype.kind for key, values in layout.columns.items()} == {
+        "ring": "i", "azimuth": "f", "row": "U", "code": "U",
+    }  # fmt: skip
+    assert layout.columns["code"].tolist() == ["007", "010"]
+    assert layout.lines is not None
+    assert layout.lines.tolist() == [2, 3]
+
+
+def test_what_is_tolerated(written):
+    text = '\ufeff# by hand\n x , "y",z,row\n\n1,2,3,"A, 1"\n# a note; with, commas\n4 , 5,6, B \n\n  \n'
+    layout = read_csv(written(text.replace("\n", "\r\n")))
+    assert layout.x.tolist() == [1, 4]
+    assert layout.z.tolist() == [3, 6]
+    assert layout.columns["row"].tolist() == ["A, 1", "B"]
+    assert layout.lines is not None
+    assert layout.lines.tolist() == [4, 6]
+    assert read_csv(written("x,y\r1,2\r3,4")).y.tolist() == [2, 4]
+
+
+def test_integers_beyond_64_bits_stay_text(written):
+    assert read_csv(written("x,y,tag\n1,2,98765432109876543210\n")).columns["tag"].tolist() == [
+        "98765432109876543210"
+    ]
+
+
+def test_a_layout_cannot_be_changed(written):
+    layout = read_csv(written("x,y,ring\n1,2,1\n"))
+    for values in (layout.x, layout.columns["ring"]):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 7
+    with pytest.raises(ValueError, match="shape"):
+        Layout(np.zeros(2), np.zeros(3), np.zeros(2))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    rows=st.lists(
+        st.tuples(numbers, numbers, numbers, st.integers(-(2**63) + 1, 2**63 - 1), words), min_size=1
+    )
+)
+def test_round_trip_is_exact(tmp_path_factory, rows):
+    x, y, z, ring, label = zip(*rows, strict=True)
+    layout = Layout(
+        np.array(x),
+        np.array(y),
+        np.array(z),
+        {"ring": np.array(ring), "label": np.array(label), "power": np.array(z)},
+    )
+    path = tmp_path_factory.getbasetemp() / "round.csv"
+    write_csv(layout, path)
+    again = read_csv(path)
+    for first, second in zip(
+        (layout.x, layout.y, layout.z, *layout.columns.values()),
+        (again.x, again.y, again.z, *again.columns.values()),
+        strict=True,
+    ):
+        assert first.dtype.kind == second.dtype.kind
+        np.testing.assert_array_equal(first, second)
+    assert np.signbit(again.x).tolist() == np.signbit(layout.x).tolist()
+
+
+def test_writing_is_atomic(tmp_path):
+    path = tmp_path / "field.csv"
+    path.write_text("the old one")
+    broken = Layout(np.zeros(1), np.zeros(1), np.zeros(1), {"label": np.array(["\udcff"])})
+    with pytest.raises(UnicodeEncodeError):
+        write_csv(broken, path)
+    assert path.read_text() == "the old one"
+    write_csv(radial_stagger(16, 61.3, rings=1), path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["field.csv"]
+
+
+def test_a_large_file_is_read_fast(tmp_path):
+    path = tmp_path / "large.csv"
+    write_csv(radial_stagger(16, 61.3, heliostats=100_000), path)
+    start = time.perf_counter()
+    assert len(read_csv(path)) == 100_000
+    assert time.perf_counter() - start < 3  # 0.4 s on a free machine
+
+
+def test_files_that_cannot_be_read(tmp_path, monkeypatch):
+    assert problems(tmp_path / "none.csv") == ["field.csv: there is no such file"]
+    assert problems(tmp_path) == ["field.csv: is a folder, not a CSV file"]
+    assert problems(Path("/dev/null")) == ["field.csv: is not a regular file"]
+    path = tmp_path / "large.csv"
+    path.write_text("x,y\n1,2\n")
+    monkeypatch.setattr(module, "MAX_BYTES", 5)
+    assert problems(path)[0].startswith("field.csv: is larger than")
+
+
+@pytest.mark.parametrize(
+    ("content", "place", "words"),
+    [
+        ("", "", "is empty: it needs a header with the columns x and y"),
+        ("\n \n# nothing\n", "", "is empty: it needs a header with the columns x and y"),
+        ("x,y\n", "", "has a header but no heliostats"),
+        (b"PK\x03\x04rest", "", "is a spreadsheet or an archive, not text"),
+        ("x,y\n1,2\n".encode("utf-16"), ":1", "is not UTF-8 text"),
+        (b"x,y,row\n1,2,\xe9\n", ":2", "is not UTF-8 text"),
+        (b"x,y\n1,\x002\n", ":2", "is a binary file, not CSV"),
+        ("site:\n  latitude: 0\n", ":1", "needs a column x"),
+        ("x;y\n1,5;2\n", ":1", "is separated by semicolons; use commas"),
+        ("# tabs\nx\ty\n1\t2\n", ":2", "is separated by tabs; use commas"),
+        ('x,y,row\n1,2,"A\n3,4,B\n', ":3", "is not CSV: unexpected end of data"),
+        ('x,y,row\n1,2,"A\n3,4,B"\n5,6,C\n', ":2", "opens a quoted text that does not end on this line"),
+        ("X,y\n1,2\n", ":1", "needs a column x, the metres east of the tower's base (rename 'X'?)"),
+        ("x_east,y\n1,2\n", ":1", "(rename 'x_east'?)"),
+        ("x,north\n1,2\n", ":1", "needs a column y, the metres north of the tower's base (rename 'north'?)"),
+        ("x,z\n1,2\n", ":1", "(the columns are x, z)"),
+        ("x,y,x\n1,2,3\n", ":1:5", "has two columns 'x'"),
+        ("x,y,latitude\n1,2,3\n", ":1:5", "column name 'latitude' is taken by the result; choose another"),
+        ("x,y,\n1,2,3\n", ":1:5", "column name '' must be a letter, then letters, digits and underscores"),
+        ("x,y\n1,2\n1,2,3\n", ":3", "has 3 fields, but the header has 2"),
+        ("x,y\n1,two\n", ":2:3", "y must be a finite number (got 'two')"),
+        ("x,y\n1,\n", ":2:3", "y is empty"),
+        ("x,y\nnan,2\n", ":2:1", "x must be a finite number (got 'nan')"),
+        ("x,y\n1,1e999\n", ":2:3", "y must be a finite number (got '1e999')"),
+        ("x,y\n1,1_0\n", ":2:3", "y must be a finite number (got '1_0')"),
+        ("x,y\n1,\u0663\n", ":2:3", "y must be a finite number (got '\u0663')"),
+        ("x,y,power\n1,2,3\n1,2,NaN\n", ":3:5", "power must be a finite number (got 'NaN')"),
+        ("x,y,power\n1,2,3\n1,2,\n", ":3:5", "power is empty"),
+        ("x,y,row\n1,2," + "A" * 101 + "\n", ":2:5", "row is longer than 100 characters"),
+    ],
+)
+def test_bad_files(written, content, place, words):
+    told = problems(written(content), reserved={"latitude", "x"})[0]
+    assert told.startswith(f"field.csv{place}: ")
+    assert words in told
+
+
+def test_all_bad_rows_at_once(written):
+    assert problems(written("# a note\nx,y,z\n1,a,3\n\n1,2\nb,2,inf\n5,6,7\n")) == [
+        "field.csv:3:3: y must be a finite number (got 'a')",
+        "field.csv:5: has 2 fields, but the header has 3",
+        "field.csv:6:1: x must be a finite number (got 'b')",
+        "field.csv:6:5: z must be a finite number (got 'inf')",
+    ]
+
+
+def test_many_bad_rows_are_counted(written):
+    told = problems(written("x,y\n" + "a,b\n" * 1000))
+    assert len(told) == 21
+    assert told[0] == "field.csv:2:1: x must be a finite number (got 'a')"
+    assert told[-1] == "field.csv: and 1,980 more problems"
+
+
+def test_too_many_rows(written, monkeypatch):
+    monkeypatch.setattr(module, "MAX_HELIOSTATS", 2)
+    assert problems(written("x,y\n1,2\n3,4\n5,6\n")) == ["field.csv: has 3 rows, more than 2 heliostats"]

@@ -1,0 +1,151 @@
+"""The radial-stagger generator: the paper's field, the clearance everywhere, impossible parameters."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import KDTree
+
+from heliosweep.errors import StudyError
+from heliosweep.layouts import Layout, Zone, radial_stagger, read_csv
+
+CHONG = Path(__file__).parents[2] / "studies" / "layouts" / "chong2012.csv"
+
+
+def least_distance(layout: Layout) -> float:
+    """Return the least distance between two centres."""
+    points = np.column_stack([layout.x, layout.y])
+    return KDTree(points).query(points, k=2)[0][:, 1].min()
+
+
+def counts(layout: Layout) -> list[int]:
+    return np.bincount(layout.columns["ring"])[1:].tolist()
+
+
+def test_field_of_the_paper():
+    # Chong and Tan 2012, Table 1: counts as printed, radii as printed to the 0.1 m of the table.
+    published = read_csv(CHONG)
+    layout = radial_stagger(16, zones=[Zone(61.3, 4, 15), Zone(114, 5)])
+    assert counts(layout) == counts(published) == [24, 24, 24, 24, 44, 44, 44, 44, 45]
+    np.testing.assert_array_equal(layout.columns["ring"], published.columns["ring"])
+    np.testing.assert_allclose(layout.columns["azimuth"], published.columns["azimuth"], rtol=0, atol=1e-10)
+    radius, printed = np.hypot(layout.x, layout.y), np.hypot(published.x, published.y)
+    np.testing.assert_allclose(radius, printed, rtol=0, atol=0.1)
+
+
+def test_automatic_zones_give_nearly_the_field_of_the_paper():
+    layout = radial_stagger(16, 61.3, rings=9)
+    assert counts(layout) == [24, 24, 24, 24, 44, 44, 44, 44, 44]
+    radius = np.hypot(layout.x, layout.y)[np.unique(layout.columns["ring"], return_index=True)[1]]
+    # The second zone starts at 113.3 m, one clearance outside the first, instead of the 114 m of the paper.
+    printed = [61.3, 74.6, 86.6, 97.2, 114, 127.6, 140.5, 152.8, 164.3]
+    np.testing.assert_allclose(radius, printed, rtol=0, atol=0.9)
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    clearance=st.floats(0.5, 50),
+    start=st.floats(0.5, 200),
+    heliostats=st.integers(2, 3000),
+)
+def test_clearance_holds_in_automatic_zones(clearance, start, heliostats):
+    layout = radial_stagger(clearance, start * clearance, heliostats=heliostats)
+    assert len(layout) == heliostats
+    assert least_distance(layout) >= clearance * (1 - 1e-12)
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    start=st.floats(0.5, 60),
+    widening=st.floats(1, 1.8),
+    rings=st.integers(1, 5),
+    gap=st.floats(0, 3),
+)
+def test_clearance_holds_in_given_zones(start, widening, rings, gap):
+    finest = 2 * math.degrees(math.asin(0.5 / start))
+    zones = [Zone(start, rings, min(finest * widening, 180)), Zone(start + rings + gap, 3)]
+    layout = generated(zones)
+    assert layout is None or least_distance(layout) >= 1 - 1e-12
+
+
+def generated(zones: list[Zone]) -> Layout | None:
+    """Return the layout, or None where a very wide pitch leaves no room for its rings."""
+    try:
+        return radial_stagger(1, zones=zones)
+    except StudyError as error:
+        if "rings fit before" in str(error):
+            return None
+        raise
+
+
+@pytest.mark.parametrize("layout", [radial_stagger(16, 61.3, rings=40), radial_stagger(7, 9.1, rings=25)])
+def test_east_mirrors_west(layout):
+    inside = (layout.columns["azimuth"] > 0) & (layout.columns["azimuth"] < 180)
+    outside = layout.columns["azimuth"] > 180
+    east = np.column_stack([layout.columns["ring"], layout.x, layout.y])[inside]
+    west = np.column_stack([layout.columns["ring"], -layout.x, layout.y])[outside]
+    np.testing.assert_array_equal(east[np.lexsort(east.T)], west[np.lexsort(west.T)])
+
+
+def test_azimuth_counts_clockwise_from_north():
+    layout = radial_stagger(10, 40, rings=3)
+    azimuth = np.degrees(np.arctan2(layout.x, layout.y)) % 360
+    np.testing.assert_allclose(azimuth, layout.columns["azimuth"], rtol=0, atol=1e-10)
+    for ring in (1, 2, 3):
+        assert (np.diff(layout.columns["azimuth"][layout.columns["ring"] == ring]) > 0).all()
+
+
+def test_surplus_of_the_last_ring_is_left_out_from_the_south():
+    full = radial_stagger(16, 61.3, rings=2)
+    for number in range(25, len(full) + 1):
+        layout = radial_stagger(16, 61.3, heliostats=number)
+        last = layout.columns["azimuth"][24:]
+        from_north = np.minimum(last, 360 - last)
+        expected = np.sort(np.minimum(full.columns["azimuth"][24:], 360 - full.columns["azimuth"][24:]))
+        np.testing.assert_array_equal(np.sort(from_north), expected[: number - 24])
+        assert (last < 180).sum() - (last > 180).sum() == (number - 24) % 2
+
+
+def test_a_large_field():
+    layout = radial_stagger(16, 61.3, heliostats=100_000)
+    assert len(layout) == 100_000
+    assert least_distance(layout) >= 16 * (1 - 1e-12)
+    # No denser than the densest packing, and not much thinner.
+    area = math.pi * np.hypot(layout.x, layout.y).max() ** 2 / len(layout)
+    assert 0.866 * 16**2 < area < 1.2 * 16**2
+
+
+@pytest.mark.parametrize(
+    ("parameters", "key", "words"),
+    [
+        ({"clearance": 0, "inner_radius": 50, "rings": 3}, "clearance", "greater than 0"),
+        ({"clearance": math.nan, "inner_radius": 50, "rings": 3}, "clearance", "greater than 0"),
+        ({"clearance": 10, "inner_radius": 4.9, "rings": 3}, "inner_radius", "half the clearance"),
+        ({"clearance": 10, "inner_radius": math.nan, "rings": 3}, "inner_radius", "half the clearance"),
+        ({"clearance": 1e-6, "inner_radius": 50, "rings": 3}, "inner_radius", "more than 1,000,000"),
+        ({"clearance": 10, "rings": 3}, "inner_radius", "missing"),
+        ({"clearance": 10, "inner_radius": 50}, "rings", "exactly one"),
+        ({"clearance": 10, "inner_radius": 50, "rings": 3, "heliostats": 9}, "heliostats", "exactly one"),
+        ({"clearance": 10, "inner_radius": 50, "rings": 0}, "rings", "at least 1"),
+        ({"clearance": 10, "inner_radius": 50, "heliostats": -2}, "heliostats", "at least 1"),
+        ({"clearance": 10, "inner_radius": 50, "heliostats": 10**9}, "heliostats", "at most 1,000,000"),
+        ({"clearance": 10, "inner_radius": 50, "rings": 10**5}, "rings", "more than 1,000,000"),
+        ({"clearance": 10, "zones": []}, "zones", "at least one"),
+        ({"clearance": 10, "inner_radius": 40, "zones": [Zone(50, 2)]}, "inner_radius", "first zone"),
+        ({"clearance": 10, "zones": [Zone(50, 0)]}, "zones.0.rings", "at least 1"),
+        ({"clearance": 10, "zones": [Zone(3, 2)]}, "zones.0.start", "half the clearance"),
+        ({"clearance": 10, "zones": [Zone(50, 2), Zone(60, 2)]}, "zones.1.start", "at 68."),
+        ({"clearance": 10, "zones": [Zone(50, 2, 11.4)]}, "zones.0.pitch", "11.478"),
+        ({"clearance": 10, "zones": [Zone(50, 2, 181)]}, "zones.0.pitch", "180"),
+        ({"clearance": 10, "zones": [Zone(50, 40)]}, "zones.0.rings", "only"),
+    ],
+)
+def test_impossible_parameters(parameters, key, words):
+    with pytest.raises(StudyError) as caught:
+        radial_stagger(**parameters)
+    (problem,) = caught.value.problems
+    assert problem.key == key
+    assert words in problem.message
