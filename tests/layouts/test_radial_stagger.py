@@ -109,6 +109,16 @@ def test_surplus_of_the_last_ring_is_left_out_from_the_south():
         assert (last < 180).sum() - (last > 180).sum() == (number - 24) % 2
 
 
+def test_the_start_named_in_a_message_is_accepted():
+    with pytest.raises(StudyError, match=r"at 113\.258 m or more \(got 113\)"):
+        radial_stagger(16, zones=[Zone(61.3, 4, 15), Zone(113, 5)])
+    assert counts(radial_stagger(16, zones=[Zone(61.3, 4, 15), Zone(113.258, 1)])) == [24, 24, 24, 24, 44]
+
+
+def test_the_largest_field():
+    assert len(radial_stagger(16, 61.3, heliostats=1_000_000)) == 1_000_000
+
+
 def test_a_large_field():
     layout = radial_stagger(16, 61.3, heliostats=100_000)
     assert len(layout) == 100_000

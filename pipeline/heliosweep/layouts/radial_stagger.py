@@ -122,13 +122,13 @@ def radial_stagger(
     for ring in sequence:
         field.append(ring)
         count += len(ring)
+        if heliostats is not None and count >= heliostats:
+            field[-1] = ring.northernmost(len(ring) - (count - heliostats))
+            break
         if count > MAX_HELIOSTATS:
             key = "zones" if zones is not None else "rings"
             raise StudyError(Problem(f"the field would have more than {MAX_HELIOSTATS:,} heliostats", key))
         if len(field) == rings:
-            break
-        if heliostats is not None and count >= heliostats:
-            field[-1] = ring.northernmost(len(ring) - (count - heliostats))
             break
     return _layout(field)
 
@@ -187,7 +187,7 @@ def _given_zones(clearance: float, zones: list[Zone]) -> Iterator[_Ring]:
             raise StudyError(
                 Problem(
                     f"the zone must start at least one clearance outside the last ring of the one before, "
-                    f"at {outermost + clearance:.6g} m or more (got {start:.6g})",
+                    f"at {_rounded_up(outermost + clearance)} m or more (got {start})",
                     f"zones.{index}.start",
                 )
             )
@@ -200,10 +200,15 @@ def _given_zones(clearance: float, zones: list[Zone]) -> Iterator[_Ring]:
             raise StudyError(
                 Problem(
                     f"only {count} of {rings} rings fit before heliostats stand so far apart that the next "
-                    f"would fit between them; start a new zone at {outermost + clearance:.6g} m or more",
+                    f"would fit between them; start a new zone at {_rounded_up(outermost + clearance)} m or more",
                     f"zones.{index}.rings",
                 )
             )
+
+
+def _rounded_up(length: float) -> float:
+    """Return a length rounded up to whole millimetres, so that it still holds when typed from a message."""
+    return math.ceil(length * 1000) / 1000
 
 
 def _automatic_zones(clearance: float, start: float) -> Iterator[_Ring]:
