@@ -14,9 +14,7 @@ from heliosweep.layouts import Layout, radial_stagger, read_csv, write_csv
 from heliosweep.layouts import csv as module
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
-words = st.text(string.ascii_letters + string.punctuation + " ", max_size=20).map(
-    lambda text: "w" + text.strip()
-)
+words = st.text(string.ascii_letters + string.punctuation + " ", max_size=20).map(lambda text: "w" + text.strip())
 
 
 @pytest.fixture
@@ -40,9 +38,7 @@ def problems(path: Path, **options) -> list[str]:
 
 
 def test_columns_and_their_types(written):
-    layout = read_csv(
-        written("x,y,ring,azimuth,row,code\n1,2,1,0.5,A1,007\n-3.5,4e1,2,1,B2,010\n"), name="f.csv"
-    )
+    layout = read_csv(written("x,y,ring,azimuth,row,code\n1,2,1,0.5,A1,007\n-3.5,4e1,2,1,B2,010\n"), name="f.csv")
     assert layout.name == "f.csv"
     assert len(layout) == 2
     assert layout.x.tolist() == [1, -3.5]
@@ -69,9 +65,7 @@ def test_what_is_tolerated(written):
 
 
 def test_integers_beyond_64_bits_stay_text(written):
-    assert read_csv(written("x,y,tag\n1,2,98765432109876543210\n")).columns["tag"].tolist() == [
-        "98765432109876543210"
-    ]
+    assert read_csv(written("x,y,tag\n1,2,98765432109876543210\n")).columns["tag"].tolist() == ["98765432109876543210"]
 
 
 def test_a_layout_cannot_be_changed(written):
@@ -84,11 +78,7 @@ def test_a_layout_cannot_be_changed(written):
 
 
 @settings(deadline=None, max_examples=60)
-@given(
-    rows=st.lists(
-        st.tuples(numbers, numbers, numbers, st.integers(-(2**63) + 1, 2**63 - 1), words), min_size=1
-    )
-)
+@given(rows=st.lists(st.tuples(numbers, numbers, numbers, st.integers(-(2**63) + 1, 2**63 - 1), words), min_size=1))
 def test_round_trip_is_exact(tmp_path_factory, rows):
     x, y, z, ring, label = zip(*rows, strict=True)
     layout = Layout(

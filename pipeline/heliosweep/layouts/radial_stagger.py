@@ -199,8 +199,9 @@ def _given_zones(clearance: float, zones: list[Zone]) -> Iterator[_Ring]:
         if count < rings:
             raise StudyError(
                 Problem(
-                    f"only {count} of {rings} rings fit before heliostats stand so far apart that the next "
-                    f"would fit between them; start a new zone at {_rounded_up(outermost + clearance)} m or more",
+                    f"only {count} of {rings} rings fit before heliostats stand so far apart that the "
+                    "next would fit between them; start a new zone at "
+                    f"{_rounded_up(outermost + clearance)} m or more",
                     f"zones.{index}.rings",
                 )
             )
@@ -262,9 +263,7 @@ def _closed_ring(radius: float, count: int, staggered: bool) -> _Ring:
     return _Ring(radius, not staggered, half, staggered == (count % 2 == 1), half)
 
 
-def _open_ring(
-    radius: float, pitch: float, staggered: bool, clearance: float, previous: _Ring | None
-) -> _Ring:
+def _open_ring(radius: float, pitch: float, staggered: bool, clearance: float, previous: _Ring | None) -> _Ring:
     """Return a ring filled from north on both sides, with a gap in the south and perhaps one heliostat in it.
 
     Only the ring before can be too near: those before it are at least one clearance further in. With it the
