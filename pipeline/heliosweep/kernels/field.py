@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.mounts import FRAME_ROWS, half_sides
 from heliosweep.kernels.neighbours import beam, bin_field, search
-from heliosweep.kernels.occlusion import IMAGE_ROWS, cosines, image, union, view
+from heliosweep.kernels.occlusion import IMAGE_ROWS, axes, cosines, image, unions
 from heliosweep.kernels.packets import PACKET, packet_order
 from heliosweep.kernels.polygons import SQUARE
 
@@ -125,12 +125,12 @@ def sweep(x, y, z, half_width, half_height, aim, throw, tracking, sun, order, st
     shaders, first_shader = np.empty(16 * tests, np.int64), np.zeros(tests + 1, np.int64)
     halo, place = np.empty(count, np.int64), np.full(count, -1, np.int64)
     frames = np.empty((tests, FRAME_ROWS * PACKET))
-    images, apart, names = np.empty((8, IMAGE_ROWS * PACKET)), np.empty(8, np.bool_), np.empty(8, np.int64)
+    images, apart = np.empty((8, IMAGE_ROWS * PACKET)), np.empty(8, np.bool_)
+    lane = np.empty(18 * PACKET, np.int64)
     rows, target = np.empty(3 * PACKET), np.empty(3 * PACKET)
     sun_view, target_view = np.empty(FRAME_ROWS * PACKET), np.empty(FRAME_ROWS * PACKET)
-    cosine, total = np.empty(PACKET), np.empty((3, PACKET))
-    hits = np.empty(PACKET, np.int64)
-    scratch = np.empty((14, 32, 2))
+    cosine, total, spare = np.empty(PACKET), np.empty(3 * PACKET), np.empty(PACKET)
+    scratch = np.empty((5, 2))
 
     for first in range(0, order.shape[0], PACKET):
         lanes = min(PACKET, order.shape[0] - first)
@@ -166,13 +166,13 @@ def sweep(x, y, z, half_width, half_height, aim, throw, tracking, sun, order, st
                 target[k], target[PACKET + k], target[2 * PACKET + k] = aim[i, 0], aim[i, 1], aim[i, 2]
             cosines(cosine, rows, aim[i, 0], aim[i, 1], aim[i, 2])
             square = half_width[i] * half_height[i]
-            view(sun_view, test, cosine, rows, square)
-            view(target_view, test, cosine, target, square)
+            axes(sun_view, test, cosine, rows, square)
+            axes(target_view, test, cosine, target, square)
 
             candidates = first_shader[t + 1] - first_shader[t] + first_blocker[t + 1] - first_blocker[t]
             if candidates > images.shape[0]:
-                images = np.empty((2 * candidates, IMAGE_ROWS * PACKET))
-                apart, names = np.empty(2 * candidates, np.bool_), np.empty(2 * candidates, np.int64)
+                images, apart = np.empty((2 * candidates, IMAGE_ROWS * PACKET)), np.empty(2 * candidates, np.bool_)
+                lane = np.empty((4 * candidates + 2) * PACKET, np.int64)
             made = 0
             for m in range(first_shader[t], first_shader[t + 1]):
                 j = shaders[m]
@@ -181,7 +181,7 @@ def sweep(x, y, z, half_width, half_height, aim, throw, tracking, sun, order, st
                 if image(
                     images[made], sun_view, frames[place[j]], rows, dx, dy, dz, clear, test, scratch
                 ):
-                    names[made], apart[made] = j, clear
+                    apart[made] = clear
                     made += 1
             shading = made
             for m in range(first_blocker[t], first_blocker[t + 1]):
@@ -191,20 +191,15 @@ def sweep(x, y, z, half_width, half_height, aim, throw, tracking, sun, order, st
                 if image(
                     images[made], target_view, frames[place[j]], target, dx, dy, dz, clear, test, scratch
                 ):
-                    names[made], apart[made] = j, clear
+                    apart[made] = clear
                     made += 1
 
-            _add_areas(images, shading, made, total, hits)
-            for k in range(lanes):
-                if hits[k] > 1:
-                    total[0, k], total[1, k], total[2, k] = union(
-                        images, apart, names, shading, made, k, scratch
-                    )
+            unions(images, apart, shading, made, total, lane, spare)
             cosine_sum = shading_sum = blocking_sum = optical_sum = 0.0
             for k in range(lanes):
-                unshaded = max(0.0, 1.0 - total[0, k] / SQUARE)
-                unblocked = max(0.0, 1.0 - total[1, k] / SQUARE)
-                optical = cosine[k] * max(0.0, 1.0 - total[2, k] / SQUARE)
+                unshaded = max(0.0, 1.0 - total[k] / SQUARE)
+                unblocked = max(0.0, 1.0 - total[PACKET + k] / SQUARE)
+                optical = cosine[k] * max(0.0, 1.0 - total[2 * PACKET + k] / SQUARE)
                 cosine_sum += cosine[k]
                 shading_sum += unshaded
                 blocking_sum += unblocked
@@ -231,17 +226,3 @@ def _name(j, halo, place, named):
         named += 1
     return named
 
-
-@kernel
-def _add_areas(images, shading, made, total, hits):
-    """Sums of the image areas in each lane, which are the unions of lanes with no more than one image."""
-    for k in range(PACKET):
-        total[0, k] = total[1, k] = total[2, k] = 0.0
-        hits[k] = 0
-    for m in range(made):
-        row = 0 if m < shading else 1
-        for k in range(PACKET):
-            one = images[m, 6 * PACKET + k]
-            total[row, k] += one
-            total[2, k] += one
-            hits[k] += one > 0.0

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts import FRAME_ROWS
 from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.polygons import SQUARE, clip_to_square, edge_term, gaps, slope, square_area
+from heliosweep.kernels.polygons import SQUARE, edge_term, gaps, slope, square_area, unit
 
-__all__ = ["IMAGE_ROWS", "cosines", "image", "union", "view"]
+__all__ = ["IMAGE_ROWS", "axes", "cosines", "image", "unions"]
 
 IMAGE_ROWS = 10
 """Rows of an image: centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none); and, only for
@@ -35,7 +35,7 @@ def cosines(out: NDArray[np.float64], sun: NDArray[np.float64], rx: float, ry: f
 
 
 @kernel
-def view(
+def axes(
     out: NDArray[np.float64],
     frame: NDArray[np.float64],
     cosine: NDArray[np.float64],
@@ -101,7 +101,7 @@ def image(
         Whether the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     test : ndarray, shape (FRAME_ROWS * PACKET,)
         Half sides of the test mirror. [m]
-    scratch : ndarray, shape (2, 5, 2)
+    scratch : ndarray, shape (5, 2)
         Scratch.
     """
     behind = 0.0 if apart else -np.inf
@@ -162,8 +162,8 @@ def _cut_by_plane(out, frame, dx, dy, dz, test, scratch):
         )
     for k in range(PACKET):
         if out[_AREA + k] > 0.0 and _straddles(out, k):
-            corners = _polygon(out, k, False, scratch[0])
-            out[_AREA + k] = square_area(scratch[0], corners) if corners > 2 else 0.0
+            corners = _polygon(out, k, False, scratch)
+            out[_AREA + k] = square_area(scratch, corners) if corners > 2 else 0.0
 
 
 @inline
@@ -199,151 +199,183 @@ def _polygon(out, k, apart, polygon):
 
 
 @kernel
-def union(
+def unions(
     images: NDArray[np.float64],
     apart: NDArray[np.bool_],
-    names: NDArray[np.int64],
     shading: int,
     count: int,
-    k: int,
-    scratch: NDArray[np.float64],
-):
-    """Exact area of the unions of the images in one lane, on the square of area 4.
+    total: NDArray[np.float64],
+    lane: NDArray[np.int64],
+    spare: NDArray[np.float64],
+) -> None:
+    """Exact areas of the unions of images, for every lane, on the square of area 4.
 
-    While no three images overlap one another, the union is the sum of the areas less the overlaps of pairs: no point
-    is counted more than twice. Otherwise the images are subtracted from the square one by one. The order of the images
-    is by area, then by name, so it does not depend on how the candidates were found.
+    While no three images of a lane overlap one another, a union is the sum of the areas less the overlaps of pairs: no
+    point is counted more than twice. The other lanes, few, subtract their images from the square one by one. Which
+    way a lane goes depends on its own images only, and they keep the order of the grid: the bits of a lane do not
+    depend on its packet.
 
     Parameters
     ----------
-    images : ndarray, shape (count, IMAGE_ROWS * PACKET)
-        Shading images first.
-    apart : ndarray of bool, shape (count,)
+    images : ndarray, shape (at least count, IMAGE_ROWS * PACKET)
+        Shading images, then blocking images.
+    apart : ndarray of bool, shape (at least count,)
         Whether each was made with disjoint bounding spheres.
-    names : ndarray of int64, shape (count,)
-        Heliostat of each image.
     shading, count : int
         Number of shading images, and of all images.
-    k : int
-        Lane.
-    scratch : ndarray, shape (_PAIRWISE + 2, 32, 2)
+    total : ndarray, shape (3 * PACKET,)
+        Receives the rows: area shaded, area blocked, area shaded or blocked.
+    lane : ndarray of int64, shape (2 * (count + 1) * PACKET,)
         Scratch.
-
-    Returns
-    -------
-    tuple of float
-        Area shaded, area blocked, area shaded or blocked.
+    spare : ndarray, shape (PACKET,)
+        Scratch.
     """
+    # Row 0 counts the images of a lane, row 1 tells where pairs are not enough; then, for each image, one row with
+    # its bit in the lane (0: no image) and one with the bits of the images that it overlaps.
+    for k in range(PACKET):
+        total[k] = total[PACKET + k] = total[2 * PACKET + k] = 0.0
+        lane[k] = lane[PACKET + k] = 0
+    for m in range(count):
+        one, bit, row = images[m], lane[2 * (m + 1) * PACKET :], total[PACKET if m >= shading else 0 :]
+        for k in range(PACKET):
+            here = one[_AREA + k] > 0.0
+            bit[k] = (1 << (lane[k] & 31)) if here else 0
+            bit[PACKET + k] = 0
+            lane[k] += here
+            row[k] += one[_AREA + k]
+    several = 0
+    for k in range(PACKET):
+        total[2 * PACKET + k] = total[k] + total[PACKET + k]
+        lane[PACKET + k] = lane[k] > _PAIRWISE
+        several += lane[k] > 1
+    if several == 0:
+        return
+    for m in range(count):
+        if not apart[m]:
+            for k in range(PACKET):
+                if images[m, _AREA + k] > 0.0 and _straddles(images[m], k):
+                    lane[PACKET + k] = 1
+    for m in range(1, count):
+        for n in range(m):
+            if _overlap(images[n], images[m], lane, 2 * (n + 1) * PACKET, 2 * (m + 1) * PACKET, spare):
+                if m < shading or n >= shading:
+                    row = total[PACKET if n >= shading else 0 :]
+                    for k in range(PACKET):
+                        row[k] -= spare[k]
+                for k in range(PACKET):
+                    total[2 * PACKET + k] -= spare[k]
+    for k in range(PACKET):
+        if lane[PACKET + k] > 0 and lane[k] > 1:
+            total[k], total[PACKET + k], total[2 * PACKET + k] = _general(images, apart, shading, count, k)
+
+
+@kernel
+def _overlap(one, other, lane, p, q, out):
+    """Write the area of square, `one` and `other` together for every lane; False if no lane has any.
+
+    The part of `one` in the square is followed as a closed chain of 16 segments: each edge of `one` clipped by the
+    square, continued along the sides of the square wherever the edge is outside. A chain may run to and fro along a
+    side; that cancels. In the coordinates of `other`, which make it the square, Green's theorem gives the area. Each
+    step is a clamp, continuous in the corners: there are no ties to break.
+    """
+    some = 0
+    for k in range(PACKET):
+        cx, cy = other[k] - one[k], other[PACKET + k] - one[PACKET + k]
+        ax, ay, bx, by = one[2 * PACKET + k], one[3 * PACKET + k], one[4 * PACKET + k], one[5 * PACKET + k]
+        px, py, qx, qy = other[2 * PACKET + k], other[3 * PACKET + k], other[4 * PACKET + k], other[5 * PACKET + k]
+        ab, pq = abs(ax * by - ay * bx), abs(px * qy - py * qx)
+        ap, aq = abs(ax * py - ay * px), abs(ax * qy - ay * qx)
+        bp, bq = abs(bx * py - by * px), abs(bx * qy - by * qx)
+        gap = _larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
+        gap = _larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
+        gap = _larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
+        hit = (lane[p + k] != 0) & (lane[q + k] != 0) & (lane[PACKET + k] == 0) & (gap < 0.0) & (pq > 0.0)
+        out[k] = 1.0 if hit else 0.0
+        some += hit
+    if some == 0:
+        return False
+    for k in range(PACKET):
+        ax, ay, bx, by = one[2 * PACKET + k], one[3 * PACKET + k], one[4 * PACKET + k], one[5 * PACKET + k]
+        cx, cy = one[k], one[PACKET + k]
+        a_rise, a_run, b_rise, b_run = slope(ay, ax), slope(ax, ay), slope(by, bx), slope(bx, by)
+        # Coordinates of `other`: (x e + y f + g, x h + y i + j).
+        px, py, qx, qy = other[2 * PACKET + k], other[3 * PACKET + k], other[4 * PACKET + k], other[5 * PACKET + k]
+        turn = px * qy - py * qx
+        scale = slope(1.0, turn)
+        e, f, h, i = qy * scale, -qx * scale, -py * scale, px * scale
+        g, j = -(other[k] * e + other[PACKET + k] * f), -(other[k] * h + other[PACKET + k] * i)
+        slopes = (
+            (slope(h, e), slope(e, h)),  # along x
+            (slope(i, f), slope(f, i)),  # along y
+            (slope(ax * h + ay * i, ax * e + ay * f), slope(ax * e + ay * f, ax * h + ay * i)),
+            (slope(bx * h + by * i, bx * e + by * f), slope(bx * e + by * f, bx * h + by * i)),
+        )
+        to = (e, f, g, h, i, j)
+        x0, y0, x1, y1 = cx - ax - bx, cy - ay - by, cx + ax - bx, cy + ay - by
+        x2, y2, x3, y3 = cx + ax + bx, cy + ay + by, cx - ax + bx, cy - ay + by
+        side0 = _clipped(x0, y0, x1, y1, a_rise, a_run)
+        side1 = _clipped(x1, y1, x2, y2, b_rise, b_run)
+        side2 = _clipped(x2, y2, x3, y3, a_rise, a_run)
+        side3 = _clipped(x3, y3, x0, y0, b_rise, b_run)
+        total = (_chain(side0, side1, slopes[2], slopes, to) + _chain(side1, side2, slopes[3], slopes, to)) + (
+            _chain(side2, side3, slopes[2], slopes, to) + _chain(side3, side0, slopes[3], slopes, to)
+        )
+        out[k] *= abs(total * turn)
+    for k in range(PACKET):
+        here = out[k] > 0.0
+        lane[PACKET + k] |= here & ((lane[p + PACKET + k] & lane[q + PACKET + k]) != 0)
+        lane[p + PACKET + k] |= lane[q + k] if here else 0
+        lane[q + PACKET + k] |= lane[p + k] if here else 0
+    return True
+
+
+@inline
+def _clipped(px, py, qx, qy, rise, run):
+    """Clip an edge: from (x0, c0) along x to (xa, c0), along the edge to (xb, c1), along x to (x1, c1)."""
+    x0, x1 = unit(px), unit(qx)
+    y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
+    c0, c1 = unit(y0), unit(y1)
+    return x0, c0, unit(x0 + (c0 - y0) * run), unit(x1 + (c1 - y1) * run), c1, x1
+
+
+@inline
+def _chain(side, following, along, slopes, to):
+    """Green's terms of one clipped edge, with the segment along y to the start of the following one."""
+    x0, c0, xa, xb, c1, x1 = side
+    e, f, g, h, i, j = to
+    p, q = x0 * e + (c0 * f + g), x0 * h + (c0 * i + j)
+    pa, qa = xa * e + (c0 * f + g), xa * h + (c0 * i + j)
+    pb, qb = xb * e + (c1 * f + g), xb * h + (c1 * i + j)
+    pc, qc = x1 * e + (c1 * f + g), x1 * h + (c1 * i + j)
+    pd, qd = following[0] * e + (following[1] * f + g), following[0] * h + (following[1] * i + j)
+    return (
+        edge_term(p, q, pa, qa, slopes[0][0], slopes[0][1])
+        + edge_term(pa, qa, pb, qb, along[0], along[1])
+        + edge_term(pb, qb, pc, qc, slopes[0][0], slopes[0][1])
+        + edge_term(pc, qc, pd, qd, slopes[1][0], slopes[1][1])
+    )
+
+
+@kernel
+def _general(images, apart, shading, count, k):
+    """Unions in one lane, by subtracting the images from the square, large ones first."""
     order = np.empty(count, np.int64)
-    some, shades = 0, 0
-    whole = True
+    some = shades = 0
     for m in range(count):
         if m == shading:
             shades = some
         if images[m, _AREA + k] > 0.0:
             n = some
-            base = shades if m >= shading else 0
-            while n > base and _before(images, names, m, order[n - 1], k):
+            while n > (shades if m >= shading else 0) and images[m, _AREA + k] > images[order[n - 1], _AREA + k]:
                 order[n] = order[n - 1]
                 n -= 1
             order[n] = m
             some += 1
-            whole = whole and (apart[m] or not _straddles(images[m], k))
     if shading == count:
         shades = some
-    if whole and some <= _PAIRWISE:
-        simple, shaded, blocked, either = _pairwise(images, order, shades, some, k, scratch)
-        if simple:
-            return shaded, blocked, either
     polygons, corners = np.empty((some, 5, 2)), np.empty(some, np.int64)
     for m in range(some):
         corners[m] = _polygon(images[order[m]], k, apart[order[m]], polygons[m])
     unshaded, uncovered = gaps(polygons, corners, 0, shades, some)
     unblocked, _ = gaps(polygons, corners, shades, some, some)
     return SQUARE - unshaded, SQUARE - unblocked, SQUARE - uncovered
-
-
-@inline
-def _before(images, names, m, n, k):
-    p, q = images[m, _AREA + k], images[n, _AREA + k]
-    return p > q or (p == q and names[m] < names[n])
-
-
-@kernel
-def _pairwise(images, order, shades, some, k, scratch):
-    """Unions by areas and overlaps of pairs; the first result is False if three images overlap one another."""
-    friends, corners = np.zeros(some, np.int64), np.full(some, -1)
-    shaded = blocked = crossed = 0.0
-    for m in range(some):
-        one = images[order[m]]
-        if m < shades:
-            shaded += one[_AREA + k]
-        else:
-            blocked += one[_AREA + k]
-        for n in range(m):
-            other = images[order[n]]
-            if _separated(one, other, k):
-                continue
-            if corners[n] < 0:
-                corners[n] = _polygon(other, k, True, scratch[n])
-                corners[n] = clip_to_square(scratch[n], corners[n], scratch[_PAIRWISE], scratch[_PAIRWISE + 1])
-            overlap = _overlap(scratch[n], corners[n], one, k)
-            if overlap > 0.0:
-                if friends[m] & friends[n]:
-                    return False, 0.0, 0.0, 0.0
-                friends[m] |= 1 << n
-                friends[n] |= 1 << m
-                if m < shades:
-                    shaded -= overlap
-                elif n >= shades:
-                    blocked -= overlap
-                else:
-                    crossed += overlap
-    return True, shaded, blocked, shaded + blocked - crossed
-
-
-@kernel
-def _separated(one, other, k):
-    """Whether a line along an edge of either image, or along an axis of the square, separates two images."""
-    cx, cy = one[k] - other[k], one[PACKET + k] - other[PACKET + k]
-    ax, ay = one[2 * PACKET + k], one[3 * PACKET + k]
-    bx, by = one[4 * PACKET + k], one[5 * PACKET + k]
-    px, py = other[2 * PACKET + k], other[3 * PACKET + k]
-    qx, qy = other[4 * PACKET + k], other[5 * PACKET + k]
-    if abs(cx) >= abs(ax) + abs(bx) + abs(px) + abs(qx) or abs(cy) >= abs(ay) + abs(by) + abs(py) + abs(qy):
-        return True
-    ab, pq = abs(ax * by - ay * bx), abs(px * qy - py * qx)
-    ap, aq = abs(ax * py - ay * px), abs(ax * qy - ay * qx)
-    bp, bq = abs(bx * py - by * px), abs(bx * qy - by * qx)
-    return (
-        abs(cx * ay - cy * ax) >= ab + ap + aq
-        or abs(cx * by - cy * bx) >= ab + bp + bq
-        or abs(cx * py - cy * px) >= pq + ap + bp
-        or abs(cx * qy - cy * qx) >= pq + aq + bq
-    )
-
-
-@kernel
-def _overlap(polygon, corners, one, k):
-    """Area common to a polygon and an image: in the coordinates of the image, that is its part in the square."""
-    ax, ay = one[2 * PACKET + k], one[3 * PACKET + k]
-    bx, by = one[4 * PACKET + k], one[5 * PACKET + k]
-    turn = ax * by - ay * bx
-    if turn == 0.0 or corners < 3:
-        return 0.0
-    total = 0.0
-    px, py = _within(polygon, corners - 1, one, turn, k)
-    for e in range(corners):
-        qx, qy = _within(polygon, e, one, turn, k)
-        total += edge_term(px, py, qx, qy, slope(qy - py, qx - px), slope(qx - px, qy - py))
-        px, py = qx, qy
-    return abs(total * turn)
-
-
-@inline
-def _within(polygon, e, one, turn, k):
-    """Corner of a polygon in the coordinates of an image, whose corners are (+-1, +-1)."""
-    x, y = polygon[e, 0] - one[k], polygon[e, 1] - one[PACKET + k]
-    ax, ay = one[2 * PACKET + k], one[3 * PACKET + k]
-    bx, by = one[4 * PACKET + k], one[5 * PACKET + k]
-    return (x * by - y * bx) / turn, (ax * y - ay * x) / turn

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
 
-__all__ = ["SQUARE", "area", "clip_to_square", "cut", "edge_term", "gaps", "slope", "square_area"]
+__all__ = ["SQUARE", "area", "cut", "edge_term", "gaps", "slope", "square_area", "unit"]
 
 SQUARE = 4.0
 """Area of the square."""
@@ -26,7 +26,7 @@ def slope(rise: float, run: float) -> float:
 
 
 @inline
-def _unit(value: float) -> float:
+def unit(value: float) -> float:
     """Clamp to [-1, 1], in the form that becomes two vector instructions."""
     low = -1.0 if value < -1.0 else value
     return 1.0 if low > 1.0 else low
@@ -48,9 +48,9 @@ def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: floa
     rise, run : float
         Its slopes dy/dx and dx/dy, from `slope`.
     """
-    x0, x1 = _unit(px), _unit(qx)
+    x0, x1 = unit(px), unit(qx)
     y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
-    c0, c1 = _unit(y0), _unit(y1)
+    c0, c1 = unit(y0), unit(y1)
     crossings = (x0 + (c0 - y0) * run) + (x1 + (c1 - y1) * run)
     return c1 * x1 - c0 * x0 - 0.5 * (c1 - c0) * crossings
 
@@ -108,16 +108,6 @@ def cut(polygon, corners, ox, oy, ex, ey, inside, outside):
             right += 1
         qx, qy, q = px, py, p
     return left, right
-
-
-@kernel
-def clip_to_square(polygon, corners, spare, outside):
-    """Clip a convex polygon to the square, in place; returns its corners. The other arrays are scratch."""
-    corners, _ = cut(polygon, corners, -1.0, -1.0, 1.0, 0.0, spare, outside)
-    corners, _ = cut(spare, corners, 1.0, -1.0, 0.0, 1.0, polygon, outside) if corners > 2 else (0, 0)
-    corners, _ = cut(polygon, corners, 1.0, 1.0, -1.0, 0.0, spare, outside) if corners > 2 else (0, 0)
-    corners, _ = cut(spare, corners, -1.0, 1.0, 0.0, -1.0, polygon, outside) if corners > 2 else (0, 0)
-    return corners
 
 
 @kernel
