@@ -1,0 +1,189 @@
+"""The command line. Progress and messages go to standard error, answers to standard output."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NoReturn
+
+from heliosweep import __version__
+from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
+
+if TYPE_CHECKING:
+    from heliosweep.config.study import Study
+
+_EXIT_CODES = """\
+exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted, 1 anything else"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Command line without the program's name; that of this process where left out.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    options = _parser().parse_args(arguments)
+    logging.basicConfig(level=logging.DEBUG if options.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
+    for noisy in ("matplotlib", "numba", "asyncio", "PIL", "fontTools"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        return options.command(options) or 0
+    except HeliosweepError as error:
+        print(error, file=sys.stderr)
+        if isinstance(error, StudyError) and len(error.problems) > 1:
+            print(f"{len(error.problems)} problems found; nothing was written", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return RunInterrupted.exit_code
+    except BrokenPipeError:
+        # The reader of our output (head, less) went away: not an error of ours.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        if options.verbose:
+            raise
+        print(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
+        return 1
+
+
+def _interrupt(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="heliosweep",
+        description="Batch studies of solar-concentrator tracking and optics: one YAML file in, one NetCDF data set out.",
+        epilog=_EXIT_CODES,
+    )
+    parser.add_argument("--version", action="version", version=f"heliosweep {__version__}")
+    parser.add_argument("-v", "--verbose", action="store_true", help="say what is going on, and how long it takes")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def command(name: str, action: Callable[[argparse.Namespace], int | None], text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=_EXIT_CODES)
+        sub.set_defaults(command=action)
+        return sub
+
+    validate = command("validate", _validate, "check study files and list every problem at its line")
+    validate.add_argument("studies", nargs="+", metavar="STUDY.yaml")
+
+    plan = command("plan", _plan, "say what a study will cost before it runs")
+    _study_arguments(plan)
+
+    run = command("run", _run, "run a study and leave its result folder; prints the path of result.nc")
+    _study_arguments(run)
+    run.add_argument("--no-report", action="store_true", help="leave out figures and the HTML page")
+    run.add_argument("-q", "--quiet", action="store_true", help="show no progress")
+
+    report = command("report", _report, "draw the figures and the HTML page of a result folder again")
+    report.add_argument("folder", metavar="DIR")
+
+    schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
+    schema.add_argument("family")
+    schema.add_argument("--example", action="store_true", help="print a commented study file to start from instead")
+
+    command("families", _families, "list the study families")
+    return parser
+
+
+def _study_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("study", metavar="STUDY.yaml")
+    parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
+    parser.add_argument("--scheduler", choices=("threads", "processes", "synchronous"), help="where the work runs")
+    parser.add_argument("--workers", type=int, metavar="N", help="blocks that run at a time (default: all cores)")
+
+
+def _load(options: argparse.Namespace) -> Study:
+    """Load the study with what the command line says of its execution, and pass on its warnings."""
+    from heliosweep import workflow
+
+    study = workflow.load(options.study)
+    asked = {name: getattr(options, name) for name in ("scheduler", "workers") if getattr(options, name) is not None}
+    if asked.get("workers", 1) < 1:
+        raise StudyError(Problem(f"must be at least 1 (got {asked['workers']})", "--workers"))
+    _warn(study)
+    return study.model_copy(update={"execution": study.execution.model_copy(update=asked)})
+
+
+def _warn(study: Study) -> None:
+    for note in study.notes():
+        print(f"warning: {note}", file=sys.stderr)
+
+
+def _validate(options: argparse.Namespace) -> int:
+    from heliosweep import workflow
+
+    code = 0
+    for path in options.studies:
+        try:
+            study = workflow.load(path)
+        except StudyError as error:
+            print(error, file=sys.stderr)
+            code = error.exit_code
+        else:
+            _warn(study)
+            print(f"{path}: valid {study.family} study {study.study_id}")
+    return code
+
+
+def _plan(options: argparse.Namespace) -> None:
+    from heliosweep import workflow
+    from heliosweep.runtime.tables import plan_text
+
+    study = _load(options)
+    folder = workflow.result_folder(study, options.output)
+    print(plan_text(study, workflow.plan(study, folder), folder))
+
+
+def _run(options: argparse.Namespace) -> None:
+    from heliosweep import workflow
+
+    study = _load(options)
+    result = workflow.run(study, options.output, progress=not options.quiet, report=not options.no_report)
+    print(result.path)
+
+
+def _report(options: argparse.Namespace) -> None:
+    from heliosweep.report.page import write_report
+
+    print(write_report(options.folder))
+
+
+def _schema(options: argparse.Namespace) -> None:
+    from heliosweep.config.names import did_you_mean  # noqa: F401
+    from heliosweep.families.registry import families
+
+    known = families()
+    if options.family not in known:
+        raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
+    family = known[options.family]
+    if options.example:
+        print(family.example(), end="")
+        return
+    import json
+
+    from heliosweep.config.schema import json_schema
+
+    print(json.dumps(json_schema(family.study_class()), indent=2))
+
+
+def _families(_: argparse.Namespace) -> None:
+    from heliosweep.families.registry import families
+
+    width = max(map(len, families()))
+    for name, family in families().items():
+        print(f"{name:{width}}  {family.title}")

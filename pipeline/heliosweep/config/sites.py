@@ -1,0 +1,95 @@
+"""The named sites of a study: written in the study file, or in a CSV table beside it."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import ValidationError
+
+from heliosweep.config.blocks import NamedSite, SiteFile
+from heliosweep.config.faults import did_you_mean
+from heliosweep.config.study import Study
+from heliosweep.errors import Problem, StudyError
+
+_NUMBERS = ("latitude", "longitude", "altitude")
+
+
+def site_table(study: Study) -> tuple[NamedSite, ...]:
+    """Return the sites of a study in order; none where it has a single ``site``.
+
+    Raises
+    ------
+    StudyError
+        The table cannot be read; every wrong cell at its line.
+    """
+    sites: Any = getattr(study, "sites", None)
+    if sites is None:
+        return ()
+    if not isinstance(sites, SiteFile):
+        return sites
+    try:
+        text = study.resolve(sites.file).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError(study.problem("sites.file", f"cannot read {sites.file}: {error}")) from None
+    table: list[NamedSite] = []
+    problems: list[Problem] = []
+    for line, row in _rows(text, sites.file):
+        try:
+            table.append(NamedSite.model_validate(row))
+        except ValidationError as error:
+            problems += [
+                Problem(details["msg"], ".".join(map(str, details["loc"])), sites.file, line)
+                for details in error.errors(include_url=False)
+            ]
+    names = [site.name for site in table]
+    problems += [
+        Problem(f"two sites are named {name!r}", "name", sites.file)
+        for name in sorted({*names})
+        if names.count(name) > 1
+    ]
+    if not table and not problems:
+        problems.append(Problem("holds no sites", file=sites.file))
+    if problems:
+        raise StudyError(problems)
+    return tuple(table)
+
+
+def _rows(text: str, file: str) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield line number and cells of each row, numbers read and empty cells left out."""
+    reader = csv.reader(text.splitlines())
+    header: list[str] | None = None
+    for cells in reader:
+        cells = [cell.strip() for cell in cells]
+        if not any(cells) or cells[0].startswith("#"):
+            continue
+        if header is None:
+            header = cells
+            known = tuple(NamedSite.model_fields)
+            for name in header:
+                if name not in known:
+                    raise StudyError(
+                        Problem(
+                            f"unknown column {name!r}{did_you_mean(name, known)}",
+                            file=file,
+                            line=reader.line_num,
+                        )
+                    )
+            continue
+        if len(cells) != len(header):
+            message = f"has {len(cells)} cells where the header has {len(header)}"
+            raise StudyError(Problem(message, file=file, line=reader.line_num))
+        yield (
+            reader.line_num,
+            {name: _cell(name, cell) for name, cell in zip(header, cells, strict=True) if cell},
+        )
+
+
+def _cell(name: str, cell: str) -> Any:
+    if name not in _NUMBERS:
+        return cell
+    try:
+        return float(cell)
+    except ValueError:
+        return cell

@@ -1,0 +1,1 @@
+"""Study families, one folder each, and what they share."""

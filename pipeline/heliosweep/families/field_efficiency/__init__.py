@@ -1,0 +1,63 @@
+"""Annual optical efficiency of a heliostat field: cosine, shading and blocking, exactly.
+
+After Chong and Tan (2012), doi 10.1155/2012/908364.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.config.study import Study
+    from heliosweep.families.registry import NamedFigure
+    from heliosweep.grid.plan import Workload
+
+
+class FieldEfficiency:
+    """The family, for the registry; see `heliosweep.families.registry.Family`."""
+
+    name = "field_efficiency"
+    title = "annual cosine, shading, blocking and optical efficiency of a heliostat field"
+    references = ("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",)
+
+    def study_class(self) -> type[Study]:
+        """Pydantic model of the study file."""
+        from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
+
+        return FieldEfficiencyStudy
+
+    def workload(self, study: Study) -> Workload:
+        """Sizes and cost, for the plan."""
+        from heliosweep.families.field_efficiency import model
+
+        return model.workload(study)
+
+    def prepare(self) -> tuple[float, bool]:
+        """Load or compile the kernels; seconds it took, and whether something was compiled."""
+        from heliosweep.kernels.compiled import warm
+
+        return warm()
+
+    def build(self, study: Study, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
+        """Lazy result over a part of the parameter grid."""
+        from heliosweep.families.field_efficiency import model
+
+        return model.build(study, chunks, select)
+
+    def coordinates(self, study: Study) -> xr.Dataset:
+        """Coordinates of the whole result, in memory."""
+        from heliosweep.families.field_efficiency import model
+
+        return model.coordinates(study)
+
+    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
+        """Field maps, efficiency against latitude and what else the sweep shows."""
+        from heliosweep.families.field_efficiency import report
+
+        return report.figures(result)
+
+
+FAMILY = FieldEfficiency()

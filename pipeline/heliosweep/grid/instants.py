@@ -1,0 +1,136 @@
+"""Instants of a study, on the solar or on the civil clock, as labelled arrays along ``time``."""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.config.times import CivilTime, SolarTime
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+@dataclass(frozen=True)
+class Instants:
+    """The instants of a study, labelled.
+
+    Parameters
+    ----------
+    labels : dict of str to xarray.DataArray
+        Coordinates along ``time``: ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions ``site``
+        and ``time`` where the sites' clocks differ).
+    clock : {"solar", "civil"}
+        The clock they are given on.
+    """
+
+    labels: dict[str, xr.DataArray]
+    clock: str
+
+    def coordinates(self) -> dict[str, xr.DataArray]:
+        """The labels as coordinates of a result; instants that all sites share are the coordinate ``time`` itself."""
+        if self.clock == "civil" and self.labels["utc"].dims == ("time",):
+            return {"time": self.labels["utc"].assign_attrs(standard_name="time")}
+        return self.labels
+
+    @property
+    def size(self) -> int:
+        """Number of instants."""
+        return next(iter(self.labels.values())).sizes["time"]
+
+
+def solar_instants(time: SolarTime) -> Instants:
+    """Every hour of every day on the solar clock, day by day.
+
+    Parameters
+    ----------
+    time : SolarTime
+        Days (or declinations) and hours, already sampled as the study says.
+
+    Returns
+    -------
+    Instants
+        With ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], along ``time``.
+    """
+    hours = time.solar_hours()
+    declinations = time.declinations()
+    if declinations is None:
+        name, outer = "day", time.day_numbers()
+        attrs = {"long_name": "day of the year", "units": "1"}
+    else:
+        name, outer = "declination", declinations
+        attrs = {"long_name": "declination of the sun", "units": "degree"}
+    return Instants(
+        {
+            name: xr.DataArray(np.repeat(outer, hours.size), dims="time", attrs=attrs),
+            "solar_hour": xr.DataArray(
+                np.tile(hours, outer.size), dims="time", attrs={"long_name": "solar time of day", "units": "h"}
+            ),
+        },
+        "solar",
+    )
+
+
+def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
+    """Every step of every date's window on the civil clock, in universal time.
+
+    A window opens and closes on the wall clock and is cut in equal steps of elapsed time, so that the day of a
+    daylight-saving change is an hour shorter or longer where the window holds the change.
+
+    Parameters
+    ----------
+    time : CivilTime
+        Dates, window and sampling.
+    timezones : list of str
+        One per site: an offset such as ``+08:00`` or an IANA name.
+
+    Returns
+    -------
+    Instants
+        With ``utc`` along ``time`` where all sites share their instants, along (``site``, ``time``) otherwise;
+        sites with fewer instants are padded with NaT.
+    """
+    rows = [_utc_instants(time, zone) for zone in timezones]
+    attrs = {"long_name": "universal time"}
+    if all(row.size == rows[0].size and bool(np.all(row == rows[0])) for row in rows):
+        return Instants({"utc": xr.DataArray(rows[0], dims="time", attrs=attrs)}, "civil")
+    table = np.full((len(rows), max(row.size for row in rows)), np.datetime64("NaT", "ns"))
+    for index, row in enumerate(rows):
+        table[index, : row.size] = row
+    return Instants({"utc": xr.DataArray(table, dims=("site", "time"), attrs=attrs)}, "civil")
+
+
+def _utc_instants(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
+    zone = parse_timezone(timezone)
+    start, stop, step = time.window_seconds()
+    pieces = []
+    for date in time.date_list():
+        opens, closes = (_universal(date, seconds, zone) for seconds in (start, stop))
+        count = np.floor((closes - opens) / step + 1e-9)
+        if time.sampling == "midpoint":
+            offsets = (np.arange(count) + 0.5) * step
+        elif time.sampling == "left":
+            offsets = np.arange(np.ceil((closes - opens) / step - 1e-9)) * step
+        else:
+            offsets = np.arange(count + 1) * step
+        pieces.append(np.round((opens + offsets) * 1e9).astype(np.int64).view("datetime64[ns]"))
+    return np.concatenate(pieces)
+
+
+def parse_timezone(timezone: str) -> dt.tzinfo:
+    """Time zone from an offset such as ``+08:00`` or an IANA name such as ``Asia/Shanghai``."""
+    if timezone[:1] in "+-":
+        sign = -1 if timezone[0] == "-" else 1
+        hours, minutes = timezone[1:].split(":")
+        return dt.timezone(sign * dt.timedelta(hours=int(hours), minutes=int(minutes)))
+    return ZoneInfo(timezone)
+
+
+def _universal(date: dt.date, seconds: float, zone: dt.tzinfo) -> float:
+    """Seconds since 1970 of a wall-clock time; in an hour that occurs twice, its first occurrence."""
+    midnight = dt.datetime.combine(date, dt.time())
+    return (midnight + dt.timedelta(seconds=seconds)).replace(tzinfo=zone).timestamp()

@@ -1,0 +1,110 @@
+"""The layouts that a study names: one, or one for each value of what is swept in its ``layout`` block."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from heliosweep.config.blocks import RadialStagger
+from heliosweep.config.study import Dimension, Study
+from heliosweep.errors import StudyError
+from heliosweep.layouts.csv import read_csv
+from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.radial_stagger import Zone, radial_stagger
+
+#: Columns of a layout that are mirror sizes; they stand for ``heliostat.width`` and ``heliostat.height``.
+SIZE_COLUMNS = ("width", "height")
+
+
+class Layouts:
+    """All layouts of a study, made when they are asked for.
+
+    Parameters
+    ----------
+    study : Study
+        Study with a ``layout`` block.
+    reserved : frozenset of str
+        Names that columns of a layout file must not have, because the result uses them.
+    """
+
+    def __init__(self, study: Study, reserved: frozenset[str] = frozenset()) -> None:
+        self._study = study
+        self._block: Any = study.layout  # type: ignore[attr-defined]
+        self._reserved = reserved
+        self.dimensions: list[Dimension] = [
+            dim for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps)
+        ]
+
+    def __len__(self) -> int:
+        count = 1
+        for dim in self.dimensions:
+            count *= len(dim)
+        return count
+
+    def __getitem__(self, index: tuple[int, ...]) -> Layout:
+        """Layout at a position along each of `dimensions`.
+
+        Raises
+        ------
+        StudyError
+            Where the file or the generator's parameters are wrong, located in the study or layout file.
+        """
+        values = {
+            key: sweep[position]
+            for dim, position in zip(self.dimensions, index, strict=True)
+            for key, sweep in dim.sweeps.items()
+        }
+        if self._block.file is not None:
+            return self._read(values.get("layout.file", self._block.file))
+        return self._generate({key.rpartition(".")[2]: value for key, value in values.items()})
+
+    def __iter__(self) -> Iterator[Layout]:
+        return (self[index] for index in itertools.product(*(range(len(dim)) for dim in self.dimensions)))
+
+    def _read(self, name: str) -> Layout:
+        path = self._study.resolve(name)
+        try:
+            stamp = path.stat().st_mtime_ns
+        except OSError:
+            stamp = None
+        try:
+            return _read_cached(path, self._reserved, name, stamp)
+        except StudyError as error:
+            raise StudyError(
+                [
+                    problem
+                    if problem.line
+                    else self._study.problem("layout.file", f"{name}: {problem.message}")
+                    for problem in error.problems
+                ]
+            ) from None
+
+    def _generate(self, swept: Mapping[str, Any]) -> Layout:
+        block: RadialStagger = self._block.radial_stagger
+        given = {
+            key: swept.get(key, getattr(block, key))
+            for key in ("clearance", "inner_radius", "rings", "heliostats")
+        }
+        counts = {key: None if given[key] is None else int(given[key]) for key in ("rings", "heliostats")}
+        zones = None if block.zones is None else tuple(Zone(z.start, z.rings, z.pitch) for z in block.zones)
+        try:
+            return _generate_cached(given["clearance"], given["inner_radius"], **counts, zones=zones)
+        except StudyError as error:
+            raise StudyError(
+                [
+                    self._study.problem(f"layout.radial_stagger.{problem.key}", problem.message)
+                    for problem in error.problems
+                ]
+            ) from None
+
+
+@lru_cache(maxsize=8)
+def _read_cached(path: Path, reserved: frozenset[str], name: str, stamp: int | None) -> Layout:
+    """Read a file once while it does not change (`stamp`)."""
+    return read_csv(path, reserved, name)
+
+
+_generate_cached = lru_cache(maxsize=8)(radial_stagger)

@@ -1,0 +1,1 @@
+"""Labelled statistics over finished quantities."""

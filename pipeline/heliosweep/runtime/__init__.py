@@ -1,0 +1,1 @@
+"""Where the work runs, and how its progress is shown; never what it computes."""

@@ -1,0 +1,87 @@
+"""Compute a planned study part by part and write each part while the next one is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.config.study import Study
+from heliosweep.families.registry import Family
+from heliosweep.grid.plan import Plan
+from heliosweep.runtime.progress import Progress, Silent, show_progress
+from heliosweep.runtime.scheduler import compute, scheduler
+from heliosweep.store.attributes import global_attributes
+from heliosweep.store.netcdf import ResultWriter, Variable
+
+Part = tuple[dict[str, np.ndarray], Mapping[str, slice]]
+
+
+def execute(family: Family, study: Study, plan: Plan, path: Path, show: bool) -> None:
+    """Run a planned study and leave its result file.
+
+    Parameters
+    ----------
+    family : Family
+        Of the study.
+    study : Study
+        Checked study.
+    plan : Plan
+        Its plan.
+    path : pathlib.Path
+        Result file; appears when it is complete, or not at all.
+    show : bool
+        Whether to show progress on standard error.
+    """
+    first = family.build(study, plan.chunks, {dim: slice(0, 1) for dim in plan.workload.parameters})
+    variables = {
+        str(name): Variable(
+            tuple(map(str, array.dims)), array.attrs, array.dtype, plan.storage if "time" in array.dims else {}
+        )
+        for name, array in first.data_vars.items()
+    }
+    writer = ResultWriter(
+        path,
+        plan.workload.sizes,
+        family.coordinates(study),
+        variables,
+        global_attributes(study, family.title, family.references),
+        study.output.compression_level if study.output.compression == "zlib" else 0,
+    )
+    execution = study.execution
+    display = show_progress(study.title or study.family, plan.blocks) if show else nullcontext(Silent())
+    with writer, scheduler(execution.scheduler, plan.workers), display as progress, ThreadPoolExecutor(1) as pool:
+        # This thread computes, so that an interruption reaches it; the other one only writes.
+        pending: Future[None] | None = None
+        for values, region in _parts(family, study, plan, progress):
+            if pending:
+                pending.result()
+            pending = pool.submit(writer.write, values, region)
+        if pending:
+            pending.result()
+
+
+def _parts(family: Family, study: Study, plan: Plan, progress: Progress) -> Iterator[Part]:
+    """Values of every part in the order of the file: all that has no ``time`` first, then the time series."""
+    for region in plan.parts():
+        lazy = family.build(study, plan.chunks, region)
+        yield _values(lazy[[name for name, array in lazy.data_vars.items() if "time" not in array.dims]], progress), region
+    if not plan.series_part:
+        return
+    lazy, built = xr.Dataset(), None
+    for region in plan.series_parts():
+        point = {dim: span for dim, span in region.items() if dim != "time"}
+        if point != built:
+            whole = family.build(study, plan.chunks, point)
+            lazy = whole[[name for name, array in whole.data_vars.items() if "time" in array.dims]]
+            built = point
+        yield _values(lazy.isel(time=region["time"]), progress), region
+
+
+def _values(lazy: xr.Dataset, progress: Progress) -> dict[str, np.ndarray]:
+    done = compute(lazy.drop_vars(lazy.coords), progress)
+    return {str(name): array.to_numpy() for name, array in done.data_vars.items()}

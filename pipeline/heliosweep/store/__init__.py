@@ -1,0 +1,1 @@
+"""Results on disk: NetCDF files, digests and manifests."""

@@ -1,0 +1,77 @@
+"""Digests of results: of the bytes of a file, and of its meaning."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+
+#: Values hashed at a time. [bytes]
+_PIECE = 16 * 2**20
+
+
+def file_digest(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file, as hexadecimal digits."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def content_digest(path: str | os.PathLike[str]) -> str:
+    """SHA-256 over names, dimensions, types, attributes and values of a NetCDF file.
+
+    Equal for files that say the same, whatever library version, storage layout or compression wrote them.
+
+    Parameters
+    ----------
+    path : path
+        NetCDF file.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        digest.update(_canonical({name: len(dim) for name, dim in file.dimensions.items()}))
+        digest.update(_canonical(_attributes(file)))
+        for name in sorted(file.variables):
+            variable = file.variables[name]
+            text = variable.dtype is str
+            digest.update(_canonical([name, variable.dimensions, "str" if text else variable.dtype.str]))
+            digest.update(_canonical(_attributes(variable)))
+            for piece in _pieces(variable):
+                digest.update(_canonical(piece.tolist()) if text else np.ascontiguousarray(piece).tobytes())
+    return digest.hexdigest()
+
+
+def _attributes(item: netCDF4.Dataset | netCDF4.Variable) -> dict[str, object]:
+    values = {name: item.getncattr(name) for name in sorted(item.ncattrs())}
+    return {name: np.asarray(value).tolist() for name, value in values.items()}
+
+
+def _canonical(value: object) -> bytes:
+    return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
+
+
+def _pieces(variable: netCDF4.Variable) -> Iterator[np.ndarray]:
+    """The values in the order of their dimensions, in pieces of bounded size cut along the leading dimensions."""
+    if variable.ndim == 0:
+        yield np.asarray(variable[...])
+        return
+    room = _PIECE // 8
+    lengths = []
+    for size in reversed(variable.shape):
+        lengths.append(max(1, min(size, room)))
+        room //= max(1, size)
+    lengths.reverse()
+    starts = [range(0, size, length) for size, length in zip(variable.shape, lengths, strict=True)]
+    for corner in itertools.product(*starts):
+        yield variable[tuple(slice(i, i + n) for i, n in zip(corner, lengths, strict=True))]

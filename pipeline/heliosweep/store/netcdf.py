@@ -1,0 +1,197 @@
+"""Writing `result.nc`: by regions, in one fixed order, under a temporary name until it is whole.
+
+The bytes depend on the values and on the library versions alone. HDF5 lays storage out in the order of writing, so
+everything is written in an order that the blocks, workers and parts of a run do not change: annual variables are
+contiguous, time series are written one whole storage chunk after the other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What the file is told of a variable before its values come.
+
+    Parameters
+    ----------
+    dims : tuple of str
+        Dimensions in the order of storage.
+    attrs : mapping
+        Attributes; ``units`` and ``long_name`` among them.
+    dtype : numpy.dtype
+        Of the stored values.
+    storage : mapping of str to int
+        Lengths of a storage chunk; empty: contiguous, uncompressed.
+    """
+
+    dims: tuple[str, ...]
+    attrs: Mapping[str, Any]
+    dtype: np.dtype = field(default_factory=lambda: np.dtype(np.float64))
+    storage: Mapping[str, int] = field(default_factory=dict)
+
+
+class ResultWriter:
+    """A NetCDF-4 file that appears under its name only when it is complete.
+
+    Parameters
+    ----------
+    path : path
+        Where the file shall stand. Its folder must exist.
+    sizes : mapping of str to int
+        Dimensions, in the order of the file.
+    coordinates : xarray.Dataset
+        Coordinate variables, in memory.
+    variables : mapping of str to Variable
+        Data variables, to be filled by `write`.
+    attributes : mapping
+        Global attributes, strings and numbers.
+    compression_level : int
+        Deflate level of chunked variables, 0 for none.
+
+    Notes
+    -----
+    Use as a context manager: leaving it normally renames the file into place, leaving it by an exception removes it.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        sizes: Mapping[str, int],
+        coordinates: xr.Dataset,
+        variables: Mapping[str, Variable],
+        attributes: Mapping[str, Any],
+        compression_level: int = 1,
+    ) -> None:
+        self.path = Path(path)
+        self.temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self._variables = variables
+        self._sizes = sizes
+        self._file = netCDF4.Dataset(self.temporary, "w", format="NETCDF4")
+        try:
+            self._define(sizes, coordinates, variables, attributes, compression_level)
+        except BaseException:
+            self._discard()
+            raise
+
+    def _define(
+        self,
+        sizes: Mapping[str, int],
+        coordinates: xr.Dataset,
+        variables: Mapping[str, Variable],
+        attributes: Mapping[str, Any],
+        compression_level: int,
+    ) -> None:
+        self._file.set_auto_maskandscale(False)
+        self._file.setncatts(dict(attributes))
+        for dim, size in sizes.items():
+            self._file.createDimension(dim, size)
+        for name, coordinate in coordinates.coords.items():
+            values, attrs = _encode(coordinate)
+            target = self._file.createVariable(
+                str(name), str if values.dtype == object else values.dtype, coordinate.dims, fill_value=False
+            )
+            target.setncatts(attrs)
+            target[...] = values
+        for name, variable in variables.items():
+            chunks = [min(variable.storage.get(dim, 1), sizes[dim]) for dim in variable.dims]
+            target = self._file.createVariable(
+                name,
+                variable.dtype,
+                variable.dims,
+                fill_value=np.nan if variable.dtype.kind == "f" else False,
+                chunksizes=chunks if variable.storage else None,
+                compression="zlib" if variable.storage and compression_level else None,
+                complevel=compression_level,
+                shuffle=True,
+                contiguous=not variable.storage,
+            )
+            labels = [
+                str(label)
+                for label, coordinate in coordinates.coords.items()
+                if label not in sizes and set(coordinate.dims) <= set(variable.dims)
+            ]
+            target.setncatts({**variable.attrs, **({"coordinates": " ".join(labels)} if labels else {})})
+
+    def write(self, values: Mapping[str, np.ndarray], region: Mapping[str, slice]) -> None:
+        """Write variables over one region of the grid.
+
+        Parameters
+        ----------
+        values : mapping of str to ndarray
+            Arrays in the order of each variable's dimensions. Regions of chunked variables must begin and end at
+            storage chunks.
+        region : mapping of str to slice
+            Start and stop along the dimensions that the values do not span whole.
+        """
+        chunked = {name: array for name, array in values.items() if self._variables[name].storage}
+        for name, array in values.items():
+            if name not in chunked:
+                self._file[name][self._index(name, region)] = array
+        if not chunked:
+            return
+        dims = self._variables[next(iter(chunked))].dims
+        for cell in self._cells(next(iter(chunked)), region):
+            for name, array in chunked.items():
+                index = tuple(slice(c.start - o.start, c.stop - o.start) for c, o in zip(
+                    cell, self._index(name, region), strict=True))
+                if self._variables[name].dims != dims:
+                    raise ValueError(f"{name} is not chunked like the variables written with it")
+                self._file[name][cell] = array[index]
+
+    def _index(self, name: str, region: Mapping[str, slice]) -> tuple[slice, ...]:
+        return tuple(region.get(dim, slice(0, self._sizes[dim])) for dim in self._variables[name].dims)
+
+    def _cells(self, name: str, region: Mapping[str, slice]) -> Iterator[tuple[slice, ...]]:
+        """Storage chunks of a region, last dimension fastest."""
+        variable = self._variables[name]
+        ranges = []
+        for dim, span in zip(variable.dims, self._index(name, region), strict=True):
+            length = variable.storage.get(dim, 1)
+            ranges.append([slice(i, min(i + length, span.stop)) for i in range(span.start, span.stop, length)])
+        yield from itertools.product(*ranges)
+
+    def _discard(self) -> None:
+        # Closing flushes, which fails again where the disk is full; the file must go all the same.
+        with contextlib.suppress(OSError, RuntimeError):
+            self._file.close()
+        self.temporary.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            self._discard()
+            return
+        try:
+            self._file.close()
+            with self.temporary.open("rb") as file:
+                os.fsync(file.fileno())
+            self.temporary.replace(self.path)
+        except BaseException:
+            self.temporary.unlink(missing_ok=True)
+            raise
+
+
+def _encode(coordinate: xr.DataArray) -> tuple[np.ndarray, dict[str, Any]]:
+    """Values and attributes as NetCDF holds them: text as strings, times as seconds since 1970."""
+    values, attrs = coordinate.to_numpy(), dict(coordinate.attrs)
+    if values.dtype.kind in "UOT":
+        return values.astype(str).astype(object), attrs
+    if values.dtype.kind == "M":
+        known = ~np.isnat(values)
+        seconds = np.where(known, values.astype("datetime64[ns]").astype(np.int64) / 1e9, np.nan)
+        return seconds, {**attrs, "units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
+    return values, attrs
