@@ -14,7 +14,8 @@ from heliosweep.config.fields import Parameter
 class Block(BaseModel):
     """A mapping of a study file: frozen, with known keys only.
 
-    A subclass declares its keys as annotated fields and may state in :meth:`rules` what must hold between them.
+    A subclass declares its keys as annotated fields and may state in :meth:`rules` what must hold between
+    them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

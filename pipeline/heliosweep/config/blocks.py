@@ -9,13 +9,14 @@ from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault
-from heliosweep.config.fields import Choice, FileName, Flag, Quantity, Text
+from heliosweep.config.names import Choice, FileName, Flag, Text
+from heliosweep.config.quantity import Quantity
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime, Time, TimeZone
 
 __all__ = [
-    "Block", "CivilTime", "Execution", "Heliostat", "Layout", "NamedSite", "Output", "RadialStagger", "Receiver",
-    "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "Zone",
+    "Block", "CivilTime", "Execution", "Heliostat", "Layout", "NamedSite", "Output", "RadialStagger",
+    "Receiver", "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "Zone",
 ]  # fmt: skip
 
 _LATITUDE = "Geographic latitude, positive north"
@@ -143,9 +144,7 @@ class RadialStagger(Block):
             title="radius of the first ring",
         ),
     ] = None
-    rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = (
-        None
-    )
+    rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
     heliostats: Annotated[
         int | Sweep | None,
         Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count"),
@@ -155,12 +154,10 @@ class RadialStagger(Block):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
-        """Exactly one key says how far the field goes."""
+        """Check that exactly one key says how far the field goes."""
         given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
         if len(given) != 1:
-            yield Fault(
-                "give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False
-            )
+            yield Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)
         if self.inner_radius is None and self.zones is None:
             yield Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)
 
@@ -168,9 +165,7 @@ class RadialStagger(Block):
 class Layout(Block):
     """Where the heliostats stand: a table, or a generator with its parameters."""
 
-    model_config = ConfigDict(
-        json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["radial_stagger"]}]}
-    )
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["radial_stagger"]}]})
 
     file: Annotated[
         str | Sweep | None,
@@ -182,7 +177,7 @@ class Layout(Block):
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
 
     def rules(self) -> Iterable[Fault]:
-        """A table or a generator."""
+        """Check that there is a table or a generator, not both."""
         if (self.file is None) == (self.radial_stagger is None):
             yield Fault("give exactly one of 'file' and 'radial_stagger'", show_value=False)
 
@@ -208,14 +203,12 @@ class Execution(Block):
     ] = None
     memory: Annotated[
         int | None,
-        Quantity(
-            "Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False
-        ),
+        Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False),
     ] = None
     chunks: Annotated[
         dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]],
         Field(description="Sizes of chunks along named dimensions; by default chosen by the plan"),
-    ] = {}
+    ] = Field(default_factory=dict)
 
 
 class Output(Block):
@@ -224,9 +217,7 @@ class Output(Block):
     time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
     compression: Annotated[
         str,
-        Choice(
-            "Compression of result.nc", {"none": "fastest", "zlib": "smaller, read everywhere"}, sweep=False
-        ),
+        Choice("Compression of result.nc", {"none": "fastest", "zlib": "smaller, read everywhere"}, sweep=False),
     ] = "none"
     compression_level: Annotated[
         int, Quantity("Level of zlib, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)

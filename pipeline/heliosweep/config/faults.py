@@ -55,9 +55,7 @@ def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
         "study",
         [
             InitErrorDetails(
-                type=PydanticCustomError(
-                    "fault" if fault.show_value else "rule", "{text}", {"text": fault.message}
-                ),
+                type=PydanticCustomError("fault" if fault.show_value else "rule", "{text}", {"text": fault.message}),
                 loc=fault.path,
                 input=None,
             )
@@ -68,7 +66,9 @@ def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return ``; did you mean '...'?`` with the nearest of the `known` words, or nothing if none is near."""
-    nearest = difflib.get_close_matches(word[:100], list(known), n=1)
+    known = list(known)
+    swapped = [name for name in known if len(name) == len(word) and sorted(name) == sorted(word)]
+    nearest = swapped or difflib.get_close_matches(word[:50], known, n=1)
     return f"; did you mean '{nearest[0]}'?" if nearest else ""
 
 
@@ -86,9 +86,10 @@ def shown(value: object) -> str:
         return str(value).lower()
     if isinstance(value, dict):
         return "a mapping" if value else "an empty mapping"
-    if isinstance(value, list | tuple) and len(text := f"[{', '.join(shown(v) for v in value[:10])}]") > 40:
-        return f"a list of {len(value)}"
     if isinstance(value, list | tuple):
-        return text if len(value) <= 10 else f"a list of {len(value)}"
+        text = f"[{', '.join(shown(entry) for entry in value[:10])}]"
+        return text if len(value) <= 10 and len(text) <= 40 else f"a list of {len(value)}"
+    if isinstance(value, int) and value.bit_length() > 100:
+        return "a huge number"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

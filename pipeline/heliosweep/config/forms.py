@@ -1,5 +1,8 @@
-"""The forms in which swept values are written: ``[0, 15, 30]``, ``{start, stop, step}``, ``{start, stop, num}``,
-``{logspace: {start, stop, num}}``."""
+"""The forms in which swept values are written.
+
+A list ``[0, 15, 30]``, a range ``{start, stop, step}`` or ``{start, stop, num}``, a geometric range
+``{logspace: {start, stop, num}}``.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from heliosweep.config.faults import Fault, Invalid, did_you_mean
 from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
 
 MAX_POINTS = 10**15
+MAX_FAULTS = 100  # of one list; nobody reads more
 RANGE_KEYS = ("start", "stop", "step", "num")
 _ON_STEP = Decimal("1e-9")  # a stop this near to the last step, in steps, falls on it
 
@@ -34,7 +38,7 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber) -> Sw
         With every fault, each at its inner key.
     """
     if not isinstance(raw, Mapping):
-        return read_list(raw, number)
+        return Listed(read_items(raw, number))
     if "logspace" in raw:
         if len(raw) > 1:
             raise Invalid(Fault("'logspace' cannot be mixed with other keys", show_value=False))
@@ -45,13 +49,15 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber) -> Sw
     return _read_range(raw, number)
 
 
-def read_list(raw: Sequence[Any], read: Callable[[Any], Any]) -> Listed:
-    """Read a list of numbers or names, which must not be empty nor name a value twice. Raises Invalid."""
+def read_items(raw: Sequence[Any], read: Callable[[Any], Any]) -> tuple[Any, ...]:
+    """Read the entries of a list, which must not be empty nor hold a value twice. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
     items: dict[Any, int] = {}
     faults: list[Fault] = []
     for position, entry in enumerate(raw):
+        if len(faults) > MAX_FAULTS:
+            break
         try:
             value = read(entry)
         except Invalid as error:
@@ -61,7 +67,7 @@ def read_list(raw: Sequence[Any], read: Callable[[Any], Any]) -> Listed:
             faults.append(Fault("the same value stands in the list twice", (position,)))
     if faults:
         raise Invalid(faults)
-    return Listed(tuple(items))
+    return tuple(items)
 
 
 def _read_range(raw: Mapping[str, Any], number: ReadNumber) -> Range:
@@ -93,9 +99,7 @@ def _stepped(start: float, stop: float, step: float) -> tuple[int, float, float 
         raise Invalid(Fault("must not be zero", ("step",)))
     if (stop - start) * step < 0:
         sign = "positive" if stop > start else "negative"
-        raise Invalid(
-            Fault(f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", ("step",))
-        )
+        raise Invalid(Fault(f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", ("step",)))
     exact_start, exact_step = Decimal(repr(start)), Decimal(repr(step))
     steps = (Decimal(repr(stop)) - exact_start) / exact_step
     if steps >= MAX_POINTS:
@@ -116,10 +120,8 @@ def _read_logspace(raw: Any, number: ReadNumber) -> Geometric:
     if start * stop < 0:
         faults.append(Fault("must have the sign of start", ("stop",)))
     if (num == 1) != (start == stop):
-        message = (
-            "must be at least 2 where start and stop differ" if num == 1 else "must be 1 where they are equal"
-        )
-        faults.append(Fault(message, ("num",)))
+        needed = "at least 2 where start and stop differ" if num == 1 else "1 where they are equal"
+        faults.append(Fault(f"must be {needed}", ("num",)))
     if faults:
         raise Invalid(faults)
     return Geometric(start, stop, num)
@@ -127,11 +129,8 @@ def _read_logspace(raw: Any, number: ReadNumber) -> Geometric:
 
 def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str]) -> list[Fault]:
     """Return the faults of the keys of a range."""
-    faults = [
-        Fault(f"unknown key{did_you_mean(str(key), known)}", (key,), show_value=False)
-        for key in raw
-        if key not in known
-    ]
+    unknown = [key for key in raw if key not in known][:MAX_FAULTS]
+    faults = [Fault(f"unknown key{did_you_mean(str(key), known)}", (key,), show_value=False) for key in unknown]
     missing = [key for key in required if key not in raw]
     if missing:
         hint = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
@@ -140,9 +139,7 @@ def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence
     return faults
 
 
-def _read_parts(
-    raw: Mapping[str, Any], readers: Mapping[str, ReadNumber], faults: list[Fault]
-) -> dict[str, float]:
+def _read_parts(raw: Mapping[str, Any], readers: Mapping[str, ReadNumber], faults: list[Fault]) -> dict[str, float]:
     """Read the numbers of a range; raise Invalid with `faults` and all that are found on the way."""
     values: dict[str, float] = {}
     for key in readers.keys() & raw.keys():
@@ -156,7 +153,7 @@ def _read_parts(
 
 
 def _count(raw: Any) -> float:
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not float(raw).is_integer():
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1 != 0:
         raise Invalid("must be a whole number")
     if not 1 <= raw <= MAX_POINTS:
         raise Invalid(f"must be between 1 and {MAX_POINTS:.0e}")

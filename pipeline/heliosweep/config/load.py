@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, islice
 from typing import Any
 
 from pydantic import ValidationError
@@ -14,6 +15,8 @@ from heliosweep.config.faults import Path, did_you_mean, one_of, shown
 from heliosweep.config.source import Source, read
 from heliosweep.config.study import Study
 from heliosweep.errors import Problem, StudyError
+
+MAX_PROBLEMS = 100
 
 Registry = Mapping[str, type[Study]]
 """The study class of each family, by name."""
@@ -57,7 +60,8 @@ def load(path: str | os.PathLike[str], registry: Registry) -> Study:
 
 
 def load_mapping(data: Mapping[str, Any], registry: Registry) -> Study:
-    """Make a study of plain data, as :func:`load` does of a file; file names count from the working directory.
+    """Make a study of plain data, as :func:`load` does of a file; file names count from the working
+    directory.
 
     Raises
     ------
@@ -70,20 +74,22 @@ def load_mapping(data: Mapping[str, Any], registry: Registry) -> Study:
 def _validated(source: Source, registry: Registry) -> Study:
     problems = list(source.problems)
     study_class = _study_class(source, registry, problems)
-    nulls = list(_nulls(source.data))
+    nulls = set(islice(_nulls(source.data), MAX_PROBLEMS + 1))
     problems += [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
     study = None
     if study_class is not None:
         try:
             study = study_class.model_validate(source.data)
         except ValidationError as error:
-            located = [_located(details, study_class, source) for details in error.errors(include_url=False)]
-            problems += [problem for path, problem in located if path not in nulls]
+            located = (_located(details, study_class, source) for details in error.errors(include_url=False))
+            found = (problem for path, problem in located if path not in nulls and problem is not None)
+            problems += islice(found, MAX_PROBLEMS + 1)
     if problems or study is None:
-        raise StudyError(_in_order(problems))
+        raise _refusal(problems)
     study._source = source
-    if problems := [*_zip_problems(study), *_missing_files(study), *study.check()]:
-        raise StudyError(_in_order(problems))
+    for problems_found in (chain(_zip_problems(study), _missing_files(study)), study.check()):
+        if problems := list(islice(problems_found, MAX_PROBLEMS + 1)):
+            raise _refusal(problems)
     return study
 
 
@@ -93,20 +99,22 @@ def _study_class(source: Source, registry: Registry, problems: list[Problem]) ->
     if isinstance(family, str) and family in registry:
         return registry[family]
     if "family" not in source.data:
-        typo = did_you_mean("family", (key for key in source.data if isinstance(key, str)))
-        hint = typo.replace("did you mean", "is it").replace("?", " that you meant?") if typo else ""
-        problems.append(source.problem(("family",), f"is missing: {one_of(registry)}{hint}"))
+        problems.append(source.problem(("family",), f"is missing: {one_of(registry)}"))
+    elif family is None:
+        pass  # reported with everything else that is not given
     elif not isinstance(family, str):
-        if family is not None:
-            problems.append(source.problem(("family",), f"must be {one_of(registry)} (got {shown(family)})"))
+        problems.append(source.problem(("family",), f"must be {one_of(registry)} (got {shown(family)})"))
     else:
         hint = did_you_mean(family, registry) or f"; use {one_of(registry)}"
         problems.append(source.problem(("family",), f"unknown family{hint} (got {shown(family)})"))
     return None
 
 
-def _located(details: ErrorDetails, study_class: type[Study], source: Source) -> tuple[Path, Problem]:
-    """Return where an error of pydantic stands and what it says in the words of this project."""
+def _located(details: ErrorDetails, study_class: type[Study], source: Source) -> tuple[Path, Problem | None]:
+    """Return where an error of pydantic stands and what it says in the words of this project.
+
+    None for an error that only follows from others.
+    """
     kind, context = details["type"], details.get("ctx", {})
     path = _path(details["loc"], source.data, keep_last=kind in ("missing", "extra_forbidden"))
     if kind == "extra_forbidden":
@@ -131,6 +139,8 @@ def _located(details: ErrorDetails, study_class: type[Study], source: Source) ->
         message = _MESSAGES.get(kind, "is not valid here")
     if kind == "rule":
         return path, source.problem(path, message)
+    if kind == "too_short" and source.value(path):
+        return path, None  # its entries are at fault
     try:
         got = f" (got {shown(source.value(path))})"
     except (KeyError, IndexError, TypeError):
@@ -142,13 +152,9 @@ def _path(location: tuple[int | str, ...], data: Any, *, keep_last: bool) -> Pat
     """Return the path in the file for a location of pydantic, which also names the chosen member of a union."""
     path: list[str | int] = []
     for position, part in enumerate(location):
-        present = (
-            part in data
-            if isinstance(data, dict)
-            else isinstance(data, list | tuple) and isinstance(part, int)
-        )
-        if present:
-            data = data[part]  # type: ignore[index]
+        in_list = isinstance(data, list | tuple) and isinstance(part, int)
+        if in_list or (isinstance(data, dict) and part in data):
+            data = data[part]
             path.append(part)
         elif keep_last and position == len(location) - 1:
             path.append(part)
@@ -160,7 +166,7 @@ def _purpose(block: type[Block] | None, key: str) -> str:
     if block is None:
         return ""
     parameter = block.parameter(key)
-    text = parameter.purpose if parameter else block.model_fields[key].description
+    text = parameter.purpose if parameter is not None else block.model_fields[key].description
     return f": {text}" if text else ""
 
 
@@ -187,8 +193,8 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
     for i, group in enumerate(study.zip):
         members = []
         for j, entry in enumerate(group):
-            key = entry if entry in sweeps else by_name.get(entry)
-            if key is None:
+            key = entry if entry in sweeps else by_name.get(entry, "")
+            if not key:
                 hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
@@ -212,10 +218,13 @@ def _missing_files(study: Study) -> Iterator[Problem]:
                 found = False
             if not found:
                 place = f"{key}[{position}]" if len(names) > 1 else key
-                yield study.problem(
-                    place, f"no such file, looked for relative to the study file (got {shown(name)})"
-                )
+                yield study.problem(place, f"no such file, looked for relative to the study file (got {shown(name)})")
 
 
-def _in_order(problems: Iterable[Problem]) -> list[Problem]:
-    return sorted(problems, key=lambda problem: (problem.line or 0, problem.column or 0, problem.key))
+def _refusal(problems: Iterable[Problem]) -> StudyError:
+    """Return the error that lists the problems in the order of the file."""
+    ordered = sorted(problems, key=lambda problem: (problem.line or 0, problem.column or 0, problem.key))
+    if len(ordered) > MAX_PROBLEMS:
+        more = Problem(f"and at least {len(ordered) - MAX_PROBLEMS} more problems", file=ordered[0].file)
+        ordered = [*ordered[:MAX_PROBLEMS], more]
+    return StudyError(ordered)

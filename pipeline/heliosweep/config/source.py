@@ -1,7 +1,7 @@
 """Strict YAML: plain data, and the line and column of every key and value.
 
-The text is read event by event, so nothing is built from it but mappings, lists and scalars. Scalars follow the core
-schema of YAML 1.2: ``1e-3`` is a number; ``no``, ``12:30`` and ``2021-06-21`` are text.
+The text is read event by event, so nothing is built from it but mappings, lists and scalars. Scalars follow
+the core schema of YAML 1.2: ``1e-3`` is a number; ``no``, ``12:30`` and ``2021-06-21`` are text.
 """
 
 from __future__ import annotations
@@ -111,8 +111,9 @@ def read(path: str | os.PathLike[str]) -> Source:
     Raises
     ------
     StudyError
-        The file cannot be read, is over 1 MiB, is not UTF-8 or not YAML, or uses what study files do not allow:
-        anchors and aliases, tags, several documents, more than 50 levels, a top level that is not a mapping.
+        The file cannot be read, is over 1 MiB, is not UTF-8 or not YAML, or uses what study files do not
+        allow: anchors and aliases, tags, several documents, more than 50 levels, a top level that is not a
+        mapping.
     """
     path = pathlib.Path(path)
     try:
@@ -127,9 +128,7 @@ def read(path: str | os.PathLike[str]) -> Source:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise StudyError(
-            Problem("is not UTF-8 text; save the file as UTF-8", file=str(path), line=line)
-        ) from None
+        raise StudyError(Problem("is not UTF-8 text; save the file as UTF-8", file=str(path), line=line)) from None
     return parse(text, path)
 
 
@@ -156,9 +155,7 @@ class _Reader:
     def source(self) -> Source:
         if bad := _NOT_PRINTABLE.search(self.text):
             before = self.text[: bad.start()].split("\n")
-            self.refuse(
-                f"character U+{ord(bad[0]):04X} is not allowed", Place(len(before), len(before[-1]) + 1)
-            )
+            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed", Place(len(before), len(before[-1]) + 1))
         try:
             data = self.document(yaml.parse(self.text, _LOADER))
         except yaml.MarkedYAMLError as error:
@@ -179,14 +176,10 @@ class _Reader:
         first = next(events)
         data = self.node(first, events, ())
         if not isinstance(data, dict):
-            self.refuse(
-                "a study is a mapping of keys to values, such as 'family: ...'", _place(first.start_mark)
-            )
+            self.refuse("a study is a mapping of keys to values, such as 'family: ...'", _place(first.start_mark))
         next(events)  # the document ends
         if isinstance(event := next(events), yaml.DocumentStartEvent):
-            self.refuse(
-                "only one study per file: remove the second document ('---')", _place(event.start_mark)
-            )
+            self.refuse("only one study per file: remove the second document ('---')", _place(event.start_mark))
         return data
 
     def node(self, event: Any, events: Iterator[Any], at: Path) -> Any:

@@ -13,7 +13,9 @@ from pydantic import Field, PrivateAttr
 from heliosweep.config import identity
 from heliosweep.config.block import Block, block_at
 from heliosweep.config.blocks import Execution, Output, Report
-from heliosweep.config.fields import FileName, Parameter, Samples, Text
+from heliosweep.config.fields import Parameter
+from heliosweep.config.names import FileName, Text
+from heliosweep.config.quantity import Samples
 from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem
@@ -35,6 +37,7 @@ class Dimension:
     sweeps: Mapping[str, Sweep]
 
     def __len__(self) -> int:
+        """Return the number of values along the dimension."""
         return len(next(iter(self.sweeps.values())))
 
 
@@ -148,7 +151,8 @@ def _is_swept(parameter: Parameter, value: Any) -> bool:
 def field_quantity(study_class: type[Block], key: str) -> Parameter:
     """Return the declaration of the parameter at a dotted key.
 
-    Its attributes are ``title``, ``description``, ``standard_name``, ``dimension`` and, of a Quantity, ``unit``.
+    Its attributes are ``title``, ``description``, ``standard_name``, ``dimension`` and, of a Quantity,
+    ``unit``.
 
     Raises
     ------

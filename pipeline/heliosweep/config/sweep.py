@@ -17,11 +17,12 @@ _EXACT = 2**53  # integers up to here are exact in a float64
 class Sweep:
     """An ordered set of different values for one parameter.
 
-    ``len(sweep)``, ``sweep[i]``, ``sweep[i:j]``, ``sweep.first`` and ``sweep.last`` never expand the whole, so a range
-    may have any number of points.
+    ``len(sweep)``, ``sweep[i]``, ``sweep[i:j]``, ``sweep.first`` and ``sweep.last`` never expand the whole,
+    so a range may have any number of points.
     """
 
     def __len__(self) -> int:
+        """Return the number of values."""
         raise NotImplementedError
 
     def at(self, index: NDArray[np.int64]) -> NDArray[Any]:
@@ -62,17 +63,21 @@ class Listed(Sweep):
     items: tuple[float, ...] | tuple[str, ...]
 
     def __len__(self) -> int:
+        """Return the number of values."""
         return len(self.items)
 
     def at(self, index: NDArray[np.int64]) -> NDArray[Any]:
+        """Return the values at the given positions, as an array of the same shape."""
         return np.array(self.items, dtype=object if self.holds_names else float)[index]
 
     def __getitem__(self, index: int | slice) -> Any:
+        """Return one value; for a slice an array of numbers or a tuple of names."""
         if isinstance(index, slice) and not self.holds_names:
             return np.array(self.items[index], dtype=float)
         return self.items[index]
 
     def spec(self) -> list[float | str]:
+        """Return the values as a list."""
         return list(self.items)
 
     @property
@@ -85,7 +90,8 @@ class Listed(Sweep):
 class Range(Sweep):
     """`num` evenly spaced values from `start` to `stop`, both included.
 
-    The values are those of exact decimal arithmetic, rounded once: 8 to 16 in 41 points has 8.6, not 8.600000000000001.
+    The values are those of exact decimal arithmetic, rounded once: 8 to 16 in 41 points has 8.6, not
+    8.600000000000001.
 
     Parameters
     ----------
@@ -103,12 +109,18 @@ class Range(Sweep):
     limit: float | None = field(default=None, compare=False, repr=False)
 
     def __len__(self) -> int:
+        """Return the number of values."""
         return self.num
 
     @property
     def step(self) -> float:
         """Distance between neighbours; 0 for a single value."""
         return float(_fraction(self.stop) - _fraction(self.start)) / max(self.num - 1, 1)
+
+    def midpoints(self) -> Range:
+        """Return the middles of the steps, one value fewer."""
+        half = (_fraction(self.stop) - _fraction(self.start)) / (self.num - 1) / 2
+        return Range(float(_fraction(self.start) + half), float(_fraction(self.stop) - half), self.num - 1)
 
     @cached_property
     def _grid(self) -> tuple[int, int, int] | None:
@@ -121,6 +133,7 @@ class Range(Sweep):
         return (a, b, q) if fits else None
 
     def at(self, index: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the values at the given positions, as an array of the same shape."""
         if self._grid is not None:
             a, b, q = self._grid
             return (a + index * b) / q
@@ -128,6 +141,7 @@ class Range(Sweep):
         return np.where(index == self.num - 1, self.stop, values)
 
     def spec(self) -> dict[str, Any]:
+        """Return the range as ``{start, stop, num}``, whichever way it was written."""
         return {"start": self.start, "stop": self.stop, "num": self.num}
 
 
@@ -140,17 +154,19 @@ class Geometric(Sweep):
     num: int
 
     def __len__(self) -> int:
+        """Return the number of values."""
         return self.num
 
     def at(self, index: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the values at the given positions, as an array of the same shape."""
         low, high = math.log10(abs(self.start)), math.log10(abs(self.stop))
-        values = math.copysign(1.0, self.start) * 10.0 ** (
-            low + index * ((high - low) / max(self.num - 1, 1))
-        )
+        exponents = low + index * ((high - low) / max(self.num - 1, 1))
+        values = math.copysign(1.0, self.start) * 10.0**exponents
         values = np.where(index == 0, self.start, values)
         return np.where(index == self.num - 1, self.stop, values)
 
     def spec(self) -> dict[str, Any]:
+        """Return the range as ``{logspace: {start, stop, num}}``."""
         return {"logspace": {"start": self.start, "stop": self.stop, "num": self.num}}
 
 

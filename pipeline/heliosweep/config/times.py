@@ -15,8 +15,10 @@ from pydantic import Field
 
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, did_you_mean
-from heliosweep.config.fields import Choice, Parameter, Quantity, Samples
-from heliosweep.config.forms import read_list
+from heliosweep.config.fields import Parameter
+from heliosweep.config.forms import read_items
+from heliosweep.config.names import Choice
+from heliosweep.config.quantity import Quantity, Samples
 from heliosweep.config.sweep import Range, Sweep
 
 Sampling = Annotated[
@@ -51,7 +53,7 @@ class SolarTime(Block):
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Days or a declination; a range of whole steps where instants stand for steps."""
+        """Check days against declination, and that hours are whole steps where instants stand for steps."""
         if self.declination is not None and self.days is not None:
             yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
         if self.sampling != "inclusive":
@@ -71,10 +73,15 @@ class SolarTime(Block):
 
     def solar_hours(self) -> NDArray[np.float64]:
         """Return the solar hours of a day after sampling [h], shape (hours,)."""
-        if self.sampling == "inclusive":
-            return self.hours.values()
-        ends = self.hours.values()
-        return ends[:-1] if self.sampling == "left" else (ends[:-1] + ends[1:]) / 2
+        if self.sampling == "midpoint" and isinstance(self.hours, Range):
+            return self.hours.midpoints().values()
+        return self.hours[:-1] if self.sampling == "left" else self.hours.values()
+
+    def count(self) -> int:
+        """Return the number of instants, without expanding them."""
+        outer = self.days if self.declination is None else self.declination
+        assert outer is not None
+        return len(outer) * (len(self.hours) - (self.sampling != "inclusive"))
 
 
 @dataclass(frozen=True)
@@ -129,7 +136,9 @@ class Dates(Parameter):
             return raw
         if isinstance(raw, Mapping):
             return _date_range(raw)
-        return DateList(read_list(raw if isinstance(raw, list | tuple) else [raw], _date).items)
+        if isinstance(raw, list | tuple):
+            return DateList(read_items(raw, _date))
+        return DateList((_date(raw),))
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of dates."""
@@ -181,8 +190,12 @@ class TimeZone(Parameter):
             match = _OFFSET.fullmatch(raw)
             if match is None or int(match[1]) > 14 or int(match[2]) > 59:
                 raise Invalid(hint)
-        elif raw not in (known := zoneinfo.available_timezones()):
-            raise Invalid(f"unknown time zone{did_you_mean(raw, known) or f'; it {hint}'}")
+        else:
+            try:
+                zoneinfo.ZoneInfo(raw)
+            except (KeyError, OSError, ValueError):
+                known = did_you_mean(raw, zoneinfo.available_timezones())
+                raise Invalid(f"unknown time zone{known or f'; it {hint}'}") from None
         return raw
 
     def json_schema(self) -> dict[str, Any]:
@@ -198,7 +211,7 @@ class Window(Block):
     step: Annotated[float, Quantity("Time between instants", "h", gt=0, le=24, sweep=False)]
 
     def rules(self) -> Iterable[Fault]:
-        """The window closes after it opens and holds a step."""
+        """Check that the window closes after it opens and holds a step."""
         if seconds_of(self.stop) <= seconds_of(self.start):
             yield Fault(f"must be after the start, {self.start}", ("stop",))
         elif self.step * 3600 > (seconds_of(self.stop) - seconds_of(self.start)) * (1 + 1e-9):
@@ -212,14 +225,12 @@ class CivilTime(Block):
     timezone: Annotated[
         str | None, TimeZone("Time zone of the dates and the window: an offset (+08:00) or an IANA name")
     ] = None
-    dates: Annotated[
-        DateRange | DateList, Dates("Calendar dates, YYYY-MM-DD; the step of a range is in days")
-    ]
+    dates: Annotated[DateRange | DateList, Dates("Calendar dates, YYYY-MM-DD; the step of a range is in days")]
     window: Annotated[Window, Field(description="The part of each date that is looked at")]
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Whole steps where instants stand for steps."""
+        """Check that the window holds whole steps where instants stand for steps."""
         start, stop, step = self.window_seconds()
         steps = (stop - start) / step
         if self.sampling != "inclusive" and abs(steps - round(steps)) > 1e-9 * steps:
@@ -230,7 +241,7 @@ class CivilTime(Block):
         return self.dates.dates()
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return opening, closing (seconds after midnight on the wall clock) and step of the window. [s]"""
+        """Return opening, closing (seconds after midnight on the wall clock) and step of the window, in s."""
         return seconds_of(self.window.start), seconds_of(self.window.stop), self.window.step * 3600
 
 
@@ -238,10 +249,8 @@ Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description
 
 
 def seconds_of(wall_time: str) -> float:
-    """Return the seconds after midnight of a wall time ``HH:MM`` or ``HH:MM:SS``."""
-    return float(
-        sum(int(part) * unit for part, unit in zip(wall_time.split(":"), (3600, 60, 1), strict=False))
-    )
+    """Return the seconds after midnight of a wall time, ``HH:MM`` or ``HH:MM:SS``."""
+    return float(sum(int(part) * unit for part, unit in zip(wall_time.split(":"), (3600, 60, 1), strict=False)))
 
 
 def _uneven(sampling: str, path: tuple[str, ...]) -> Fault:
