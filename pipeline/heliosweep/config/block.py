@@ -35,9 +35,14 @@ class Block(BaseModel):
         """Return what the field `key` was declared with, a Quantity for instance; None for blocks and lists."""
         return next((item for item in cls.model_fields[key].metadata if isinstance(item, Parameter)), None)
 
+    @classmethod
+    def literals(cls, key: str) -> tuple[str, ...]:
+        """Return the values that the field `key` allows if it is a Literal, as ``clock: solar``; none otherwise."""
+        return get_args(cls.model_fields[key].annotation) if key in cls.model_fields else ()
 
-def block_at(block: type[Block], location: Iterable[int | str]) -> type[Block] | None:
-    """Return the class of the block at a place within another; None if there is none.
+
+def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
+    """Return the classes that the block at a place within another may have.
 
     Parameters
     ----------
@@ -54,12 +59,9 @@ def block_at(block: type[Block], location: Iterable[int | str]) -> type[Block] |
         if fields:
             candidates = [inner for field in fields for inner in _blocks_in(field.annotation)]
         else:
-            candidates = [candidate for candidate in candidates if _has_tag(candidate, part)] or candidates
-    return candidates[0] if candidates else None
-
-
-def _has_tag(block: type[Block], tag: str) -> bool:
-    return any(tag in get_args(field.annotation) for field in block.model_fields.values())
+            tagged = [one for one in candidates if any(part in one.literals(key) for key in one.model_fields)]
+            candidates = tagged or candidates
+    return candidates
 
 
 def _blocks_in(annotation: Any) -> Iterator[type[Block]]:

@@ -64,12 +64,18 @@ def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
     )
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean '...'?`` with the nearest of the `known` words, or nothing if none is near."""
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """Return the one of the `known` words that was probably meant; None if none is near."""
     known = list(known)
     swapped = [name for name in known if len(name) == len(word) and sorted(name) == sorted(word)]
-    nearest = swapped or difflib.get_close_matches(word[:50], known, n=1)
-    return f"; did you mean '{nearest[0]}'?" if nearest else ""
+    near = swapped or difflib.get_close_matches(word[:50], known, n=1)
+    return near[0] if near else None
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return ``; did you mean '...'?`` with the nearest of the `known` words, or nothing if none is near."""
+    meant = nearest(word, known)
+    return f"; did you mean '{meant}'?" if meant else ""
 
 
 def one_of(names: Iterable[str]) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
-from heliosweep.config.faults import Fault, Invalid, did_you_mean
+from heliosweep.config.faults import Fault, Invalid, nearest
 from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
 
 MAX_POINTS = 10**15
@@ -129,9 +129,13 @@ def _read_logspace(raw: Any, number: ReadNumber) -> Geometric:
 
 def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str]) -> list[Fault]:
     """Return the faults of the keys of a range."""
-    unknown = [key for key in raw if key not in known][:MAX_FAULTS]
-    faults = [Fault(f"unknown key{did_you_mean(str(key), known)}", (key,), show_value=False) for key in unknown]
-    missing = [key for key in required if key not in raw]
+    unknown = [str(key) for key in raw if key not in known][:MAX_FAULTS]
+    meant = [nearest(key, known) for key in unknown]
+    faults = [
+        Fault(f"unknown key; did you mean '{right}'?" if right else "unknown key", (key,), show_value=False)
+        for key, right in zip(unknown, meant, strict=True)
+    ]
+    missing = [key for key in required if key not in raw and key not in meant]
     if missing:
         hint = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
         names = " and ".join(f"'{key}'" for key in missing)

@@ -8,32 +8,17 @@ from itertools import chain, islice
 from typing import Any
 
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
-from heliosweep.config.block import Block, block_at
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
 from heliosweep.config.source import Source, read
 from heliosweep.config.study import Study
+from heliosweep.config.translate import translate
 from heliosweep.errors import Problem, StudyError
 
 MAX_PROBLEMS = 100
 
 Registry = Mapping[str, type[Study]]
 """The study class of each family, by name."""
-
-_MESSAGES = {
-    "model_type": "must be a mapping of keys to values",
-    "model_attributes_type": "must be a mapping of keys to values",
-    "dict_type": "must be a mapping of keys to values",
-    "tuple_type": "must be a list",
-    "list_type": "must be a list",
-    "too_short": "must not be empty",
-    "invalid_key": "keys must be text",
-    "string_type": "must be text",
-    "bool_type": "must be true or false",
-    "int_type": "must be a whole number",
-    "float_type": "must be a number",
-}
 
 
 def load(path: str | os.PathLike[str], registry: Registry) -> Study:
@@ -74,16 +59,14 @@ def load_mapping(data: Mapping[str, Any], registry: Registry) -> Study:
 def _validated(source: Source, registry: Registry) -> Study:
     problems = list(source.problems)
     study_class = _study_class(source, registry, problems)
-    nulls = set(islice(_nulls(source.data), MAX_PROBLEMS + 1))
-    problems += [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
+    nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
+    problems += (source.problem(path, "nothing is given; write a value or remove the key") for path in nulls)
     study = None
     if study_class is not None:
         try:
             study = study_class.model_validate(source.data)
         except ValidationError as error:
-            located = (_located(details, study_class, source) for details in error.errors(include_url=False))
-            found = (problem for path, problem in located if path not in nulls and problem is not None)
-            problems += islice(found, MAX_PROBLEMS + 1)
+            problems += islice(translate(error, study_class, source), MAX_PROBLEMS + 1)
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
@@ -108,66 +91,6 @@ def _study_class(source: Source, registry: Registry, problems: list[Problem]) ->
         hint = did_you_mean(family, registry) or f"; use {one_of(registry)}"
         problems.append(source.problem(("family",), f"unknown family{hint} (got {shown(family)})"))
     return None
-
-
-def _located(details: ErrorDetails, study_class: type[Study], source: Source) -> tuple[Path, Problem | None]:
-    """Return where an error of pydantic stands and what it says in the words of this project.
-
-    None for an error that only follows from others.
-    """
-    kind, context = details["type"], details.get("ctx", {})
-    path = _path(details["loc"], source.data, keep_last=kind in ("missing", "extra_forbidden"))
-    if kind == "extra_forbidden":
-        block = block_at(study_class, details["loc"][:-1])
-        known = block.model_fields if block else ()
-        return path, source.problem(path, f"unknown key{did_you_mean(str(path[-1]), known)}", at_key=True)
-    if kind == "missing":
-        block = block_at(study_class, details["loc"][:-1])
-        return path, source.problem(path, f"is missing{_purpose(block, str(path[-1]))}")
-    if kind == "union_tag_not_found":
-        path = (*path, context["discriminator"].strip("'"))
-        return path, source.problem(path, "is missing")
-    if kind == "union_tag_invalid":
-        path = (*path, context["discriminator"].strip("'"))
-        tags = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
-        message = f"must be {one_of(tags)}"
-    elif kind in ("fault", "rule"):
-        message = details["msg"]
-    elif kind == "literal_error":
-        message = f"must be {context['expected']}"
-    else:
-        message = _MESSAGES.get(kind, "is not valid here")
-    if kind == "rule":
-        return path, source.problem(path, message)
-    if kind == "too_short" and source.value(path):
-        return path, None  # its entries are at fault
-    try:
-        got = f" (got {shown(source.value(path))})"
-    except (KeyError, IndexError, TypeError):
-        got = ""
-    return path, source.problem(path, f"{message}{got}")
-
-
-def _path(location: tuple[int | str, ...], data: Any, *, keep_last: bool) -> Path:
-    """Return the path in the file for a location of pydantic, which also names the chosen member of a union."""
-    path: list[str | int] = []
-    for position, part in enumerate(location):
-        in_list = isinstance(data, list | tuple) and isinstance(part, int)
-        if in_list or (isinstance(data, dict) and part in data):
-            data = data[part]
-            path.append(part)
-        elif keep_last and position == len(location) - 1:
-            path.append(part)
-    return tuple(path)
-
-
-def _purpose(block: type[Block] | None, key: str) -> str:
-    """Return ``: what the key is for``."""
-    if block is None:
-        return ""
-    parameter = block.parameter(key)
-    text = parameter.purpose if parameter is not None else block.model_fields[key].description
-    return f": {text}" if text else ""
 
 
 def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:

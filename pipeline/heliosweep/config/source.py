@@ -185,10 +185,7 @@ class _Reader:
     def node(self, event: Any, events: Iterator[Any], at: Path) -> Any:
         place = _place(event.start_mark)
         self.values[at] = place
-        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
-            self.refuse("anchors (&) and aliases (*) are not allowed; write the value out", place, at)
-        if event.tag is not None:
-            self.refuse(f"tags are not allowed (got {event.tag}); write the plain value", place, at)
+        self.refuse_references(event, place, at)
         if isinstance(event, yaml.ScalarEvent):
             return scalar(event.value) if event.implicit[0] else event.value
         if len(at) >= MAX_DEPTH:
@@ -200,10 +197,17 @@ class _Reader:
             return items
         return self.mapping(events, at)
 
+    def refuse_references(self, event: Any, place: Place, at: Path) -> None:
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
+            self.refuse("anchors (&) and aliases (*) are not allowed; write the value out", place, at)
+        if event.tag is not None:
+            self.refuse(f"tags are not allowed (got {event.tag}); write the plain value", place, at)
+
     def mapping(self, events: Iterator[Any], at: Path) -> dict[str, Any]:
         data: dict[str, Any] = {}
         while not isinstance(event := next(events), yaml.MappingEndEvent):
             place = _place(event.start_mark)
+            self.refuse_references(event, place, at)
             if not isinstance(event, yaml.ScalarEvent):
                 self.refuse("a key must be plain text", place, at)
             key: str = event.value
@@ -211,7 +215,7 @@ class _Reader:
             if key in data:
                 message = f"duplicate key (first on line {self.keys[path].line})"
                 self.problems.append(Problem(message, dotted(path), str(self.path), *place))
-                self.node(next(events), events, (*at, f"{key} (again)"))
+                self.node(next(events), events, (*at, f"{key} (again)"))  # the first value counts
                 continue
             self.keys[path] = place
             data[key] = self.node(next(events), events, path)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, get_args
 from pydantic import Field, PrivateAttr
 
 from heliosweep.config import identity
-from heliosweep.config.block import Block, block_at
+from heliosweep.config.block import Block, blocks_at
 from heliosweep.config.blocks import Execution, Output, Report
 from heliosweep.config.fields import Parameter
 from heliosweep.config.names import FileName, Text
@@ -160,8 +160,7 @@ def field_quantity(study_class: type[Block], key: str) -> Parameter:
         The class has no such parameter.
     """
     *outer, last = re.sub(r"\[\d+\]", "", key).split(".")
-    block = block_at(study_class, outer)
-    parameter = block.parameter(last) if block and last in block.model_fields else None
-    if parameter is None:
-        raise KeyError(key)
-    return parameter
+    for block in blocks_at(study_class, outer):
+        if last in block.model_fields and (parameter := block.parameter(last)):
+            return parameter
+    raise KeyError(key)

@@ -50,7 +50,7 @@ _KINDS: dict[str, dict[str, Decimal]] = {
     "a plain number": {"1": Decimal(1), "%": Decimal("0.01")},
 }
 _KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
-_QUANTITY = re.compile(r"\s*([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*")
+_QUANTITY = re.compile(r"\s*([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?)\s*([^0-9\W_].*?|%|\u00b0|)\s*")
 _EXAMPLES = {"m": "38 ft", "deg": "1.2 mrad", "h": "30 min", "B": "2 GB", "1": "5 %", "mrad": "0.1 deg"}
 
 

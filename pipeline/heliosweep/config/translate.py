@@ -1,0 +1,117 @@
+"""Errors of pydantic in the words of this project, each at its place in the study file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from heliosweep.config.block import Block, blocks_at
+from heliosweep.config.faults import Path, nearest, one_of, shown
+from heliosweep.config.source import Source
+from heliosweep.errors import Problem
+
+_MAPPING = "must be a mapping of keys to values"
+_MESSAGES = {
+    "model_type": _MAPPING,
+    "model_attributes_type": _MAPPING,
+    "dict_type": _MAPPING,
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+    "too_short": "must not be empty",
+    "invalid_key": "keys must be text",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+}
+
+
+def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
+    """Yield a problem for each error that does not merely follow from another one.
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+        From the validation of `source.data`.
+    block : type of Block
+        The class it was validated against.
+    source : Source
+        The data, and where each piece of it stands.
+    """
+    errors = error.errors(include_url=False)
+    meant: set[Path] = set()  # keys that stand in the file with a typo: not reported as missing too
+    for details in errors:
+        if details["type"] == "extra_forbidden":
+            path = _path(details, source.data)
+            key = nearest(str(path[-1]), _known_keys(block, details))
+            meant.add((*path[:-1], key or ""))
+            hint = f"; did you mean '{key}'?" if key else ""
+            yield source.problem(path, f"unknown key{hint}", at_key=True)
+    for details in errors:
+        kind, path = details["type"], _path(details, source.data)
+        if kind == "extra_forbidden" or path in meant:
+            continue
+        if kind == "missing":
+            yield source.problem(path, f"is missing{_purpose(block, details)}")
+        elif kind == "rule":
+            yield source.problem(path, details["msg"])
+        elif kind == "union_tag_not_found":
+            key = details["ctx"]["discriminator"].strip("'")
+            names = (name for inner in blocks_at(block, details["loc"]) for name in inner.literals(key))
+            yield source.problem((*path, key), f"is missing: {one_of(names)}")
+        else:
+            yield from _wrong_value(details, path, source)
+
+
+def _wrong_value(details: ErrorDetails, path: Path, source: Source) -> Iterator[Problem]:
+    kind, context = details["type"], details.get("ctx", {})
+    if kind == "union_tag_invalid":
+        path = (*path, context["discriminator"].strip("'"))
+        tags = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
+        message = f"must be {one_of(tags)}"
+    elif kind == "fault":
+        message = details["msg"]
+    elif kind == "literal_error":
+        message = f"must be {context['expected']}"
+    else:
+        message = _MESSAGES.get(kind, "is not valid here")
+    try:
+        value = source.value(path)
+    except (KeyError, IndexError, TypeError):
+        yield source.problem(path, message)
+        return
+    follows = kind == "too_short" and value  # the list holds entries, but wrong ones
+    if value is not None and not follows:  # that nothing is given is reported elsewhere
+        yield source.problem(path, f"{message} (got {shown(value)})")
+
+
+def _path(details: ErrorDetails, data: Any) -> Path:
+    """Return the path in the file; the location of pydantic also names the chosen members of unions."""
+    location = details["loc"]
+    ends_with_key = details["type"] in ("missing", "extra_forbidden")
+    path: list[str | int] = []
+    for position, part in enumerate(location):
+        in_list = isinstance(data, list | tuple) and isinstance(part, int)
+        if in_list or (isinstance(data, dict) and part in data):
+            data = data[part]
+            path.append(part)
+        elif ends_with_key and position == len(location) - 1:
+            path.append(part)
+    return tuple(path)
+
+
+def _known_keys(block: type[Block], details: ErrorDetails) -> list[str]:
+    return [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
+
+
+def _purpose(block: type[Block], details: ErrorDetails) -> str:
+    """Return ``: what the missing key is for``."""
+    *outer, key = details["loc"]
+    for inner in blocks_at(block, outer):
+        if key in inner.model_fields:
+            parameter = inner.parameter(str(key))
+            return f": {parameter.purpose if parameter else inner.model_fields[str(key)].description}"
+    return ""
