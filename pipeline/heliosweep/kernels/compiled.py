@@ -5,27 +5,77 @@ threads aborts the process, and the caller decides where work runs. None uses fa
 from every split of the work.
 """
 
+import hashlib
 import os
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-__all__ = ["PURE_PYTHON", "inline", "kernel"]
+__all__ = ["PURE_PYTHON", "inline", "kernel", "warm"]
 
 PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
 
 
-def _same(function: Callable[..., Any]) -> Any:
-    return function
+def _fingerprint() -> str:
+    """Digest of the kernel sources.
+
+    The compiler's cache notices a change of the file that holds a kernel, but not of the kernels that this one calls;
+    with the digest in the name, no kernel outlives an edit of any other.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:12]
 
 
-if PURE_PYTHON:
-    kernel: Callable[[Callable[..., Any]], Any] = _same
-    inline: Callable[[Callable[..., Any]], Any] = _same
-else:
+_FINGERPRINT = _fingerprint()
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function on its first call."""
+    return _compiled(function)
+
+
+def inline(function: Callable[..., Any]) -> Any:
+    """Compile a function into each of its callers.
+
+    For the small bodies of lane loops: a call would keep a loop from becoming vector code.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    if PURE_PYTHON:
+        return function
     import numba
 
-    _OPTIONS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
-    kernel = numba.njit(**_OPTIONS)
-    # Arguments that are slices cost reference counting in a real call; small lane loops are worth the copy of code.
-    inline = numba.njit(**_OPTIONS, forceinline=True)
+    function.__qualname__ += f"-{_FINGERPRINT}"
+    return numba.njit(function, nogil=True, cache=True, error_model="numpy", **options)
+
+
+def warm() -> tuple[float, bool]:
+    """Make the production kernels ready: load them from the cache on disk, or compile them.
+
+    Returns
+    -------
+    seconds : float
+        Time it took. [s]
+    fresh : bool
+        Whether a kernel had to be compiled; False when all came from the cache or were ready.
+    """
+    began = time.perf_counter()
+    # Imported here because every kernel imports this module.
+    import numpy as np
+
+    from heliosweep.kernels.field import field_sums, sweep
+    from heliosweep.kernels.packets import packet_order
+
+    def compiled() -> int:
+        return 0 if PURE_PYTHON else sum(sum(f.stats.cache_misses.values()) for f in (packet_order, sweep))
+
+    before = compiled()
+    place, side = np.array([10.0, 30.0]), np.ones(2)
+    field_sums(place, place, side, side, side, 50.0, 0, np.array([[0.0, 0.0, 1.0]]), 0, 2)
+    return time.perf_counter() - began, compiled() > before

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.mounts import FRAME_ROWS, half_sides
+from heliosweep.kernels.mounts import FRAME_ROWS, Mirrors, half_sides
 from heliosweep.kernels.neighbours import beam, bin_field, search
 from heliosweep.kernels.occlusion import IMAGE_ROWS, axes, cosines, image, unions
 from heliosweep.kernels.packets import PACKET, packet_order
 from heliosweep.kernels.polygons import SQUARE
 
-__all__ = ["field_series", "field_sums"]
+__all__ = ["aimed", "field_series", "field_sums", "sweep"]
 
 Floats = NDArray[np.float64]
 
@@ -58,11 +58,11 @@ def field_sums(
     instants : int
         Number of instants summed.
     """
-    up = np.flatnonzero(sun[:, 2] > 0.0)
-    order = up[packet_order(sun[up])]
-    sums = np.zeros((stop - start, 4))
-    nothing = np.empty((4, 0, 0))
-    _run(x, y, z, half_width, half_height, target_height, tracking, sun, order, start, stop, sums, nothing)
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    sun, order = _sorted(sun)
+    sums, nothing = np.zeros((stop - start, 4)), np.empty((4, 0, 0))
+    if start < stop and len(order) > 0:
+        sweep(mirrors, tracking, sun, order, start, stop, sums, nothing)
     return sums, len(order)
 
 
@@ -85,116 +85,125 @@ def field_series(
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
-    up = np.flatnonzero(sun[:, 2] > 0.0)
-    order = up[packet_order(sun[up])]
-    series = np.full((4, len(sun), stop - start), np.nan)
-    nothing = np.empty((0, 4))
-    _run(x, y, z, half_width, half_height, target_height, tracking, sun, order, start, stop, nothing, series)
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    sun, order = _sorted(sun)
+    nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
+    if start < stop and len(order) > 0:
+        sweep(mirrors, tracking, sun, order, start, stop, nothing, series)
     return series
 
 
-def _run(x, y, z, half_width, half_height, target_height, tracking, sun, order, start, stop, sums, series) -> None:
-    """Aim the mirrors at the target and sweep."""
-    if stop <= start or len(order) == 0:
-        return
-    arrays = [np.ascontiguousarray(a, np.float64) for a in (x, y, z, half_width, half_height, sun)]
-    x, y, z, half_width, half_height, sun = arrays
-    throw = np.sqrt(x * x + y * y + (target_height - z) ** 2)
-    aim = np.stack((-x / throw, -y / throw, (target_height - z) / throw), axis=1)
-    sweep(x, y, z, half_width, half_height, aim, throw, tracking, sun, order, start, stop, sums, series)
+def aimed(x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float) -> Mirrors:
+    """Mirrors aimed at the target point (0, 0, target_height); parameters as in `field_sums`."""
+    centres = np.stack((x, y, z)).astype(np.float64)
+    sides = np.stack((half_width, half_height)).astype(np.float64)
+    to_target = np.array([0.0, 0.0, target_height]) - centres.T
+    throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
+    radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
+    aim = to_target / throw[:, None]
+    return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
+
+
+def _sorted(sun: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Sun vectors as the kernels want them, and the instants with the sun up in packet order."""
+    sun = np.ascontiguousarray(sun, np.float64)
+    up = np.flatnonzero(sun[:, 2] > 0.0)
+    return sun, up[packet_order(sun[up])]
 
 
 @kernel
-def sweep(x, y, z, half_width, half_height, aim, throw, tracking, sun, order, start, stop, sums, series):
-    """Sweep the instants `order` of `sun`; add to `sums` and write to `series`, whichever has heliostats.
+def sweep(
+    mirrors: Mirrors,
+    tracking: int,
+    sun: Floats,
+    order: NDArray[np.int64],
+    start: int,
+    stop: int,
+    sums: Floats,
+    series: Floats,
+) -> None:
+    """Sweep instants packet by packet; add to `sums` and write to `series`, whichever has room for heliostats.
 
-    Parameters are those of `field_sums`, with the unit vectors `aim` (N, 3) and the distances `throw` (N,) from the
-    mirrors to their targets.
+    Parameters
+    ----------
+    mirrors : Mirrors
+        All heliostats of the field.
+    tracking : int
+        `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun. [1]
+    order : ndarray of int64
+        Instants to sweep, in packet order; the sun is up in each.
+    start, stop : int
+        Test heliostats start..stop.
+    sums : ndarray, shape (stop - start, 4) or (0, 4)
+        As returned by `field_sums`.
+    series : ndarray, shape (4, T, stop - start) or (4, 0, 0)
+        As returned by `field_series`.
     """
-    count, tests = x.shape[0], stop - start
-    radius = np.sqrt(half_width * half_width + half_height * half_height)
-    grid = bin_field(x, y, z, radius)
-
+    tests = stop - start
+    grid = bin_field(mirrors)
     blockers, first_blocker = np.empty(4 * tests, np.int64), np.zeros(tests + 1, np.int64)
-    found = 0
     for t in range(tests):
         i = start + t
-        blockers, found = search(i, beam(aim[i], 1, 1), throw[i], x, y, z, radius, grid, blockers, found)
-        first_blocker[t + 1] = found
+        blockers, first_blocker[t + 1] = search(
+            i, beam(mirrors.aim[i]), mirrors.throw[i], mirrors, grid, blockers, first_blocker[t]
+        )
 
     shaders, first_shader = np.empty(16 * tests, np.int64), np.zeros(tests + 1, np.int64)
-    halo, place = np.empty(count, np.int64), np.full(count, -1, np.int64)
-    frames = np.empty((tests, FRAME_ROWS * PACKET))
+    named, place = np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1)
+    frames = np.empty((2 * tests, FRAME_ROWS * PACKET))
     images, apart = np.empty((8, IMAGE_ROWS * PACKET)), np.empty(8, np.bool_)
-    lane = np.empty(18 * PACKET, np.int64)
+    lane, spare = np.empty(18 * PACKET, np.int64), np.empty(PACKET)
     rows, target = np.empty(3 * PACKET), np.empty(3 * PACKET)
-    sun_view, target_view = np.empty(FRAME_ROWS * PACKET), np.empty(FRAME_ROWS * PACKET)
-    cosine, total, spare = np.empty(PACKET), np.empty(3 * PACKET), np.empty(PACKET)
-    scratch = np.empty((5, 2))
+    sun_axes, target_axes = np.empty(FRAME_ROWS * PACKET), np.empty(FRAME_ROWS * PACKET)
+    cosine, total = np.empty(PACKET), np.empty(3 * PACKET)
 
     for first in range(0, order.shape[0], PACKET):
         lanes = min(PACKET, order.shape[0] - first)
         for k in range(PACKET):  # idle lanes repeat the last instant
             for c in range(3):
                 rows[c * PACKET + k] = sun[order[first + min(k, lanes - 1)], c]
-        bundle = beam(rows, PACKET, lanes)
-
-        found = 0
+        bundle = beam(rows)
         for t in range(tests):
-            shaders, found = search(start + t, bundle, np.inf, x, y, z, radius, grid, shaders, found)
-            first_shader[t + 1] = found
+            shaders, first_shader[t + 1] = search(start + t, bundle, np.inf, mirrors, grid, shaders, first_shader[t])
 
-        named = 0
+        # Frames for the block and for the halo that its candidates name, nothing else.
+        count = np.int64(0)
         for t in range(tests):
-            named = _name(start + t, halo, place, named)
+            count = _name(start + t, named, place, count)
         for m in range(first_blocker[tests]):
-            named = _name(blockers[m], halo, place, named)
+            count = _name(blockers[m], named, place, count)
         for m in range(first_shader[tests]):
-            named = _name(shaders[m], halo, place, named)
-        if named > frames.shape[0]:
-            frames = np.empty((named + named // 4, FRAME_ROWS * PACKET))
-        for m in range(named):
-            j = halo[m]
-            half_sides(
-                frames[m], rows, aim[j, 0], aim[j, 1], aim[j, 2], half_width[j], half_height[j], tracking
-            )
+            count = _name(shaders[m], named, place, count)
+        if count > frames.shape[0]:
+            frames = np.empty((count + count // 4, FRAME_ROWS * PACKET))
+        for m in range(count):
+            half_sides(frames[m], rows, mirrors, named[m], tracking)
 
         for t in range(tests):
             i = start + t
             test = frames[place[i]]
             for k in range(PACKET):
-                target[k], target[PACKET + k], target[2 * PACKET + k] = aim[i, 0], aim[i, 1], aim[i, 2]
-            cosines(cosine, rows, aim[i, 0], aim[i, 1], aim[i, 2])
-            square = half_width[i] * half_height[i]
-            axes(sun_view, test, cosine, rows, square)
-            axes(target_view, test, cosine, target, square)
+                target[k] = mirrors.aim[i, 0]
+                target[PACKET + k] = mirrors.aim[i, 1]
+                target[2 * PACKET + k] = mirrors.aim[i, 2]
+            cosines(cosine, rows, target)
+            axes(sun_axes, test, cosine, rows, mirrors.half_width[i] * mirrors.half_height[i])
+            axes(target_axes, test, cosine, target, mirrors.half_width[i] * mirrors.half_height[i])
 
-            candidates = first_shader[t + 1] - first_shader[t] + first_blocker[t + 1] - first_blocker[t]
-            if candidates > images.shape[0]:
-                images, apart = np.empty((2 * candidates, IMAGE_ROWS * PACKET)), np.empty(2 * candidates, np.bool_)
-                lane = np.empty((4 * candidates + 2) * PACKET, np.int64)
-            made = 0
-            for m in range(first_shader[t], first_shader[t + 1]):
-                j = shaders[m]
-                dx, dy, dz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
-                clear = dx * dx + dy * dy + dz * dz > (radius[i] + radius[j]) ** 2 * (1.0 + 1e-12)
-                if image(
-                    images[made], sun_view, frames[place[j]], rows, dx, dy, dz, clear, test, scratch
-                ):
-                    apart[made] = clear
-                    made += 1
-            shading = made
-            for m in range(first_blocker[t], first_blocker[t + 1]):
-                j = blockers[m]
-                dx, dy, dz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
-                clear = dx * dx + dy * dy + dz * dz > (radius[i] + radius[j]) ** 2 * (1.0 + 1e-12)
-                if image(
-                    images[made], target_view, frames[place[j]], target, dx, dy, dz, clear, test, scratch
-                ):
-                    apart[made] = clear
-                    made += 1
-
+            shade, block = (
+                shaders[first_shader[t] : first_shader[t + 1]],
+                blockers[first_blocker[t] : first_blocker[t + 1]],
+            )
+            if shade.shape[0] + block.shape[0] > images.shape[0]:
+                room = 2 * (shade.shape[0] + block.shape[0])
+                images, apart = np.empty((room, IMAGE_ROWS * PACKET)), np.empty(room, np.bool_)
+                lane = np.empty((2 * room + 2) * PACKET, np.int64)
+            shading = _images(i, shade, mirrors, frames, place, sun_axes, rows, images, apart, np.int64(0))
+            made = _images(i, block, mirrors, frames, place, target_axes, target, images, apart, shading)
             unions(images, apart, shading, made, total, lane, spare)
+
             cosine_sum = shading_sum = blocking_sum = optical_sum = 0.0
             for k in range(lanes):
                 unshaded = max(0.0, 1.0 - total[k] / SQUARE)
@@ -213,16 +222,29 @@ def sweep(x, y, z, half_width, half_height, aim, throw, tracking, sun, order, st
                 sums[t, 1] += shading_sum
                 sums[t, 2] += blocking_sum
                 sums[t, 3] += optical_sum
-        for m in range(named):
-            place[halo[m]] = -1
+        for m in range(count):
+            place[named[m]] = -1
 
 
 @kernel
-def _name(j, halo, place, named):
-    """Give heliostat j a place among the frames of the packet, once."""
+def _name(j, named, place, count):
+    """Give heliostat j a place among the frames of the packet, once; returns the number of places."""
     if place[j] < 0:
-        place[j] = named
-        halo[named] = j
-        named += 1
-    return named
+        place[j] = count
+        named[count] = j
+        count += 1
+    return count
 
+
+@kernel
+def _images(i, candidates, mirrors, frames, place, views, directions, images, apart, made):
+    """Append the images on mirror i that some lane has; returns their number."""
+    test = frames[place[i]]
+    for m in range(candidates.shape[0]):
+        j = candidates[m]
+        dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+        reach = mirrors.radius[i] + mirrors.radius[j]
+        apart[made] = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
+        if image(images[made], views, frames[place[j]], directions, dx, dy, dz, apart[made], test):
+            made += 1
+    return made

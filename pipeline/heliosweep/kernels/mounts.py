@@ -5,13 +5,15 @@ its width along u and its height along v. Vectors are kept for all lanes (instan
 `PACKET` numbers in one flat array, because loops over rows at fixed offsets of one array turn into vector code.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.packets import PACKET
 
-__all__ = ["AZIMUTH_ELEVATION", "FRAME_ROWS", "SPINNING_ELEVATION", "half_sides"]
+__all__ = ["AZIMUTH_ELEVATION", "FRAME_ROWS", "SPINNING_ELEVATION", "Mirrors", "half_sides"]
 
 SPINNING_ELEVATION = 0
 """Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
@@ -24,17 +26,26 @@ _PARALLEL = 1e-30
 """Squared sine below which two directions are parallel: the cross product is rounding noise."""
 
 
+class Mirrors(NamedTuple):
+    """The heliostats of a field, one number (or vector) each."""
+
+    x: NDArray[np.float64]
+    """Mirror centres: east, north, up. [m]"""
+    y: NDArray[np.float64]
+    z: NDArray[np.float64]
+    half_width: NDArray[np.float64]
+    """Half sides along u and along v. [m]"""
+    half_height: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    """Radius of the bounding sphere. [m]"""
+    aim: NDArray[np.float64]
+    """Unit vectors r from the centres to the target, shape (N, 3). [1]"""
+    throw: NDArray[np.float64]
+    """Distances to the target. [m]"""
+
+
 @kernel
-def half_sides(
-    frame: NDArray[np.float64],
-    sun: NDArray[np.float64],
-    rx: float,
-    ry: float,
-    rz: float,
-    half_width: float,
-    half_height: float,
-    tracking: int,
-) -> None:
+def half_sides(frame: NDArray[np.float64], sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int) -> None:
     """Write the half sides of one mirror for every lane of a packet.
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
@@ -47,13 +58,15 @@ def half_sides(
         Receives the rows. [m]
     sun : ndarray, shape (3 * PACKET,)
         Rows x, y, z of the unit vectors to the sun. [1]
-    rx, ry, rz : float
-        Unit vector from the mirror centre to the target. [1]
-    half_width, half_height : float
-        Half sides along u and v. [m]
+    mirrors : Mirrors
+        The field.
+    i : int
+        The mirror.
     tracking : int
         `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
     """
+    rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
+    half_width, half_height = mirrors.half_width[i], mirrors.half_height[i]
     # A fallback for every lane whose u is undefined, so that the lane loops need no branch.
     level = np.sqrt(rx * rx + ry * ry)
     ex, ey = 1.0, 0.0

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.mounts import Mirrors
 
 __all__ = ["Beam", "Grid", "beam", "bin_field", "search"]
 
@@ -61,20 +62,9 @@ class Beam(NamedTuple):
 
 
 @kernel
-def bin_field(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], radius: NDArray[np.float64]):
-    """Bin the mirror centres by a counting sort; at most about 4 cells for each heliostat.
-
-    Parameters
-    ----------
-    x, y, z : ndarray, shape (N,)
-        Mirror centres. [m]
-    radius : ndarray, shape (N,)
-        Bounding radii. [m]
-
-    Returns
-    -------
-    Grid
-    """
+def bin_field(mirrors: Mirrors) -> Grid:
+    """Bin the mirror centres by a counting sort; a few cells for each heliostat at most."""
+    x, y, z, radius = mirrors.x, mirrors.y, mirrors.z, mirrors.radius
     count = x.shape[0]
     west, east, south, north = x.min(), x.max(), y.min(), y.max()
     largest = radius.max()
@@ -98,8 +88,9 @@ def bin_field(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.floa
 
 
 @kernel
-def beam(directions: NDArray[np.float64], stride: int, count: int) -> Beam:
-    """Bundle of the first `count` directions in rows x, y, z of length `stride`."""
+def beam(directions: NDArray[np.float64]) -> Beam:
+    """Bundle of the unit vectors whose x, then y, then z fill a flat array."""
+    count = stride = directions.shape[0] // 3
     x = y = z = 0.0
     for k in range(count):
         x, y, z = x + directions[k], y + directions[stride + k], z + directions[2 * stride + k]
@@ -137,10 +128,7 @@ def search(
     i: int,
     bundle: Beam,
     limit: float,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    z: NDArray[np.float64],
-    radius: NDArray[np.float64],
+    mirrors: Mirrors,
     grid: Grid,
     found: NDArray[np.int64],
     count: int,
@@ -164,8 +152,8 @@ def search(
         Directions.
     limit : float
         Largest D.d; infinity for the sun. [m]
-    x, y, z, radius : ndarray, shape (N,)
-        Mirror centres and bounding radii. [m]
+    mirrors : Mirrors
+        The field.
     grid : Grid
         The field, binned.
     found : ndarray of int64
@@ -180,6 +168,7 @@ def search(
     count : int
         Its new length.
     """
+    x, y, z, radius = mirrors.x, mirrors.y, mirrors.z, mirrors.radius
     wide = (radius[i] + grid.radius) * (1.0 + _SLACK)
     rise = max(grid.top - z[i], z[i] - grid.bottom)
     level = np.sqrt(max(0.0, 1.0 - bundle.low * bundle.low))
@@ -218,7 +207,8 @@ def search(
                 continue
             if count == found.shape[0]:
                 longer = np.empty(2 * count, np.int64)
-                longer[:count] = found
+                for m in range(count):
+                    longer[m] = found[m]
                 found = longer
             found[count] = j
             count += 1

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts import FRAME_ROWS
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.polygons import SQUARE, edge_term, gaps, slope, square_area, unit
 
@@ -27,10 +26,14 @@ _PAIRWISE = 12
 
 
 @kernel
-def cosines(out: NDArray[np.float64], sun: NDArray[np.float64], rx: float, ry: float, rz: float) -> None:
+def cosines(out: NDArray[np.float64], sun: NDArray[np.float64], target: NDArray[np.float64]) -> None:
     """Cosine of the angle of incidence, |r + s| / 2 = sqrt((1 + r.s) / 2), for every lane."""
     for k in range(PACKET):
-        nx, ny, nz = rx + sun[k], ry + sun[PACKET + k], rz + sun[2 * PACKET + k]
+        nx, ny, nz = (
+            target[k] + sun[k],
+            target[PACKET + k] + sun[PACKET + k],
+            target[2 * PACKET + k] + sun[2 * PACKET + k],
+        )
         out[k] = 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
 
 
@@ -81,7 +84,6 @@ def image(
     dz: float,
     apart: bool,
     test: NDArray[np.float64],
-    scratch: NDArray[np.float64],
 ) -> bool:
     """Write the image of one mirror on the test mirror for every lane; False if no lane has one.
 
@@ -101,8 +103,6 @@ def image(
         Whether the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     test : ndarray, shape (FRAME_ROWS * PACKET,)
         Half sides of the test mirror. [m]
-    scratch : ndarray, shape (5, 2)
-        Scratch.
     """
     behind = 0.0 if apart else -np.inf
     hits = 0
@@ -139,7 +139,7 @@ def image(
         )
         out[_AREA + k] *= abs(total)
     if not apart:
-        _cut_by_plane(out, frame, dx, dy, dz, test, scratch)
+        _cut_by_plane(out, frame, dx, dy, dz, apart, test)
     return True
 
 
@@ -149,7 +149,7 @@ def _larger(a: float, b: float) -> float:
 
 
 @kernel
-def _cut_by_plane(out, frame, dx, dy, dz, test, scratch):
+def _cut_by_plane(out, frame, dx, dy, dz, apart, test):
     """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it."""
     for k in range(PACKET):
         ux, uy, uz = test[k], test[PACKET + k], test[2 * PACKET + k]
@@ -160,10 +160,11 @@ def _cut_by_plane(out, frame, dx, dy, dz, test, scratch):
         out[_HEIGHT + 2 * PACKET + k] = (
             frame[3 * PACKET + k] * nx + frame[4 * PACKET + k] * ny + frame[5 * PACKET + k] * nz
         )
+    polygon = np.empty((5, 2))
     for k in range(PACKET):
         if out[_AREA + k] > 0.0 and _straddles(out, k):
-            corners = _polygon(out, k, False, scratch)
-            out[_AREA + k] = square_area(scratch, corners) if corners > 2 else 0.0
+            corners = _polygon(out, k, apart, polygon)
+            out[_AREA + k] = square_area(polygon, corners) if corners > 2 else 0.0
 
 
 @inline
@@ -360,7 +361,7 @@ def _chain(side, following, along, slopes, to):
 def _general(images, apart, shading, count, k):
     """Unions in one lane, by subtracting the images from the square, large ones first."""
     order = np.empty(count, np.int64)
-    some = shades = 0
+    some = shades = np.int64(0)  # a literal would compile the callees twice
     for m in range(count):
         if m == shading:
             shades = some
@@ -376,6 +377,9 @@ def _general(images, apart, shading, count, k):
     polygons, corners = np.empty((some, 5, 2)), np.empty(some, np.int64)
     for m in range(some):
         corners[m] = _polygon(images[order[m]], k, apart[order[m]], polygons[m])
-    unshaded, uncovered = gaps(polygons, corners, 0, shades, some)
-    unblocked, _ = gaps(polygons, corners, shades, some, some)
+    unshaded, uncovered = gaps(polygons, corners, shades)
+    if some - shades > 1:
+        unblocked, _ = gaps(polygons[shades:], corners[shades:], some - shades)
+    else:
+        unblocked = SQUARE - (images[order[shades], _AREA + k] if some > shades else 0.0)
     return SQUARE - unshaded, SQUARE - unblocked, SQUARE - uncovered

@@ -43,7 +43,7 @@ def packet_order(sun: NDArray[np.float64]) -> NDArray[np.int64]:
         depth -= 1
         first, last = firsts[depth], lasts[depth]
         if last - first <= PACKET:
-            order[first:last] = np.sort(order[first:last])
+            _sort(order, first, last)
             continue
         axis, widest = 0, -1.0
         for k in range(3):
@@ -85,3 +85,14 @@ def _select(value, order, first, last, middle):
             first = m
         else:
             return
+
+
+@kernel
+def _sort(order, first, last):
+    """Insertion sort of one packet."""
+    for m in range(first + 1, last):
+        name, n = order[m], m
+        while n > first and order[n - 1] > name:
+            order[n] = order[n - 1]
+            n -= 1
+        order[n] = name

@@ -111,7 +111,7 @@ def cut(polygon, corners, ox, oy, ex, ey, inside, outside):
 
 
 @kernel
-def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], first: int, middle: int, last: int):
+def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], middle: int):
     """Area of the square that the union of convex polygons leaves open.
 
     Polygons are subtracted one after the other, depth first over convex pieces: the square is the first piece, each
@@ -125,36 +125,42 @@ def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], first: int, 
         Corners, counter-clockwise. Large polygons first save work.
     corners : ndarray of int64, shape (m,)
         Number of corners of each.
-    first, middle, last : int
-        The polygons to take are first..last.
+    middle : int
+        Number of polygons to take for the first result.
 
     Returns
     -------
     tuple of float
-        Area left open by the polygons first..middle, and by all of them.
+        Area left open by the first `middle` polygons, and by all of them.
     """
-    room = 32
-    piece, inner, spare, outer = np.empty((room, 2)), np.empty((room, 2)), np.empty((room, 2)), np.empty((room, 2))
-    stack, sizes, following = np.empty((128, 2)), np.empty(32, np.int64), np.empty(32, np.int64)
+    last, room = corners.shape[0], 32
+    block = np.empty((8 * room, 2))  # one allocation: they cost more than a cut
+    piece, inner = block[:room], block[room : 2 * room]
+    spare, outer = block[2 * room : 3 * room], block[3 * room : 4 * room]
+    stack = block[4 * room :]
+    pieces = np.empty((room, 2), np.int64)  # of each piece in the stack: its corners, the polygon to subtract next
     stack[0, 0], stack[0, 1], stack[1, 0], stack[1, 1] = -1.0, -1.0, 1.0, -1.0
     stack[2, 0], stack[2, 1], stack[3, 0], stack[3, 1] = 1.0, 1.0, -1.0, 1.0
-    sizes[0], following[0] = 4, first
+    pieces[0, 0], pieces[0, 1] = 4, 0
     top, depth = 4, 1
     before = after = 0.0
     while depth > 0:
         depth -= 1
-        size, k = sizes[depth], following[depth]
+        size, k = pieces[depth, 0], pieces[depth, 1]
         top -= size
-        _copy(stack, top, piece, 0, size)
+        _copy(stack[top:], piece, size)
         while True:
             if k == middle:
                 before += area(piece, size)
             if k == last:
                 after += area(piece, size)
                 break
+            if _misses(piece, size, polygons[k], corners[k]):
+                k += 1
+                continue
             top_before, depth_before = top, depth
             inside = size
-            _copy(piece, 0, inner, 0, size)
+            _copy(piece, inner, size)
             px, py = polygons[k, corners[k] - 1, 0], polygons[k, corners[k] - 1, 1]
             for e in range(corners[k]):
                 qx, qy = polygons[k, e, 0], polygons[k, e, 1]
@@ -168,10 +174,12 @@ def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], first: int, 
                 if outside > 2 and area(outer, outside) > _NOTHING:
                     while top + outside > stack.shape[0]:
                         stack = _longer(stack)
-                    if depth == sizes.shape[0]:
-                        sizes, following = _longer(sizes), _longer(following)
-                    _copy(outer, 0, stack, top, outside)
-                    sizes[depth], following[depth] = outside, k + 1
+                    if depth == pieces.shape[0]:
+                        longer = np.empty((2 * depth, 2), np.int64)
+                        _copy(pieces, longer, depth)
+                        pieces = longer
+                    _copy(outer, stack[top:], outside)
+                    pieces[depth, 0], pieces[depth, 1] = outside, k + 1
                     top += outside
                     depth += 1
                 px, py = qx, qy
@@ -183,14 +191,30 @@ def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], first: int, 
 
 
 @kernel
-def _copy(source, at, target, to, rows):
-    for k in range(rows):
-        target[to + k, 0], target[to + k, 1] = source[at + k, 0], source[at + k, 1]
+def _misses(one, size, other, corners):
+    """Whether the bounding boxes of two polygons are apart: most pieces miss most polygons."""
+    for c in range(2):
+        low, high = one[0, c], one[0, c]
+        for k in range(1, size):
+            low, high = min(low, one[k, c]), max(high, one[k, c])
+        below, above = True, True
+        for k in range(corners):
+            below = below and other[k, c] <= low
+            above = above and other[k, c] >= high
+        if below or above:
+            return True
+    return False
 
 
 @kernel
-def _longer(array):
-    """Copy of an array with room for twice as many rows."""
-    longer = np.empty((2 * array.shape[0], *array.shape[1:]), array.dtype)
-    longer[: array.shape[0]] = array
+def _copy(source, target, corners):
+    for k in range(corners):
+        target[k, 0], target[k, 1] = source[k, 0], source[k, 1]
+
+
+@kernel
+def _longer(polygon):
+    """Copy of a polygon array with room for twice as many corners."""
+    longer = np.empty((2 * polygon.shape[0], 2))
+    _copy(polygon, longer, polygon.shape[0])
     return longer
