@@ -67,7 +67,8 @@ def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """Return the one of the `known` words that was probably meant; None if none is near."""
     known = list(known)
-    swapped = [name for name in known if len(name) == len(word) and sorted(name) == sorted(word)]
+    same_letters = sorted(word.casefold())
+    swapped = [name for name in known if len(name) == len(word) and sorted(name.casefold()) == same_letters]
     near = swapped or difflib.get_close_matches(word[:50], known, n=1)
     return near[0] if near else None
 

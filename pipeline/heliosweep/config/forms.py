@@ -16,7 +16,7 @@ from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
 
 MAX_POINTS = 10**15
 MAX_FAULTS = 100  # of one list; nobody reads more
-RANGE_KEYS = ("start", "stop", "step", "num")
+_FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
 _ON_STEP = Decimal("1e-9")  # a stop this near to the last step, in steps, falls on it
 
 ReadNumber = Callable[[Any], float]
@@ -71,12 +71,12 @@ def read_items(raw: Sequence[Any], read: Callable[[Any], Any]) -> tuple[Any, ...
 
 
 def _read_range(raw: Mapping[str, Any], number: ReadNumber) -> Range:
-    faults = _key_faults(raw, RANGE_KEYS, required=("start", "stop"))
+    faults = key_faults(raw, ("start", "stop", "step", "num"), ("start", "stop"), _FORMS)
     if "step" in raw and "num" in raw:
         faults.append(Fault("give 'step' or 'num', not both", ("num",), show_value=False))
     elif not faults and "step" not in raw and "num" not in raw:
         faults.append(Fault("a range needs 'step' or 'num' beside 'start' and 'stop'", show_value=False))
-    values = _read_parts(raw, {"start": number, "stop": number, "step": number, "num": _count}, faults)
+    values = read_parts(raw, {"start": number, "stop": number, "step": number, "num": _count}, faults)
     start, stop = values["start"], values["stop"]
     if "num" in values:
         num = int(values["num"])
@@ -114,7 +114,9 @@ def _read_logspace(raw: Any, number: ReadNumber) -> Geometric:
     if not isinstance(raw, Mapping):
         raise Invalid("must be a mapping {start, stop, num}")
     keys = ("start", "stop", "num")
-    values = _read_parts(raw, {"start": number, "stop": number, "num": _count}, _key_faults(raw, keys, keys))
+    values = read_parts(
+        raw, {"start": number, "stop": number, "num": _count}, key_faults(raw, keys, keys, "it is {start, stop, num}")
+    )
     start, stop, num = values["start"], values["stop"], int(values["num"])
     faults = [Fault("must not be zero", (key,)) for key in ("start", "stop") if values[key] == 0]
     if start * stop < 0:
@@ -127,26 +129,33 @@ def _read_logspace(raw: Any, number: ReadNumber) -> Geometric:
     return Geometric(start, stop, num)
 
 
-def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str]) -> list[Fault]:
-    """Return the faults of the keys of a range."""
+def key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str], form: str) -> list[Fault]:
+    """Return what is wrong with the keys of a mapping: unknown ones, and required ones that are missing.
+
+    Parameters
+    ----------
+    form : str
+        How the mapping is written, for the message.
+    """
     unknown = [str(key) for key in raw if key not in known][:MAX_FAULTS]
     meant = [nearest(key, known) for key in unknown]
     faults = [
-        Fault(f"unknown key; did you mean '{right}'?" if right else "unknown key", (key,), show_value=False)
+        Fault("unknown key" + (f"; did you mean '{right}'?" if right else ""), (key,), show_value=False)
         for key, right in zip(unknown, meant, strict=True)
     ]
-    missing = [key for key in required if key not in raw and key not in meant]
+    missing = [f"'{key}'" for key in required if key not in raw and key not in meant]
     if missing:
-        hint = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
-        names = " and ".join(f"'{key}'" for key in missing)
-        faults.append(Fault(f"{names} missing: {hint}", show_value=False))
+        verb = "is" if len(missing) == 1 else "are"
+        faults.append(Fault(f"{' and '.join(missing)} {verb} missing: {form}", show_value=False))
     return faults
 
 
-def _read_parts(raw: Mapping[str, Any], readers: Mapping[str, ReadNumber], faults: list[Fault]) -> dict[str, float]:
-    """Read the numbers of a range; raise Invalid with `faults` and all that are found on the way."""
-    values: dict[str, float] = {}
-    for key in readers.keys() & raw.keys():
+def read_parts(
+    raw: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]], faults: list[Fault]
+) -> dict[str, Any]:
+    """Read the parts of a mapping that are there; raise Invalid with `faults` and all that are found on the way."""
+    values: dict[str, Any] = {}
+    for key in (key for key in readers if key in raw):
         try:
             values[key] = readers[key](raw[key])
         except Invalid as error:

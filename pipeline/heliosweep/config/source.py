@@ -160,8 +160,10 @@ class _Reader:
             data = self.document(yaml.parse(self.text, _LOADER))
         except yaml.MarkedYAMLError as error:
             place = _place(error.problem_mark) if error.problem_mark else Place(1, 1)
-            hint = "; tabs cannot indent, use spaces" if error.problem and "'\\t'" in error.problem else ""
-            self.refuse(f"not valid YAML: {error.problem or error.context}{hint}", place)
+            line = self.text.split("\n")[place.line - 1 : place.line]
+            at_tab = bool(line) and line[0][place.column - 1 : place.column] == "\t"
+            reason = "tabs cannot indent; use spaces" if at_tab else error.problem or error.context
+            self.refuse(f"not valid YAML: {reason}", place)
         except yaml.YAMLError as error:
             self.refuse(f"not valid YAML: {' '.join(str(error).split())}", Place(1, 1))
         return Source(data, self.path, self.keys, self.values, tuple(self.problems))

@@ -16,7 +16,7 @@ from pydantic import Field
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, did_you_mean
 from heliosweep.config.fields import Parameter
-from heliosweep.config.forms import read_items
+from heliosweep.config.forms import key_faults, read_items, read_parts
 from heliosweep.config.names import Choice
 from heliosweep.config.quantity import Quantity, Samples
 from heliosweep.config.sweep import Range, Sweep
@@ -271,21 +271,8 @@ def _date(raw: Any) -> dt.date:
 def _date_range(raw: Mapping[str, Any]) -> DateRange:
     step = Quantity("Days between dates", "d", ge=1, le=366_000, integer=True, sweep=False).read
     readers = {"start": _date, "stop": _date, "step": step}
-    faults: list[Fault] = []
-    values: dict[str, Any] = {"step": 1}
-    for key, entry in raw.items():
-        if key not in readers:
-            faults.append(Fault(f"unknown key{did_you_mean(str(key), readers)}", (key,), show_value=False))
-            continue
-        try:
-            values[key] = readers[key](entry)
-        except Invalid as error:
-            faults += error.under(key)
-    if missing := [key for key in ("start", "stop") if key not in raw]:
-        names = " and ".join(f"'{key}'" for key in missing)
-        faults.append(Fault(f"{names} missing: a range of dates is {{start, stop, step}}", show_value=False))
-    if not faults and values["stop"] < values["start"]:
-        faults.append(Fault(f"must not be before the start, {values['start']}", ("stop",)))
-    if faults:
-        raise Invalid(faults)
+    faults = key_faults(raw, tuple(readers), ("start", "stop"), "a range of dates is {start, stop, step}")
+    values = {"step": 1} | read_parts(raw, readers, faults)
+    if values["stop"] < values["start"]:
+        raise Invalid(Fault(f"must not be before the start, {values['start']}", ("stop",)))
     return DateRange(**values)

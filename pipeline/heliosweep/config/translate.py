@@ -57,7 +57,8 @@ def translate(error: ValidationError, block: type[Block], source: Source) -> Ite
         if kind == "missing":
             yield source.problem(path, f"is missing{_purpose(block, details)}")
         elif kind == "rule":
-            yield source.problem(path, details["msg"])
+            if not _holds_null(source.value(path)):
+                yield source.problem(path, details["msg"])
         elif kind == "union_tag_not_found":
             key = details["ctx"]["discriminator"].strip("'")
             names = (name for inner in blocks_at(block, details["loc"]) for name in inner.literals(key))
@@ -101,6 +102,10 @@ def _path(details: ErrorDetails, data: Any) -> Path:
         elif ends_with_key and position == len(location) - 1:
             path.append(part)
     return tuple(path)
+
+
+def _holds_null(data: Any) -> bool:
+    return isinstance(data, dict) and None in data.values()
 
 
 def _known_keys(block: type[Block], details: ErrorDetails) -> list[str]:

@@ -1,0 +1,80 @@
+"""Every message that a bad study file can meet, word for word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from heliosweep.config.load import MAX_PROBLEMS, load, load_mapping
+from heliosweep.errors import StudyError
+
+from .bad_studies import BAD_STUDIES
+from .conftest import LINES, REGISTRY
+
+PYDANTIC = ("Input should", "valid ", "Extra inputs", "Field required", "Value error", "pydantic", "type=")
+
+
+@pytest.mark.parametrize(("block", "text", "said"), BAD_STUDIES, ids=[text[:60] for _, text, _ in BAD_STUDIES])
+def test_bad_study(block: str, text: str, said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = [text] if block == "file" else (LINES | {block: text}).values()
+    Path("study.yaml").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    with pytest.raises(StudyError) as error:
+        load("study.yaml", REGISTRY)
+    assert str(error.value).split("\n") == said
+    assert error.value.exit_code == 2
+    assert not any(phrase in str(error.value) for phrase in PYDANTIC if "not valid YAML" not in str(error.value))
+
+
+def test_all_problems_at_once(study_file) -> None:
+    path = study_file(site="site: {latitude: 91, altitude: 3 deg}", time="tiem: {}", receiver="receiver: {height: 0}")
+    with pytest.raises(StudyError) as error:
+        load(path, REGISTRY)
+    assert [(problem.line, problem.key) for problem in error.value.problems] == [
+        (2, "site.latitude"),
+        (2, "site.altitude"),
+        (4, "tiem"),
+        (7, "receiver.height"),
+    ]
+
+
+def test_a_flood_of_problems_is_cut(study_file) -> None:
+    path = study_file("\n".join(f"key{number}: 1" for number in range(10_000)))
+    with pytest.raises(StudyError) as error:
+        load(path, REGISTRY)
+    assert len(error.value.problems) == MAX_PROBLEMS + 1
+    assert str(error.value.problems[-1]).startswith("study.yaml: and at least")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"a: " + b" " * 2**20, "study.yaml: is larger than 1 MiB; is this a study file?"),
+        (b"title: \xff", "study.yaml:1: is not UTF-8 text; save the file as UTF-8"),
+    ],
+)
+def test_unreadable_content(content: bytes, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("study.yaml").write_bytes(content)
+    with pytest.raises(StudyError) as error:
+        load("study.yaml", REGISTRY)
+    assert str(error.value) == said
+
+
+def test_unreadable_files(tmp_path: Path) -> None:
+    for path in (tmp_path / "missing.yaml", tmp_path, "nul\0.yaml"):
+        with pytest.raises(StudyError, match="cannot be read: "):
+            load(path, REGISTRY)
+
+
+def test_study_built_in_python_is_located_by_key_alone() -> None:
+    with pytest.raises(StudyError) as error:
+        load_mapping({"family": "field_efficiency", "site": {"latitude": 91}, 3: 4}, REGISTRY)
+    assert "site.latitude: must be between -90 and 90 deg (got 91)" in str(error.value).split("\n")
+    assert all(problem.line is None for problem in error.value.problems)
+
+
+def test_huge_integer() -> None:
+    with pytest.raises(StudyError, match=r"site\.latitude: must be a finite number \(got a huge number\)"):
+        load_mapping({"family": "field_efficiency", "site": {"latitude": 10**5000}}, REGISTRY)

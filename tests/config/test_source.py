@@ -1,0 +1,75 @@
+"""Strict YAML: YAML 1.2 scalars and the place of every key and value."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from heliosweep.config.source import Place, dotted, parse
+
+TEXT = """\
+# a comment
+family: x
+site:
+  latitude: 91
+  list: [1, {a: 2}]
+2: yes
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1", 1),
+        ("-012", -12),
+        ("0o17", 15),
+        ("0x1f", 31),
+        ("1e-3", 1e-3),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("-.inf", -math.inf),
+        ("true", True),
+        ("False", False),
+        ("~", None),
+        ("", None),
+        ("null", None),
+        ("yes", "yes"),
+        ("no", "no"),
+        ("on", "on"),
+        ("12:30", "12:30"),
+        ("2021-06-21", "2021-06-21"),
+        ("1_000", "1_000"),
+        ("1.2 mrad", "1.2 mrad"),
+        ("'1'", "1"),
+        ('"true"', "true"),
+        ("+08:00", "+08:00"),
+        ("0b1", "0b1"),
+        ("9" * 5000, math.inf),
+    ],
+)
+def test_scalars(text: str, value: object) -> None:
+    read = parse(f"key: {text}\n", Path("s.yaml")).data["key"]
+    assert read == value
+    assert type(read) is type(value)
+
+
+def test_places() -> None:
+    source = parse(TEXT, Path("s.yaml"))
+    assert source.data == {"family": "x", "site": {"latitude": 91, "list": [1, {"a": 2}]}, "2": "yes"}
+    assert source.keys[("site",)] == Place(3, 1)
+    assert source.values[("site", "latitude")] == Place(4, 13)
+    assert source.values[("site", "list", 1, "a")] == Place(5, 17)
+    assert str(source.problem(("site", "list", 1, "b"), "is missing")) == "s.yaml:5:3: site.list[1].b: is missing"
+
+
+def test_columns_count_characters() -> None:
+    source = parse('{"caf\u00e9 \U0001f600": 1, b: 2}', Path("s.yaml"))
+    assert source.keys[("b",)] == Place(1, 15)
+
+
+@pytest.mark.parametrize("key", ["site.list[1].a", "site.list.1.a", "2", "site.missing.key"])
+def test_keys_are_read_back(key: str) -> None:
+    source = parse(TEXT, Path("s.yaml"))
+    assert dotted(source.path_of(key)) == key.replace(".1.", "[1].")

@@ -1,0 +1,216 @@
+"""The study as a whole: parameters, dimensions, identity, round trips."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from heliosweep.config.identity import resolved_yaml
+from heliosweep.config.load import load, load_mapping
+from heliosweep.config.study import field_quantity
+from heliosweep.config.sweep import Listed, Range
+from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
+
+from .conftest import REGISTRY
+
+CHONG = {
+    "family": "field_efficiency",
+    "title": "AE against SE sun tracking (Chong and Tan 2012, Table 2)",
+    "site": {"latitude": [0, 15, 30]},
+    "tracking": ["spinning_elevation", "azimuth_elevation"],
+    "time": {
+        "clock": "solar",
+        "days": {"start": 1, "stop": 365, "step": 1},
+        "hours": {"start": 8, "stop": 16, "step": 0.2},
+        "sampling": "inclusive",
+    },
+    "layout": {"radial_stagger": {"clearance": 16, "zones": [{"start": 61.3, "rings": 4}]}},
+    "heliostat": {"width": 11.1, "height": 11.1, "pivot_height": 7},
+    "receiver": {"height": 95},
+    "output": {"time_series": False},
+}
+
+
+def test_values(load_study) -> None:
+    study = load_study(site="site: {latitude: [0, 15, 30], altitude: 1000 ft}")
+    assert study.site.latitude == Listed((0.0, 15.0, 30.0))
+    assert study.site.altitude == 304.8
+    assert study.receiver.height == 95.0
+    assert study.layout.radial_stagger.rings == 4
+    with pytest.raises(ValidationError):
+        study.title = "frozen"
+
+
+def test_dimensions_in_the_order_of_the_family(load_study) -> None:
+    study = load_study(
+        heliostat="heliostat: {height: [1, 2], width: [3, 4], pivot_height: {start: 1, stop: 3, num: 3}}",
+        receiver="receiver: {height: [95, 105]}",
+        layout="layout: {radial_stagger: {clearance: [16, 17], inner_radius: 60, rings: 3}}",
+        site="tracking: [azimuth_elevation]",
+        tracking="site: {latitude: [1, 2, 3]}",
+    )
+    names = "latitude tracking clearance heliostat_width heliostat_height pivot_height receiver_height"
+    assert [dimension.name for dimension in study.dimensions()] == names.split()
+    assert [len(dimension) for dimension in study.dimensions()] == [3, 1, 2, 2, 2, 3, 2]
+    assert list(study.sweeps()) == [key for dimension in study.dimensions() for key in dimension.sweeps]
+
+
+def test_zip_ties_parameters(load_study) -> None:
+    lines = {
+        "heliostat": "heliostat: {width: [3, 4], height: [1, 2], pivot_height: 3}",
+        "receiver": "receiver: {height: [95, 105]}",
+    }
+    study = load_study("zip: [[receiver_height, heliostat.width, heliostat_height]]", **lines)
+    (tied,) = study.dimensions()
+    assert tied.name == "receiver_height"
+    assert list(tied.sweeps) == ["receiver.height", "heliostat.width", "heliostat.height"]
+    with pytest.raises(StudyError, match=r"zip\[0\]: ties sweeps of different lengths: receiver.height has 2, site"):
+        load_study("zip: [[receiver_height, latitude]]", **lines, site="site: {latitude: [1, 2, 3]}")
+
+
+def test_layout_files_are_a_dimension(study_file) -> None:
+    path = study_file(layout="layout: {file: [a.csv, b.csv]}")
+    for name in ("a.csv", "b.csv"):
+        Path(name).write_text("x,y\n0,50\n")
+    study = load(path, REGISTRY)
+    assert [(dim.name, dim.sweeps["layout.file"].values()) for dim in study.dimensions()] == [
+        ("layout", ("a.csv", "b.csv"))
+    ]
+    assert study.files() == {"layout.file": ("a.csv", "b.csv")}
+
+
+def test_files_are_relative_to_the_study(study_file) -> None:
+    folder = Path("deep")
+    folder.mkdir()
+    path = study_file(layout="layout: {file: a.csv}").rename(folder / "study.yaml")
+    (folder / "a.csv").write_text("x,y\n")
+    study = load(path, REGISTRY)
+    assert study.source.path == folder / "study.yaml"
+    assert study.source.directory == folder
+    assert study.resolve("a.csv") == folder / "a.csv"
+
+
+def test_problem_is_located(load_study) -> None:
+    study = load_study()
+    assert str(study.problem("receiver.height", "is odd")) == "study.yaml:7:20: receiver.height: is odd"
+    assert str(study.problem("output.compression", "is odd")) == "study.yaml:1:1: output.compression: is odd"
+
+
+def test_identity_survives_rewriting(load_study) -> None:
+    reference = load_study().study_id
+    assert len(reference) == 12
+    same = [
+        {"site": "site:\n  latitude: 30.0   # a comment"},
+        {"time": "time: {hours: {num: 41, stop: 16, start: 8}, sampling: inclusive, clock: solar}"},
+        {
+            "time": "time: {clock: solar, hours: {start: 480 min, stop: 16 h, step: 12 min}, days: {start: 1, stop: 365, step: 1}}"
+        },
+        {"receiver": "execution: {workers: 3}\nreceiver: {height: 9500 cm}"},
+        {"title": "title: other", "receiver": "output: {time_series: true}\nreceiver: {height: 0.095 km}"},
+        {"family": "receiver: {height: 95}", "receiver": "family: field_efficiency"},
+    ]
+    assert [load_study(**lines).study_id for lines in same] == [reference] * len(same)
+    different = [
+        {"site": "site: {latitude: 30.000001}"},
+        {"site": "site: {latitude: [30]}"},
+        {"tracking": "tracking: azimuth_elevation"},
+        {"time": "time: {clock: solar, hours: {start: 8, stop: 16, step: 0.2}, sampling: left}"},
+    ]
+    assert len({load_study(**lines).study_id for lines in different} | {reference}) == len(different) + 1
+
+
+def test_identity_holds_the_contents_of_files(study_file) -> None:
+    path, layout = study_file(layout="layout: {file: a.csv}"), Path("a.csv")
+    layout.write_text("x,y\n0,50\n")
+    first = load(path, REGISTRY).study_id
+    layout.write_text("x,y\n0,51\n")
+    study = load(path, REGISTRY)
+    assert study.study_id != first
+    layout.unlink()
+    with pytest.raises(StudyError, match=r"study.yaml:5:16: layout.file: cannot read a.csv"):
+        _ = study.study_id
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        {},
+        {"site": "site: {latitude: {start: -60, stop: 60, step: 2}, timezone: '+08:00'}\ntitle: '1e-3'"},
+        {"time": "time: {clock: solar, hours: 12, declination: {start: -23.45, stop: 23.45, num: 7}}"},
+        {
+            "time": "time: {clock: civil, dates: {start: 2021-01-01, stop: 2021-01-31, step: 7},"
+            " window: {start: 7:00, stop: 12:30, step: 10 min}, timezone: Europe/Paris, sampling: midpoint}"
+        },
+        {"site": "sites: [{name: 'no', latitude: 3}, {name: b, latitude: 4, longitude: 5}]"},
+        {
+            "layout": "layout: {radial_stagger: {inner_radius: 60, rings: [3, 4],"
+            " clearance: {logspace: {start: 10, stop: 20, num: 3}}}}"
+        },
+        {
+            "receiver": "receiver: {height: [95, 96]}\nzip: [[tracking, receiver_height]]",
+            "tracking": "tracking: [azimuth_elevation, spinning_elevation]",
+        },
+    ],
+)
+def test_resolved_study_loads_to_the_same(load_study, lines: dict[str, str]) -> None:
+    study = load_study(**lines)
+    Path("resolved.yaml").write_text(resolved_yaml(study), encoding="utf-8")
+    again = load(Path("resolved.yaml"), REGISTRY)
+    assert again.canonical() == study.canonical()
+    assert again.study_id == study.study_id
+    assert again.title == study.title
+    assert resolved_yaml(again) == resolved_yaml(study)
+
+
+def test_python_study_is_the_same_as_its_file(load_study) -> None:
+    data = {"family": "field_efficiency", "site": {"latitude": np.float64(30)}, "tracking": "spinning_elevation"}
+    data |= {"time": {"clock": "solar", "hours": np.arange(8.0, 17.0)}, "receiver": {"height": 95}}
+    data |= {"layout": {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": 4}}}
+    data |= {"heliostat": {"width": 11.1, "height": np.array([11.1, 12]), "pivot_height": 7}}
+    study = load_mapping(data, REGISTRY)
+    text = {
+        "time": "time: {clock: solar, hours: [8, 9, 10, 11, 12, 13, 14, 15, 16]}",
+        "heliostat": "heliostat: {width: 11.1, height: [11.1, 12], pivot_height: 7}",
+    }
+    assert study.study_id == load_study(**text).study_id
+
+
+def test_pickles() -> None:
+    study = load_mapping(CHONG, REGISTRY)
+    assert pickle.loads(pickle.dumps(study)).canonical() == study.canonical()
+
+
+def test_a_trillion_points_load_quickly(load_study) -> None:
+    start = time.perf_counter()
+    study = load_study(site="site: {latitude: {start: 0, stop: 1, num: 1000000000000}}")
+    assert isinstance(study.site.latitude, Range)
+    assert len(study.dimensions()[0]) == 10**12
+    assert study.study_id
+    assert time.perf_counter() - start < 1
+
+
+def test_field_quantity() -> None:
+    latitude = field_quantity(FieldEfficiencyStudy, "site.latitude")
+    assert (latitude.unit, latitude.standard_name, latitude.title) == ("deg", "latitude", "latitude")
+    assert field_quantity(FieldEfficiencyStudy, "receiver.height").dimension == "receiver_height"
+    assert field_quantity(FieldEfficiencyStudy, "sites[0].longitude").unit == "deg"
+    assert field_quantity(FieldEfficiencyStudy, "time.declination").unit == "deg"
+    assert "how" in field_quantity(FieldEfficiencyStudy, "tracking").description.lower()
+    for missing in ("site", "site.nothing", "nothing.at.all"):
+        with pytest.raises(KeyError):
+            field_quantity(FieldEfficiencyStudy, missing)
+
+
+def test_the_sun_must_rise_somewhere(load_study) -> None:
+    night = "time: {clock: solar, hours: {start: 0, stop: 3, step: 1}}"
+    with pytest.raises(StudyError, match="the sun never rises"):
+        load_study(time=night)
+    load_study(time=night, site="site: {latitude: [30, 80]}")  # midnight sun at 80 deg
+    with pytest.raises(StudyError, match="the sun never rises"):
+        load_study(site="site: {latitude: 90}", time="time: {clock: solar, hours: 12, declination: [-10, -5]}")

@@ -1,0 +1,41 @@
+"""The unit table against pint."""
+
+from __future__ import annotations
+
+import pytest
+
+from heliosweep.config.faults import Invalid
+from heliosweep.config.units import _KINDS, parse
+
+PINT = {"\u00b0": "degree", "h": "hour", "1": "", "%": "percent", "W/m2": "W/m**2", "kW/m2": "kW/m**2", "B": "byte"}
+PINT |= {"kB": "kilobyte", "MB": "megabyte", "GB": "gigabyte", "TB": "terabyte", "in": "inch", "d": "day"}
+
+
+def test_against_pint() -> None:
+    pint = pytest.importorskip("pint")
+    registry = pint.UnitRegistry()
+    for units in _KINDS.values():
+        for given in units.keys() - {"1"}:
+            for wanted in units:
+                oracle = registry.Quantity(1.7, PINT.get(given, given)).to(PINT.get(wanted, wanted)).magnitude
+                assert parse(f"1.7 {given}", wanted) == pytest.approx(oracle, rel=1e-14)
+
+
+def test_decimals_stay_clean() -> None:
+    assert parse("38 ft", "m") == 11.5824
+    assert parse("30min", "h") == 0.5
+    assert parse(" 12 arcmin ", "deg") == 0.2
+    assert parse("2 GB", "B") == 2_000_000_000
+    assert parse("0.1 deg", "deg") == 0.1
+
+
+@pytest.mark.parametrize("text", ["", "m", "1 2 m", "1,5 m", "--1 m", "1 m/s", "1e m", "m 1", "1_0 m", "nan m"])
+def test_what_is_no_quantity(text: str) -> None:
+    with pytest.raises(Invalid):
+        parse(text, "m")
+
+
+def test_extreme_numbers() -> None:
+    assert parse("1e999999999 m", "mm") == float("inf")
+    assert parse("1e-999999999 m", "mm") == 0.0
+    assert parse("1e308 km", "mm") == float("inf")
