@@ -164,7 +164,6 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _schema(options: argparse.Namespace) -> None:
-    from heliosweep.config.names import did_you_mean  # noqa: F401
     from heliosweep.families.registry import families
 
     known = families()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -237,10 +238,15 @@ def _make_writable(folder: Path) -> None:
 
 
 def _prepare_kernels(family: Family) -> None:
-    log.debug("loading kernels")
-    seconds, compiled = family.prepare()
+    """Load the kernels, and tell a user who waits that the first run compiles them."""
+    waiting = threading.Timer(1.5, log.info, ["compiling the kernels, once on this machine ..."])
+    waiting.start()
+    try:
+        seconds, compiled = family.prepare()
+    finally:
+        waiting.cancel()
     if compiled:
-        log.info("compiled the kernels in %.0f s; the next run finds them in the cache", seconds)
+        log.info("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
 
 
 def _record(study: Study, planned: Plan, folder: Path, stages: _Stages) -> None:

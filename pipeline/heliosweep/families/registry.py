@@ -31,6 +31,10 @@ class Family(Protocol):
         """Pydantic model of the study file."""
         ...
 
+    def example(self) -> str:
+        """Commented study file to start from."""
+        ...
+
     def workload(self, study: Study) -> Workload:
         """Sizes and cost, for the plan."""
         ...

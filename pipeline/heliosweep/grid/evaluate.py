@@ -13,8 +13,8 @@ import dask.array as da
 import numpy as np
 import xarray as xr
 
-#: Name of the tasks that do the planned work begins so; the progress display counts them.
-TASK_PREFIX = "evaluate-"
+#: Stands in the names of the tasks that do the planned work; the progress display counts them.
+TASK_MARK = "evaluate-"
 
 
 def evaluate(
@@ -78,7 +78,7 @@ def evaluate(
         concatenate=True,
         dtype=dtype,
         meta=np.empty((0,) * len(labels), dtype=dtype),
-        token=(TASK_PREFIX if work else "prepare-") + name,
+        token=(TASK_MARK if work else "prepare-") + name,
     )
     return {
         output: xr.DataArray(stacked[index], dims=labels[1:], attrs=dict(attrs))

@@ -19,6 +19,8 @@ from heliosweep.grid.limits import Limits, human_bytes
 BASE_MEMORY = 270 * 2**20
 #: Work that a block should hold: long against a task's overhead of 0.2 ms, short against the run. [s]
 BLOCK_SECONDS = 0.25
+#: Below this a block is not worth its overhead. [s]
+LEAST_SECONDS = 0.005
 #: Blocks per worker that keep all workers busy to the end of a part.
 BLOCKS_PER_WORKER = 8
 #: Tasks in one graph at the most.
@@ -230,7 +232,7 @@ def _blocks(workload: Workload, workers: int, asked: Mapping[str, int]) -> dict[
     """Block lengths: whole points grouped while they are quick, one point cut along `splittable` while it is slow."""
     point_seconds = workload.evaluations * workload.seconds
     total = workload.points * point_seconds
-    target = min(BLOCK_SECONDS, total / (BLOCKS_PER_WORKER * workers)) or BLOCK_SECONDS
+    target = max(LEAST_SECONDS, min(BLOCK_SECONDS, total / (BLOCKS_PER_WORKER * workers)))
     room = max(1, int(target / point_seconds)) if point_seconds > 0 else workload.points
     lengths: dict[str, int] = {}
     for dim, size in reversed(workload.parameters.items()):

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TextIO
 
 from dask.callbacks import Callback
 
-from heliosweep.grid.evaluate import TASK_PREFIX
+from heliosweep.grid.evaluate import TASK_MARK
 from heliosweep.grid.limits import human_seconds
 
 #: Without a terminal: a line at most so often. [s]
@@ -87,5 +87,5 @@ class CountBlocks(Callback):
 
     def _finished(self, key: Any, *_: Any) -> None:
         name = key[0] if isinstance(key, tuple) else key
-        if str(name).startswith(TASK_PREFIX):
+        if TASK_MARK in str(name):
             self._progress.advance()

@@ -6,6 +6,7 @@ After Chong and Tan (2012), doi 10.1155/2012/908364.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from importlib import resources
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,6 +29,10 @@ class FieldEfficiency:
         from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 
         return FieldEfficiencyStudy
+
+    def example(self) -> str:
+        """Commented study file to start from."""
+        return resources.files(__name__).joinpath("default.yaml").read_text(encoding="utf-8")
 
     def workload(self, study: Study) -> Workload:
         """Sizes and cost, for the plan."""

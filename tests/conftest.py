@@ -1,0 +1,43 @@
+"""Fixtures that several test folders use."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heliosweep.config.study import Study
+from heliosweep.workflow import load
+
+ROOT = Path(__file__).parent.parent
+STUDIES = ROOT / "studies"
+
+SMALL: dict[str, Any] = {
+    "family": "field_efficiency",
+    "title": "a small field",
+    "site": {"latitude": [0, 40]},
+    "tracking": ["spinning_elevation", "azimuth_elevation"],
+    "time": {
+        "clock": "solar",
+        "days": [80, 355],
+        "hours": {"start": 7, "stop": 17, "step": 1},
+        "sampling": "inclusive",
+    },
+    "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 2}},
+    "heliostat": {"width": 9, "height": 8, "pivot_height": 5},
+    "receiver": {"height": 60},
+}
+
+
+@pytest.fixture
+def small() -> Callable[..., Study]:
+    """Make a small field study; keyword arguments replace whole blocks, None removes one."""
+
+    def make(**blocks: Any) -> Study:
+        content = {**copy.deepcopy(SMALL), **blocks}
+        return load({key: value for key, value in content.items() if value is not None})
+
+    return make

@@ -1,0 +1,57 @@
+"""The layers import one way only, and what must answer at once imports nothing heavy."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
+
+#: Each layer may import itself and what stands left of it; kernels stand alone.
+ORDER = ["errors", "config", "grid", "kernels", "layouts", "reduce", "store", "report", "families", "runtime", "workflow", "cli"]
+#: What a layer knows of a layer to its right, and why.
+EXCEPTIONS = {
+    ("report", "families"),  # the page asks the registry for the family's figures
+    ("report", "workflow"),  # and opens results as a user does
+}
+HEAVY = {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}
+
+
+def imported(path: Path) -> set[str]:
+    """Modules of heliosweep that a file imports, wherever in it."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name for name in names if name.startswith("heliosweep.")}
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_one_way(path):
+    layer = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    if layer in ("__init__", "__main__"):
+        return
+    for name in imported(path):
+        other = name.split(".")[1]
+        if other not in ORDER or other == layer or (layer, other) in EXCEPTIONS:
+            continue
+        assert layer != "kernels", f"kernels import {name}"
+        assert ORDER.index(other) < ORDER.index(layer), f"{layer} imports {name}"
+
+
+@pytest.mark.parametrize("module", ["heliosweep", "heliosweep.cli", "heliosweep.workflow", "heliosweep.families.registry"])
+def test_faces_import_nothing_heavy(module):
+    code = (
+        f"import sys, {module}\n"
+        "from heliosweep.families.registry import study_classes\n"
+        "study_classes()\n"
+        "print(*{name.partition('.')[0] for name in sys.modules})"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not HEAVY & set(loaded)
