@@ -1,0 +1,48 @@
+"""Compiler options, the warm start and the pure-Python switch."""
+
+import os
+import subprocess
+import sys
+
+from heliosweep.kernels import compiled
+from heliosweep.kernels.field import sweep
+from heliosweep.kernels.packets import packet_order
+
+
+def test_warm_makes_the_one_signature_ready():
+    compiled.warm()
+    assert len(sweep.signatures) == 1
+    assert len(packet_order.signatures) == 1
+    seconds, fresh = compiled.warm()
+    assert seconds < 0.1
+    assert not fresh
+
+
+def test_options():
+    for dispatcher in (sweep, packet_order):
+        options = dispatcher.targetoptions
+        assert options["nogil"]
+        assert options["error_model"] == "numpy"
+        assert not options.get("parallel")
+        assert not options.get("fastmath")
+
+
+def test_kernels_run_as_plain_python_with_nearly_the_same_result():
+    program = (
+        "import numpy as np, sys\n"
+        "from heliosweep.kernels.field import field_series\n"
+        "x, y, side = np.array([10., 19., 30.]), np.array([20., 21., 60.]), np.full(3, 5.)\n"
+        "s = np.array([[.8, .3, .2]]) / np.sqrt(.77)\n"
+        "print(field_series(x, y, side, side, side, 50., 0, s, 0, 3).ravel().tolist(), 'numba' in sys.modules)"
+    )
+    results = []
+    for switch in ("0", "1"):
+        run = subprocess.run(
+            [sys.executable, "-W", "error", "-c", program],
+            env={**os.environ, "HELIOSWEEP_PURE_PYTHON": switch, "PYTHONPATH": os.pathsep.join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        results.append(run.stdout.replace("True", "").replace("False", "").strip())
+    assert results[0] == results[1]

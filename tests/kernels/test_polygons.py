@@ -1,0 +1,121 @@
+"""Unions of images against shapely: thousands of random sets, and sets made of ties."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry import Polygon
+
+from heliosweep.kernels.occlusion import IMAGE_ROWS, image, unions
+from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.polygons import area, cut, gaps, square_area
+
+SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
+
+
+def union_areas(shapes, shading):
+    """Union areas of parallelograms, shape (m, PACKET, 6): centre and half edges; the first `shading` are shades."""
+    count = len(shapes)
+    images, apart = np.zeros((count, IMAGE_ROWS * PACKET)), np.ones(count, bool)
+    up = np.repeat([0.0, 0.0, 1.0], PACKET)
+    one, none = np.ones(PACKET), np.zeros(PACKET)
+    for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
+        # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
+        views = np.concatenate((one, none, cx, none, one, cy))
+        frame = np.concatenate((ax, ay, none, bx, by, none))
+        image(images[m], views, frame, up, 0.0, 0.0, 1.0, True, frame)
+    total = np.empty(3 * PACKET)
+    lane, spare = np.empty(2 * (count + 1) * PACKET, np.int64), np.empty(PACKET)
+    unions(images, apart, shading, count, total, lane, spare)
+    return total.reshape(3, PACKET)
+
+
+def corners(shape):
+    c, a, b = shape[:2], shape[2:4], shape[4:]
+    return np.array([c - a - b, c + a - b, c + a + b, c - a + b])
+
+
+def shapely_areas(shapes, shading):
+    """The same by shapely."""
+    out = np.empty((3, PACKET))
+    for k in range(PACKET):
+        parts = [Polygon(corners(s)).intersection(SQUARE) for s in shapes[:, k]]
+        parts = [p if p.area > 0.0 else Polygon() for p in parts]
+        out[:, k] = [shapely.union_all(p).area for p in (parts[:shading], parts[shading:], parts)]
+    return out
+
+
+def random_shapes(rng, count):
+    centre = rng.uniform(-1.6, 1.6, (count, PACKET, 2))
+    edges = rng.normal(0.0, 0.7, (count, PACKET, 4))
+    return np.concatenate((centre, edges), axis=2)
+
+
+def tied_shapes(rng, count):
+    """Rectangles on a coarse lattice, turned together, then disturbed by next to nothing."""
+    low = rng.integers(-4, 4, (count, PACKET, 2))
+    size = rng.integers(1, 5, (count, PACKET, 2))
+    turn = rng.choice([0.0, 0.0, 0.3, np.pi / 4], (1, PACKET))
+    e, f = np.stack((np.cos(turn), np.sin(turn)), -1), np.stack((-np.sin(turn), np.cos(turn)), -1)
+    centre = (low + size / 2) / 2
+    shapes = np.concatenate(
+        (centre[..., :1] * e + centre[..., 1:] * f, size[..., :1] / 4 * e, size[..., 1:] / 4 * f), axis=2
+    )
+    return shapes + rng.choice([-1, 0, 1], shapes.shape) * 10.0 ** rng.uniform(-17, -12, shapes.shape)
+
+
+@pytest.mark.parametrize("make", [random_shapes, tied_shapes])
+@pytest.mark.parametrize(
+    ("shading", "count"), [(0, 1), (1, 1), (2, 2), (1, 2), (2, 3), (3, 3), (2, 5), (5, 8), (30, 40)]
+)
+def test_unions_against_shapely(make, shading, count):
+    rng = np.random.default_rng(count)
+    for _ in range(6 if count < 10 else 1):
+        shapes = make(rng, count)
+        np.testing.assert_allclose(union_areas(shapes, shading), shapely_areas(shapes, shading), atol=2e-12, rtol=0)
+
+
+def test_many_images_that_need_room():
+    """Thin stripes in two directions leave thousands of pieces open; scratch space grows, nothing is lost."""
+    count = 40
+    places = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    width = 0.3 / count
+    shapes = np.array(
+        [(p, 0.0, width, 0.0, 0.0, 2.0) for p in places] + [(0.0, p, 2.0, 0.0, 0.0, width) for p in places]
+    )
+    polygons = np.array([corners(s) for s in shapes])
+    before, after = gaps(polygons, np.full(2 * count, 4), count)
+    np.testing.assert_allclose([before, after], [4.0 * 0.7, 4.0 * 0.49], atol=1e-12)
+
+
+def test_a_covered_square_ends_the_search():
+    polygons = np.array([corners(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0]))] * 3)
+    assert gaps(polygons, np.full(3, 4), 1) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-300, 1e-17, 1e-16, 1e-13])
+def test_nearly_level_edges_lose_nothing(tiny):
+    for shape, expected in (
+        ((0.0, 0.0, 0.5, tiny, tiny, 0.5), 1.0),
+        ((1.0, 1.0, 1.0, tiny, tiny, 1.0), 1.0),
+        ((0.0, 0.0, 1.0, tiny, -tiny, 1.0), 4.0),
+        ((0.0, 0.0, tiny, 3.0, 2.0, tiny), 4.0),
+    ):
+        polygon = corners(np.array(shape))
+        assert abs(square_area(polygon, 4) - expected) < 1e-12
+        shapes = np.tile(np.array(shape), (2, PACKET, 1))
+        assert abs(union_areas(shapes, 1) - expected).max() < 1e-12
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), st.floats(0.0, 6.3))
+def test_cut_parts_add_up(shape, angle):
+    polygon = corners(np.array(shape))
+    if area(polygon, 4) < 0.0:
+        polygon = polygon[::-1].copy()
+    inside, outside = np.empty((16, 2)), np.empty((16, 2))
+    left, right = cut(polygon, 4, 0.1, 0.2, np.cos(angle), np.sin(angle), inside, outside)
+    assert abs(area(inside, left) + area(outside, right) - area(polygon, 4)) < 1e-13
+    assert area(inside, left) > -1e-14
+    assert area(outside, right) > -1e-14
