@@ -70,7 +70,7 @@ def test_unreadable_files(tmp_path: Path) -> None:
 
 def test_study_built_in_python_is_located_by_key_alone() -> None:
     with pytest.raises(StudyError) as error:
-        load_mapping({"family": "field_efficiency", "site": {"latitude": 91}, 3: 4}, REGISTRY)
+        load_mapping({"family": "field_efficiency", "site": {"latitude": 91, 3: 4}}, REGISTRY)
     assert "site.latitude: must be between -90 and 90 deg (got 91)" in str(error.value).split("\n")
     assert all(problem.line is None for problem in error.value.problems)
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from heliosweep.config.load import load
-from heliosweep.errors import StudyError
+from heliosweep.errors import Problem, StudyError
 
 from .conftest import LINES, REGISTRY
 
@@ -93,7 +93,7 @@ relaxed = settings(max_examples=150, deadline=None, derandomize=True, suppress_h
 
 
 def loads_or_explains(path: Path) -> None:
-    problems = ()
+    problems: tuple[Problem, ...] = ()
     try:
         load(path, REGISTRY)
     except StudyError as error:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from heliosweep.config.blocks import Site
 from heliosweep.config.identity import resolved_yaml
 from heliosweep.config.load import load, load_mapping
+from heliosweep.config.quantity import Quantity
 from heliosweep.config.study import field_quantity
 from heliosweep.config.sweep import Listed, Range
 from heliosweep.errors import StudyError
@@ -108,9 +110,8 @@ def test_identity_survives_rewriting(load_study) -> None:
     same = [
         {"site": "site:\n  latitude: 30.0   # a comment"},
         {"time": "time: {hours: {num: 41, stop: 16, start: 8}, sampling: inclusive, clock: solar}"},
-        {
-            "time": "time: {clock: solar, hours: {start: 480 min, stop: 16 h, step: 12 min}, days: {start: 1, stop: 365, step: 1}}"
-        },
+        {"time": "time: {clock: solar, hours: {start: 480 min, stop: 16 h, step: 12 min}}"},
+        {"time": "time: {clock: solar, hours: {start: 8, stop: 16, num: 41}, days: {start: 1, stop: 365, step: 1}}"},
         {"receiver": "execution: {workers: 3}\nreceiver: {height: 9500 cm}"},
         {"title": "title: other", "receiver": "output: {time_series: true}\nreceiver: {height: 0.095 km}"},
         {"family": "receiver: {height: 95}", "receiver": "family: field_efficiency"},
@@ -196,11 +197,16 @@ def test_a_trillion_points_load_quickly(load_study) -> None:
 
 
 def test_field_quantity() -> None:
+    def unit(key: str) -> str:
+        quantity = field_quantity(FieldEfficiencyStudy, key)
+        assert isinstance(quantity, Quantity)
+        return quantity.unit
+
     latitude = field_quantity(FieldEfficiencyStudy, "site.latitude")
-    assert (latitude.unit, latitude.standard_name, latitude.title) == ("deg", "latitude", "latitude")
+    assert (latitude.standard_name, latitude.title) == ("latitude", "latitude")
     assert field_quantity(FieldEfficiencyStudy, "receiver.height").dimension == "receiver_height"
-    assert field_quantity(FieldEfficiencyStudy, "sites[0].longitude").unit == "deg"
-    assert field_quantity(FieldEfficiencyStudy, "time.declination").unit == "deg"
+    assert unit("site.latitude") == unit("sites[0].longitude") == unit("time.declination") == "deg"
+    assert unit("time.hours") == "h"
     assert "how" in field_quantity(FieldEfficiencyStudy, "tracking").description.lower()
     for missing in ("site", "site.nothing", "nothing.at.all"):
         with pytest.raises(KeyError):
@@ -214,3 +220,14 @@ def test_the_sun_must_rise_somewhere(load_study) -> None:
     load_study(time=night, site="site: {latitude: [30, 80]}")  # midnight sun at 80 deg
     with pytest.raises(StudyError, match="the sun never rises"):
         load_study(site="site: {latitude: 90}", time="time: {clock: solar, hours: 12, declination: [-10, -5]}")
+
+
+def test_two_sweeps_must_not_share_a_dimension(study_file) -> None:
+    class Twice(FieldEfficiencyStudy):
+        second: Site
+
+    path = study_file("second: {latitude: [3, 4]}", site="site: {latitude: [1, 2]}")
+    with pytest.raises(StudyError) as error:
+        load(path, {"field_efficiency": Twice})
+    said = "study.yaml:8:20: second.latitude: would share the dimension 'latitude' of the result with site.latitude"
+    assert str(error.value) == said

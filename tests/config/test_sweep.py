@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from heliosweep.config.faults import Invalid
 from heliosweep.config.forms import read_sweep
 from heliosweep.config.sweep import Geometric, Listed, Range
 
@@ -94,3 +95,22 @@ def test_midpoints() -> None:
 def test_the_compact_form_reads_back() -> None:
     for raw in ([3.0, 1.0], {"start": 8, "stop": 16, "step": 0.2}, {"logspace": {"start": 1, "stop": 100, "num": 3}}):
         assert sweep(sweep(raw).spec()) == sweep(raw)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        {"start": 1e-200, "stop": 0, "step": 1e-201},
+        {"start": -1e299, "stop": 1e299, "step": -1e298},
+        {"logspace": {"start": 1e-200, "stop": -1e-200, "num": 3}},
+        {"logspace": {"start": 1, "stop": 1.0001, "num": 10**14}},
+        {"start": 1, "stop": 1.0001, "num": 10**14},
+    ],
+)
+def test_extremes_are_refused(raw: Any) -> None:
+    with pytest.raises(Invalid):
+        sweep(raw)
+
+
+def test_a_tiny_range() -> None:
+    assert sweep({"start": 0, "stop": 3e-200, "step": 1e-200}).values().tolist() == [0.0, 1e-200, 2e-200, 3e-200]

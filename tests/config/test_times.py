@@ -11,16 +11,20 @@ from pydantic import TypeAdapter
 
 from heliosweep.config.times import CivilTime, SolarTime, Time
 
-time_block = TypeAdapter(Time)
+time_block: TypeAdapter[SolarTime | CivilTime] = TypeAdapter(Time)
 
 
 def solar(**keys: Any) -> SolarTime:
-    return time_block.validate_python({"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 0.2}} | keys)
+    time = time_block.validate_python({"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 0.2}} | keys)
+    assert isinstance(time, SolarTime)
+    return time
 
 
 def civil(**keys: Any) -> CivilTime:
     window = {"start": "07:00", "stop": "21:00", "step": "30 min"}
-    return time_block.validate_python({"clock": "civil", "dates": "2021-06-21", "window": window} | keys)
+    time = time_block.validate_python({"clock": "civil", "dates": "2021-06-21", "window": window} | keys)
+    assert isinstance(time, CivilTime)
+    return time
 
 
 def test_defaults() -> None:

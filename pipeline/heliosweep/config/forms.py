@@ -17,6 +17,8 @@ from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
 MAX_POINTS = 10**15
 MAX_FAULTS = 100  # of one list; nobody reads more
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
+_TOO_FINE = "the steps are finer than the precision of numbers"
+_PRECISION = 2.0**-52
 _ON_STEP = Decimal("1e-9")  # a stop this near to the last step, in steps, falls on it
 
 ReadNumber = Callable[[Any], float]
@@ -89,7 +91,7 @@ def _read_range(raw: Mapping[str, Any], number: ReadNumber) -> Range:
     if num > 1 and start == stop:
         raise Invalid(Fault("must differ from start where there is more than one value", ("stop",)))
     if num > 1 and abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop))):
-        raise Invalid(Fault("the steps are finer than the precision of numbers", (part,)))
+        raise Invalid(Fault(_TOO_FINE, (part,)))
     return Range(start, stop, num, limit)
 
 
@@ -97,11 +99,11 @@ def _stepped(start: float, stop: float, step: float) -> tuple[int, float, float 
     """Return the number of values, the last one, and the stop as written where it is not the last one."""
     if step == 0:
         raise Invalid(Fault("must not be zero", ("step",)))
-    if (stop - start) * step < 0:
-        sign = "positive" if stop > start else "negative"
-        raise Invalid(Fault(f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", ("step",)))
     exact_start, exact_step = Decimal(repr(start)), Decimal(repr(step))
     steps = (Decimal(repr(stop)) - exact_start) / exact_step
+    if steps < 0:
+        sign = "positive" if stop > start else "negative"
+        raise Invalid(Fault(f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", ("step",)))
     if steps >= MAX_POINTS:
         raise Invalid(Fault(f"gives more than {MAX_POINTS:.0e} values; is the step too small?", ("step",)))
     whole = int(steps + _ON_STEP)
@@ -119,11 +121,13 @@ def _read_logspace(raw: Any, number: ReadNumber) -> Geometric:
     )
     start, stop, num = values["start"], values["stop"], int(values["num"])
     faults = [Fault("must not be zero", (key,)) for key in ("start", "stop") if values[key] == 0]
-    if start * stop < 0:
+    if not faults and (start < 0) != (stop < 0):
         faults.append(Fault("must have the sign of start", ("stop",)))
     if (num == 1) != (start == stop):
         needed = "at least 2 where start and stop differ" if num == 1 else "1 where they are equal"
         faults.append(Fault(f"must be {needed}", ("num",)))
+    if not faults and num > 1 and abs(math.log(stop / start)) / (num - 1) < 2 * _PRECISION:
+        faults.append(Fault(_TOO_FINE, ("num",)))
     if faults:
         raise Invalid(faults)
     return Geometric(start, stop, num)

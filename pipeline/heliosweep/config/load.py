@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain, islice
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
@@ -17,11 +17,10 @@ from heliosweep.errors import Problem, StudyError
 
 MAX_PROBLEMS = 100
 
-Registry = Mapping[str, type[Study]]
-"""The study class of each family, by name."""
+StudyT = TypeVar("StudyT", bound=Study)
 
 
-def load(path: str | os.PathLike[str], registry: Registry) -> Study:
+def load(path: str | os.PathLike[str], registry: Mapping[str, type[StudyT]]) -> StudyT:
     """Load a study file.
 
     Parameters
@@ -29,7 +28,7 @@ def load(path: str | os.PathLike[str], registry: Registry) -> Study:
     path : path
         The study file.
     registry : mapping of str to type of Study
-        The families.
+        The study class of each family, by name.
 
     Returns
     -------
@@ -44,9 +43,8 @@ def load(path: str | os.PathLike[str], registry: Registry) -> Study:
     return _validated(read(path), registry)
 
 
-def load_mapping(data: Mapping[str, Any], registry: Registry) -> Study:
-    """Make a study of plain data, as :func:`load` does of a file; file names count from the working
-    directory.
+def load_mapping(data: Mapping[str, Any], registry: Mapping[str, type[StudyT]]) -> StudyT:
+    """Make a study of plain data, as :func:`load` does of a file; its file names count from the working directory.
 
     Raises
     ------
@@ -56,7 +54,7 @@ def load_mapping(data: Mapping[str, Any], registry: Registry) -> Study:
     return _validated(Source(dict(data)), registry)
 
 
-def _validated(source: Source, registry: Registry) -> Study:
+def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     problems = list(source.problems)
     study_class = _study_class(source, registry, problems)
     nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
@@ -76,7 +74,7 @@ def _validated(source: Source, registry: Registry) -> Study:
     return study
 
 
-def _study_class(source: Source, registry: Registry, problems: list[Problem]) -> type[Study] | None:
+def _study_class(source: Source, registry: Mapping[str, type[StudyT]], problems: list[Problem]) -> type[StudyT] | None:
     """Return the study class of the family, or note what is wrong with it."""
     family = source.data.get("family")
     if isinstance(family, str) and family in registry:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +12,7 @@ from heliosweep.config.fields import Parameter, list_schema, to_python
 from heliosweep.config.forms import read_sweep
 from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
 
+_INFINITE = 1e300  # beyond it differences overflow
 _QUANTITY_PATTERN = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
 
 
@@ -85,14 +85,14 @@ class Quantity(Parameter):
         """Return one finite number in the canonical unit, bounds not yet checked."""
         raw = to_python(raw)
         if isinstance(raw, str):
-            value = units.parse(raw, self.unit)
+            value: float = units.parse(raw, self.unit)
         elif isinstance(raw, bool) or not isinstance(raw, int | float):
             raise Invalid(f"must be {units.expected(self.unit)}")
         else:
-            value = float(raw) if abs(raw) < 1e300 else math.inf
-        if not math.isfinite(value):
+            value = raw
+        if not abs(value) < _INFINITE:
             raise Invalid("must be a finite number")
-        return value + 0.0  # no negative zero
+        return float(value) + 0.0  # no negative zero
 
     def _one(self, raw: Any) -> float:
         value = self._number(raw)

@@ -10,7 +10,9 @@ from pydantic import ValidationError
 
 from heliosweep.config.blocks import NamedSite, SiteFile
 from heliosweep.config.faults import did_you_mean
+from heliosweep.config.source import Source
 from heliosweep.config.study import Study
+from heliosweep.config.translate import translate
 from heliosweep.errors import Problem, StudyError
 
 _NUMBERS = ("latitude", "longitude", "altitude")
@@ -39,10 +41,8 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
         try:
             table.append(NamedSite.model_validate(row))
         except ValidationError as error:
-            problems += [
-                Problem(details["msg"], ".".join(map(str, details["loc"])), sites.file, line)
-                for details in error.errors(include_url=False)
-            ]
+            found = translate(error, NamedSite, Source(row))
+            problems += [Problem(problem.message, problem.key, sites.file, line) for problem in found]
     names = [site.name for site in table]
     problems += [
         Problem(f"two sites are named {name!r}", "name", sites.file)

@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:  # it takes longer to import than reading a study
+    from numpy.typing import NDArray
 
 _EXACT = 2**53  # integers up to here are exact in a float64
 

@@ -7,10 +7,9 @@ import re
 import zoneinfo
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from heliosweep.config.block import Block
@@ -20,6 +19,9 @@ from heliosweep.config.forms import key_faults, read_items, read_parts
 from heliosweep.config.names import Choice
 from heliosweep.config.quantity import Quantity, Samples
 from heliosweep.config.sweep import Range, Sweep
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Sampling = Annotated[
     str,

@@ -1,0 +1,37 @@
+"""Tables of sites."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from heliosweep.config.sites import site_table
+from heliosweep.errors import StudyError
+
+SITE_FILE = "sites: {file: sites.csv}"
+
+
+def test_table(load_study) -> None:
+    Path("sites.csv").write_text("name,latitude,longitude\nDunhuang,40.13,94.67\n# far south\nTimaru,-44.4,\n")
+    sites = site_table(load_study(site=SITE_FILE))
+    assert [(site.name, site.latitude, site.longitude) for site in sites] == [
+        ("Dunhuang", 40.13, 94.67),
+        ("Timaru", -44.4, None),
+    ]
+
+
+def test_list_and_single_site(load_study) -> None:
+    assert site_table(load_study()) == ()
+    assert site_table(load_study(site="sites: [{name: a, latitude: 3}]"))[0].name == "a"
+
+
+def test_every_wrong_cell_at_its_line(load_study) -> None:
+    Path("sites.csv").write_text("name,latitude\na,91\nb,x\nc,\n")
+    with pytest.raises(StudyError) as error:
+        site_table(load_study(site=SITE_FILE))
+    assert str(error.value).split("\n") == [
+        "sites.csv:2: latitude: must be between -90 and 90 deg (got 91.0)",
+        "sites.csv:3: latitude: must be an angle in deg, a number or text such as '1.2 mrad' (got 'x')",
+        "sites.csv:4: latitude: is missing: Geographic latitude, positive north [deg]",
+    ]
