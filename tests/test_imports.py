@@ -12,7 +12,20 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
 
 #: Each layer may import itself and what stands left of it; kernels stand alone.
-ORDER = ["errors", "config", "grid", "kernels", "layouts", "reduce", "store", "report", "families", "runtime", "workflow", "cli"]
+ORDER = [
+    "errors",
+    "config",
+    "grid",
+    "kernels",
+    "layouts",
+    "reduce",
+    "store",
+    "report",
+    "families",
+    "runtime",
+    "workflow",
+    "cli",
+]
 #: What a layer knows of a layer to its right, and why.
 EXCEPTIONS = {
     ("report", "families"),  # the page asks the registry for the family's figures
@@ -45,7 +58,9 @@ def test_imports_go_one_way(path):
         assert ORDER.index(other) < ORDER.index(layer), f"{layer} imports {name}"
 
 
-@pytest.mark.parametrize("module", ["heliosweep", "heliosweep.cli", "heliosweep.workflow", "heliosweep.families.registry"])
+@pytest.mark.parametrize(
+    "module", ["heliosweep", "heliosweep.cli", "heliosweep.workflow", "heliosweep.families.registry"]
+)
 def test_faces_import_nothing_heavy(module):
     code = (
         f"import sys, {module}\n"

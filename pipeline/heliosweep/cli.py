@@ -34,7 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     options = _parser().parse_args(arguments)
-    logging.basicConfig(level=logging.DEBUG if options.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
+    logging.basicConfig(
+        level=logging.DEBUG if options.verbose else logging.INFO, format="%(message)s", stream=sys.stderr
+    )
     for noisy in ("matplotlib", "numba", "asyncio", "PIL", "fontTools"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
     signal.signal(signal.SIGTERM, _interrupt)
@@ -66,7 +68,7 @@ def _interrupt(*_: object) -> NoReturn:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="heliosweep",
-        description="Batch studies of solar-concentrator tracking and optics: one YAML file in, one NetCDF data set out.",
+        description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",
         epilog=_EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"heliosweep {__version__}")

@@ -54,7 +54,7 @@ def load(source: str | os.PathLike[str] | Mapping[str, Any]) -> Study:
     return load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
 
 
-def family_of(study: Study) -> Family:
+def family_of(study: Study) -> Family[Any]:
     """Family that a study belongs to."""
     return families()[study.family]
 
@@ -237,7 +237,7 @@ def _make_writable(folder: Path) -> None:
         ) from None
 
 
-def _prepare_kernels(family: Family) -> None:
+def _prepare_kernels(family: Family[Any]) -> None:
     """Load the kernels, and tell a user who waits that the first run compiles them."""
     waiting = threading.Timer(1.5, log.info, ["compiling the kernels, once on this machine ..."])
     waiting.start()

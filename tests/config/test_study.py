@@ -91,7 +91,7 @@ def test_files_are_relative_to_the_study(study_file) -> None:
     folder = Path("deep")
     folder.mkdir()
     path = study_file(layout="layout: {file: a.csv}").rename(folder / "study.yaml")
-    (folder / "a.csv").write_text("x,y\n")
+    (folder / "a.csv").write_text("x,y\n0,50\n")
     study = load(path, REGISTRY)
     assert study.source.path == folder / "study.yaml"
     assert study.source.directory == folder
@@ -145,13 +145,14 @@ def test_identity_holds_the_contents_of_files(study_file) -> None:
         {"site": "site: {latitude: {start: -60, stop: 60, step: 2}, timezone: '+08:00'}\ntitle: '1e-3'"},
         {"time": "time: {clock: solar, hours: 12, declination: {start: -23.45, stop: 23.45, num: 7}}"},
         {
+            "site": "site: {latitude: 48, longitude: 2}",
             "time": "time: {clock: civil, dates: {start: 2021-01-01, stop: 2021-01-31, step: 7},"
-            " window: {start: 7:00, stop: 12:30, step: 10 min}, timezone: Europe/Paris, sampling: midpoint}"
+            " window: {start: 7:00, stop: 12:30, step: 10 min}, timezone: Europe/Paris, sampling: midpoint}",
         },
         {"site": "sites: [{name: 'no', latitude: 3}, {name: b, latitude: 4, longitude: 5}]"},
         {
             "layout": "layout: {radial_stagger: {inner_radius: 60, rings: [3, 4],"
-            " clearance: {logspace: {start: 10, stop: 20, num: 3}}}}"
+            " clearance: {logspace: {start: 12, stop: 20, num: 3}}}}"
         },
         {
             "receiver": "receiver: {height: [95, 96]}\nzip: [[tracking, receiver_height]]",

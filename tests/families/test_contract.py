@@ -33,7 +33,7 @@ def test_example_runs_and_the_plan_foresees_its_size(family, example, tmp_path):
         assert dict(dataset.sizes) == planned.workload.sizes
         assert sum(array.nbytes for array in dataset.data_vars.values()) == planned.output_bytes
         for name, array in dataset.data_vars.items():
-            assert array.dims == planned.workload.variables[name]
+            assert array.dims == planned.workload.variables[str(name)]
 
 
 def test_lazy_build_equals_the_run(example, tmp_path):

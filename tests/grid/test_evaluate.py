@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -53,7 +55,13 @@ def test_no_dimensions_at_all_and_new_core_dimensions():
 
 def test_only_work_carries_the_prefix_that_progress_counts():
     value = xr.DataArray(np.arange(6.0), dims="a")
-    arguments = {"dims": ("a",), "core": [()], "sizes": {"a": 6}, "chunks": {"a": 2}, "outputs": {"same": {}}}
+    arguments: dict[str, Any] = {
+        "dims": ("a",),
+        "core": [()],
+        "sizes": {"a": 6},
+        "chunks": {"a": 2},
+        "outputs": {"same": {}},
+    }
     for work, expected in ((True, 3), (False, 0)):
         made = evaluate(lambda a: a[np.newaxis], [value], name="test", work=work, **arguments)["same"]
         keys = [key for key in made.data.__dask_graph__().to_dict() if TASK_MARK in str(key[0])]

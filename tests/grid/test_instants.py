@@ -42,7 +42,9 @@ def test_samplings_of_a_window_across_the_new_year_in_utc(sampling, expected):
 
 def test_daylight_saving_changes_shorten_and_lengthen_the_day():
     window = {"start": "00:00", "stop": "24:00", "step": "1 h"}
-    days = {date: civil([date], window, zones=("Europe/Berlin",)) for date in ("2021-03-28", "2021-06-01", "2021-10-31")}
+    days = {
+        date: civil([date], window, zones=("Europe/Berlin",)) for date in ("2021-03-28", "2021-06-01", "2021-10-31")
+    }
     assert [instants.size for instants in days.values()] == [23, 24, 25]
     for instants in days.values():
         assert set(np.diff(instants)) == {np.timedelta64(1, "h")}

@@ -76,9 +76,13 @@ def test_failure_leaves_nothing_and_keeps_what_was_there(tmp_path):
     class Stop(BaseException):
         pass
 
-    with pytest.raises(Stop), ResultWriter(path, SIZES, COORDINATES, {"mean": MEAN}, {}) as writer:
-        writer.write({"mean": VALUES["mean"]}, {})
-        raise Stop
+    def interrupted() -> None:
+        with ResultWriter(path, SIZES, COORDINATES, {"mean": MEAN}, {}) as writer:
+            writer.write({"mean": VALUES["mean"]}, {})
+            raise Stop
+
+    with pytest.raises(Stop):
+        interrupted()
     assert path.read_text() == "older result"
     assert list(tmp_path.iterdir()) == [path]
 

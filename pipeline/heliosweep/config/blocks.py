@@ -88,7 +88,7 @@ class Receiver(Block):
     height: Annotated[
         float | Sweep,
         Quantity(
-            "Height of the aim point above the ground",
+            "Height of the aim point above the tower's base",
             "m",
             gt=0,
             dimension="receiver_height",
@@ -101,18 +101,34 @@ class Heliostat(Block):
     """The mirror of every heliostat, one flat rectangle."""
 
     width: Annotated[
-        float | Sweep,
-        Quantity("Width of the mirror", "m", gt=0, dimension="heliostat_width", title="mirror width"),
-    ]
+        float | Sweep | None,
+        Quantity(
+            "Width of the mirror; left out where the layout has a column 'width'",
+            "m",
+            gt=0,
+            dimension="heliostat_width",
+            title="mirror width",
+        ),
+    ] = None
     height: Annotated[
-        float | Sweep,
-        Quantity("Height of the mirror", "m", gt=0, dimension="heliostat_height", title="mirror height"),
-    ]
+        float | Sweep | None,
+        Quantity(
+            "Height of the mirror; left out where the layout has a column 'height'",
+            "m",
+            gt=0,
+            dimension="heliostat_height",
+            title="mirror height",
+        ),
+    ] = None
     pivot_height: Annotated[
         float | Sweep,
-        Quantity("Height of the mirror centre above the ground, where the layout has no z", "m", ge=0,
-                 title="height of the mirror centre"),
-    ]  # fmt: skip
+        Quantity(
+            "Height of the mirror centre above the heliostat's base; the base is at z of the layout, 0 without z",
+            "m",
+            ge=0,
+            title="height of the mirror centre above the heliostat's base",
+        ),
+    ]
 
 
 class Zone(Block):

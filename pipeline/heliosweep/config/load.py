@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import chain, islice
+from itertools import islice
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -68,8 +68,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for problems_found in (chain(_zip_problems(study), _missing_files(study)), study.check()):
-        if problems := list(islice(problems_found, MAX_PROBLEMS + 1)):
+    for find in (_outer_problems, type(study).check):  # the second may rely on what the first looks at
+        if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study
 
@@ -100,6 +100,12 @@ def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
     elif isinstance(data, list | tuple):
         for position, value in enumerate(data):
             yield from _nulls(value, (*path, position))
+
+
+def _outer_problems(study: Study) -> Iterator[Problem]:
+    """Yield what is wrong with the study as a whole, whatever its family."""
+    yield from _zip_problems(study)
+    yield from _missing_files(study)
 
 
 def _zip_problems(study: Study) -> Iterator[Problem]:

@@ -67,6 +67,10 @@ class Study(Block):
         """Yield what is wrong between blocks or with named files; runs when every block is right by itself."""
         return ()
 
+    def notes(self) -> Iterable[str]:
+        """Yield what the user should be warned of in a study that is valid."""
+        return ()
+
     @property
     def source(self) -> Source:
         """Where the study comes from: ``.path`` and ``.directory``."""

@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.grid.axes import Grid
-from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 
 _POSITIONS = {
@@ -46,7 +45,9 @@ class LayoutAxis:
         self._layouts = [layouts[index] for index in itertools.product(*spans)]
         self.x, self.y, self.z = (self._positions(name) for name in ("x", "y", "z"))
         self.numbers = xr.DataArray(
-            np.arange(self.size), dims="heliostat", attrs={"long_name": "heliostat, by its row in the layout from 0"}
+            np.arange(self.size),
+            dims="heliostat",
+            attrs={"long_name": "number of the heliostat: its row in the layout, from 0", "units": "1"},
         )
 
     def _labelled(self, columns: list[np.ndarray], padding: object) -> xr.DataArray:
@@ -89,7 +90,9 @@ class LayoutAxis:
         coordinates = {"heliostat": self.numbers, "x": self.x, "y": self.y, "z": self.z}
         for name in self._layouts[0].columns:
             columns = [layout.columns.get(name) for layout in self._layouts]
-            kinds = {"none" if column is None else "text" if column.dtype.kind == "U" else "number" for column in columns}
+            kinds = {
+                "none" if column is None else "text" if column.dtype.kind == "U" else "number" for column in columns
+            }
             if len(kinds) > 1 or "none" in kinds:
                 continue
             present = [column for column in columns if column is not None]
@@ -103,7 +106,10 @@ class LayoutAxis:
 def _column_attributes(name: str, text: bool) -> dict[str, str]:
     known = {
         "ring": {"long_name": "ring of the layout, from the tower outwards", "units": "1"},
-        "azimuth": {"long_name": "azimuth of the heliostat seen from the tower, clockwise from north", "units": "degree"},
+        "azimuth": {
+            "long_name": "azimuth of the heliostat seen from the tower, clockwise from north",
+            "units": "degree",
+        },
         "width": {"long_name": "mirror width", "units": "m"},
         "height": {"long_name": "mirror height", "units": "m"},
     }

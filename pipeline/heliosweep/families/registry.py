@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from heliosweep.grid.plan import Workload
 
 
-class Family(Protocol):
+StudyT = TypeVar("StudyT", bound="Study", contravariant=True)
+
+
+class Family(Protocol[StudyT]):
     """A kind of study: one folder beside this file, or an entry point of another package.
 
     Each method imports what it needs when it is called, so that validating a study stays quick.
@@ -35,7 +38,7 @@ class Family(Protocol):
         """Commented study file to start from."""
         ...
 
-    def workload(self, study: Study) -> Workload:
+    def workload(self, study: StudyT) -> Workload:
         """Sizes and cost, for the plan."""
         ...
 
@@ -43,11 +46,11 @@ class Family(Protocol):
         """Load or compile the kernels; seconds it took, and whether something was compiled."""
         ...
 
-    def build(self, study: Study, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
+    def build(self, study: StudyT, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
         """Lazy result over a part of the parameter grid."""
         ...
 
-    def coordinates(self, study: Study) -> xr.Dataset:
+    def coordinates(self, study: StudyT) -> xr.Dataset:
         """Coordinates of the whole result, in memory."""
         ...
 
@@ -66,11 +69,11 @@ class NamedFigure:
 
 
 @cache
-def families() -> dict[str, Family]:
+def families() -> dict[str, Family[Any]]:
     """All families by name: the folders beside this file, then entry points in the group ``heliosweep.families``."""
     import heliosweep.families as package
 
-    found: dict[str, Family] = {}
+    found: dict[str, Family[Any]] = {}
     for module in pkgutil.iter_modules(package.__path__):
         if module.ispkg:
             family = import_module(f"{package.__name__}.{module.name}").FAMILY

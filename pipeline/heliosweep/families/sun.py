@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import xarray as xr
@@ -34,9 +34,7 @@ def instants_of(grid: Grid) -> Instants:
     return civil_instants(time, grid.timezones())
 
 
-def sun_vectors(
-    site: Mapping[str, xr.DataArray], instants: Instants, chunks: Mapping[str, int]
-) -> xr.DataArray:
+def sun_vectors(site: Mapping[str, xr.DataArray], instants: Instants, chunks: Mapping[str, int]) -> xr.DataArray:
     """Unit vectors towards the sun, once per site and instant.
 
     Parameters
@@ -113,4 +111,8 @@ def _civil(latitude: np.ndarray, longitude: np.ndarray, altitude: np.ndarray, ut
     return vectors
 
 
-_FACES = {"solar": _solar_days, "declination": _solar_declinations, "civil": _civil}
+_FACES: dict[str, Callable[..., np.ndarray]] = {
+    "solar": _solar_days,
+    "declination": _solar_declinations,
+    "civil": _civil,
+}

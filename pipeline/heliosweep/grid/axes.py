@@ -95,9 +95,9 @@ class Grid:
 
     def timezones(self) -> list[str]:
         """Time zone of every site of the slab; that of the ``time`` block where it gives one."""
-        time, site = self.study.time, getattr(self.study, "site", None)  # type: ignore[attr-defined]
-        own = [one.timezone for one in self._sites[self.part("site")]] if self._sites else [site.timezone]
-        return [time.timezone or zone for zone in own]
+        shared: str | None = getattr(self.study, "time").timezone  # noqa: B009
+        sites = self._sites[self.part("site")] or (getattr(self.study, "site"),)  # noqa: B009
+        return [shared or site.timezone or "+00:00" for site in sites]
 
     def coordinates(self, keys: Sequence[str] = ()) -> dict[str, xr.DataArray]:
         """Every swept key, and those of `keys` that are given, as coordinates named as the family declares.

@@ -15,6 +15,7 @@ from heliosweep.config.times import CivilTime, SolarTime
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+
 @dataclass(frozen=True)
 class Instants:
     """The instants of a study, labelled.
@@ -41,6 +42,14 @@ class Instants:
     def size(self) -> int:
         """Number of instants."""
         return next(iter(self.labels.values())).sizes["time"]
+
+
+def instant_count(time: SolarTime | CivilTime) -> int:
+    """Number of instants, without making them; on the civil clock not counting changes to daylight-saving time."""
+    if isinstance(time, SolarTime):
+        return time.count()
+    start, stop, step = time.window_seconds()
+    return len(time.date_list()) * (int((stop - start) / step) + 1)
 
 
 def solar_instants(time: SolarTime) -> Instants:
@@ -110,15 +119,18 @@ def _utc_instants(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
     pieces = []
     for date in time.date_list():
         opens, closes = (_universal(date, seconds, zone) for seconds in (start, stop))
-        count = np.floor((closes - opens) / step + 1e-9)
-        if time.sampling == "midpoint":
-            offsets = (np.arange(count) + 0.5) * step
-        elif time.sampling == "left":
-            offsets = np.arange(np.ceil((closes - opens) / step - 1e-9)) * step
-        else:
-            offsets = np.arange(count + 1) * step
-        pieces.append(np.round((opens + offsets) * 1e9).astype(np.int64).view("datetime64[ns]"))
+        seconds = opens + step * _positions((closes - opens) / step, time.sampling)
+        pieces.append(np.round(seconds * 1e9).astype(np.int64).view("datetime64[ns]"))
     return np.concatenate(pieces)
+
+
+def _positions(steps: float, sampling: str) -> NDArray[np.float64]:
+    """Instants of a window of so many steps, in steps from its opening; whole where rounding alone says otherwise."""
+    whole = int(np.floor(steps + 1e-9))
+    if sampling == "midpoint":
+        return np.arange(whole) + 0.5
+    count = whole + 1 if sampling == "inclusive" else int(np.ceil(steps - 1e-9))
+    return np.arange(count, dtype=np.float64)
 
 
 def parse_timezone(timezone: str) -> dt.tzinfo:

@@ -49,7 +49,7 @@ def _processors() -> int:
 
 
 def _available_memory() -> int:
-    """Memory that can be had without swapping; where the system does not tell, a careful 4 GB. [bytes]"""
+    """Memory that can be had without swapping; where the system does not tell, a careful 4 GB. [bytes]."""
     try:
         text = Path("/proc/meminfo").read_text(encoding="ascii")
         lines = dict(line.split(":", 1) for line in text.splitlines())

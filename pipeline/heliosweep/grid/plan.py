@@ -78,7 +78,7 @@ class Workload:
         return math.prod(self.parameters.values())
 
     def bytes_of(self, sizes: Mapping[str, int]) -> int:
-        """Size of the stored variables for the given lengths of dimensions. [bytes]"""
+        """Size of the stored variables for the given lengths of dimensions. [bytes]."""
         return sum(8 * math.prod(sizes[dim] for dim in dims) for dims in self.variables.values())
 
 

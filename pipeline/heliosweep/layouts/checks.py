@@ -163,9 +163,7 @@ def _repeated(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[n
     return repeated[by_row], original[by_row]
 
 
-def _listed(
-    layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]
-) -> list[Problem]:
+def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
     """Return a problem for each of the first rows, and one that counts the rest."""
     problems = []
     for row, message in zip(rows[:MAX_LISTED], messages, strict=False):

@@ -75,9 +75,7 @@ class Layouts:
         except StudyError as error:
             raise StudyError(
                 [
-                    problem
-                    if problem.line
-                    else self._study.problem("layout.file", f"{name}: {problem.message}")
+                    problem if problem.line else self._study.problem("layout.file", f"{name}: {problem.message}")
                     for problem in error.problems
                 ]
             ) from None
@@ -85,8 +83,7 @@ class Layouts:
     def _generate(self, swept: Mapping[str, Any]) -> Layout:
         block: RadialStagger = self._block.radial_stagger
         given = {
-            key: swept.get(key, getattr(block, key))
-            for key in ("clearance", "inner_radius", "rings", "heliostats")
+            key: swept.get(key, getattr(block, key)) for key in ("clearance", "inner_radius", "rings", "heliostats")
         }
         counts = {key: None if given[key] is None else int(given[key]) for key in ("rings", "heliostats")}
         zones = None if block.zones is None else tuple(Zone(z.start, z.rings, z.pitch) for z in block.zones)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,7 +22,7 @@ from heliosweep.store.netcdf import ResultWriter, Variable
 Part = tuple[dict[str, np.ndarray], Mapping[str, slice]]
 
 
-def execute(family: Family, study: Study, plan: Plan, path: Path, show: bool) -> None:
+def execute(family: Family[Any], study: Study, plan: Plan, path: Path, show: bool) -> None:
     """Run a planned study and leave its result file.
 
     Parameters
@@ -65,11 +66,14 @@ def execute(family: Family, study: Study, plan: Plan, path: Path, show: bool) ->
             pending.result()
 
 
-def _parts(family: Family, study: Study, plan: Plan, progress: Progress) -> Iterator[Part]:
+def _parts(family: Family[Any], study: Study, plan: Plan, progress: Progress) -> Iterator[Part]:
     """Values of every part in the order of the file: all that has no ``time`` first, then the time series."""
     for region in plan.parts():
         lazy = family.build(study, plan.chunks, region)
-        yield _values(lazy[[name for name, array in lazy.data_vars.items() if "time" not in array.dims]], progress), region
+        yield (
+            _values(lazy[[name for name, array in lazy.data_vars.items() if "time" not in array.dims]], progress),
+            region,
+        )
     if not plan.series_part:
         return
     lazy, built = xr.Dataset(), None

@@ -40,4 +40,6 @@ def global_attributes(study: Study, title: str, references: Sequence[str]) -> di
         "study_id": study.study_id,
         "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
     }
-    return {name: " ".join(str(value).split()) if name == "summary" else str(value) for name, value in attributes.items()}
+    return {
+        name: " ".join(str(value).split()) if name == "summary" else str(value) for name, value in attributes.items()
+    }

@@ -144,8 +144,10 @@ class ResultWriter:
         dims = self._variables[next(iter(chunked))].dims
         for cell in self._cells(next(iter(chunked)), region):
             for name, array in chunked.items():
-                index = tuple(slice(c.start - o.start, c.stop - o.start) for c, o in zip(
-                    cell, self._index(name, region), strict=True))
+                index = tuple(
+                    slice(c.start - o.start, c.stop - o.start)
+                    for c, o in zip(cell, self._index(name, region), strict=True)
+                )
                 if self._variables[name].dims != dims:
                     raise ValueError(f"{name} is not chunked like the variables written with it")
                 self._file[name][cell] = array[index]

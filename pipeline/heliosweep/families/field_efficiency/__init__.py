@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.config.study import Study
+    from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
     from heliosweep.families.registry import NamedFigure
     from heliosweep.grid.plan import Workload
 
@@ -24,7 +24,7 @@ class FieldEfficiency:
     title = "annual cosine, shading, blocking and optical efficiency of a heliostat field"
     references = ("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",)
 
-    def study_class(self) -> type[Study]:
+    def study_class(self) -> type[FieldEfficiencyStudy]:
         """Pydantic model of the study file."""
         from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 
@@ -34,7 +34,7 @@ class FieldEfficiency:
         """Commented study file to start from."""
         return resources.files(__name__).joinpath("default.yaml").read_text(encoding="utf-8")
 
-    def workload(self, study: Study) -> Workload:
+    def workload(self, study: FieldEfficiencyStudy) -> Workload:
         """Sizes and cost, for the plan."""
         from heliosweep.families.field_efficiency import model
 
@@ -46,13 +46,13 @@ class FieldEfficiency:
 
         return warm()
 
-    def build(self, study: Study, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
+    def build(self, study: FieldEfficiencyStudy, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
         """Lazy result over a part of the parameter grid."""
         from heliosweep.families.field_efficiency import model
 
         return model.build(study, chunks, select)
 
-    def coordinates(self, study: Study) -> xr.Dataset:
+    def coordinates(self, study: FieldEfficiencyStudy) -> xr.Dataset:
         """Coordinates of the whole result, in memory."""
         from heliosweep.families.field_efficiency import model
 

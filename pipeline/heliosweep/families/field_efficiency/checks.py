@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.blocks import NamedSite, Site
 from heliosweep.config.sites import site_table
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import SolarTime
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.field_efficiency.variables import ANNUAL, FIELD, SERIES
@@ -25,13 +25,22 @@ if TYPE_CHECKING:
 
 #: Layouts of a sweep that are looked at here; the kernels would be exact for any.
 MAX_LAYOUTS = 2000
-#: Latitudes times days that are looked at here.
-MAX_DAYS = 10**7
+#: Latitudes times instants that are looked at here; of larger studies the plan says what it thinks.
+MAX_INSTANTS = 10**8
+
+#: One side of all mirrors, or of each. [m]
+Size: TypeAlias = float | NDArray[np.float64]
 
 #: Names that columns of a layout must leave to the result.
 RESERVED = frozenset(
-    [*ANNUAL, *FIELD, *SERIES, "heliostat", "time", "site", "tracking", "latitude", "longitude", "altitude"]
-    + ["pivot_height", "receiver_height", "heliostat_width", "heliostat_height", "layout", "solar_hour", "day", "utc"]
+    (
+        *ANNUAL,
+        *FIELD,
+        *SERIES,
+        *("heliostat", "time", "utc", "day", "declination", "solar_hour"),
+        *("site", "latitude", "longitude", "altitude", "tracking", "layout", "clearance", "inner_radius", "rings"),
+        *("pivot_height", "receiver_height", "heliostat_width", "heliostat_height", "heliostat_count"),
+    )
 )
 
 
@@ -83,11 +92,11 @@ def _sun(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
     if not isinstance(study.time, SolarTime):
         return
     latitude = study.site.latitude if study.site is not None else [site.latitude for site in site_table(study)]
-    latitudes = np.atleast_1d(np.asarray(latitude[:] if isinstance(latitude, Sweep) else latitude, dtype=float))
+    if study.time.count() * len(latitude if isinstance(latitude, Sweep) else np.atleast_1d(latitude)) > MAX_INSTANTS:
+        return
+    latitudes = _values(latitude)
     declinations = study.time.declinations()
     days = sun.declination_cooper(study.time.day_numbers()) if declinations is None else np.radians(declinations)
-    if latitudes.size * days.size > MAX_DAYS:
-        return
     # Of all hours the sun is highest at the one nearest to noon.
     hours = study.time.solar_hours()
     noon = hours[np.abs(hours - 12).argmin()]
@@ -102,11 +111,10 @@ def _sun(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
 def _field(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
     """Layouts can stand, mirrors can turn and look up to the receiver."""
     layouts = Layouts(study, RESERVED)
-    pivots, receivers = _values(study.heliostat.pivot_height), _values(study.receiver.height)
-    lowest, highest = receivers.min(), pivots.max()
+    lowest, highest = _extremes(study.receiver.height)[0], _extremes(study.heliostat.pivot_height)[1]
     seen: set[str] = set()
     for layout in itertools.islice(layouts, MAX_LAYOUTS):
-        sizes = {}
+        sizes: dict[str, Size] = {}
         for side in SIZE_COLUMNS:
             given, column = getattr(study.heliostat, side), layout.columns.get(side)
             if given is None and column is None:
@@ -117,7 +125,7 @@ def _field(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
             elif column is not None and not (column.dtype.kind in "if" and np.all(column > 0)):
                 yield Problem(f"column {side!r} must hold positive numbers, in m", file=layout.name)
             else:
-                sizes[side] = _values(given) if column is None else column
+                sizes[side] = _extremes(given)[1] if column is None else column
         if len(sizes) < len(SIZE_COLUMNS):
             return
         top = layout.z.max(initial=-np.inf) + highest
@@ -136,26 +144,39 @@ def _field(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
                     yield problem
 
 
-def _collisions(study: FieldEfficiencyStudy, layout: Layout, sizes: dict[str, NDArray]) -> Iterator[tuple[Problem, bool]]:
+def _collisions(study: FieldEfficiencyStudy, layout: Layout, sizes: dict[str, Size]) -> Iterator[tuple[Problem, bool]]:
     """Yield what `check_layout` finds for the largest mirrors of the sweep, and whether it is only a warning."""
-    swept = [side for side in SIZE_COLUMNS if isinstance(getattr(study.heliostat, side), Sweep)]
-    if len(swept) == 2 and len({*map(_dimension(study).get, swept)}) == 1:
-        largest = np.minimum(*sizes.values()).argmax()  # tied sizes: the pair with the longest shorter side
-        width, height = (sizes[side][largest] for side in SIZE_COLUMNS)
-    else:
-        width, height = (sizes[side].max() if side in swept else sizes[side] for side in SIZE_COLUMNS)
-    problems, warnings = check_layout(layout, width, height)
-    for found, warning in ((problems, False), (warnings, True)):
-        for problem in found:
-            yield problem if layout.lines is not None else study.problem("layout", problem.message), warning
+    width, height = _tied_sizes(study) or (sizes[side] for side in SIZE_COLUMNS)
+    for found, warning in zip(check_layout(layout, width, height), (False, True), strict=True):
+        if layout.lines is None and found:  # of a generated layout the user cannot mend single rows
+            more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""
+            yield study.problem("layout", found[0].message + more), warning
+        else:
+            yield from ((problem, warning) for problem in found)
 
 
-def _dimension(study: FieldEfficiencyStudy) -> dict[str, str]:
-    """Dimension of each swept key of the ``heliostat`` block."""
-    return {key.rpartition(".")[2]: dim.name for dim in study.dimensions() for key in dim.sweeps if "heliostat." in key}
+def _tied_sizes(study: FieldEfficiencyStudy) -> tuple[float, float] | None:
+    """Of widths and heights that `zip` ties together, the pair with the longest shorter side."""
+    width, height = study.heliostat.width, study.heliostat.height
+    keys = {f"heliostat.{side}" for side in SIZE_COLUMNS}
+    if not (isinstance(width, Sweep) and isinstance(height, Sweep)) or len(width) > MAX_INSTANTS:
+        return None
+    if not any(keys <= set(dim.sweeps) for dim in study.dimensions()):
+        return None
+    widths, heights = width.values(), height.values()
+    largest = int(np.minimum(widths, heights).argmax())
+    return float(widths[largest]), float(heights[largest])
 
 
-def _values(value: float | Sweep | None) -> NDArray[np.float64]:
+def _extremes(value: float | Sweep) -> tuple[float, float]:
+    """Least and largest value; of a range without expanding it."""
+    if not isinstance(value, Sweep):
+        return value, value
+    ends = value.values() if isinstance(value, Listed) else (value.first, value.last)
+    return float(min(ends)), float(max(ends))
+
+
+def _values(value: float | Sequence[float] | Sweep) -> NDArray[np.float64]:
     return np.atleast_1d(np.asarray(value[:] if isinstance(value, Sweep) else value, dtype=float))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import ConfigDict, Field
 
 from heliosweep.config.blocks import Heliostat, Layout, Receiver, Site, Sites
@@ -13,16 +12,14 @@ from heliosweep.config.faults import Fault
 from heliosweep.config.names import Choice
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.times import SolarTime, Time
+from heliosweep.config.times import Time
 from heliosweep.errors import Problem
+from heliosweep.families.field_efficiency import checks
 
 TRACKING = {
     "spinning_elevation": "turned about the line of sight to the target, then tilted",
     "azimuth_elevation": "turned about the vertical, then tilted",
 }
-
-MAX_CHECKED = 10**7
-"""Studies of more latitudes times instants than this are left to the plan."""
 
 
 class FieldEfficiencyStudy(Study):
@@ -46,30 +43,10 @@ class FieldEfficiencyStudy(Study):
         elif self.site is not None and self.sites is not None:
             yield Fault("give 'site' or 'sites', not both", ("sites",), show_value=False)
 
-    def check(self) -> Iterator[Problem]:
-        """Check that the sun is up at some instant, where that depends on the study alone."""
-        if self.site is not None and isinstance(self.time, SolarTime) and never_up(self.site.latitude, self.time):
-            yield self.problem("time.hours", "the sun never rises at these latitudes, days and hours")
+    def check(self) -> list[Problem]:
+        """Return what is wrong between blocks, with the layout or with the sun."""
+        return checks.check(self)[0]
 
-
-def never_up(latitude: float | Sweep, time: SolarTime) -> bool:
-    """Return whether the sun stays at or below the horizon at every latitude and instant on the solar clock.
-
-    Parameters
-    ----------
-    latitude : float or Sweep
-        Positive north. [deg]
-    time : SolarTime
-        Days or declinations, and hours. False where there are too many instants to look at here.
-    """
-    latitudes = latitude if isinstance(latitude, Sweep) else [latitude]
-    if len(latitudes) * time.count() > MAX_CHECKED:
-        return False
-    declinations = time.declinations()
-    if declinations is None:
-        declinations = 23.45 * np.sin(2 * np.pi * (284 + time.day_numbers()) / 365)
-    # Of all hours, the sun is highest at the one nearest to noon.
-    hour_angle = np.radians(15.0 * np.abs(time.solar_hours() - 12.0).min())
-    lat, dec = np.radians(latitudes[:])[:, np.newaxis], np.radians(declinations)
-    sine = np.sin(lat) * np.sin(dec) + np.cos(lat) * np.cos(dec) * np.cos(hour_angle)
-    return bool(np.all(sine <= 0))
+    def notes(self) -> list[str]:
+        """Return warnings: mirrors that may touch, latitudes without sun."""
+        return checks.check(self)[1]

@@ -17,12 +17,16 @@ from heliosweep.families.layout_axis import LayoutAxis, longest
 from heliosweep.families.sun import instants_of, site_of, sun_vectors
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
+from heliosweep.grid.instants import instant_count
 from heliosweep.grid.plan import Workload
 from heliosweep.kernels import field, mounts, packets
 from heliosweep.reduce.weighted import weighted_mean
 
 #: Time of one heliostat and instant on one core, all unions included; measured on the 317 field. [s]
 SECONDS_PER_EVALUATION = 130e-9
+
+#: More instants than this are planned for, but not made, before the plan has agreed.
+MAX_INSTANTS = 10**7
 
 TRACKING_CODES = {
     "spinning_elevation": mounts.SPINNING_ELEVATION,
@@ -43,13 +47,14 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     Workload
     """
     grid = Grid(study)
-    heliostats, instants = longest(grid), instants_of(grid).size
+    heliostats, instants = longest(grid), instant_count(study.time)
     parameters = tuple(grid.sizes)
-    stored = {name: (*parameters, "heliostat") for name in variables.ANNUAL}
+    stored = dict.fromkeys(variables.ANNUAL, (*parameters, "heliostat"))
     stored |= dict.fromkeys(variables.FIELD, parameters)
     inner = {"heliostat": heliostats}
     if study.output.time_series:
-        stored |= {name: (*parameters, "time", "heliostat") for name in variables.SERIES}
+        instants = instants_of(grid).size if instants <= MAX_INSTANTS else instants
+        stored |= dict.fromkeys(variables.SERIES, (*parameters, "time", "heliostat"))
         inner = {"time": instants, "heliostat": heliostats}
 
     def block_bytes(points: int, length: int) -> int:
@@ -176,7 +181,7 @@ def _mirrors(grid: Grid, layouts: LayoutAxis) -> list[xr.DataArray]:
 
 
 def _area(grid: Grid, layouts: LayoutAxis) -> xr.DataArray:
-    """Mirror areas over (swept sizes or layouts, heliostat); zero where a shorter layout is padded. [m2]"""
+    """Mirror areas over (swept sizes or layouts, heliostat); zero where a shorter layout is padded. [m2]."""
     area = layouts.mirror_size(grid, "width") * layouts.mirror_size(grid, "height")
     return area.where(layouts.x.notnull(), 0.0)
 
@@ -234,8 +239,9 @@ def _each_point(
             argument[tuple(min(i, size - 1) for i, size in zip(index, argument.shape, strict=False))]
             for argument in arguments[:-1]
         )
-        used = slice(0, np.count_nonzero(np.isfinite(x)))
-        mirrors = (
+        count = int(np.count_nonzero(np.isfinite(x)))
+        used = slice(0, count)
+        mirrors: _Mirrors = (
             x.ravel()[used],
             y.ravel()[used],
             z.ravel()[used] + pivot_height.item(),
@@ -244,7 +250,7 @@ def _each_point(
             target.item(),
             tracking.item(),
         )
-        start, stop = int(numbers[0]), min(int(numbers[-1]) + 1, used.stop)
+        start, stop = int(numbers[0]), min(int(numbers[-1]) + 1, count)
         if start < stop:
             result[(slice(None), *index)][..., : stop - start] = face(mirrors, sun.reshape(-1, 3), start, stop)
     return result

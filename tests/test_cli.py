@@ -1,0 +1,242 @@
+"""The command line: answers, exit codes, bad input, interruption."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray as xr
+import yaml
+
+from heliosweep.cli import main
+from tests.conftest import SMALL, STUDIES
+
+FIELD = "x,y\n0,50\n15,50\n-15,50\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Empty working directory with a layout of three heliostats."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "field.csv").write_text(FIELD)
+    return tmp_path
+
+
+def study(folder: Path, text: str = "", **blocks: Any) -> str:
+    """Write a small study file, in which `blocks` replace whole blocks; returns its name."""
+    content = {**SMALL, "layout": {"file": "field.csv"}, **blocks}
+    (folder / "study.yaml").write_text(text or yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+    return "study.yaml"
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "heliosweep", *arguments]
+
+
+def contents(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+def test_run_leaves_the_whole_folder_and_prints_the_path_last(folder, capsys):
+    assert main(["run", study(folder), "--quiet"]) == 0
+    path = Path(capsys.readouterr().out.splitlines()[-1])
+    assert re.fullmatch(r"outputs/study-[0-9a-f]{12}/result\.nc", path.as_posix())
+    left = {file.name for file in path.parent.iterdir()}
+    assert left == {"result.nc", "manifest.json", "study.resolved.yaml", "report.html", "figures"}
+    with xr.open_dataset(path) as result:
+        assert result["optical_efficiency"].dims == ("latitude", "tracking", "heliostat")
+    manifest = json.loads((path.parent / "manifest.json").read_text())
+    assert manifest["result"]["bytes"] == path.stat().st_size
+    assert len(manifest["result"]["sha256"]) == 64
+
+
+def test_resolved_study_runs_to_the_same_numbers(folder, capsys):
+    main(["run", study(folder), "--quiet", "--no-report", "--output", "first"])
+    (folder / "again.yaml").write_text((folder / "first" / "study.resolved.yaml").read_text())
+    main(["run", "again.yaml", "--quiet", "--no-report", "--output", "second"])
+    first, second = (json.loads((folder / name / "manifest.json").read_text()) for name in ("first", "second"))
+    assert first["study_id"] == second["study_id"]
+    assert first["result"]["content_digest"] == second["result"]["content_digest"]
+
+
+def test_plan_writes_nothing(folder, capsys):
+    before = contents(folder) | {"study.yaml"}
+    assert main(["plan", study(folder)]) == 0
+    text = capsys.readouterr().out
+    for word in ("dimensions", "latitude 2", "blocks", "peak memory", "output", "time"):
+        assert word in text
+    assert contents(folder) == before
+
+
+def test_validate_families_schema(folder, capsys):
+    assert main(["validate", study(folder)]) == 0
+    assert "valid field_efficiency study" in capsys.readouterr().out
+    assert main(["families"]) == 0
+    assert "field_efficiency" in capsys.readouterr().out
+    assert main(["schema", "field_efficiency"]) == 0
+    assert json.loads(capsys.readouterr().out)["properties"]["layout"]
+    assert main(["schema", "field_efficiency", "--example"]) == 0
+    assert yaml.safe_load(capsys.readouterr().out)["family"] == "field_efficiency"
+
+
+TIME: Any = SMALL["time"]
+CIVIL = {"clock": "civil", "dates": ["2021-06-21"], "window": {"start": "07:00", "stop": "17:00", "step": "1 h"}}
+HERE = r"study\.yaml:\d+:\d+: "
+
+
+def hours(start: float, stop: float, step: float) -> dict[str, Any]:
+    return {"time": {**TIME, "hours": {"start": start, "stop": stop, "step": step}}}
+
+
+BAD: dict[str, tuple[dict[str, Any], str]] = {
+    "unknown key": ({"trakcing": "spinning_elevation"}, HERE + "trakcing: unknown key; did you mean 'tracking'"),
+    "wrong type": ({"site": {"latitude": True}}, HERE + r"site\.latitude: must be "),
+    "wrong unit": ({"site": {"latitude": "3 m"}}, HERE + r"site\.latitude: .*deg"),
+    "wrong range": ({"site": {"latitude": 91}}, HERE + r"site\.latitude: must be between -90 and 90 deg \(got 91\)"),
+    "empty sweep": ({"site": {"latitude": []}}, HERE + r"site\.latitude: .*empty"),
+    "step of zero": (hours(8, 16, 0), HERE + r"time\.hours\.step: "),
+    "step backwards": (hours(8, 16, -1), HERE + r"time\.hours\.step: .*sign"),
+    "sun never rises": (
+        {"time": {**TIME, "hours": [2, 3]}, "site": {"latitude": [0, 10]}},
+        HERE + r"time\.hours: the sun never rises",
+    ),
+    "layout missing": ({"layout": {"file": "nowhere.csv"}}, HERE + r"layout\.file: no such file.*nowhere\.csv"),
+    "layout empty": ({"layout": {"file": "empty.csv"}}, r"empty\.csv.*empty"),
+    "layout not CSV": ({"layout": {"file": "binary.csv"}}, r"binary\.csv"),
+    "layout with NaN": ({"layout": {"file": "nan.csv"}}, r"nan\.csv:3"),
+    "overlapping heliostats": ({"layout": {"file": "twins.csv"}}, r"twins\.csv:4: heliostat 2 stands on the place of"),
+    "colliding mirrors": ({"layout": {"file": "close.csv"}}, r"close\.csv:3: heliostat 1 stands 7 m from .*collide"),
+    "receiver below the mirrors": ({"receiver": {"height": 4}}, HERE + r"receiver\.height: must be above the mirrors"),
+    "no mirror size": (
+        {"heliostat": {"width": 9, "pivot_height": 5}},
+        r"heliostat\.height: is missing: .*column 'height'",
+    ),
+    "civil clock without longitude": ({"time": CIVIL}, r"site\.longitude: is missing[\s\S]*time\.timezone: is missing"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+@pytest.mark.parametrize("verb", ["validate", "run"])
+def test_bad_input_is_code_2_a_located_message_and_nothing_written(folder, capsys, name, verb):
+    (folder / "empty.csv").write_text("")
+    (folder / "binary.csv").write_bytes(bytes(range(256)))
+    (folder / "nan.csv").write_text("x,y\n0,50\nnan,50\n")
+    (folder / "twins.csv").write_text("x,y\n0,50\n20,50\n0,50\n")
+    (folder / "close.csv").write_text("x,y\n0,50\n7,50\n")
+    blocks, message = BAD[name]
+    path = study(folder, **blocks)
+    before = contents(folder)
+    assert main([verb, path]) == 2
+    shown = capsys.readouterr()
+    assert re.search(message, shown.err), shown.err
+    assert "Traceback" not in shown.err
+    assert shown.out == ""
+    assert contents(folder) == before
+
+
+def test_duplicate_key(folder, capsys):
+    text = yaml.safe_dump(SMALL) + "receiver: {height: 70}\n"
+    assert main(["validate", study(folder, text)]) == 2
+    assert re.search(r"study\.yaml:\d+:1: receiver: ", capsys.readouterr().err)
+
+
+def test_all_errors_come_at_once(folder, capsys):
+    blocks: dict[str, Any] = {"site": {"latitude": 91}, "tracking": "spining_elevation", "receiver": {"height": -1}}
+    assert main(["validate", study(folder, **blocks)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) >= 3
+
+
+def test_close_but_not_colliding_mirrors_are_a_warning(folder, capsys):
+    (folder / "tight.csv").write_text("x,y\n0,50\n10,50\n")
+    assert main(["validate", study(folder, layout={"file": "tight.csv"})]) == 0
+    assert re.search(r"warning: tight\.csv: .*diagonal", capsys.readouterr().err)
+
+
+def test_tied_mirror_sizes_collide_only_as_they_occur(folder, capsys):
+    heliostat = {"width": [12, 4], "height": [4, 12], "pivot_height": 5}
+    (folder / "tight.csv").write_text("x,y\n0,50\n10,50\n")
+    blocks: dict[str, Any] = {"layout": {"file": "tight.csv"}, "heliostat": heliostat}
+    assert main(["validate", study(folder, **blocks)]) == 2
+    assert main(["validate", study(folder, **blocks, zip=[["heliostat.width", "heliostat.height"]])]) == 0
+
+
+@pytest.mark.parametrize(
+    "blocks",
+    [
+        {"site": {"latitude": {"start": 0, "stop": 60, "num": 10**12}}},
+        {
+            "site": {"latitude": {"start": 0, "stop": 60, "num": 10**4}},
+            "receiver": {"height": {"start": 50, "stop": 60, "num": 10**4}},
+            "heliostat": {"width": {"start": 1, "stop": 9, "num": 10**4}, "height": 8, "pivot_height": 5},
+        },
+    ],
+)
+@pytest.mark.parametrize("verb", ["plan", "run"])
+def test_a_sweep_beyond_all_bounds_is_refused_with_code_3(folder, capsys, verb, blocks):
+    path = study(folder, **blocks)
+    before = contents(folder)
+    assert main([verb, path]) == 3
+    assert "shrink" in capsys.readouterr().err
+    assert contents(folder) == before
+
+
+def test_output_folder_that_cannot_be_written(folder, capsys):
+    (folder / "taken").write_text("a file")
+    assert main(["run", study(folder), "--output", "taken/result"]) == 2
+    assert "taken/result: cannot write there" in capsys.readouterr().err
+
+
+def test_usage_errors(folder, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["run"])
+    assert stop.value.code == 2
+    assert main(["run", "nowhere.yaml"]) == 2
+    assert main(["run", study(folder), "--workers", "0"]) == 2
+    assert main(["schema", "nothing"]) == 2
+    assert main(["report", "nowhere"]) == 2
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_interruption_is_code_4_and_leaves_no_half_file(folder, stop):
+    blocks: dict[str, Any] = {
+        "site": {"latitude": {"start": 0, "stop": 60, "num": 400}},
+        "time": {"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 0.1}},
+        "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 50, "heliostats": 1000}},
+    }
+    path = study(folder, **blocks)
+    process = subprocess.Popen(command("run", path, "--output", "out"), stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not list(folder.glob("out/.result.nc.*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert process.poll() is None
+    process.send_signal(stop)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 4, errors
+    assert "interrupted" in errors
+    assert "Traceback" not in errors
+    assert list((folder / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["validate", str(STUDIES / "chong2012_table2.yaml")]])
+def test_quick_answers(arguments):
+    """A loose bound that only a heavy import in the wrong place would break; measured: 0.2 s."""
+    start = time.perf_counter()
+    subprocess.run(command(*arguments), check=True, capture_output=True)
+    assert time.perf_counter() - start < 2.0
+
+
+def test_output_cut_by_the_reader_is_no_error(folder):
+    done = subprocess.run(
+        f"{sys.executable} -m heliosweep schema field_efficiency | head -1",
+        shell=True, capture_output=True, text=True, check=True, env={**os.environ},
+    )  # fmt: skip
+    assert done.stdout.startswith("{")
+    assert done.stderr == ""
