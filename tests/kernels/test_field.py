@@ -202,6 +202,21 @@ def test_nothing_to_do():
     assert np.isnan(field_series(*field, 0, sun, 0, 5)).all()
 
 
+@pytest.mark.parametrize(("tracking", "start", "stop"), [(0, -1, 3), (0, 3, 2), (0, 0, 318), (2, 0, 3)])
+def test_what_is_no_part_of_the_field_is_refused(tracking, start, stop):
+    with pytest.raises(ValueError, match="part of a field|tracking"):
+        field_sums(*chong2012(), tracking, directions(np.array([90.0]), np.array([5.0])), start, stop)
+
+
+def test_efficiencies_stay_between_0_and_1():
+    rng = np.random.default_rng(11)
+    field, sun = scattered(rng, 60, 6.0), np.concatenate((suns(rng, 60, 0.1, 3.0), suns(rng, 60)))
+    out = field_series(*field, AZIMUTH_ELEVATION, sun, 0, 60)
+    assert out.min() >= 0.0
+    assert out.max() <= 1.0
+    assert np.all(out[3] <= out[0] * np.minimum(out[1], out[2]) + 1e-15)
+
+
 @METHODS
 def test_one_heliostat(tracking):
     one = np.array([30.0]), np.array([-40.0]), np.array([5.0]), np.array([4.0]), np.array([3.0]), 50.0

@@ -9,8 +9,8 @@ instants are split over calls; sums also depend on the order of packets, which d
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.mounts import FRAME_ROWS, Mirrors, half_sides
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, FRAME_ROWS, SPINNING_ELEVATION, Mirrors, half_sides
 from heliosweep.kernels.neighbours import beam, bin_field, search
 from heliosweep.kernels.occlusion import IMAGE_ROWS, axes, cosines, image, unions
 from heliosweep.kernels.packets import PACKET, packet_order
@@ -57,7 +57,13 @@ def field_sums(
         (1 - blocked fraction) and the optical efficiency, cosine * (1 - fraction shaded or blocked). [1]
     instants : int
         Number of instants summed.
+
+    Raises
+    ------
+    ValueError
+        If start..stop is no part of the field, or the method unknown.
     """
+    _check(len(x), tracking, start, stop)
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
     sun, order = _sorted(sun)
     sums, nothing = np.zeros((stop - start, 4)), np.empty((4, 0, 0))
@@ -85,6 +91,7 @@ def field_series(
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
+    _check(len(x), tracking, start, stop)
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
     sun, order = _sorted(sun)
     nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
@@ -102,6 +109,14 @@ def aimed(x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floa
     radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
     aim = to_target / throw[:, None]
     return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
+
+
+def _check(count: int, tracking: int, start: int, stop: int) -> None:
+    """Refuse what compiled code would read past the end of an array."""
+    if not 0 <= start <= stop <= count:
+        raise ValueError(f"heliostats {start}..{stop} are no part of a field of {count}")
+    if tracking not in (SPINNING_ELEVATION, AZIMUTH_ELEVATION):
+        raise ValueError(f"unknown tracking method {tracking}")
 
 
 def _sorted(sun: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -206,9 +221,8 @@ def sweep(
 
             cosine_sum = shading_sum = blocking_sum = optical_sum = 0.0
             for k in range(lanes):
-                unshaded = max(0.0, 1.0 - total[k] / SQUARE)
-                unblocked = max(0.0, 1.0 - total[PACKET + k] / SQUARE)
-                optical = cosine[k] * max(0.0, 1.0 - total[2 * PACKET + k] / SQUARE)
+                unshaded, unblocked = _left(total[k]), _left(total[PACKET + k])
+                optical = cosine[k] * _left(total[2 * PACKET + k])
                 cosine_sum += cosine[k]
                 shading_sum += unshaded
                 blocking_sum += unblocked
@@ -224,6 +238,12 @@ def sweep(
                 sums[t, 3] += optical_sum
         for m in range(count):
             place[named[m]] = -1
+
+
+@inline
+def _left(covered):
+    """Fraction of the mirror outside a union, without the rounding that would lead out of 0 to 1."""
+    return min(1.0, max(0.0, 1.0 - covered / SQUARE))
 
 
 @kernel

@@ -34,7 +34,7 @@ def cosines(out: NDArray[np.float64], sun: NDArray[np.float64], target: NDArray[
             target[PACKET + k] + sun[PACKET + k],
             target[2 * PACKET + k] + sun[2 * PACKET + k],
         )
-        out[k] = 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
+        out[k] = min(1.0, 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz))
 
 
 @kernel
@@ -256,8 +256,17 @@ def unions(
             for k in range(PACKET):
                 if images[m, _AREA + k] > 0.0 and _straddles(images[m], k):
                     lane[PACKET + k] = 1
+    # At grazing sun a packet has hundreds of images, but few share a lane where pairs could be enough: `where` has a
+    # bit for each such lane of an image.
+    where = np.zeros(count, np.int64)
+    for m in range(count):
+        bit = lane[2 * (m + 1) * PACKET :]
+        for k in range(PACKET):
+            where[m] |= ((bit[k] != 0) & (lane[k] > 1) & (lane[PACKET + k] == 0)) << k
     for m in range(1, count):
         for n in range(m):
+            if where[m] & where[n] == 0:
+                continue
             if _overlap(images[n], images[m], lane, 2 * (n + 1) * PACKET, 2 * (m + 1) * PACKET, spare):
                 if m < shading or n >= shading:
                     row = total[PACKET if n >= shading else 0 :]
@@ -360,17 +369,18 @@ def _chain(side, following, along, slopes, to):
 @kernel
 def _general(images, apart, shading, count, k):
     """Unions in one lane, by subtracting the images from the square, large ones first."""
-    order = np.empty(count, np.int64)
+    order, areas = np.empty(count, np.int64), np.empty(count)
     some = shades = np.int64(0)  # a literal would compile the callees twice
     for m in range(count):
         if m == shading:
             shades = some
-        if images[m, _AREA + k] > 0.0:
+        here = images[m, _AREA + k]
+        if here > 0.0:
             n = some
-            while n > (shades if m >= shading else 0) and images[m, _AREA + k] > images[order[n - 1], _AREA + k]:
-                order[n] = order[n - 1]
+            while n > (shades if m >= shading else 0) and here > areas[n - 1]:
+                order[n], areas[n] = order[n - 1], areas[n - 1]
                 n -= 1
-            order[n] = m
+            order[n], areas[n] = m, here
             some += 1
     if shading == count:
         shades = some
@@ -381,5 +391,5 @@ def _general(images, apart, shading, count, k):
     if some - shades > 1:
         unblocked, _ = gaps(polygons[shades:], corners[shades:], some - shades)
     else:
-        unblocked = SQUARE - (images[order[shades], _AREA + k] if some > shades else 0.0)
+        unblocked = SQUARE - (areas[shades] if some > shades else 0.0)
     return SQUARE - unshaded, SQUARE - unblocked, SQUARE - uncovered
