@@ -3,19 +3,24 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 DATA = Path(__file__).parent.parent / "data"
 TARGET = 95.0
 
+Floats = NDArray[np.float64]
+Field = tuple[Floats, Floats, Floats, Floats, Floats, float]
+"""Arguments x, y, z, half width, half height, target height of the field kernels."""
 
-def chong2012(side=11.0):
-    """Arguments of the field kernels for the field of Chong and Tan 2012: x, y, z, half width, half height, target."""
+
+def chong2012(side: float = 11.0) -> Field:
+    """The field of Chong and Tan 2012."""
     table = np.genfromtxt(DATA / "chong2012_layout.csv", delimiter=",", names=True)
     half = np.full(len(table), side / 2.0)
     return table["x_east"].copy(), table["y_north"].copy(), table["z"].copy(), half, half, TARGET
 
 
-def scattered(rng, count, spacing, uneven=True):
+def scattered(rng: np.random.Generator, count: int, spacing: float, uneven: bool = True) -> Field:
     """Mirrors of all sizes and heights, at least `spacing` apart, around and beside the tower."""
     places = np.empty((0, 2))
     extent = spacing * np.sqrt(count) * 1.2

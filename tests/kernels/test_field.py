@@ -204,7 +204,7 @@ def test_nothing_to_do():
 
 @pytest.mark.parametrize(("tracking", "start", "stop"), [(0, -1, 3), (0, 3, 2), (0, 0, 318), (2, 0, 3)])
 def test_what_is_no_part_of_the_field_is_refused(tracking, start, stop):
-    with pytest.raises(ValueError, match="part of a field|tracking"):
+    with pytest.raises(ValueError, match=r"part of a field|tracking"):
         field_sums(*chong2012(), tracking, directions(np.array([90.0]), np.array([5.0])), start, stop)
 
 

@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
-from heliosweep.kernels.occlusion import IMAGE_ROWS, image, unions
+from heliosweep.kernels.images import IMAGE_ROWS, image
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.polygons import area, cut, gaps, square_area
+from heliosweep.kernels.unions import unions
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.images import IMAGE_ROWS, axes, cosines, image
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, FRAME_ROWS, SPINNING_ELEVATION, Mirrors, half_sides
 from heliosweep.kernels.neighbours import beam, bin_field, search
-from heliosweep.kernels.occlusion import IMAGE_ROWS, axes, cosines, image, unions
 from heliosweep.kernels.packets import PACKET, packet_order
 from heliosweep.kernels.polygons import SQUARE
+from heliosweep.kernels.unions import unions
 
 __all__ = ["aimed", "field_series", "field_sums", "sweep"]
 
