@@ -76,6 +76,8 @@ def evaluate(
         *arguments,
         new_axes={"output": len(outputs), **new},
         concatenate=True,
+        align_arrays=False,  # they are, by `_as_dask`
+        adjust_chunks=block_sizes,
         dtype=dtype,
         meta=np.empty((0,) * len(labels), dtype=dtype),
         token=(TASK_MARK if work else "prepare-") + name,

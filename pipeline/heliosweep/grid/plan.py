@@ -29,7 +29,7 @@ PART_BLOCKS = 4000
 PART_BYTES = 64 * 2**20
 #: Time series that one block returns, and that one part holds. [bytes]
 SERIES_BLOCK_BYTES = 8 * 2**20
-SERIES_PART_BYTES = 64 * 2**20
+SERIES_PART_BYTES = 32 * 2**20
 #: One storage chunk of one time series; a fixed property of the file, whatever the blocks. [bytes]
 STORAGE_BYTES = 2**20
 
@@ -200,7 +200,8 @@ def make_plan(
         held = 2 * workload.bytes_of({**workload.inner, **part, "time": 0})
         work = limits.workers * workload.block_bytes(points, blocks.get(workload.splittable, 1))
         if series:
-            held += 2 * workload.bytes_of({**workload.inner, **series.part})
+            # One part being written, one being computed in blocks and put together, and what the allocator keeps.
+            held += 4 * workload.bytes_of({**workload.inner, **series.part})
             work += limits.workers * SERIES_BLOCK_BYTES
         peak = BASE_MEMORY + axes_bytes + work + held
         if peak <= limits.memory:

@@ -62,14 +62,19 @@ def _canonical(value: object) -> bytes:
 
 
 def _pieces(variable: netCDF4.Variable) -> Iterator[np.ndarray]:
-    """The values in the order of their dimensions, in pieces of bounded size cut along the leading dimensions."""
+    """The values in the order of their dimensions, in pieces of bounded size made of whole storage chunks."""
     if variable.ndim == 0:
         yield np.asarray(variable[...])
         return
+    storage = variable.chunking()
+    if storage == "contiguous" or variable.dtype is str:
+        storage = [1] * variable.ndim
+    else:
+        variable.set_var_chunk_cache(size=0, nelems=1)  # every chunk is read once
     room = _PIECE // 8
     lengths = []
-    for size in reversed(variable.shape):
-        lengths.append(max(1, min(size, room)))
+    for size, stored in zip(reversed(variable.shape), reversed(storage), strict=True):
+        lengths.append(min(size, max(room // stored, 1) * stored) if room else 1)
         room //= max(1, size)
     lengths.reverse()
     starts = [range(0, size, length) for size, length in zip(variable.shape, lengths, strict=True)]

@@ -123,6 +123,11 @@ class ResultWriter:
                 if label not in sizes and set(coordinate.dims) <= set(variable.dims)
             ]
             target.setncatts({**variable.attrs, **({"coordinates": " ".join(labels)} if labels else {})})
+        self._file.sync()
+        for name, variable in variables.items():
+            if variable.storage:
+                # Each chunk is written once and whole: a cache would only hold memory, 64 MB a variable.
+                self._file[name].set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
 
     def write(self, values: Mapping[str, np.ndarray], region: Mapping[str, slice]) -> None:
         """Write variables over one region of the grid.
