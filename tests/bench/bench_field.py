@@ -95,9 +95,9 @@ def main():
     sun = year(30.0, 1.0)
     for count in (317, 3_000, 30_000, 100_000):
         big = staggered(count)
-        block = (count // 2, count // 2 + 1000) if count > 2000 else (0, count)
-        spent = best(lambda big=big, block=block: field_sums(*big, 0, sun, *block), 2)
-        row(f"block of {block[1] - block[0]} in {count} heliostats", spent, (block[1] - block[0]) * len(sun))
+        start, stop = (count // 2, count // 2 + 1000) if count > 2000 else (0, count)
+        spent = best(lambda big=big, start=start, stop=stop: field_sums(*big, 0, sun, start, stop), 2)
+        row(f"block of {stop - start} in {count} heliostats", spent, (stop - start) * len(sun))
     pysam(field)
 
 

@@ -135,12 +135,12 @@ def test_cosine_is_the_same_for_both_methods():
 @METHODS
 def test_mirror_symmetry_east_west(tracking):
     rng = np.random.default_rng(6)
-    x, y, *rest = scattered(rng, 60, 11.0)
+    x, y, z, width, height, target = scattered(rng, 60, 11.0)
     hours = np.linspace(6.5, 17.5, 12)
     forth, back = (solar_clock(0.6, -0.2, t) for t in (hours, 24.0 - hours))
     np.testing.assert_allclose(
-        field_series(x, y, *rest, tracking, forth, 0, 60),
-        field_series(-x, y, *rest, tracking, back, 0, 60),
+        field_series(x, y, z, width, height, target, tracking, forth, 0, 60),
+        field_series(-x, y, z, width, height, target, tracking, back, 0, 60),
         atol=1e-13,
         rtol=0,
     )
@@ -149,12 +149,12 @@ def test_mirror_symmetry_east_west(tracking):
 @METHODS
 def test_southern_hemisphere(tracking):
     rng = np.random.default_rng(7)
-    x, y, *rest = scattered(rng, 60, 11.0)
+    x, y, z, width, height, target = scattered(rng, 60, 11.0)
     hours = np.linspace(7.0, 17.0, 11)
     north, south = solar_clock(0.6, 0.3, hours), solar_clock(-0.6, -0.3, hours)
     np.testing.assert_allclose(
-        field_series(x, y, *rest, tracking, north, 0, 60),
-        field_series(x, -y, *rest, tracking, south, 0, 60),
+        field_series(x, y, z, width, height, target, tracking, north, 0, 60),
+        field_series(x, -y, z, width, height, target, tracking, south, 0, 60),
         atol=1e-13,
         rtol=0,
     )

@@ -17,11 +17,11 @@ def found(i, bundle, limit, mirrors, grid):
 @pytest.mark.parametrize("low", [-80.0, 0.05, 20.0, 80.0])
 def test_every_heliostat_in_reach_is_found(spread, low):
     rng = np.random.default_rng(1)
-    *places, width, height, target = scattered(rng, 150, 9.0)
-    places[2] *= 3.0  # hills
-    mirrors = aimed(*places, width, height, target)
+    x, y, z, width, height, target = scattered(rng, 150, 9.0)
+    z *= 3.0  # hills
+    mirrors = aimed(x, y, z, width, height, target)
     grid = bin_field(mirrors)
-    centres = np.stack(places, axis=1)
+    centres = np.stack((x, y, z), axis=1)
     kept = 0
     for axis in suns(rng, 12, low, low + 10.0):
         d = axis + spread * rng.uniform(-0.5, 0.5, (20, 3))
