@@ -8,9 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from heliosweep.config.study import Study
 from heliosweep.workflow import load
+
+settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
+settings.load_profile("heliosweep")
 
 ROOT = Path(__file__).parent.parent
 STUDIES = ROOT / "studies"

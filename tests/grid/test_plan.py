@@ -36,7 +36,7 @@ def workload(
 
 
 @given(
-    sizes=st.dictionaries(st.sampled_from("abcd"), st.integers(1, 40), max_size=4),
+    sizes=st.dictionaries(st.sampled_from("abcd"), st.integers(1, 12), max_size=4),
     heliostats=st.integers(1, 2000),
     times=st.integers(0, 500),
     evaluations=st.integers(1, 10**9),
