@@ -107,3 +107,12 @@ def test_maps_are_symmetric_as_figures_6_to_8_show():
     north, south = result["y"] > 30, result["y"] < -30
     at_30 = efficiency.sel(latitude=30)
     assert (at_30.where(north).mean("heliostat") > at_30.where(south).mean("heliostat") + 0.05).all()
+
+
+def test_least_heliostat_at_the_equator():
+    """Section 3 of the paper: none below 77.5 % with spinning-elevation and 75.0 % with azimuth-elevation."""
+    study = workflow.load(STUDIES / "chong2012_maps.yaml")
+    least = workflow.family_of(study).build(study, {}, {"latitude": slice(0, 1)})["optical_efficiency"].min("heliostat")
+    least = least.squeeze("latitude").compute()
+    assert 0.775 <= float(least.sel(tracking="spinning_elevation")) < 0.80
+    assert 0.750 <= float(least.sel(tracking="azimuth_elevation")) < 0.775

@@ -31,26 +31,27 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
         return ()
     if not isinstance(sites, SiteFile):
         return sites
+    path = study.resolve(sites.file)
     try:
-        text = study.resolve(sites.file).read_text(encoding="utf-8-sig")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise StudyError(study.problem("sites.file", f"cannot read {sites.file}: {error}")) from None
     table: list[NamedSite] = []
     problems: list[Problem] = []
-    for line, row in _rows(text, sites.file):
+    for line, row in _rows(text, str(path)):
         try:
             table.append(NamedSite.model_validate(row))
         except ValidationError as error:
             found = translate(error, NamedSite, Source(row))
-            problems += [Problem(problem.message, problem.key, sites.file, line) for problem in found]
+            problems += [Problem(problem.message, problem.key, str(path), line) for problem in found]
     names = [site.name for site in table]
     problems += [
-        Problem(f"two sites are named {name!r}", "name", sites.file)
+        Problem(f"two sites are named {name!r}", "name", str(path))
         for name in sorted({*names})
         if names.count(name) > 1
     ]
     if not table and not problems:
-        problems.append(Problem("holds no sites", file=sites.file))
+        problems.append(Problem("holds no sites", file=str(path)))
     if problems:
         raise StudyError(problems)
     return tuple(table)

@@ -71,7 +71,7 @@ class Layouts:
         except OSError:
             stamp = None
         try:
-            return _read_cached(path, self._reserved, name, stamp)
+            return _read_cached(path, self._reserved, stamp)
         except StudyError as error:
             raise StudyError(
                 [
@@ -99,9 +99,9 @@ class Layouts:
 
 
 @lru_cache(maxsize=8)
-def _read_cached(path: Path, reserved: frozenset[str], name: str, stamp: int | None) -> Layout:
+def _read_cached(path: Path, reserved: frozenset[str], stamp: int | None) -> Layout:
     """Read a file once while it does not change (`stamp`)."""
-    return read_csv(path, reserved, name)
+    return read_csv(path, reserved)
 
 
 _generate_cached = lru_cache(maxsize=8)(radial_stagger)
