@@ -15,7 +15,7 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent / "kernels"), str(HERE.parent.parent / "pipeline")]
 
-from fields import chong2012  # noqa: E402
+from fields import Field, chong2012  # noqa: E402
 from oracles import instant  # noqa: E402
 
 from heliosweep.kernels.compiled import warm  # noqa: E402
@@ -42,7 +42,7 @@ def best(work, times=3):
     return min(seconds)
 
 
-def staggered(count):
+def staggered(count: int) -> Field:
     """A radially staggered field of 11 m mirrors with 16 m clearance, like the one of Chong and Tan 2012."""
     radius, places, ring, around = 61.3, np.empty((0, 2)), 0, 0
     while len(places) < count:

@@ -23,7 +23,7 @@ def chong2012(side: float = 11.0) -> Field:
 def scattered(rng: np.random.Generator, count: int, spacing: float, uneven: bool = True) -> Field:
     """Mirrors of all sizes and heights, at least `spacing` apart, around and beside the tower."""
     places = np.empty((0, 2))
-    extent = spacing * np.sqrt(count) * 1.2
+    extent = spacing * np.sqrt(count) * 1.2 + 12.0
     while len(places) < count:
         p = rng.uniform(-extent, extent, 2)
         if np.hypot(*p) > 12.0 and (len(places) == 0 or np.hypot(*(places - p).T).min() > spacing):
