@@ -1,0 +1,300 @@
+"""Computed against published: the table, its verdicts, and its forms as text and as a file beside the result."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.errors import Problem, StudyError
+from heliosweep.report.labels import number_text
+from heliosweep.report.published import COLUMNS, UNITS, PublishedTable, PublishedValue, read_published
+
+#: File of a result folder with the comparison, from which the page can be made again.
+FILE = "comparison.csv"
+
+#: How far a coordinate may be from the one asked for, relative and absolute.
+SAME = 1e-9
+
+#: Rounding that a difference on the edge of its tolerance is forgiven. [unit of the number]
+_EDGE = 1e-9
+
+_COMPUTED = ("computed", "difference", "verdict")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One published number and what was computed.
+
+    Parameters
+    ----------
+    quantity : str
+        Variable of the result.
+    where : dict of str to str
+        Coordinates, as the table of published numbers writes them.
+    computed, published, tolerance : float
+        Values. [`unit`]
+    unit : {"1", "percent"}
+        Their unit.
+    decimals : int
+        Decimals that were published.
+    """
+
+    quantity: str
+    where: dict[str, str]
+    computed: float
+    published: float
+    tolerance: float
+    unit: str
+    decimals: int
+
+    @property
+    def difference(self) -> float:
+        """Computed minus published, in `unit`."""
+        return self.computed - self.published
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference is within the tolerance; a missing value never agrees."""
+        return abs(self.difference) <= self.tolerance + _EDGE
+
+    @property
+    def verdict(self) -> str:
+        """``agrees`` or ``differs``."""
+        return "agrees" if self.agrees else "differs"
+
+
+def compare(result: xr.Dataset, table: PublishedTable) -> list[Comparison]:
+    """Set published numbers against those of a result.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        The result.
+    table : PublishedTable
+        From `read_published`.
+
+    Returns
+    -------
+    list of Comparison
+        In the order of the table.
+
+    Raises
+    ------
+    StudyError
+        Numbers that the result does not have: unknown quantity or coordinate, or one that is missing; each at its
+        line of the table.
+    """
+    return [
+        Comparison(
+            value.quantity,
+            value.where,
+            float(result[value.quantity].isel(point).item()) * _factor(result[value.quantity], value),
+            value.published,
+            value.tolerance,
+            value.unit,
+            value.decimals,
+        )
+        for value, point in zip(table.values, locate(result, table), strict=True)
+    ]
+
+
+def locate(result: xr.Dataset, table: PublishedTable) -> list[dict[str, int]]:
+    """Position of every published number in a result, of which only the coordinates are read.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        The result, or the lazy one of a study that has not run.
+    table : PublishedTable
+        From `read_published`.
+
+    Returns
+    -------
+    list of dict
+        For each number, the index along each dimension of its quantity.
+
+    Raises
+    ------
+    StudyError
+        As `compare`.
+    """
+    points, problems = [], []
+    for value in table.values:
+        try:
+            points.append(_point(result, value))
+        except ValueError as error:
+            problems.append(Problem(str(error), file=table.file, line=value.line))
+    if problems:
+        raise StudyError(problems)
+    return points
+
+
+def _point(result: xr.Dataset, value: PublishedValue) -> dict[str, int]:
+    if value.quantity not in result.data_vars:
+        raise ValueError(f"unknown quantity {value.quantity!r}{_nearest(value.quantity, result.data_vars)}")
+    quantity = result[value.quantity]
+    _factor(quantity, value)
+    chosen = {str(dim): np.ones(size, dtype=bool) for dim, size in quantity.sizes.items()}
+    for name, cell in value.where.items():
+        if name not in result.coords:
+            raise ValueError(f"unknown coordinate {name!r}{_nearest(name, result.coords)}")
+        coordinate = result[name]
+        if coordinate.ndim > 1 or not set(coordinate.dims) <= set(quantity.dims):
+            raise ValueError(
+                f"{value.quantity} cannot be chosen by {name!r}; its dimensions are {_listed(quantity.dims)}"
+            )
+        same = _same(coordinate, cell)
+        if not same.any():
+            raise ValueError(f"{name} {cell!r} is not in the result, which has {_values(coordinate)}")
+        if coordinate.ndim:
+            chosen[str(coordinate.dims[0])] &= same
+    for dim, mask in chosen.items():
+        if mask.sum() > 1:
+            raise ValueError(f"{dim!r} is missing: {value.quantity} has {mask.sum()} values along it")
+        if not mask.any():
+            raise ValueError(f"no point of {value.quantity} has all of {value.where}")
+    return {dim: int(np.argmax(mask)) for dim, mask in chosen.items()}
+
+
+def _factor(quantity: xr.DataArray, value: PublishedValue) -> float:
+    """What the computed values are multiplied with to be in the unit of the published one."""
+    unit = str(quantity.attrs.get("units", "1"))
+    if unit != "1":
+        raise ValueError(f"{value.quantity} is in {unit}, which cannot be compared with unit {value.unit!r}")
+    return UNITS[value.unit]
+
+
+def _same(coordinate: xr.DataArray, cell: str) -> np.ndarray:
+    values = np.atleast_1d(coordinate.to_numpy())
+    if values.dtype.kind not in "fiu":
+        return np.asarray(values.astype(str) == cell)
+    try:
+        number = float(cell)
+    except ValueError:
+        raise ValueError(f"{coordinate.name} must be a number (got {cell!r})") from None
+    return np.isclose(values.astype(float), number, rtol=SAME, atol=SAME)
+
+
+def _nearest(name: str, known: object) -> str:
+    names = [str(one) for one in known]  # type: ignore[attr-defined]
+    close = get_close_matches(name, names, 1)
+    return f"; did you mean {close[0]!r}?" if close else f"; the result has {_listed(names)}"
+
+
+def _listed(names: object) -> str:
+    return ", ".join(map(str, names)) or "none"  # type: ignore[call-overload]
+
+
+def _values(coordinate: xr.DataArray, most: int = 8) -> str:
+    values = [str(value) if isinstance(value, str) else f"{value:g}" for value in coordinate.to_numpy().ravel()[:most]]
+    more = coordinate.size - len(values)
+    return ", ".join(values) + (f" and {more} more" if more > 0 else "")
+
+
+def summary(comparisons: Sequence[Comparison]) -> str:
+    """One line: how many numbers agree, and the largest difference of each unit."""
+    largest = []
+    for unit in dict.fromkeys(one.unit for one in comparisons):
+        differences = [abs(one.difference) for one in comparisons if one.unit == unit]
+        most = max((value for value in differences if math.isfinite(value)), default=math.nan)
+        largest.append(f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g}")
+    agreeing = sum(one.agrees for one in comparisons)
+    text = f"{agreeing} of {len(comparisons)} published values agree"
+    return f"{text}, largest difference {' and '.join(largest)}" if largest else text
+
+
+def cells(comparisons: Sequence[Comparison]) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the table a person reads.
+
+    Returns
+    -------
+    tuple of list of str, list of list of str
+        Quantity and coordinates, computed, published, difference, tolerance, unit and verdict.
+    """
+    names = list(dict.fromkeys(name for one in comparisons for name in one.where))
+    header = ["quantity", *names, "computed", "published", "difference", "tolerance", "unit", "verdict"]
+    rows = [
+        [
+            one.quantity,
+            *(one.where.get(name, "") for name in names),
+            number_text(one.computed, one.decimals + 1),
+            number_text(one.published, one.decimals),
+            number_text(one.difference, one.decimals + 1, signed=True),
+            f"{one.tolerance:g}",
+            "%" if one.unit == "percent" else one.unit,
+            one.verdict,
+        ]
+        for one in comparisons
+    ]
+    return header, rows
+
+
+def comparison_text(comparisons: Sequence[Comparison]) -> str:
+    """The table and its summary for a terminal."""
+    header, rows = cells(comparisons)
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    words = {0, len(header) - 1, *(i for i, row in enumerate(zip(*rows, strict=True)) if not _numeric(row))}
+    lines = [
+        "  ".join(
+            cell.ljust(width) if i in words else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in [header, *rows]
+    ]
+    return "\n".join([*lines, "", summary(comparisons)])
+
+
+def _numeric(column: Sequence[str]) -> bool:
+    return all(cell.lstrip("+-\N{MINUS SIGN}")[:1].isdigit() or not cell for cell in column)
+
+
+def comparison_csv(comparisons: Sequence[Comparison], source: str) -> str:
+    """The comparison as the text of `FILE`: columns of the published table, and what was computed, in full digits."""
+    names = list(dict.fromkeys(name for one in comparisons for name in one.where))
+    buffer = io.StringIO()
+    buffer.writelines(f"# {line}\n" for line in source.splitlines())
+    table = csv.writer(buffer, lineterminator="\n")
+    table.writerow([*names, *COLUMNS, *_COMPUTED])
+    for one in comparisons:
+        published = f"{one.published:.{one.decimals}f}"
+        numbers = [repr(one.computed), repr(one.difference), one.verdict]
+        coordinates = [one.where.get(name, "") for name in names]
+        table.writerow([*coordinates, one.quantity, published, one.unit, repr(one.tolerance), *numbers])
+    return buffer.getvalue()
+
+
+def read_comparison(path: Path) -> tuple[list[Comparison], str]:
+    """Read back what `comparison_csv` wrote: the comparisons and their source.
+
+    Raises
+    ------
+    StudyError
+        The file is not such a table.
+    """
+    table = read_published(path)
+    try:
+        comparisons = [
+            Comparison(
+                value.quantity,
+                {name: cell for name, cell in value.where.items() if name not in _COMPUTED},
+                float(value.where["computed"]),
+                value.published,
+                value.tolerance,
+                value.unit,
+                value.decimals,
+            )
+            for value in table.values
+        ]
+    except (KeyError, ValueError):
+        message = "is no comparison that heliosweep wrote; remove it, or run the study again"
+        raise StudyError(Problem(message, file=str(path))) from None
+    comments = [line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
+    return comparisons, "\n".join(comments)

@@ -1,0 +1,130 @@
+"""Curves: several quantities over one axis, a panel each, the same lines in every panel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from heliosweep.report.labels import latitude_text
+from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, new_figure, styled
+
+#: More points than this are drawn without markers.
+MARKED = 40
+
+#: Least height of a value axis, or rounding errors would look like mountains. [unit of the axis]
+LEAST_SPAN = 0.1
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Parameters
+    ----------
+    label : str
+        Of the value axis, with the unit.
+    lines : mapping of str to (x, y)
+        Values by the name of the line; the same name looks the same in every panel.
+    title : str
+        Above the panel, if any.
+    """
+
+    label: str
+    lines: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    title: str = ""
+
+
+@styled
+def curve_figure(
+    panels: Sequence[Panel],
+    x_label: str,
+    *,
+    columns: int = 2,
+    latitude: bool = False,
+    logarithmic: bool = False,
+    same_scale: bool = False,
+) -> Figure:
+    """Draw panels in rows of at most `columns`, with one legend above them.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+        In reading order.
+    x_label : str
+        Of the common horizontal axis, with the unit.
+    columns : int
+        Panels beside each other.
+    latitude : bool
+        Whether the horizontal axis is latitude, ticked with hemispheres.
+    logarithmic : bool
+        Whether the horizontal axis is logarithmic.
+    same_scale : bool
+        Whether all value axes have the same ends.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    columns = min(columns, len(panels))
+    rows = -(-len(panels) // columns)
+    width = PAGE_WIDTH if columns > 1 else 4.6
+    height = 0.4 + rows * (2.15 if rows > 1 else 2.6) + 0.25
+    figure = new_figure(width, height)
+    names = list(dict.fromkeys(name for panel in panels for name in panel.lines))
+    grid = figure.subplots(rows, columns, sharex=True, sharey=same_scale, squeeze=False).ravel()
+    figure.subplots_adjust(
+        left=0.6 / width,
+        right=1 - 0.12 / width,
+        bottom=0.5 / height,
+        top=1 - (0.34 + 0.2 * any(panel.title for panel in panels)) / height,
+        wspace=0.12 if same_scale else 0.27,
+        hspace=0.2 if any(panel.title for panel in panels) else 0.1,
+    )
+    for index, (axes, panel) in enumerate(zip(grid, panels, strict=False)):
+        _draw(axes, panel, names)
+        if logarithmic:
+            axes.set_xscale("log")
+        elif latitude:
+            axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 1.5, 2, 3, 5, 10]))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: latitude_text(round(value, 6))))
+        axes.set_title(panel.title)
+        if index % columns == 0 or not same_scale:
+            axes.set_ylabel(panel.label)
+        if index + columns >= len(panels):
+            axes.set_xlabel(x_label)
+            axes.tick_params(labelbottom=True)
+    for axes in grid[len(panels) :]:
+        axes.remove()
+    handles = {name: line for axes in grid for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    if len(names) > 1 or names[0]:
+        figure.legend(
+            [handles[name] for name in names], names, loc="upper center", ncols=min(4, len(names)), borderaxespad=0.4
+        )
+    return figure
+
+
+def _draw(axes: Axes, panel: Panel, names: Sequence[str]) -> None:
+    axes.grid(True)
+    for name, (x, y) in panel.lines.items():
+        look = names.index(name) % len(COLOURS)
+        marker = MARKERS[look] if len(x) <= MARKED else ""
+        axes.plot(
+            x,
+            y,
+            color=COLOURS[look],
+            linestyle=DASHES[look],
+            marker=marker,
+            markeredgewidth=0,
+            label=name,
+            clip_on=True,
+        )
+    values = np.concatenate([y for _, y in panel.lines.values()])
+    values = values[np.isfinite(values)]
+    if values.size and np.ptp(values) < LEAST_SPAN:
+        middle = (values.min() + values.max()) / 2
+        axes.set_ylim(middle - LEAST_SPAN, middle + LEAST_SPAN)

@@ -1,0 +1,93 @@
+"""Words and numbers as a reader expects them: "latitude 15 deg S" (with the sign), "82.33 %", "receiver height (m)"."""
+
+from __future__ import annotations
+
+import math
+from pathlib import PurePath
+from typing import Any
+
+import xarray as xr
+
+DEGREE = "\N{DEGREE SIGN}"
+MINUS = "\N{MINUS SIGN}"
+NOTHING = "\N{EN DASH}"
+
+#: CF spelling of units -> what is printed.
+_UNITS = {
+    "1": "",
+    "degree": DEGREE,
+    "degrees": DEGREE,
+    "degrees_north": f"{DEGREE} N",
+    "degrees_east": f"{DEGREE} E",
+    "percent": "%",
+}
+
+#: Dimensions whose values are words of the program, written with underscores there.
+_ENUMERATIONS = ("tracking",)
+
+
+def unit_of(array: xr.DataArray) -> str:
+    """Unit as it is printed; a fraction of one is printed in percent."""
+    if is_fraction(array):
+        return "%"
+    unit = str(array.attrs.get("units", ""))
+    return _UNITS.get(unit, unit)
+
+
+def is_fraction(array: xr.DataArray) -> bool:
+    """Whether values are fractions of one, better read in percent."""
+    valid = array.attrs.get("valid_range")
+    return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
+
+
+def printed(array: xr.DataArray) -> Any:
+    """Values of an array in the unit that `unit_of` names."""
+    values = array.to_numpy()
+    return values * 100 if is_fraction(array) else values
+
+
+def title_of(array: xr.DataArray) -> str:
+    """What an array is called in running text."""
+    return str(array.attrs.get("long_name") or str(array.name).replace("_", " "))
+
+
+def axis_label(array: xr.DataArray) -> str:
+    """Label of an axis: name and unit."""
+    unit = unit_of(array)
+    return f"{title_of(array)} ({unit})" if unit else title_of(array)
+
+
+def latitude_text(latitude: float) -> str:
+    """Latitude with its hemisphere."""
+    hemisphere = "" if latitude == 0 else " N" if latitude > 0 else " S"
+    return f"{abs(latitude):g}{DEGREE}{hemisphere}"
+
+
+def value_text(coordinate: xr.DataArray) -> str:
+    """One coordinate value with its unit, for instance ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
+    value = coordinate.item()
+    if isinstance(value, str):
+        if coordinate.name in _ENUMERATIONS:
+            return value.replace("_", "-")
+        return PurePath(value).stem if value.endswith(".csv") else value
+    if coordinate.dtype.kind in "mM":
+        return str(coordinate.to_numpy().astype("datetime64[m]"))
+    if coordinate.attrs.get("units") == "degrees_north":
+        return latitude_text(float(value))
+    return f"{value:g} {unit_of(coordinate)}".rstrip()
+
+
+def coordinate_text(coordinate: xr.DataArray) -> str:
+    """One coordinate value with what it is, for instance ``latitude 30 deg N``; names speak for themselves."""
+    text = value_text(coordinate)
+    return text if coordinate.dtype.kind in "OU" else f"{title_of(coordinate)} {text}"
+
+
+def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
+    """Number with a true minus sign; a dash where there is none."""
+    if not math.isfinite(value):
+        return NOTHING
+    text = f"{value:+.{decimals}f}" if signed else f"{value:.{decimals}f}"
+    if not text.strip("+-0."):
+        text = text.lstrip("+-")
+    return text.replace("-", MINUS)

@@ -1,0 +1,161 @@
+"""One plain page for a result: what was asked, what came out, and how to get it again.
+
+The page is a single file: images are part of it, nothing is fetched and nothing runs.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heliosweep.errors import Problem, StudyError
+from heliosweep.report import comparison, sections
+from heliosweep.report.html import Html, element, join
+from heliosweep.report.published import read_published
+from heliosweep.report.style import image
+from heliosweep.store.manifest import write_atomically
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.config.study import Study
+    from heliosweep.families.registry import NamedFigure
+
+log = logging.getLogger("heliosweep")
+
+PAGE = "report.html"
+FIGURES = "figures"
+
+#: Kinds of files in the folder of figures that are ours to replace.
+_KINDS = ("png", "svg", "pdf")
+
+
+def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, vector: Sequence[str] = ()) -> Path:
+    """Draw the figures of a result folder and write its page.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder with ``result.nc``; ``manifest.json`` and ``study.resolved.yaml`` are shown where they are.
+    study : Study, optional
+        The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
+    vector : sequence of {"svg", "pdf"}
+        Formats in which figures are saved besides PNG.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    StudyError
+        No result in the folder, or published numbers that do not fit it.
+    """
+    from heliosweep.workflow import open_result
+
+    place = Path(folder)
+    if not (place / "result.nc").is_file():
+        raise StudyError(Problem("holds no result.nc; run the study first", file=str(place)))
+    with open_result(place) as result:
+        compared = _comparison(place, study, result)
+        drawings = list(_draw(place / FIGURES, _figures(result), vector))
+        body = [
+            sections.header(result, compared),
+            element(
+                "main",
+                "\n",
+                join(
+                    [
+                        sections.headline(result),
+                        sections.comparison(compared),
+                        sections.figures(drawings),
+                        sections.asked(_text(place / "study.resolved.yaml")),
+                        sections.provenance(_manifest(place)),
+                        sections.references(result),
+                    ],
+                    "\n",
+                ),
+            ),
+            sections.footer(result),
+        ]
+        title = str(result.attrs.get("title", place.name))
+    page = place / PAGE
+    write_atomically(page, _document(title, body))
+    return page
+
+
+def _figures(result: xr.Dataset) -> Iterable[NamedFigure]:
+    """Figures that the result's family draws; none where the family is not installed."""
+    from heliosweep.families.registry import families
+
+    family = families().get(json.loads(result.attrs.get("study", "{}")).get("family"))
+    return family.figures(result) if family else ()
+
+
+def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[sections.Drawing]:
+    """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
+    folder.mkdir(exist_ok=True)
+    written = set()
+    for named in figures:
+        images = {kind: image(named.figure, kind) for kind in ("png", *vector)}
+        for kind, content in images.items():
+            path = folder / f"{named.name}.{kind}"
+            _write(path, content)
+            written.add(path)
+        yield sections.Drawing(named.caption, images["png"], *map(float, named.figure.get_size_inches()))
+    for path in folder.iterdir():
+        if path.suffix[1:] in _KINDS and path not in written:
+            path.unlink()
+
+
+def _write(path: Path, content: bytes) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> sections.Compared | None:
+    """Comparison with published numbers: made and stored where the study is at hand, else read back."""
+    stored = place / comparison.FILE
+    if study is None:
+        return sections.Compared(*comparison.read_comparison(stored)) if stored.is_file() else None
+    published = study.report.published
+    if published is None:
+        stored.unlink(missing_ok=True)
+        return None
+    table = read_published(study.resolve(published.file), published.source, published.file)
+    compared = sections.Compared(comparison.compare(result, table), published.source)
+    write_atomically(stored, comparison.comparison_csv(compared.values, compared.source))
+    log.info("%s: %s", compared.source, comparison.summary(compared.values))
+    return compared
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def _manifest(place: Path) -> dict[str, Any]:
+    text = _text(place / "manifest.json")
+    return json.loads(text) if text else {}
+
+
+def _document(title: str, body: Iterable[Html]) -> str:
+    css = resources.files(__package__).joinpath("page.css").read_text(encoding="utf-8")
+    head = [
+        Html('<meta charset="utf-8">'),
+        Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+        Html('<meta name="generator" content="heliosweep">'),
+        element("title", title),
+        element("style", Html("\n" + css)),
+    ]
+    content = [element("head", "\n", join(head, "\n"), "\n"), element("body", "\n", join(body, "\n"), "\n")]
+    return '<!doctype html>\n<html lang="en">\n' + join(content, "\n") + "\n</html>\n"
