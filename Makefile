@@ -31,7 +31,7 @@ bench: $(STAMP)  ## speed of the kernels beside named baselines (PySAM too, wher
 	@$(BIN)/python -c "import PySAM" 2>/dev/null \
 	  || $(BIN)/python -m pip install -q -c constraints.txt -e ".[bench]" \
 	  || echo "nrel-pysam does not install here; the benchmark goes on without it" >&2
-	@set -e; for bench in tests/bench/bench_*.py; do $(BIN)/python $$bench; done
+	@set -e; for bench in tests/bench/bench_*.py; do $(BIN)/python -m $$(echo $${bench%.py} | tr / .); done
 
 setup: $(STAMP)  ## build the environment in .venv/
 

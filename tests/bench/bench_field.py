@@ -1,27 +1,23 @@
-"""Speed of the field kernels on one core. Run it: `python tests/bench/bench_field.py`.
+"""Speed of the field kernels on one core. Run it: `python -m tests.bench.bench_field`.
 
 Prints nanoseconds for each heliostat and instant (both tracking methods, all unions), the ratio to the shapely twin of
 the tests, the gain from two threads, and the cost against the size of the field. Nothing is asserted: times depend on
 the machine and on its other work; each is the best of a few runs.
 """
 
-import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 
-HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent / "kernels"), str(HERE.parent.parent / "pipeline")]
-
-from fields import Field, chong2012  # noqa: E402
-from oracles import instant  # noqa: E402
-
-from heliosweep.kernels.compiled import warm  # noqa: E402
-from heliosweep.kernels.field import aimed, field_sums  # noqa: E402
-from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION  # noqa: E402
-from heliosweep.kernels.sun import declination_cooper, solar_clock  # noqa: E402
+from heliosweep.kernels.compiled import warm
+from heliosweep.kernels.field import aimed, field_sums
+from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors
+from heliosweep.kernels.sun import declination_cooper, solar_clock
+from heliosweep.layouts import radial_stagger
+from tests.bench import solarpilot
+from tests.kernels.fields import Field, chong2012
+from tests.kernels.oracles import frame, image, lost
 
 METHODS = {"spinning_elevation": SPINNING_ELEVATION, "azimuth_elevation": AZIMUTH_ELEVATION}
 
@@ -43,19 +39,25 @@ def best(work, times=3):
 
 
 def staggered(count: int) -> Field:
-    """A radially staggered field of 11 m mirrors with 16 m clearance, like the one of Chong and Tan 2012."""
-    radius, places, ring, around = 61.3, np.empty((0, 2)), 0, 0
-    while len(places) < count:
-        if around == 0 or 2 * np.pi * radius / around > 26.0:  # a new zone
-            around, ring = int(np.pi / np.arcsin(8.0 / radius)), 0
-        half = np.pi / around
-        angle = (2.0 * np.arange(around) + ring % 2) * half
-        places = np.vstack((places, radius * np.stack((np.sin(angle), np.cos(angle)), axis=1)))
-        radius = radius * np.cos(half) + np.sqrt(max(256.0 - (radius * np.sin(half)) ** 2, 64.0))
-        ring += 1
-    x, y = places[:count].T.copy()
-    height = 95.0 * max(1.0, np.sqrt(count / 317.0))
-    return x, y, np.full(count, 7.0), np.full(count, 5.5), np.full(count, 5.5), height
+    """A radially staggered field of 11 m mirrors with 16 m clearance, under a tower that grows with it."""
+    layout = radial_stagger(16.0, 61.3, heliostats=count)
+    half = np.full(count, 5.5)
+    return layout.x, layout.y, np.full(count, 7.0), half, half, 95.0 * max(1.0, np.sqrt(count / 317.0))
+
+
+def twin(i: int, mirrors: Mirrors, tracking: int, s: np.ndarray) -> list[float]:
+    """Shading, blocking and both at one instant by shapely, of the pairs alone whose bounding spheres meet the beam."""
+    centres = np.stack((mirrors.x, mirrors.y, mirrors.z), axis=1)
+    sides = np.stack((mirrors.half_width, mirrors.half_height), axis=1)
+    offset, reach = centres - centres[i], mirrors.radius + mirrors.radius[i]
+    images: list[list] = []
+    for d in (s, mirrors.aim[i]):
+        ahead = offset @ d
+        near = (np.sum(offset**2, axis=1) - ahead**2 < reach**2) & (ahead > -reach) & (np.arange(len(reach)) != i)
+        named = np.flatnonzero(near)
+        frames = {j: frame(mirrors.aim[j], s, tracking) for j in (i, *named)}
+        images.append([image(i, j, d, centres, frames, sides) for j in named])
+    return [1.0 - lost(images[0]), 1.0 - lost(images[1]), 1.0 - lost(images[0] + images[1])]
 
 
 def row(name, seconds, work, note=""):
@@ -77,12 +79,16 @@ def main():
                 row(f"317 heliostats, {len(sun)} instants, {latitude:.0f} deg, {name}", spent, 317 * len(sun))
 
     sun, mirrors = year(30.0, 1.0), aimed(*field)
-    sample = [(i, s) for s in sun[100::800] for i in range(0, 317, 40)]
-    slow = best(lambda: [instant(i, mirrors, 0, s) for i, s in sample], 1)
-    fast = best(lambda: field_sums(*field, 0, sun, 0, 317))
-    row(
-        "shapely twin, every pair", slow, len(sample), f"{slow / len(sample) * 317 * len(sun) / fast:,.0f} times slower"
-    )
+    fast = best(lambda: field_sums(*field, 0, sun, 0, 317)) / (317 * len(sun))
+    sample = [(i, s) for s in sun[100::800] for i in range(0, 317, 20)]
+    slow = best(lambda: [twin(i, mirrors, 0, s) for i, s in sample], 1)
+    row("shapely twin, culled", slow, len(sample), f"{slow / len(sample) / fast:,.0f} times slower")
+    try:
+        spent, positions = solarpilot.measure(field[0], field[1], 11.0, 95.0)
+        ratio = spent / (317 * positions) / fast
+        row("PySAM (SolarPILOT), one total per sun position", spent, 317 * positions, f"{ratio:,.0f} times slower")
+    except ImportError:
+        print("PySAM is not installed: no comparison with SolarPILOT")
 
     def halves(workers):
         with ThreadPoolExecutor(workers) as pool:
@@ -98,25 +104,6 @@ def main():
         start, stop = (count // 2, count // 2 + 1000) if count > 2000 else (0, count)
         spent = best(lambda big=big, start=start, stop=stop: field_sums(*big, 0, sun, start, stop), 2)
         row(f"block of {stop - start} in {count} heliostats", spent, (stop - start) * len(sun))
-    pysam(field)
-
-
-def pysam(field):
-    """SolarPILOT's engine on the same field and as many sun positions, if PySAM is installed."""
-    try:
-        from PySAM import Solarpilot
-    except ImportError:
-        print("PySAM is not installed: no comparison with SolarPILOT")
-        return
-    x, y, _, half, _, target = field
-    model = Solarpilot.default("MSPTSingleOwner")
-    model.SolarPILOT.helio_positions_in = np.stack((x, y), axis=1).tolist()
-    model.SolarPILOT.helio_width = model.SolarPILOT.helio_height = 2.0 * float(half[0])
-    model.SolarPILOT.h_tower = float(target)
-    model.SolarPILOT.calc_fluxmaps = 0
-    spent = best(model.execute, 1)
-    positions = max(1, len(model.Outputs.opteff_table))
-    row("PySAM, SolarPILOT engine, one total per sun position", spent, len(x) * positions)
 
 
 if __name__ == "__main__":

@@ -6,8 +6,6 @@ import itertools
 import numpy as np
 import pytest
 import shapely
-from fields import DATA, chong2012, directions, scattered, suns
-from oracles import frame, instant
 from shapely.geometry import Polygon
 
 from heliosweep.kernels import mounts
@@ -15,6 +13,8 @@ from heliosweep.kernels.field import aimed, field_series, field_sums, sweep
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors
 from heliosweep.kernels.packets import PACKET, packet_order
 from heliosweep.kernels.sun import declination_cooper, solar_clock
+from tests.kernels.fields import DATA, chong2012, directions, scattered, suns
+from tests.kernels.oracles import frame, instant
 
 METHODS = pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
 

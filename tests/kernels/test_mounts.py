@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from fields import scattered, suns
-from oracles import frame
 
 from heliosweep.kernels.field import aimed
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, FRAME_ROWS, SPINNING_ELEVATION, half_sides
 from heliosweep.kernels.packets import PACKET
+from tests.kernels.fields import scattered, suns
+from tests.kernels.oracles import frame
 
 
 def sides(mirrors, i, sun, tracking):

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from fields import scattered, suns
 
 from heliosweep.kernels.field import aimed
 from heliosweep.kernels.neighbours import beam, bin_field, search
+from tests.kernels.fields import scattered, suns
 
 
 def found(i, bundle, limit, mirrors, grid):

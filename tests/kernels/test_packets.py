@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from fields import suns
 
 from heliosweep.kernels.packets import PACKET, packet_order
 from heliosweep.kernels.sun import declination_cooper, solar_clock
+from tests.kernels.fields import suns
 
 
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 128, 1000, 4097])

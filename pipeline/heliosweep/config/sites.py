@@ -57,6 +57,18 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     return tuple(table)
 
 
+def civil_clock_problems(study: Study) -> Iterator[Problem]:
+    """Yield what the civil clock misses: the longitude of a site, or a time zone where the ``time`` block has none."""
+    single: Any = getattr(study, "site", None)
+    places = [("site", single)] if single is not None else []
+    places += [(f"sites[{number}]", site) for number, site in enumerate(site_table(study))]
+    for key, place in places:
+        if place.longitude is None:
+            yield study.problem(f"{key}.longitude", "is missing: the civil clock needs the longitude, in deg east")
+    if any(place.timezone is None for _, place in places) and study.time.timezone is None:  # type: ignore[attr-defined]
+        yield study.problem("time.timezone", "is missing: the civil clock needs a time zone, such as '+08:00'")
+
+
 def _rows(text: str, file: str) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yield line number and cells of each row, numbers read and empty cells left out."""
     reader = csv.reader(text.splitlines())

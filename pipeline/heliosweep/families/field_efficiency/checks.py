@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.blocks import NamedSite, Site
-from heliosweep.config.sites import site_table
+from heliosweep.config.sites import civil_clock_problems, site_table
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import SolarTime
 from heliosweep.errors import Problem, StudyError
@@ -59,29 +58,16 @@ def check(study: FieldEfficiencyStudy) -> tuple[list[Problem], list[str]]:
     notes : list of str
         What the user should know, but may want.
     """
-    problems = list(_clock(study))
+    problems: list[Problem] = []
     notes: list[str] = []
     try:
+        if not isinstance(study.time, SolarTime):
+            problems += civil_clock_problems(study)
         problems += _sun(study, notes)
         problems += _field(study, notes)
     except StudyError as error:
         problems += error.problems
     return problems, notes
-
-
-def _clock(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """The civil clock needs a longitude and a time zone."""
-    if isinstance(study.time, SolarTime):
-        return
-    places: Sequence[Site | NamedSite | None] = site_table(study) or [study.site]
-    for index, place in enumerate(places):
-        assert place is not None
-        key = "site" if study.sites is None else f"sites[{index}]"
-        if place.longitude is None:
-            yield study.problem(f"{key}.longitude", "is missing: the civil clock needs the longitude, in deg east")
-        if place.timezone is None and study.time.timezone is None:
-            yield study.problem("time.timezone", "is missing: the civil clock needs a time zone, such as '+08:00'")
-            return
 
 
 def _sun(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
