@@ -28,8 +28,8 @@ _NEUTRAL = {
 
 def measure(x: np.ndarray, y: np.ndarray, side: float, target_height: float) -> tuple[float, int]:
     """Seconds for a set of sun positions, and their number. Raises ImportError where PySAM is not installed."""
-    from PySAM import Solarpilot  # type: ignore[import-not-found]
-    from PySAM.PySSC import PySSC  # type: ignore[import-not-found]
+    from PySAM import Solarpilot
+    from PySAM.PySSC import PySSC
 
     library = PySSC()
     data = library.data_create()

@@ -4,13 +4,20 @@ import os
 import subprocess
 import sys
 
+import numpy as np
+
 from heliosweep.kernels import compiled
-from heliosweep.kernels.field import sweep
+from heliosweep.kernels.field import field_sums, sweep
 from heliosweep.kernels.packets import packet_order
 
 
 def test_warm_makes_the_one_signature_ready():
     compiled.warm()
+    frozen = [np.array([20.0, 50.0]) for _ in range(5)]
+    sun = np.array([[0.0, 0.6, 0.8]])
+    for array in (*frozen, sun):
+        array.flags.writeable = False
+    field_sums(*frozen[:3], np.ones(2), np.ones(2), 60.0, 0, sun, 0, 2)
     assert len(sweep.signatures) == 1
     assert len(packet_order.signatures) == 1
     seconds, fresh = compiled.warm()

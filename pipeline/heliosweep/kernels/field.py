@@ -122,7 +122,7 @@ def _check(count: int, tracking: int, start: int, stop: int) -> None:
 
 def _sorted(sun: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Sun vectors as the kernels want them, and the instants with the sun up in packet order."""
-    sun = np.ascontiguousarray(sun, np.float64)
+    sun = np.array(sun, np.float64, order="C")  # a copy: a read-only array would be compiled for anew
     up = np.flatnonzero(sun[:, 2] > 0.0)
     return sun, up[packet_order(sun[up])]
 
