@@ -13,11 +13,11 @@ from heliosweep.kernels.packets import packet_order
 
 def test_warm_makes_the_one_signature_ready():
     compiled.warm()
-    frozen = [np.array([20.0, 50.0]) for _ in range(5)]
-    sun = np.array([[0.0, 0.6, 0.8]])
-    for array in (*frozen, sun):
-        array.flags.writeable = False
-    field_sums(*frozen[:3], np.ones(2), np.ones(2), 60.0, 0, sun, 0, 2)
+    for count in (1, 2):  # arrays of one element are of any memory order, arrays of a user may be read-only
+        place, sun = np.arange(20.0, 20.0 + 20 * count, 20.0), np.array([[0.0, 0.6, 0.8]])
+        place.flags.writeable = sun.flags.writeable = False
+        side = np.ones(count)
+        field_sums(place, place, place, side, side, 60.0, 0, sun, 0, count)
     assert len(sweep.signatures) == 1
     assert len(packet_order.signatures) == 1
     seconds, fresh = compiled.warm()

@@ -1,7 +1,7 @@
 """Table 2 of Chong and Tan (2012), Int. J. Photoenergy 2012, 908364, doi 10.1155/2012/908364, from the shipped studies.
 
 Tolerances: the paper prints two decimals of a percentage and does not say how mirrors of 11.0 m come to act
-like 11.1 m; with 11.1 m its equatorial columns and all blocking values are met within 0.02 points and everything within 0.07.
+like 11.1 m; with 11.1 m its equatorial columns and all blocking values are met within 0.02 points, all within 0.07.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.conftest import STUDIES
 
 from heliosweep import workflow
+from tests.conftest import STUDIES
 
 with (STUDIES / "published" / "chong2012_table2.csv").open(encoding="utf-8") as file:
     PUBLISHED = {

@@ -108,7 +108,7 @@ def aimed(x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floa
     to_target = np.array([0.0, 0.0, target_height]) - centres.T
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
-    aim = to_target / throw[:, None]
+    aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
     return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
 
 

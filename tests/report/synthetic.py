@@ -1,0 +1,56 @@
+"""Small results of the family `field_efficiency` without computing anything."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.families.field_efficiency import variables
+
+BOTH = ("spinning_elevation", "azimuth_elevation")
+UNITS = {"latitude": "degrees_north", "receiver_height": "m", "clearance": "m"}
+
+
+def result(
+    sweep: Mapping[str, Sequence[Any] | np.ndarray] | None = None,
+    heliostats: int = 7,
+    attrs: Mapping[str, str] | None = None,
+    **scalars: Any,
+) -> xr.Dataset:
+    """Data set with the variables of the family over any sweep; values are random, the same every time."""
+    sweep = dict(sweep or {})
+    rng = np.random.default_rng(1)
+    shape = tuple(map(len, sweep.values()))
+    labels: dict[str, Any] = {}
+    for name, values in sweep.items():
+        units = {"units": UNITS[name]} if name in UNITS else {}
+        labels[name] = (name, list(values), {"long_name": name.replace("_", " "), **units})
+    for name, value in scalars.items():
+        labels[name] = ((), value, {"long_name": name.replace("_", " "), "units": UNITS.get(name, "m")})
+    angle = 2 * np.pi * np.arange(heliostats) / heliostats
+    for name, values in (("x", 100 * np.sin(angle)), ("y", 80 + 100 * np.cos(angle)), ("z", 0 * angle)):
+        labels[name] = ("heliostat", values, {"units": "m", "long_name": name})
+    for side in ("heliostat_width", "heliostat_height"):
+        labels[side] = ((), 11.0, {"units": "m", "long_name": side.replace("_", " ")})
+    data: dict[str, Any] = {
+        name: ((*sweep, "heliostat"), rng.uniform(0.6, 0.9, (*shape, heliostats)), attrs)
+        for name, attrs in variables.ANNUAL.items()
+    }
+    data |= {name: (tuple(sweep), rng.uniform(0.6, 0.9, shape), attrs) for name, attrs in variables.FIELD.items()}
+    about = {"title": "A field", "summary": "Some words.", "study": json.dumps({"family": "field_efficiency"})}
+    return xr.Dataset(data, labels, {**about, **(attrs or {})})
+
+
+def with_series(dataset: xr.Dataset, labels: Mapping[str, Any]) -> xr.Dataset:
+    """The same with the instantaneous optical efficiency over ``time``, dark in the first instant."""
+    like = dataset["optical_efficiency"]
+    instants = len(next(iter(labels.values()))[1])
+    values = np.random.default_rng(2).uniform(0.2, 0.9, (*like.shape[:-1], instants, like.shape[-1]))
+    values[..., 0, :] = np.nan
+    name = "instantaneous_optical_efficiency"
+    dims = (*like.dims[:-1], "time", "heliostat")
+    return dataset.assign({name: (dims, values, variables.SERIES[name])}).assign_coords(labels)

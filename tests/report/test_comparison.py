@@ -1,0 +1,150 @@
+"""Published numbers: read, found in the result, judged, written and read back."""
+
+from __future__ import annotations
+
+import pytest
+
+from heliosweep.errors import StudyError
+from heliosweep.report.comparison import compare, comparison_csv, comparison_text, read_comparison, summary
+from heliosweep.report.published import read_published
+from tests.conftest import STUDIES
+from tests.report.synthetic import BOTH, result
+
+HEADER = "tracking,latitude,quantity,published,unit,tolerance\n"
+
+
+@pytest.fixture
+def dataset():
+    data = result({"latitude": [0.0, 15.0, 30.0], "tracking": BOTH})
+    data["field_cosine_efficiency"][:] = [[0.8499, 0.8499], [0.84475, 0.84475], [0.8286, 0.8286]]
+    return data
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Reads a table of the given text."""
+
+    def read(text):
+        path = tmp_path / "table.csv"
+        path.write_text(text, encoding="utf-8")
+        return read_published(path, "A paper", "table.csv")
+
+    return read
+
+
+def problems(action, *arguments):
+    with pytest.raises(StudyError) as caught:
+        action(*arguments)
+    return [str(problem) for problem in caught.value.problems]
+
+
+def test_numbers_within_their_tolerance_agree_and_others_differ(dataset, table):
+    rows = (
+        "spinning_elevation,0,field_cosine_efficiency,84.99,percent,0\n"
+        "azimuth_elevation,15,field_cosine_efficiency,84.45,percent,0.025\n"
+        "azimuth_elevation,15,field_cosine_efficiency,84.45,percent,0.0249\n"
+        "azimuth_elevation,30.0000000001,field_cosine_efficiency,0.83,1,0.001\n"
+    )
+    compared = compare(dataset, table(HEADER + rows))
+    assert [one.verdict for one in compared] == ["agrees", "agrees", "differs", "differs"]
+    assert [one.difference for one in compared] == pytest.approx([0, 0.025, 0.025, -0.0014])
+    assert summary(compared) == ("2 of 4 published values agree, largest difference 0.025 percentage points and 0.0014")
+    text = comparison_text(compared)
+    assert "84.475      84.45      +0.025" in text
+    assert text.endswith(summary(compared))
+
+
+def test_a_missing_value_differs(dataset, table):
+    dataset["field_cosine_efficiency"][:] = float("nan")
+    [one] = compare(dataset, table(HEADER + "azimuth_elevation,0,field_cosine_efficiency,84.99,percent,0.02\n"))
+    assert one.verdict == "differs"
+    assert summary([one]).startswith("0 of 1 published values agree")
+
+
+def test_scalar_coordinates_and_coordinates_along_a_dimension(table):
+    data = result({"site": ["north", "south"]}, tracking="azimuth_elevation")
+    data = data.assign_coords(latitude=("site", [30.0, -30.0]))
+    line = "azimuth_elevation,-30,field_cosine_efficiency,50,percent,100\n"
+    [one] = compare(data, table(HEADER + line))
+    assert one.computed == 100 * float(data["field_cosine_efficiency"][1])
+    assert problems(compare, data, table(HEADER + line.replace("azimuth", "spinning"))) == [
+        "table.csv:2: tracking 'spinning_elevation' is not in the result, which has azimuth_elevation"
+    ]
+
+
+def test_values_of_single_heliostats(dataset, table):
+    dataset = dataset.assign_coords(heliostat=("heliostat", range(7)))
+    header = "tracking,latitude,heliostat,quantity,published,unit,tolerance\n"
+    [one] = compare(dataset, table(header + "azimuth_elevation,15,3,optical_efficiency,0.7,1,1\n"))
+    assert one.computed == float(dataset["optical_efficiency"][1, 1, 3])
+
+
+def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
+    rows = (
+        "# a comment counts as a line\n"
+        "spinning_elevation,0,field_cosine_eficiency,84.99,percent,0\n"
+        "spinning_elevation,10,field_cosine_efficiency,84.99,percent,0\n"
+        ",0,field_cosine_efficiency,84.99,percent,0\n"
+        "spinning_elevation,equator,field_cosine_efficiency,84.99,percent,0\n"
+    )
+    assert problems(compare, dataset, table(HEADER + rows)) == [
+        "table.csv:3: unknown quantity 'field_cosine_eficiency'; did you mean 'field_cosine_efficiency'?",
+        "table.csv:4: latitude '10' is not in the result, which has 0, 15, 30",
+        "table.csv:5: 'tracking' is missing: field_cosine_efficiency has 2 values along it",
+        "table.csv:6: latitude must be a number (got 'equator')",
+    ]
+    odd = "latitud,tracking,quantity,published,unit,tolerance\n0,spinning_elevation,field_cosine_efficiency,1,1,1\n"
+    assert problems(compare, dataset, table(odd)) == [
+        "table.csv:2: unknown coordinate 'latitud'; did you mean 'latitude'?"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", ["table.csv: holds no table of published numbers"]),
+        (HEADER, ["table.csv:1: has a header but no numbers"]),
+        (
+            "latitude,quantity\n0,a\n",
+            [f"table.csv:1: column {name!r} is missing" for name in ("published", "unit", "tolerance")],
+        ),
+        (HEADER.replace("tracking", "latitude") + ",,a,1,1,1\n", ["table.csv:1: column 'latitude' occurs twice"]),
+        (
+            HEADER + "a,0,b,about 3,1,1\na,0,b,1,m,1\na,0,b,1,1,-1\na,0,b\na,0,b,nan,1,1\na,0,b,1,1,\n",
+            [
+                "table.csv:2: published must be a number (got 'about 3')",
+                "table.csv:3: unit must be '1' or 'percent' (got 'm')",
+                "table.csv:4: tolerance must not be negative (got -1)",
+                "table.csv:5: has 3 cells where the header has 6",
+                "table.csv:6: published must be a number (got 'nan')",
+                "table.csv:7: tolerance must be a number (got '')",
+            ],
+        ),
+    ],
+)
+def test_bad_tables(table, text, expected):
+    assert problems(table, text) == expected
+
+
+def test_a_table_that_is_not_there(tmp_path):
+    assert problems(read_published, tmp_path / "none.csv", "", "none.csv") == [
+        "none.csv: cannot read the published numbers: No such file or directory"
+    ]
+
+
+def test_the_stored_comparison_reads_back(dataset, table, tmp_path):
+    compared = compare(dataset, table(HEADER + "azimuth_elevation,15,field_cosine_efficiency,84.450,percent,0.07\n"))
+    path = tmp_path / "comparison.csv"
+    path.write_text(comparison_csv(compared, "A paper,\ntwo lines"), encoding="utf-8")
+    assert read_comparison(path) == (compared, "A paper,\ntwo lines")
+    path.write_text(HEADER + "a,0,b,1,1,1\n", encoding="utf-8")
+    assert "is no comparison that heliosweep wrote" in problems(read_comparison, path)[0]
+
+
+def test_table_2_of_chong_and_tan_is_complete():
+    """24 numbers in percent; 0.02 points are allowed at the equator and for blocking, 0.07 elsewhere."""
+    table = read_published(STUDIES / "published" / "chong2012_table2.csv")
+    assert len({(value.quantity, *value.where.items()) for value in table.values}) == 24
+    for value in table.values:
+        tight = value.where["latitude"] == "0" or value.quantity == "field_blocking_efficiency"
+        assert (value.unit, value.decimals, value.tolerance) == ("percent", 2, 0.02 if tight else 0.07)

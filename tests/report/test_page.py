@@ -1,0 +1,183 @@
+"""The page of a result: complete, harmless, self-contained, and the same every time."""
+
+from __future__ import annotations
+
+import json
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import pytest
+
+from heliosweep.errors import StudyError
+from heliosweep.report.html import element, html, linked
+from heliosweep.report.page import write_report
+from tests.report.synthetic import BOTH, result
+
+EVIL = "<script>alert('&')</script>"
+VOID = {"meta", "img", "br", "link"}
+
+
+class Page(HTMLParser):
+    """Parses a page, checks that every element is closed, and gathers what matters."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text += data
+
+    def all(self, tag):
+        return [attrs for name, attrs in self.elements if name == tag]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Result folder as a run leaves it, with words that would like to be markup."""
+    references = (
+        "Chong and Tan (2012), doi 10.1155/2012/908364; Chong, K.-K. and Tan, M. H. (2012). doi:10.1155/2012/908364"
+    )
+    data = result({"latitude": [0.0, 15.0], "tracking": BOTH}, attrs={"title": EVIL, "references": references})
+    data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
+    (tmp_path / "study.resolved.yaml").write_text(f"title: {EVIL}\n", encoding="utf-8")
+    manifest = {
+        "command": ["heliosweep", "run", f"{EVIL}.yaml"],
+        "study_id": "abc",
+        "environment": {"packages": {"heliosweep": "0.1.0", "numpy": "2.0", "pvlib": None}, "commit": None},
+        "result": {"bytes": 12345, "sha256": "f" * 64},
+        "seconds": {"compute": 1.5},
+        "scheduler": "threads",
+        "workers": 2,
+    }
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    return tmp_path
+
+
+def study(folder, published=None):
+    """As much of a study as the report asks for."""
+    return SimpleNamespace(report=SimpleNamespace(published=published), resolve=lambda name: folder / name)
+
+
+def published(folder, tolerance):
+    lines = ["latitude,tracking,quantity,published,unit,tolerance"]
+    lines.append(f"15,azimuth_elevation,field_cosine_efficiency,75.0,percent,{tolerance}")
+    (folder / "table.csv").write_text("\n".join(lines), encoding="utf-8")
+    return SimpleNamespace(file="table.csv", source=f"A paper {EVIL}")
+
+
+def test_page_is_complete_and_well_formed(folder):
+    path = write_report(folder)
+    assert path == folder / "report.html"
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("<!doctype html>")
+    page = Page(text)
+    assert page.all("html") == [{"lang": "en"}]
+    assert len(page.all("h1")) == 1
+    assert len(page.all("h2")) == 5
+    for words in ("Results", "Figures", "What was asked", "How it was made", "References", "12,345 bytes", "numpy 2.0"):
+        assert words in page.text
+    images = page.all("img")
+    assert len(images) == len(list((folder / "figures").iterdir())) == 2
+    assert all(image["alt"].startswith("Figure ") for image in images)
+
+
+def test_words_of_the_study_never_become_markup(folder):
+    page = Page(write_report(folder, study(folder, published(folder, 100))).read_text(encoding="utf-8"))
+    assert page.all("script") == []
+    assert page.text.count(EVIL) == 4  # title, heading, source, study; the command has shell quotes in between
+
+
+def test_nothing_is_fetched(folder):
+    page = Page(write_report(folder).read_text(encoding="utf-8"))
+    for tag, attrs in page.elements:
+        assert attrs.get("src", "data:image/png;base64,").startswith("data:image/png;base64,")
+        assert tag == "a" or "href" not in attrs
+    style = (folder / "report.html").read_text(encoding="utf-8").split("</style>")[0]
+    assert "url(" not in style
+    assert "@import" not in style
+
+
+def test_references_are_listed_once(folder):
+    page = Page(write_report(folder).read_text(encoding="utf-8"))
+    assert page.all("a") == [{"href": "https://doi.org/10.1155/2012/908364"}]
+    assert len(page.all("li")) == 1
+
+
+@pytest.mark.parametrize(("tolerance", "verdict"), [(100, "agrees"), (0, "differs")])
+def test_verdicts_are_said_in_words_and_kept_for_later(folder, tolerance, verdict):
+    first = write_report(folder, study(folder, published(folder, tolerance))).read_text(encoding="utf-8")
+    page = Page(first)
+    assert verdict in page.text
+    assert {"class": f"verdict {verdict}"} in page.all("p")
+    (folder / "table.csv").unlink()
+    assert write_report(folder).read_text(encoding="utf-8") == first
+
+
+def test_a_comparison_that_is_no_longer_asked_for_goes_away(folder):
+    write_report(folder, study(folder, published(folder, 1)))
+    page = Page(write_report(folder, study(folder)).read_text(encoding="utf-8"))
+    assert "Computed and published" not in page.text
+    assert not (folder / "comparison.csv").exists()
+
+
+def test_page_is_the_same_every_time(folder):
+    first = write_report(folder).read_bytes()
+    assert write_report(folder).read_bytes() == first
+
+
+def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
+    (folder / "figures").mkdir()
+    (folder / "figures" / "old.png").touch()
+    (folder / "figures" / "notes.txt").touch()
+    write_report(folder, vector=["svg"])
+    names = {path.name for path in (folder / "figures").iterdir()}
+    assert names == {
+        "notes.txt",
+        *(f"{name}.{kind}" for name in ("field_maps", "difference_maps") for kind in ("png", "svg")),
+    }
+
+
+def test_a_bare_result_is_enough(tmp_path):
+    data = result()
+    data.attrs.clear()
+    data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
+    page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
+    assert "Results" in page.text
+    assert page.all("img") == []
+
+
+def test_long_sweeps_are_cut_with_a_word(tmp_path):
+    data = result({"receiver_height": [*range(80, 180)]}, heliostats=1)
+    data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
+    page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
+    assert "The first 60 of 100 points" in page.text
+    assert len(page.all("tr")) == 61
+
+
+def test_a_folder_without_result(tmp_path):
+    with pytest.raises(StudyError, match=r"holds no result\.nc"):
+        write_report(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pieces_of_html():
+    assert element("p", "<b>", element("b", "&"), title='"') == '<p title="&quot;">&lt;b&gt;<b>&amp;</b></p>'
+    assert html(1.5) == "1.5"
+    assert linked("see doi:10.1/a<b> and no more") == "see doi:10.1/a&lt;b&gt; and no more"
+    assert linked("(doi 10.1155/2012/908364).") == (
+        '(<a href="https://doi.org/10.1155/2012/908364">doi 10.1155/2012/908364</a>).'
+    )
