@@ -73,15 +73,17 @@ def curve_figure(
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     width = PAGE_WIDTH if columns > 1 else 4.6
-    height = 0.4 + rows * (2.15 if rows > 1 else 2.6) + 0.25
-    figure = new_figure(width, height)
     names = list(dict.fromkeys(name for panel in panels for name in panel.lines))
+    abreast = _abreast(names, width)
+    head = 0.34 + 0.17 * (-(-len(names) // abreast) - 1) + 0.2 * any(panel.title for panel in panels)
+    height = head + rows * (2.15 if rows > 1 else 2.6) + 0.3
+    figure = new_figure(width, height)
     grid = figure.subplots(rows, columns, sharex=True, sharey=same_scale, squeeze=False).ravel()
     figure.subplots_adjust(
         left=0.6 / width,
         right=1 - 0.12 / width,
         bottom=0.5 / height,
-        top=1 - (0.34 + 0.2 * any(panel.title for panel in panels)) / height,
+        top=1 - head / height,
         wspace=0.12 if same_scale else 0.27,
         hspace=0.2 if any(panel.title for panel in panels) else 0.1,
     )
@@ -102,10 +104,13 @@ def curve_figure(
         axes.remove()
     handles = {name: line for axes in grid for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
     if len(names) > 1 or names[0]:
-        figure.legend(
-            [handles[name] for name in names], names, loc="upper center", ncols=min(4, len(names)), borderaxespad=0.4
-        )
+        figure.legend([handles[name] for name in names], names, loc="upper center", ncols=abreast, borderaxespad=0.4)
     return figure
+
+
+def _abreast(names: Sequence[str], width: float) -> int:
+    """Names of lines that fit beside each other in the legend, at 0.075 inch a letter and 0.6 inch for the line."""
+    return max(1, min(len(names), int(width / (0.6 + 0.075 * max(map(len, names))))))
 
 
 def _draw(axes: Axes, panel: Panel, names: Sequence[str]) -> None:

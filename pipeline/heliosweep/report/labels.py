@@ -1,4 +1,4 @@
-"""Words and numbers as a reader expects them: "latitude 15 deg S" (with the sign), "82.33 %", "receiver height (m)"."""
+"""Words and numbers as a reader expects them: latitudes with their hemisphere, fractions in percent, units."""
 
 from __future__ import annotations
 
@@ -40,6 +40,11 @@ def is_fraction(array: xr.DataArray) -> bool:
     return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
 
 
+def is_latitude(array: xr.DataArray) -> bool:
+    """Whether values are latitudes, which are printed with their hemisphere."""
+    return array.name == "latitude" or array.attrs.get("units") == "degrees_north"
+
+
 def printed(array: xr.DataArray) -> Any:
     """Values of an array in the unit that `unit_of` names."""
     values = array.to_numpy()
@@ -72,7 +77,7 @@ def value_text(coordinate: xr.DataArray) -> str:
         return PurePath(value).stem if value.endswith(".csv") else value
     if coordinate.dtype.kind in "mM":
         return str(coordinate.to_numpy().astype("datetime64[m]"))
-    if coordinate.attrs.get("units") == "degrees_north":
+    if is_latitude(coordinate):
         return latitude_text(float(value))
     return f"{value:g} {unit_of(coordinate)}".rstrip()
 

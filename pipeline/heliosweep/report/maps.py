@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import Normalize
+from matplotlib.collections import Collection, PolyCollection
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -127,18 +128,19 @@ def map_figure(rows: Sequence[Sequence[FieldMap]], scale: tuple[float, float], l
     height = _TOP + len(rows) * up + (len(rows) - 1) * _BETWEEN + _BOTTOM
     figure = new_figure(width, height)
     norm = Normalize(*scale)
+    palette = colormaps[colours].with_extremes(bad=NO_VALUE)
     for i, row in enumerate(rows):
         for j, one in enumerate(row):
             left, bottom = _LEFT + j * (across + _GAP), _BOTTOM + (len(rows) - 1 - i) * (up + _BETWEEN)
             axes = figure.add_axes((left / width, bottom / height, across / width, up / height))
             axes.set(xlim=x_ends, ylim=y_ends)
-            _draw(axes, one, norm, colours)
+            _draw(axes, one, norm, palette, 72 * across / (x_ends[1] - x_ends[0]))
             last = i == len(rows) - 1 or j >= len(rows[i + 1])
             _label_sides(axes, left=j == 0, bottom=last)
     bar = figure.add_axes((0.32, 0.38 / height, 0.6, 0.1 / height))
-    figure.colorbar(ScalarMappable(norm, colours), cax=bar, orientation="horizontal").outline.set_linewidth(0.5)
+    figure.colorbar(ScalarMappable(norm, palette), cax=bar, orientation="horizontal").outline.set_linewidth(0.5)
     bar.set_xlabel(label, labelpad=2)
-    bar.xaxis.set_major_locator(MaxNLocator(7))
+    bar.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
     handles = figure.axes[0].get_legend_handles_labels()
     figure.legend(*handles, loc="center left", bbox_to_anchor=(0.02, 0.43 / height), handletextpad=0.2)
     return figure
@@ -177,16 +179,21 @@ def _most(values: np.ndarray) -> float:
     return float(finite.max()) if finite.size else 0.0
 
 
-def _draw(axes: Axes, one: FieldMap, norm: Normalize, colours: str) -> None:
+def _draw(axes: Axes, one: FieldMap, norm: Normalize, colours: Colormap, points: float) -> None:
+    """Mirrors, tower and title of one map; a metre is so many `points` long."""
     placed = np.isfinite(one.x) & np.isfinite(one.y)
+    x, y, values = one.x[placed], one.y[placed], np.ma.masked_invalid(one.values[placed])
     grow = magnification([one])
-    corners = _corners(one.x[placed], one.y[placed], grow * one.width[placed], grow * one.height[placed])
-    # A hair-thin edge sets pale mirrors off from the paper; in a crowd it would only darken.
-    edge = {"edgecolors": _EDGE, "linewidths": 0.3} if corners.shape[0] <= _CROWD else {"edgecolors": "none"}
-    mirrors = PolyCollection(list(corners), cmap=colours, norm=norm, rasterized=True, **edge)
-    mirrors.set_array(np.ma.masked_invalid(one.values[placed]))
-    mirrors.get_cmap().set_bad(NO_VALUE)
-    axes.add_collection(mirrors, autolim=False)
+    width, height = grow * one.width[placed], grow * one.height[placed]
+    # Without a hair-thin edge pale mirrors would vanish; in a crowd it would darken all, and no one sees which way
+    # a mirror is turned.
+    squares: Collection
+    if x.size <= _CROWD:
+        squares = PolyCollection(list(_corners(x, y, width, height)), edgecolors=_EDGE, linewidths=0.3)
+        axes.add_collection(squares, autolim=False)
+    else:
+        squares = axes.scatter(x, y, width * height * points**2, marker="s", linewidths=0)
+    squares.set(array=values, cmap=colours, norm=norm, rasterized=True)
     axes.plot(0, 0, "^", color="black", markersize=5, markeredgecolor="white", markeredgewidth=0.6, label="tower")
     axes.set_title(one.title, pad=3, linespacing=1.25)
 
@@ -202,8 +209,12 @@ def _corners(x: np.ndarray, y: np.ndarray, width: np.ndarray, height: np.ndarray
 
 
 def _label_sides(axes: Axes, left: bool, bottom: bool) -> None:
-    for axis, shown, name in ((axes.xaxis, bottom, "east (m)"), (axes.yaxis, left, "north (m)")):
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    """Label the outer sides; ticks keep away from the corners, where those of the next map would touch."""
+    sides = ((axes.xaxis, axes.get_xlim(), bottom, "east (m)"), (axes.yaxis, axes.get_ylim(), left, "north (m)"))
+    for axis, (low, high), shown, name in sides:
+        margin = 0.1 * (high - low)
+        ticks = np.asarray(MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(low, high))
+        axis.set_ticks(ticks[(ticks > low + margin) & (ticks < high - margin)])
         if shown:
             axis.set_label_text(name)
     axes.tick_params(labelbottom=bottom, labelleft=left)

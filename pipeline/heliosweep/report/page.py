@@ -73,7 +73,7 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
                 join(
                     [
                         sections.headline(result),
-                        sections.comparison(compared),
+                        sections.comparison(compared, result),
                         sections.figures(drawings),
                         sections.asked(_text(place / "study.resolved.yaml")),
                         sections.provenance(_manifest(place)),

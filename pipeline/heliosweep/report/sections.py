@@ -14,7 +14,7 @@ import xarray as xr
 
 from heliosweep.report.comparison import Comparison, cells, summary
 from heliosweep.report.html import Html, definitions, doi_of, element, join, linked, section, table
-from heliosweep.report.labels import coordinate_text, number_text, printed, title_of, unit_of, value_text
+from heliosweep.report.labels import axis_label, coordinate_text, number_text, printed, title_of, unit_of, value_text
 
 #: Rows of the table of headline numbers.
 MOST_ROWS = 60
@@ -140,17 +140,22 @@ def _described(array: xr.DataArray) -> str:
     return "; ".join(said)
 
 
-def comparison(compared: Compared | None) -> Html:
+def comparison(compared: Compared | None, result: xr.Dataset) -> Html:
     """Computed, published, difference and verdict."""
     if not compared:
         return _NONE
     head, rows = cells(compared.values)
+    titles = [axis_label(result[name]) if name in result.coords else name for name in head]
+    classes = [
+        f"{one.verdict} new" if i and one.quantity != compared.values[i - 1].quantity else one.verdict
+        for i, one in enumerate(compared.values)
+    ]
     readable = [[row[0].replace("_", " "), *(cell.replace("_", "-") for cell in row[1:-7]), *row[-7:]] for row in rows]
     words = [0, *(i for i in range(1, len(head) - 7) if not _is_number(rows, i)), len(head) - 2, len(head) - 1]
     return section(
         "Computed and published",
         element("p", "Published numbers: ", linked(compared.source), f". {summary(compared.values)}."),
-        table(head, readable, "Computed and published", words, [one.verdict for one in compared.values]),
+        table(titles, readable, "Computed and published", words, classes),
         element(
             "p",
             "The difference is computed minus published, in percentage points where the unit is %. "
@@ -171,7 +176,7 @@ def figures(drawings: Iterable[Drawing]) -> Html:
     pieces = [
         element(
             "figure",
-            _image(drawing, f"Figure {number}. {drawing.caption}"),
+            element("div", _image(drawing, f"Figure {number}. {drawing.caption}"), class_="picture"),
             element("figcaption", element("strong", f"Figure {number}. "), drawing.caption),
         )
         for number, drawing in enumerate(drawings, start=1)

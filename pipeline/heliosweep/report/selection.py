@@ -59,7 +59,11 @@ class Selection:
 
     def column_text(self, point: dict[str, int]) -> str:
         """Name of a column; where nothing but `rows` is swept, the latitude that all share."""
-        return self._text(self.column or "latitude", point)
+        text = self._text(self.column or "latitude", point)
+        if self.column != "site" or "latitude" not in self.result.coords:
+            return text
+        latitude = self._text("latitude", point).removeprefix("latitude ")
+        return f"{text} ({latitude})" if latitude else text
 
     def note(self, *shown: str | None, most: int = 0) -> str:
         """Sentences for a caption: what was left out of the dimensions `shown`, at which values the others stand."""

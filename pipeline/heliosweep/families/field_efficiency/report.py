@@ -14,7 +14,7 @@ import xarray as xr
 from heliosweep.families.field_efficiency.courses import day_courses
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import curves, maps
-from heliosweep.report.labels import axis_label, number_text, printed, title_of
+from heliosweep.report.labels import DEGREE, axis_label, is_latitude, number_text, printed, title_of
 from heliosweep.report.selection import Selection
 from heliosweep.report.style import DIFFERENCES, VALUES
 
@@ -54,9 +54,9 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     columns = [
         [_field_map(shown, {**row, **column}) for row in shown.row_points()] for column in shown.columns(MOST_MAPS)
     ]
+    yield from _curves(shown)
     yield from _field_maps(shown, columns)
     yield from _difference_maps(shown, columns)
-    yield from _curves(shown)
     if f"instantaneous_{_MAPPED}" in result:
         yield day_courses(shown)
 
@@ -180,10 +180,10 @@ def _curves(shown: Selection) -> Iterator[NamedFigure]:
             )
             for name, label in _CURVES.items()
         ]
-        latitude = axis.attrs.get("units") == "degrees_north"
+        latitude = is_latitude(axis)
         figure = curves.curve_figure(
             panels,
-            f"{title_of(axis)} (\N{DEGREE SIGN})" if latitude else axis_label(axis),
+            f"{title_of(axis)} ({DEGREE})" if latitude else axis_label(axis),
             latitude=latitude,
             logarithmic=_is_geometric(x),
         )
