@@ -104,7 +104,7 @@ def test_words_of_the_study_never_become_markup(folder):
 def test_nothing_is_fetched(folder):
     page = Page(write_report(folder).read_text(encoding="utf-8"))
     for tag, attrs in page.elements:
-        assert attrs.get("src", "data:image/png;base64,").startswith("data:image/png;base64,")
+        assert str(attrs.get("src", "data:")).startswith("data:")
         assert tag == "a" or "href" not in attrs
     style = (folder / "report.html").read_text(encoding="utf-8").split("</style>")[0]
     assert "url(" not in style

@@ -17,8 +17,8 @@ _UNITS = {
     "1": "",
     "degree": DEGREE,
     "degrees": DEGREE,
-    "degrees_north": f"{DEGREE} N",
-    "degrees_east": f"{DEGREE} E",
+    "degrees_north": f"{DEGREE}\N{NO-BREAK SPACE}N",
+    "degrees_east": f"{DEGREE}\N{NO-BREAK SPACE}E",
     "percent": "%",
 }
 

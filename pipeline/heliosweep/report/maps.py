@@ -212,8 +212,8 @@ def _label_sides(axes: Axes, left: bool, bottom: bool) -> None:
     """Label the outer sides; ticks keep away from the corners, where those of the next map would touch."""
     sides = ((axes.xaxis, axes.get_xlim(), bottom, "east (m)"), (axes.yaxis, axes.get_ylim(), left, "north (m)"))
     for axis, (low, high), shown, name in sides:
-        margin = 0.1 * (high - low)
-        ticks = np.asarray(MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(low, high))
+        margin = 0.06 * (high - low)
+        ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high))
         axis.set_ticks(ticks[(ticks > low + margin) & (ticks < high - margin)])
         if shown:
             axis.set_label_text(name)

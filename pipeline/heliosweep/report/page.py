@@ -82,7 +82,7 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
                     "\n",
                 ),
             ),
-            sections.footer(result),
+            sections.footer(),
         ]
         title = str(result.attrs.get("title", place.name))
     page = place / PAGE

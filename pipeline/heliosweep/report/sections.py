@@ -262,7 +262,7 @@ def references(result: xr.Dataset) -> Html:
     return section("References", element("ul", "\n", join(items, "\n"))) if items else _NONE
 
 
-def footer(result: xr.Dataset) -> Html:
+def footer() -> Html:
     """Where the numbers are."""
     return element(
         "footer",

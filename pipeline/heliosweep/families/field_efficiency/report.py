@@ -67,8 +67,9 @@ def _field_map(shown: Selection, point: dict[str, int]) -> maps.FieldMap:
     place = ", ".join(text for text in (shown.row_text(point), shown.column_text(point)) if text)
     mean = float(printed(here[f"field_{_MAPPED}"]))
     x, y = here["x"].to_numpy(), here["y"].to_numpy()
+    words = f"field mean {number_text(mean)} %" if np.isfinite(mean) else "no value"
     return maps.FieldMap(
-        title=f"{place}\nfield mean {number_text(mean)} %" if np.isfinite(mean) else f"{place}\nno value",
+        title=f"{place}\n{words}" if place else words,
         x=x,
         y=y,
         width=_side(here, "heliostat_width", x),
@@ -120,11 +121,8 @@ def _difference_maps(shown: Selection, columns: list[list[maps.FieldMap]]) -> It
 def _difference(one: maps.FieldMap, other: maps.FieldMap) -> maps.FieldMap:
     values = one.values - other.values
     finite = values[np.isfinite(values)]
-    title = (
-        f"{number_text(float(finite.min()), signed=True)} to {number_text(float(finite.max()), signed=True)} points"
-        if finite.size
-        else "no value"
-    )
+    ends = [number_text(float(end), signed=True) for end in (finite.min(), finite.max())] if finite.size else []
+    title = f"{' to '.join(dict.fromkeys(ends))} points" if ends else "no value"
     return replace(one, values=values, title=title)
 
 
