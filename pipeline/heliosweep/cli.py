@@ -72,11 +72,13 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"heliosweep {__version__}")
-    parser.add_argument("-v", "--verbose", action="store_true", help="say what is going on, and how long it takes")
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("-v", "--verbose", action="store_true", help="say what is going on, and how long it takes")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     def command(name: str, action: Callable[[argparse.Namespace], int | None], text: str) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=_EXIT_CODES)
+        description = text[0].upper() + text[1:] + "."
+        sub = commands.add_parser(name, help=text, description=description, epilog=_EXIT_CODES, parents=[common])
         sub.set_defaults(command=action)
         return sub
 

@@ -194,6 +194,8 @@ def run(
     stages = _Stages()
     try:
         with stages("prepare"):
+            if report:
+                _check_published(study)
             _make_writable(folder)
             _prepare_kernels(family_of(study))
         with stages("compute"):
@@ -222,6 +224,16 @@ class _Stages:
         yield
         self.seconds[name] = time.perf_counter() - start
         log.debug("%s: %.2f s", name, self.seconds[name])
+
+
+def _check_published(study: Study) -> None:
+    """Find out before anything is computed whether the published numbers fit the study."""
+    table = study.report.published
+    if table is not None:
+        from heliosweep.report.comparison import locate
+        from heliosweep.report.published import read_published
+
+        locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
 
 
 def _make_writable(folder: Path) -> None:

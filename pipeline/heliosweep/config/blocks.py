@@ -47,9 +47,18 @@ class NamedSite(Block):
     """One of several sites."""
 
     name: Annotated[str, Text("Name of the site, its label in the result")]
-    latitude: Annotated[float, Quantity(_LATITUDE, "deg", ge=-90, le=90, sweep=False)]
-    longitude: Annotated[float | None, Quantity(_LONGITUDE, "deg", ge=-180, le=180, sweep=False)] = None
-    altitude: Annotated[float, Quantity(_ALTITUDE, "m", ge=-500, le=10_000, sweep=False)] = 0.0
+    latitude: Annotated[
+        float,
+        Quantity(_LATITUDE, "deg", ge=-90, le=90, sweep=False, title="latitude", standard_name="latitude"),
+    ]
+    longitude: Annotated[
+        float | None,
+        Quantity(_LONGITUDE, "deg", ge=-180, le=180, sweep=False, title="longitude", standard_name="longitude"),
+    ] = None
+    altitude: Annotated[
+        float,
+        Quantity(_ALTITUDE, "m", ge=-500, le=10_000, sweep=False, title="altitude", standard_name="altitude"),
+    ] = 0.0
     timezone: Annotated[str | None, TimeZone(_TIMEZONE)] = None
 
 

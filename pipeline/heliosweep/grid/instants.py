@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
@@ -37,6 +38,13 @@ class Instants:
         if self.clock == "civil" and self.labels["utc"].dims == ("time",):
             return {"time": self.labels["utc"].assign_attrs(standard_name="time")}
         return self.labels
+
+    def thinned(self, count: int) -> Instants:
+        """Some `count` of the instants at the most, evenly picked."""
+        step = max(1, -(-self.size // count))
+        return Instants(
+            {name: label.isel(time=slice(None, None, step)) for name, label in self.labels.items()}, self.clock
+        )
 
     @property
     def size(self) -> int:
@@ -103,7 +111,7 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
         With ``utc`` along ``time`` where all sites share their instants, along (``site``, ``time``) otherwise;
         sites with fewer instants are padded with NaT.
     """
-    rows = [_utc_instants(time, zone) for zone in timezones]
+    rows = [np.concatenate(daily_windows(time, zone)) for zone in timezones]
     attrs = {"long_name": "universal time"}
     if all(row.size == rows[0].size and bool(np.all(row == rows[0])) for row in rows):
         return Instants({"utc": xr.DataArray(rows[0], dims="time", attrs=attrs)}, "civil")
@@ -113,7 +121,22 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     return Instants({"utc": xr.DataArray(table, dims=("site", "time"), attrs=attrs)}, "civil")
 
 
-def _utc_instants(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
+@lru_cache(maxsize=16)
+def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]]:
+    """Instants of the window of every date, in universal time.
+
+    Parameters
+    ----------
+    time : CivilTime
+        Dates, window and sampling.
+    timezone : str
+        An offset such as ``+08:00`` or an IANA name; whose clock the window is on.
+
+    Returns
+    -------
+    list of ndarray of datetime64[ns]
+        One array per date, in the order of the study.
+    """
     zone = parse_timezone(timezone)
     start, stop, step = time.window_seconds()
     pieces = []
@@ -121,7 +144,7 @@ def _utc_instants(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
         opens, closes = (_universal(date, seconds, zone) for seconds in (start, stop))
         seconds = opens + step * _positions((closes - opens) / step, time.sampling)
         pieces.append(np.round(seconds * 1e9).astype(np.int64).view("datetime64[ns]"))
-    return np.concatenate(pieces)
+    return pieces
 
 
 def _positions(steps: float, sampling: str) -> NDArray[np.float64]:
