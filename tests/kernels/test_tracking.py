@@ -13,7 +13,6 @@ from scipy.special import ellipe
 from heliosweep.families.fast_sun import sun_vectors
 from heliosweep.kernels.sun import solar_clock
 from heliosweep.kernels.tracking import (
-    LANES,
     RIGID,
     UNTILTED_HOME_AXES,
     effective_tracking_factor,
@@ -21,6 +20,7 @@ from heliosweep.kernels.tracking import (
     pointing_errors,
     window_errors,
 )
+from heliosweep.kernels.windows import LANES
 
 DATA = Path(__file__).parent.parent / "data"
 MODELS = {"rigid": RIGID, "untilted_home_axes": UNTILTED_HOME_AXES}
