@@ -59,6 +59,14 @@ def test_across_the_new_year(delta_t):
     assert difference(sun_vectors(utc, 40.0, 10.0, 0.0, delta_t), by_spa(utc, 40.0, 10.0, 0.0, delta_t)).max() < 1e-3
 
 
+def test_terrestrial_new_year_to_the_nanosecond():
+    """The first instants of a year in terrestrial time, alone in their call, find their splines."""
+    newest = np.datetime64("2021-01-01", "ns") - np.timedelta64(69, "s")
+    for shift in (-300, -1, 0, 1, 300):
+        utc = newest + np.array([shift]) * np.timedelta64(1, "ns")
+        assert difference(sun_vectors(utc, 40.0, 10.0, 0.0, 69.0), by_spa(utc, 40.0, 10.0, 0.0, 69.0)).max() < 1e-3
+
+
 def test_the_month_s_delta_t_changes_at_midnight():
     utc = np.datetime64("2031-03-01", "ns") + np.array([-1, 0]) * np.timedelta64(1, "ns")
     assert difference(sun_vectors(utc, 0.0, 0.0), by_spa(utc, 0.0, 0.0, 0.0, None)).max() < 1e-3
@@ -86,6 +94,11 @@ def test_no_time_has_no_sun():
 def test_delta_t_of_a_day_is_refused(delta_t):
     with pytest.raises(ValueError, match="delta_t"):
         sun_vectors(np.array(["2021-06-21"], "datetime64[ns]"), 0.0, 0.0, 0.0, delta_t)
+
+
+def test_years_that_nanoseconds_cannot_count_are_refused():
+    with pytest.raises(ValueError, match="1678"):
+        sun_vectors(np.array(["3000-01-01"], "datetime64[D]"), 0.0, 0.0)
 
 
 def test_splines_go_through_their_nodes_and_follow_what_is_smooth():

@@ -2,6 +2,9 @@
 
 import csv
 import itertools
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,8 @@ from hypothesis import strategies as st
 from scipy.special import ellipe
 
 from heliosweep.families.fast_sun import sun_vectors
+from heliosweep.kernels import compiled
+from heliosweep.kernels.ephemeris import daily_splines, sun_at_sites
 from heliosweep.kernels.sun import solar_clock
 from heliosweep.kernels.tracking import (
     RIGID,
@@ -18,9 +23,10 @@ from heliosweep.kernels.tracking import (
     effective_tracking_factor,
     pack_windows,
     pointing_errors,
+    sweep,
     window_errors,
 )
-from heliosweep.kernels.windows import LANES
+from heliosweep.kernels.windows import LANES, pack
 
 DATA = Path(__file__).parent.parent / "data"
 MODELS = {"rigid": RIGID, "untilted_home_axes": UNTILTED_HOME_AXES}
@@ -263,6 +269,42 @@ def test_an_unknown_sun_that_counts_makes_its_window_unknown(model):
         errors = window_errors(model, pack_windows(sun, [0, 20, 40]), [0.01, 1.0], 0.0, offset, tolerance=0.001)
         for values in errors:
             np.testing.assert_array_equal(np.isnan(values), [[True, False]] * 2)
+
+
+def test_warm_makes_the_one_signature_ready():
+    compiled.warm_dish()
+    sun_vectors(np.array(["2021-06-21"], "datetime64[ns]"), 40.0, 10.0)
+    windows = pack_windows(np.asfortranarray(suns(10)), np.array([0, 3, 10], np.int32), np.ones(10, bool))
+    window_errors(UNTILTED_HOME_AXES, windows, [0.01, 1.0], 0, 1e-3, tolerance=1e-3)
+    for dispatcher in (sweep, pack, sun_at_sites, daily_splines):
+        assert len(dispatcher.signatures) == 1
+    seconds, fresh = compiled.warm_dish()
+    assert seconds < 0.1
+    assert not fresh
+
+
+def test_kernels_run_as_plain_python():
+    program = (
+        "import numpy as np, sys\n"
+        "from heliosweep.families.fast_sun import sun_vectors\n"
+        "from heliosweep.kernels.tracking import pack_windows, window_errors\n"
+        "utc = np.datetime64('2021-06-21T01:00', 'ns') + np.arange(9) * np.timedelta64(1, 'h')\n"
+        "windows = pack_windows(sun_vectors(utc, 40.0, 95.0), [0, 4, 9])\n"
+        "for model in (0, 1):\n"
+        "    errors = window_errors(model, windows, [0.002, 0.7], [[0.3], [2.0]], [[[0.0]], [[1e-3]]], 0.0, 1e-3)\n"
+        "    print([repr(value) for value in np.ravel(errors)])\n"
+    )
+    results = []
+    for switch in ("0", "1"):
+        run = subprocess.run(
+            [sys.executable, "-W", "error", "-c", program],
+            env={**os.environ, "HELIOSWEEP_PURE_PYTHON": switch, "PYTHONPATH": os.pathsep.join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        results.append(run.stdout)
+    assert results[0] == results[1]
 
 
 def test_arguments_are_checked():

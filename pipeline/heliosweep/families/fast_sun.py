@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.ephemeris import DAY, daily_splines, geocentric, sidereal_time, topocentric
+from heliosweep.kernels.ephemeris import DAY, daily_splines, sidereal_time, sun_at_sites
 
 __all__ = ["sun_vectors"]
 
@@ -47,26 +47,28 @@ def sun_vectors(
     Raises
     ------
     ValueError
-        If `delta_t` is not finite or a day or more.
+        If `delta_t` is not finite or a day or more, or an instant beyond what nanoseconds can count (1678 to 2261).
     """
-    stamps = np.asarray(utc, "datetime64[ns]")
+    stamps = np.ascontiguousarray(utc, "datetime64[ns]")
+    given = np.asarray(utc, "datetime64")
+    if given.dtype != stamps.dtype and not np.array_equal(
+        given.astype("datetime64[D]"), stamps.astype("datetime64[D]"), equal_nan=True
+    ):
+        raise ValueError("nanoseconds count instants of the years 1678 to 2261 only")
     places = np.broadcast_arrays(np.radians(latitude), np.radians(longitude), np.asarray(altitude, np.float64))
-    sun = np.full((*places[0].shape, stamps.size, 3), np.nan)
-    known = stamps[~np.isnat(stamps)]
+    sites = np.stack([values.ravel() for values in places], axis=1)
+    sun = np.empty((len(sites), stamps.size, 3))
+    known = stamps[~np.isnat(stamps)].view(np.int64)
     if known.size == 0:
-        return sun
-    first, last = (int(bound.astype(np.int64)) for bound in (known.min(), known.max()))
-    late = _delta_t(first // DAY, last // DAY, delta_t)
-    years = [
-        1970 + int(np.datetime64(int(nanoseconds + shift * 1e9) // DAY, "D").astype("datetime64[Y]").astype(int))
-        for nanoseconds, shift in ((first, late.min()), (last, late.max()))
-    ]
-    pieces = np.concatenate([_year(year) for year in range(years[0], years[1] + 1)])
-    place = np.empty((4, stamps.size))
-    geocentric(np.ascontiguousarray(stamps.view(np.int64)), late, first // DAY, pieces, _new_year(years[0]), place)
-    for index in np.ndindex(places[0].shape):
-        topocentric(place, *(float(values[index]) for values in places), sun[index])
-    return sun
+        sun[:] = np.nan
+    else:
+        first, last = int(known.min()), int(known.max())
+        late = _delta_t(first // DAY, last // DAY, delta_t)
+        # A microsecond to spare: the kernel rounds the days of terrestrial time.
+        years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
+        pieces = np.concatenate([_splines(year) for year in years])
+        sun_at_sites(stamps.view(np.int64), late, first // DAY, pieces, _new_year(years[0]), sites, sun)
+    return sun.reshape(*places[0].shape, stamps.size, 3)
 
 
 def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
@@ -81,13 +83,18 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
     return np.asarray(spa.calculate_deltat(1970 + months // 12, months % 12 + 1), np.float64)
 
 
+def _year_of(nanoseconds: int) -> int:
+    """Year of a time since 1970."""
+    return 1970 + int(np.datetime64(nanoseconds // DAY, "D").astype("datetime64[Y]").astype(int))
+
+
 def _new_year(year: int) -> int:
     """Days from 1970 to the first of January."""
     return int(np.datetime64(f"{year:04}-01-01", "D").astype(int))
 
 
 @lru_cache(maxsize=256)
-def _year(year: int) -> NDArray[np.float64]:
+def _splines(year: int) -> NDArray[np.float64]:
     """Splines of the days of a year, in terrestrial time."""
     from pvlib import spa
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["PURE_PYTHON", "inline", "kernel", "warm"]
+__all__ = ["PURE_PYTHON", "inline", "kernel", "warm", "warm_dish"]
 
 PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
@@ -56,7 +56,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def warm() -> tuple[float, bool]:
-    """Make the production kernels ready: load them from the cache on disk, or compile them.
+    """Make the kernels of heliostat fields ready: load them from the cache on disk, or compile them.
 
     Returns
     -------
@@ -65,17 +65,41 @@ def warm() -> tuple[float, bool]:
     fresh : bool
         Whether a kernel had to be compiled; False when all came from the cache or were ready.
     """
-    began = time.perf_counter()
     # Imported here because every kernel imports this module.
     import numpy as np
 
     from heliosweep.kernels.field import field_sums, sweep
     from heliosweep.kernels.packets import packet_order
 
-    def compiled() -> int:
-        return 0 if PURE_PYTHON else sum(sum(f.stats.cache_misses.values()) for f in (packet_order, sweep))
-
-    before = compiled()
     place, side = np.array([10.0, 30.0]), np.ones(2)
-    field_sums(place, place, side, side, side, 50.0, 0, np.array([[0.0, 0.0, 1.0]]), 0, 2)
+    sun = np.array([[0.0, 0.0, 1.0]])
+    return _timed(
+        lambda: field_sums(place, place, side, side, side, 50.0, 0, sun, 0, 2),
+        (packet_order, sweep),
+    )
+
+
+def warm_dish() -> tuple[float, bool]:
+    """Make the kernels of dish tracking ready; returns what `warm` does."""
+    import numpy as np
+
+    from heliosweep.kernels import ephemeris, tracking, windows
+
+    def work() -> None:
+        pieces = ephemeris.daily_splines(np.ones((3, ephemeris.QUANTITIES)))
+        sun = np.empty((1, 1, 3))
+        ephemeris.sun_at_sites(np.zeros(1, np.int64), np.zeros(1), 0, pieces, 0, np.zeros((1, 3)), sun)
+        tracking.window_errors(tracking.RIGID, tracking.pack_windows(sun[0], [0, 1]), 0.1, 0.0)
+
+    return _timed(work, (ephemeris.daily_splines, ephemeris.sun_at_sites, windows.pack, tracking.sweep))
+
+
+def _timed(work: Callable[[], object], kernels: tuple[Any, ...]) -> tuple[float, bool]:
+    """Seconds that `work` takes, and whether any of `kernels` was compiled in it."""
+
+    def compiled() -> int:
+        return 0 if PURE_PYTHON else sum(sum(f.stats.cache_misses.values()) for f in kernels)
+
+    began, before = time.perf_counter(), compiled()
+    work()
     return time.perf_counter() - began, compiled() > before

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
 
-__all__ = ["DAY", "QUANTITIES", "daily_splines", "geocentric", "sidereal_time", "topocentric"]
+__all__ = ["DAY", "QUANTITIES", "daily_splines", "sidereal_time", "sun_at_sites"]
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +26,8 @@ DAY = 86_400_000_000_000
 """Nanoseconds in a day."""
 QUANTITIES = 4
 """What a node holds: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal parallax."""
+CHUNK = 1024
+"""Instants at a time: what the sites share stays in the fast memory."""
 
 _NOT_A_TIME = np.iinfo(np.int64).min
 _J2000 = 10957.5
@@ -55,7 +57,7 @@ def sidereal_time(day: Any, fraction: Any) -> Any:
     return turns + centuries * centuries * (0.000387933 / 360.0 - centuries / (38710000.0 * 360.0))
 
 
-_sidereal_time = kernel(sidereal_time)
+_sidereal_time = inline(sidereal_time)
 
 
 @kernel
@@ -93,10 +95,16 @@ def daily_splines(nodes: Floats) -> Floats:
 
 
 @kernel
-def geocentric(
-    utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
+def sun_at_sites(
+    utc: NDArray[np.int64],
+    delta_t: Floats,
+    first_day: int,
+    pieces: Floats,
+    first_piece: int,
+    sites: Floats,
+    sun: Floats,
 ) -> None:
-    """Direction and parallax of the sun in the frame that turns with the Earth.
+    """Unit vectors to the sun, without refraction, for all sites at all instants.
 
     Parameters
     ----------
@@ -111,13 +119,28 @@ def geocentric(
         equation of the equinoxes.
     first_piece : int
         Days since 1970.
-    place : ndarray, shape (QUANTITIES, T)
-        Receives x (towards the Greenwich meridian), y (90 deg east), z (north) [1] and the sine of the horizontal
-        parallax [1]; NaN at no time.
+    sites : ndarray, shape (S, 3)
+        Geographic latitude and longitude, positive north and east [rad], and altitude [m].
+    sun : ndarray, shape (S, T, 3)
+        Receives east, north, up; NaN at no time. [1]
     """
+    place = np.zeros((QUANTITIES + 1, CHUNK))
+    for start in range(0, len(utc), CHUNK):
+        stop = min(start + CHUNK, len(utc))
+        _geocentric(utc[start:stop], delta_t, first_day, pieces, first_piece, place)
+        _turn_with_the_earth(place)
+        for site in range(len(sites)):
+            _topocentric(place, sites[site, 0], sites[site, 1], sites[site, 2], sun[site, start:stop])
+
+
+@kernel
+def _geocentric(
+    utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
+) -> None:
+    """Write the quantities of the nodes and the mean sidereal time at Greenwich [turn] for each instant."""
     for i in range(len(utc)):
         if utc[i] == _NOT_A_TIME:
-            for k in range(QUANTITIES):
+            for k in range(QUANTITIES + 1):
                 place[k, i] = np.nan
             continue
         day = utc[i] // DAY
@@ -125,41 +148,48 @@ def geocentric(
         late = fraction + delta_t[day - first_day] * (1.0 / 86400.0)
         whole = math.floor(late)
         late -= whole
-        p = pieces[day + int(whole) - first_piece]
-        x = p[0, 0] + late * (p[1, 0] + late * (p[2, 0] + late * p[3, 0]))
-        y = p[0, 1] + late * (p[1, 1] + late * (p[2, 1] + late * p[3, 1]))
-        turns = _sidereal_time(day, fraction)
-        angle = 2.0 * math.pi * (turns - math.floor(turns))
-        cosine, sine = math.cos(angle), math.sin(angle)
-        place[0, i] = x * cosine + y * sine
-        place[1, i] = y * cosine - x * sine
-        place[2, i] = p[0, 2] + late * (p[1, 2] + late * (p[2, 2] + late * p[3, 2]))
-        place[3, i] = p[0, 3] + late * (p[1, 3] + late * (p[2, 3] + late * p[3, 3]))
+        piece = pieces[day + int(whole) - first_piece]
+        for k in range(QUANTITIES):
+            place[k, i] = piece[0, k] + late * (piece[1, k] + late * (piece[2, k] + late * piece[3, k]))
+        place[QUANTITIES, i] = _sidereal_time(day, fraction)
 
 
 @kernel
-def topocentric(place: Floats, latitude: float, longitude: float, altitude: float, sun: Floats) -> None:
-    """Unit vectors to the sun at one site.
+def _turn_with_the_earth(place: Floats) -> None:
+    """Turn the directions to the frame whose x axis is the meridian of Greenwich."""
+    for i in range(place.shape[1]):
+        cosine, sine = _cosine_and_sine(place[QUANTITIES, i])
+        x, y = place[0, i], place[1, i]
+        place[0, i], place[1, i] = x * cosine + y * sine, y * cosine - x * sine
 
-    Parameters
-    ----------
-    place : ndarray, shape (QUANTITIES, T)
-        From `geocentric`.
-    latitude, longitude : float
-        Geographic, positive north and east. [rad]
-    altitude : float
-        Above the ellipsoid. [m]
-    sun : ndarray, shape (T, 3)
-        Receives east, north, up, without refraction. [1]
-    """
-    east, north = math.sin(longitude), math.sin(latitude)
-    prime, level = math.cos(longitude), math.cos(latitude)
+
+@inline
+def _cosine_and_sine(turns: float) -> tuple[float, float]:
+    """Cosine and sine of an angle in turns by their Taylor series; unlike the library's, vector code."""
+    quarters = np.floor(4.0 * turns + 0.5)
+    x = 2.0 * math.pi * (turns - 0.25 * quarters)
+    q = x * x  # at most (pi / 4)^2: the terms left out are below 5e-17
+    s = 1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0 * (1.0 - q / 156.0 * (1.0 - q / 210.0))))
+    c = 1.0 - q / 56.0 * (1.0 - q / 90.0 * (1.0 - q / 132.0 * (1.0 - q / 182.0 * (1.0 - q / 240.0))))
+    s = x * (1.0 - q / 6.0 * (1.0 - q / 20.0 * s))
+    c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * c))
+    odd = quarters - 2.0 * np.floor(0.5 * quarters)
+    half = 0.5 * (quarters - odd)
+    sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
+    return (-s * sign, c * sign) if odd > 0.0 else (c * sign, s * sign)
+
+
+@kernel
+def _topocentric(place: Floats, latitude: float, longitude: float, altitude: float, sun: Floats) -> None:
+    """Unit vectors to the sun at one site, shape (T, 3)."""
+    north, level = math.sin(latitude), math.cos(latitude)
+    east, prime = math.sin(longitude), math.cos(longitude)
     reduced = math.atan(_FLATTENING * math.tan(latitude))
     from_axis = math.cos(reduced) + altitude / _EQUATORIAL_RADIUS * level
     from_equator = _FLATTENING * math.sin(reduced) + altitude / _EQUATORIAL_RADIUS * north
     site_north = level * from_equator - north * from_axis
     site_up = level * from_axis + north * from_equator
-    for i in range(place.shape[1]):
+    for i in range(len(sun)):
         meridian = prime * place[0, i] + east * place[1, i]
         x = prime * place[1, i] - east * place[0, i]
         y = level * place[2, i] - north * meridian - site_north * place[3, i]

@@ -32,6 +32,7 @@ __all__ = [
     "effective_tracking_factor",
     "pack_windows",
     "pointing_errors",
+    "sweep",
     "window_errors",
 ]
 
@@ -148,34 +149,34 @@ def window_errors(
     mounts, mount_of = np.unique(table[:, :4], axis=0, return_inverse=True)
     order = np.argsort(mount_of, kind="stable")
     starts = np.searchsorted(mount_of[order], np.arange(len(mounts) + 1))
-    mean, largest = np.empty((2, len(mounts), *windows.total.shape))
-    clipped = np.empty((0 if tolerance is None else len(table), *windows.total.shape))
-    _sweep(model, windows, mounts, mean, largest, starts, order, table[:, 4].copy(), clipped)
-
-    def shaped(values: Floats) -> Floats:
-        return values.reshape(len(table), windows.total.size)[:, : windows.number].reshape(*shape, windows.number)
-
-    mean_of_all = shaped(mean[mount_of])
-    clipped_of_all = mean_of_all if tolerance is None else shaped(clipped)
-    return WindowErrors(mean_of_all, shaped(largest[mount_of]), clipped_of_all)
+    mean, largest = np.empty((2, len(table), *windows.total.shape))
+    clipped = mean if tolerance is None else np.empty_like(mean)
+    sweep(model, windows, mounts, starts, order, table[:, 4].copy(), mean, largest, clipped)
+    return WindowErrors(
+        *(
+            values.reshape(len(table), windows.total.size)[:, : windows.number].reshape(*shape, windows.number)
+            for values in (mean, largest, clipped)
+        )
+    )
 
 
 @kernel
-def _sweep(
+def sweep(
     model: int,
     windows: Windows,
     mounts: Floats,
-    mean: Floats,
-    largest: Floats,
     starts: NDArray[np.int64],
     order: NDArray[np.int64],
     tolerance: Floats,
+    mean: Floats,
+    largest: Floats,
     clipped: Floats,
 ) -> None:
-    """Fill `mean` and `largest`, shape (mounts, groups, lanes), and `clipped`, shape (combinations, groups, lanes).
+    """Fill `mean`, `largest` and `clipped`, shape (combinations, groups, lanes).
 
     Mount m is a row home_azimuth, home_elevation, direction, tilt, and serves the combinations order[starts[m]] ..
     order[starts[m + 1] - 1], which differ in their tolerances. Mounts that share what can be shared follow each other.
+    `clipped` may be `mean` itself where no tolerance is finite.
     """
     groups, lanes = windows.total.shape
     longest = 0
@@ -190,6 +191,7 @@ def _sweep(
         direction_of_powers = np.nan
         for m in range(len(mounts)):
             home_azimuth, home_elevation, direction, tilt = mounts[m]
+            c = order[starts[m]]
             by_powers = (
                 model == RIGID and home_azimuth == 0.0 and home_elevation == 0.0 and math.sin(0.5 * tilt) <= SMALL
             )
@@ -197,26 +199,25 @@ def _sweep(
                 if direction != direction_of_powers:
                     _sum_powers(rows, direction, powers)
                     direction_of_powers = direction
-                _from_powers(powers, math.sin(0.5 * tilt), total, mean[m, group], largest[m, group])
+                _from_powers(powers, math.sin(0.5 * tilt), total, mean[c, group], largest[c, group])
             else:
                 fill_errors(rows, model, mounts[m], errors)
-                _mean_and_largest(rows, errors, total, mean[m, group], largest[m, group])
-            if len(clipped) == 0:
-                continue
+                _mean_and_largest(rows, errors, total, mean[c, group], largest[c, group])
             filled = not by_powers
             for position in range(starts[m], starts[m + 1]):
-                c = order[position]
+                d = order[position]
                 clips = False
                 for k in range(lanes):
-                    clips |= largest[m, group, k] > tolerance[c]
+                    mean[d, group, k], largest[d, group, k] = mean[c, group, k], largest[c, group, k]
+                    clips |= largest[c, group, k] > tolerance[d]
                 if clips and not filled:
                     fill_errors(rows, model, mounts[m], errors)
                     filled = True
                 if clips:
-                    _clipped_mean(rows, errors, total, tolerance[c], clipped[c, group])
+                    _clipped_mean(rows, errors, total, tolerance[d], clipped[d, group])
                 for k in range(lanes):
-                    if not largest[m, group, k] > tolerance[c]:
-                        clipped[c, group, k] = mean[m, group, k]
+                    if not largest[c, group, k] > tolerance[d]:
+                        clipped[d, group, k] = mean[c, group, k]
 
 
 @kernel

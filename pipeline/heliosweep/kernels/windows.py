@@ -12,7 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import kernel
 
-__all__ = ["COSINE", "LANES", "ROWS", "SINE", "SOUTH", "STRIDE", "UP", "WEIGHT", "WEST", "Windows", "pack_windows"]
+__all__ = [
+    "COSINE",
+    "LANES",
+    "ROWS",
+    "SINE",
+    "SOUTH",
+    "STRIDE",
+    "UP",
+    "WEIGHT",
+    "WEST",
+    "Windows",
+    "pack",
+    "pack_windows",
+]
 
 LANES = 64
 """Windows side by side at most; no number depends on it."""
@@ -40,7 +53,7 @@ class Windows(NamedTuple):
     first: NDArray[np.int64]
     """First step of each group and the end of the last one, shape (groups + 1,)."""
     total: Floats
-    """Sum of the weights of each window, shape (groups, lanes)."""
+    """Sum of the weights of each window, NaN where nothing counts, shape (groups, lanes)."""
     number: int
     """Number of windows; the lanes of the last group beyond it hold nothing."""
 
@@ -87,12 +100,13 @@ def pack_windows(sun: ArrayLike, starts: ArrayLike, weights: ArrayLike | None = 
     first = np.concatenate(([0], np.cumsum(steps)))
     rows = np.empty((first[-1], ROWS, STRIDE, lanes))
     total = np.zeros((groups, lanes))
-    _pack(vectors, bounds, factors, first, rows, total)
+    pack(vectors, bounds, factors, first, rows, total)
+    total[total == 0.0] = np.nan
     return Windows(rows, first, total, number)
 
 
 @kernel
-def _pack(
+def pack(
     sun: Floats, starts: NDArray[np.int64], weights: Floats, first: NDArray[np.int64], rows: Floats, total: Floats
 ) -> None:
     """Write the instants that count, window by window, and sum their weights."""
