@@ -83,15 +83,16 @@ def warm_dish() -> tuple[float, bool]:
     """Make the kernels of dish tracking ready; returns what `warm` does."""
     import numpy as np
 
-    from heliosweep.kernels import ephemeris, tracking, windows
+    from heliosweep.kernels.ephemeris import QUANTITIES, daily_splines, sun_at_sites
+    from heliosweep.kernels.tracking import RIGID, sweep, window_errors
+    from heliosweep.kernels.windows import pack, pack_windows
 
     def work() -> None:
-        pieces = ephemeris.daily_splines(np.ones((3, ephemeris.QUANTITIES)))
-        sun = np.empty((1, 1, 3))
-        ephemeris.sun_at_sites(np.zeros(1, np.int64), np.zeros(1), 0, pieces, 0, np.zeros((1, 3)), sun)
-        tracking.window_errors(tracking.RIGID, tracking.pack_windows(sun[0], [0, 1]), 0.1, 0.0)
+        pieces, sun = daily_splines(np.ones((3, QUANTITIES))), np.empty((1, 1, 3))
+        sun_at_sites(np.zeros(1, np.int64), np.zeros(1), 0, pieces, 0, np.zeros((1, 3)), sun)
+        window_errors(RIGID, pack_windows(sun[0], [0, 1]), 0.1, 0.0)
 
-    return _timed(work, (ephemeris.daily_splines, ephemeris.sun_at_sites, windows.pack, tracking.sweep))
+    return _timed(work, (daily_splines, sun_at_sites, pack, sweep))
 
 
 def _timed(work: Callable[[], object], kernels: tuple[Any, ...]) -> tuple[float, bool]:
