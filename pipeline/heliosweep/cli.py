@@ -34,11 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     options = _parser().parse_args(arguments)
-    logging.basicConfig(
-        level=logging.DEBUG if options.verbose else logging.INFO, format="%(message)s", stream=sys.stderr
-    )
-    for noisy in ("matplotlib", "numba", "asyncio", "PIL", "fontTools"):
-        logging.getLogger(noisy).setLevel(logging.WARNING)
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         return options.command(options) or 0

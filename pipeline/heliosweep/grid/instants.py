@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
@@ -75,6 +76,7 @@ def solar_instants(time: SolarTime) -> Instants:
     """
     hours = time.solar_hours()
     declinations = time.declinations()
+    outer: NDArray[Any]
     if declinations is None:
         name, outer = "day", time.day_numbers()
         attrs = {"long_name": "day of the year", "units": "1"}
@@ -147,7 +149,7 @@ def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]
     return pieces
 
 
-def _positions(steps: float, sampling: str) -> NDArray[np.float64]:
+def _positions(steps: float, sampling: str) -> NDArray[Any]:
     """Instants of a window of so many steps, in steps from its opening; whole where rounding alone says otherwise."""
     whole = int(np.floor(steps + 1e-9))
     if sampling == "midpoint":

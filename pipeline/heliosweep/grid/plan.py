@@ -53,9 +53,13 @@ class Workload:
     splittable : str
         Inner dimension along which one parameter point may be cut, or empty.
     variables : mapping of str to tuple of str
-        Stored variables and their dimensions (double precision).
+        Stored variables and their dimensions.
     block_bytes : callable
         (points, length along `splittable`) -> working memory of one block. [bytes]
+    whole : tuple of str
+        Swept dimensions over which the family takes statistics: a part always holds them whole.
+    itemsize : mapping of str to int
+        Bytes of a value of those variables that are not of 8 bytes.
     """
 
     parameters: Mapping[str, int]
@@ -66,6 +70,8 @@ class Workload:
     splittable: str
     variables: Mapping[str, tuple[str, ...]]
     block_bytes: Callable[[int, int], int]
+    whole: tuple[str, ...] = ()
+    itemsize: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -79,7 +85,9 @@ class Workload:
 
     def bytes_of(self, sizes: Mapping[str, int]) -> int:
         """Size of the stored variables for the given lengths of dimensions. [bytes]."""
-        return sum(8 * math.prod(sizes[dim] for dim in dims) for dims in self.variables.values())
+        return sum(
+            self.itemsize.get(name, 8) * math.prod(sizes[dim] for dim in dims) for name, dims in self.variables.items()
+        )
 
 
 @dataclass(frozen=True)
@@ -194,7 +202,10 @@ def make_plan(
     blocks = _blocks(workload, limits.workers, asked)
     series = _series(workload, asked) if "time" in workload.inner else None
     while True:
-        part = _slab(workload.parameters, lambda slab, blocks=blocks: _part_fits(workload, blocks, slab))
+        whole = {dim: workload.parameters[dim] for dim in workload.whole}
+        free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}
+        slab = _slab(free, lambda slab, blocks=blocks, whole=whole: _part_fits(workload, blocks, {**slab, **whole}))
+        part = {dim: {**slab, **whole}[dim] for dim in workload.parameters}
         blocks = {dim: min(length, part.get(dim, length)) for dim, length in blocks.items()}
         points = math.prod(blocks[dim] for dim in workload.parameters)
         held = 2 * workload.bytes_of({**workload.inner, **part, "time": 0})

@@ -106,11 +106,12 @@ class ResultWriter:
             target[...] = values
         for name, variable in variables.items():
             chunks = [min(variable.storage.get(dim, 1), sizes[dim]) for dim in variable.dims]
+            dtype, encoded = _stored(variable)
             target = self._file.createVariable(
                 name,
-                variable.dtype,
+                dtype,
                 variable.dims,
-                fill_value=np.nan if variable.dtype.kind == "f" else False,
+                fill_value=np.nan if dtype.kind == "f" else False,
                 chunksizes=chunks if variable.storage else None,
                 compression="zlib" if variable.storage and compression_level else None,
                 complevel=compression_level,
@@ -122,7 +123,7 @@ class ResultWriter:
                 for label, coordinate in coordinates.coords.items()
                 if label not in sizes and set(coordinate.dims) <= set(variable.dims)
             ]
-            target.setncatts({**variable.attrs, **({"coordinates": " ".join(labels)} if labels else {})})
+            target.setncatts({**encoded, **({"coordinates": " ".join(labels)} if labels else {})})
         self._file.sync()
         for name, variable in variables.items():
             if variable.storage:
@@ -143,7 +144,7 @@ class ResultWriter:
         chunked = {name: array for name, array in values.items() if self._variables[name].storage}
         for name, array in values.items():
             if name not in chunked:
-                self._file[name][self._index(name, region)] = array
+                self._file[name][self._index(name, region)] = _numbers(array)
         if not chunked:
             return
         dims = self._variables[next(iter(chunked))].dims
@@ -192,13 +193,28 @@ class ResultWriter:
             raise
 
 
+_TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
+
+
+def _stored(variable: Variable) -> tuple[np.dtype, dict[str, Any]]:
+    """Type and attributes of a data variable as NetCDF holds them."""
+    if variable.dtype.kind == "M":
+        return np.dtype(np.float64), {**variable.attrs, **_TIME_ATTRIBUTES}
+    return variable.dtype, dict(variable.attrs)
+
+
+def _numbers(values: np.ndarray) -> np.ndarray:
+    """Times as seconds since 1970, NaN for none; anything else as it is."""
+    if values.dtype.kind != "M":
+        return values
+    return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
+
+
 def _encode(coordinate: xr.DataArray) -> tuple[np.ndarray, dict[str, Any]]:
-    """Values and attributes as NetCDF holds them: text as strings, times as seconds since 1970."""
+    """Values and attributes of a coordinate as NetCDF holds them: text as strings, times as seconds since 1970."""
     values, attrs = coordinate.to_numpy(), dict(coordinate.attrs)
     if values.dtype.kind in "UOT":
         return values.astype(str).astype(object), attrs
     if values.dtype.kind == "M":
-        known = ~np.isnat(values)
-        seconds = np.where(known, values.astype("datetime64[ns]").astype(np.int64) / 1e9, np.nan)
-        return seconds, {**attrs, "units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
+        return _numbers(values), {**attrs, **_TIME_ATTRIBUTES}
     return values, attrs

@@ -1,0 +1,395 @@
+"""From a study to its lazy result: the daily factors by one kernel call per site, statistics on top.
+
+The sun of a site is computed once in a block and shared by every parameter combination of the block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.families.dish_tracking import statistics, variables
+from heliosweep.families.dish_tracking.config import DishTime, DishTrackingStudy
+from heliosweep.families.dish_tracking.windows import windows_of
+from heliosweep.families.sun import site_of
+from heliosweep.grid.axes import Grid
+from heliosweep.grid.evaluate import evaluate
+from heliosweep.grid.instants import instant_count
+from heliosweep.grid.plan import Workload
+from heliosweep.kernels import tracking
+
+#: Time of one tilt, direction and instant on one core, and of one sun position. [s]
+SECONDS_PER_ERROR, SECONDS_PER_SUN = 0.3e-9, 30e-9
+
+MODEL_CODES = {"rigid": tracking.RIGID, "untilted_home_axes": tracking.UNTILTED_HOME_AXES}
+
+#: Largest tilt that is looked for, and halvings of the interval: to 1e-13 of it. [rad]
+MOST_TILT, BISECTIONS = np.pi / 4, 43
+
+#: Keys that label a result also where they are not swept.
+_LABELS = (
+    "site.latitude",
+    "site.longitude",
+    "mount.model",
+    "errors.axis_tilt",
+    "errors.axis_tilt_direction",
+    "errors.home_azimuth_offset",
+    "errors.home_elevation_offset",
+    "tolerance",
+)
+_DIRECTION, _TILT = "axis_tilt_direction", "axis_tilt"
+
+
+class Axes(NamedTuple):
+    """What is swept, sorted by its part in the computation."""
+
+    swept: tuple[str, ...]
+    """All swept dimensions in the order of the study."""
+    site: tuple[str, ...]
+    """Those that the sun depends on."""
+
+
+def axes_of(grid: Grid) -> Axes:
+    """Sort the swept dimensions of a study."""
+    site = {str(dim) for place in site_of(grid).values() for dim in place.dims}
+    return Axes(tuple(grid.sizes), tuple(dim for dim in grid.sizes if dim in site))
+
+
+def workload(study: DishTrackingStudy) -> Workload:
+    """Sizes and cost, for the plan.
+
+    Parameters
+    ----------
+    study : DishTrackingStudy
+        Checked study.
+
+    Returns
+    -------
+    Workload
+    """
+    grid = Grid(study)
+    instants = instant_count(study.time)
+    inner = _inner_sizes(study)
+    days = inner["date"]
+    lead = math.prod(size for dim, size in grid.sizes.items() if dim not in axes_of(grid).site)
+
+    def block_bytes(points: int, _: int) -> int:
+        return 6 * 8 * instants + 8 * 8 * points * days
+
+    return Workload(
+        parameters=grid.sizes,
+        inner=inner,
+        evaluations=instants,
+        unit="tracker-instants",
+        seconds=SECONDS_PER_ERROR + SECONDS_PER_SUN / lead,
+        splittable="",
+        whole=(_DIRECTION,) if _DIRECTION in grid.sizes else (),
+        variables=_dims_of(study, axes_of(grid)),
+        itemsize={"window_is_empty": 1},
+        block_bytes=block_bytes,
+    )
+
+
+def _inner_sizes(study: DishTrackingStudy) -> dict[str, int]:
+    dates = study.time.date_list()
+    sizes = {"date": len(dates)}
+    if len(dates) > 1:
+        sizes["month"] = len(_months(study)[0])
+    if study.statistics is not None:
+        sizes["required_factor"] = len(study.statistics.required_factor)
+    return sizes
+
+
+def _dims_of(study: DishTrackingStudy, axes: Axes) -> dict[str, tuple[str, ...]]:
+    """Dimensions of every variable of the result."""
+    others = tuple(dim for dim in axes.swept if dim not in axes.site)
+    undirected = tuple(dim for dim in others if dim != _DIRECTION)
+    dims = dict.fromkeys(variables.DAILY, (*axes.site, "date", *others))
+    dims |= dict.fromkeys(variables.WINDOW, (*axes.site, "date"))
+    directed = _DIRECTION in axes.swept
+    if directed:
+        dims |= dict.fromkeys(variables.DIRECTIONS, (*axes.site, "date", *undirected))
+    if len(study.time.date_list()) > 1:
+        dims |= dict.fromkeys((*variables.ANNUAL, *variables.EXTREMES), (*axes.site, *others))
+        dims |= dict.fromkeys(variables.MONTHLY, (*axes.site, "month", *others))
+        if directed:
+            dims |= dict.fromkeys(variables.WORST, (*axes.site, *undirected))
+    if study.statistics is not None:
+        untilted = tuple(dim for dim in others if dim != _TILT)
+        dims |= dict.fromkeys(variables.TOLERABLE, (*axes.site, "required_factor", *untilted))
+    return dims
+
+
+def coordinates(study: DishTrackingStudy, select: Mapping[str, slice] | None = None) -> xr.Dataset:
+    """Coordinates of the result over a part of the parameter grid, all of it where `select` is left out."""
+    labels = dict(Grid(study, select).coordinates(_LABELS))
+    dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
+    labels["date"] = xr.DataArray(dates, dims="date", attrs={"long_name": "local date", "standard_name": "time"})
+    if dates.size > 1:
+        names, _ = _months(study)
+        labels["month"] = xr.DataArray(names, dims="month", attrs={"long_name": "month"})
+    if study.statistics is not None:
+        labels["required_factor"] = xr.DataArray(
+            study.statistics.required_factor.values(),
+            dims="required_factor",
+            attrs={"long_name": "required effective tracking factor", "units": "1"},
+        )
+    return xr.Dataset(coords=labels)
+
+
+def _months(study: DishTrackingStudy) -> tuple[np.ndarray, np.ndarray]:
+    """Months of the dates, such as 2021-06, and the position of each date's month among them."""
+    months = np.array(study.time.date_list(), dtype="datetime64[M]")
+    names, position = np.unique(months, return_inverse=True)
+    return names.astype(str).astype(object), position
+
+
+def build(study: DishTrackingStudy, chunks: Mapping[str, int], select: Mapping[str, slice] | None = None) -> xr.Dataset:
+    """Lazy result over a part of the parameter grid.
+
+    Parameters
+    ----------
+    study : DishTrackingStudy
+        Checked study.
+    chunks : mapping of str to int
+        Block lengths, from the plan.
+    select : mapping of str to slice, optional
+        Part of the swept dimensions; all of them where left out.
+
+    Returns
+    -------
+    xarray.Dataset
+        The variables of `variables`, not yet computed.
+    """
+    grid = Grid(study, select)
+    axes, labels = axes_of(grid), coordinates(study, select)
+    made = _Evaluation(study, grid, axes, labels, chunks)
+    result = made.daily()
+    factor = result["effective_tracking_factor"]
+    if _DIRECTION in axes.swept:
+        result |= made.reduce(statistics.mean_and_deviation, factor, _DIRECTION, variables.DIRECTIONS)
+    if labels.sizes["date"] > 1:
+        result |= made.reduce(statistics.over_dates, factor, "date", variables.ANNUAL)
+        result |= made.extremes(factor)
+        result |= made.monthly(factor)
+        if _DIRECTION in axes.swept:
+            mean = result["annual_effective_tracking_factor_mean"]
+            result |= made.reduce(
+                statistics.worst_direction, mean, _DIRECTION, variables.WORST, labels[_DIRECTION].rename("direction")
+            )
+    if study.statistics is not None:
+        result |= made.tolerable()
+    order = _dims_of(study, axes)
+    return xr.Dataset({name: result[name].transpose(*dims) for name, dims in order.items()}).assign_coords(
+        labels.coords
+    )
+
+
+class _Evaluation:
+    """Hands the kernel and the statistics to dask, over one part of the grid."""
+
+    def __init__(
+        self, study: DishTrackingStudy, grid: Grid, axes: Axes, labels: xr.Dataset, chunks: Mapping[str, int]
+    ) -> None:
+        self._study, self._axes, self._labels, self._chunks = study, axes, labels, chunks
+        self._sizes = {**grid.sizes, **{str(dim): size for dim, size in labels.sizes.items()}}
+        site = site_of(grid)
+        zones = np.array(grid.timezones(), dtype=object)
+        timezone = xr.DataArray(zones, dims="site") if "site" in grid.sizes else xr.DataArray(zones[0])
+        self._place = [site["latitude"], site["longitude"], site["altitude"], timezone]
+        errors = ("axis_tilt", _DIRECTION, "home_azimuth_offset", "home_elevation_offset")
+        self._mount = [grid.parameter("mount.model"), *(grid.parameter(f"errors.{key}") for key in errors)]
+        self._tolerance = grid.parameter("tolerance")
+
+    def daily(self) -> dict[str, xr.DataArray]:
+        """Factor and errors of every date, and whether its window is empty."""
+        settings = {"time": self._study.time, "delta_t": self._study.ephemeris.delta_t}
+        days = {"date": self._sizes["date"]}
+        result = evaluate(
+            partial(_daily_block, clip=self._study.clip, **settings),
+            [*self._place, *self._mount, self._tolerance],
+            dims=self._axes.swept,
+            core=[()] * 10,
+            sizes=self._sizes,
+            chunks=self._chunks,
+            outputs=variables.DAILY,
+            name="daily",
+            output_core=days,
+        )
+        return result | evaluate(
+            partial(_empty_block, **settings),
+            self._place,
+            dims=self._axes.site,
+            core=[()] * 4,
+            sizes=self._sizes,
+            chunks=self._chunks,
+            outputs=variables.WINDOW,
+            name="windows",
+            output_core=days,
+            work=False,
+            dtype=np.int8,
+        )
+
+    def tolerable(self) -> dict[str, xr.DataArray]:
+        """The largest tilt for each required factor, solved."""
+        dims = tuple(dim for dim in self._axes.swept if dim != _TILT)
+        return evaluate(
+            partial(
+                _tolerable_block, time=self._study.time, delta_t=self._study.ephemeris.delta_t, clip=self._study.clip
+            ),
+            [*self._place, self._mount[0], *self._mount[2:], self._tolerance, self._labels["required_factor"]],
+            dims=dims,
+            core=[()] * 9 + [("required_factor",)],
+            sizes=self._sizes,
+            chunks=self._chunks,
+            outputs=variables.TOLERABLE,
+            name="tolerable",
+            output_core={"required_factor": self._sizes["required_factor"]},
+            work=False,
+        )
+
+    def reduce(
+        self,
+        function: Callable[..., np.ndarray],
+        values: xr.DataArray,
+        dim: str,
+        outputs: Mapping[str, Mapping[str, Any]],
+        *others: xr.DataArray,
+        output_core: Mapping[str, int] | None = None,
+        dtype: Any = np.float64,
+    ) -> dict[str, xr.DataArray]:
+        """Statistic over one dimension of a daily or annual quantity."""
+        dims = tuple(str(name) for name in values.dims if name != dim)
+        return evaluate(
+            function,
+            [values, *others],
+            dims=dims,
+            core=[(dim,)] * (1 + len(others)),
+            sizes=self._sizes,
+            chunks=self._chunks,
+            outputs=outputs,
+            name="statistics",
+            output_core=output_core,
+            work=False,
+            dtype=dtype,
+        )
+
+    def extremes(self, factor: xr.DataArray) -> dict[str, xr.DataArray]:
+        """Dates of the extremes."""
+        dates = xr.DataArray(self._labels["date"].to_numpy(), dims="date")
+        dtype = np.dtype("datetime64[ns]")
+        return self.reduce(statistics.dates_of_extremes, factor, "date", variables.EXTREMES, dates, dtype=dtype)
+
+    def monthly(self, factor: xr.DataArray) -> dict[str, xr.DataArray]:
+        """Statistics over the dates of each month."""
+        months = xr.DataArray(_months(self._study)[1], dims="date")
+        core = {"month": self._sizes["month"]}
+        return self.reduce(statistics.over_months, factor, "date", variables.MONTHLY, months, output_core=core)
+
+
+def _each_place(
+    place: Sequence[np.ndarray], others: Sequence[np.ndarray]
+) -> Iterator[tuple[tuple[Any, ...], list[np.ndarray], tuple[slice, ...]]]:
+    """Walk over the sites of a block.
+
+    Yields the values of one site, the part of the other arrays that belongs to it, and the region of the block.
+    """
+    shape = np.broadcast_shapes(*(array.shape for array in place))
+    for index in np.ndindex(shape):
+        region = tuple(slice(i, i + 1) if size > 1 else slice(None) for i, size in zip(index, shape, strict=True))
+        values = tuple(array[_clamped(index, array)] for array in place)
+        yield values, [array[_matching(region, array)] for array in others], region
+
+
+def _clamped(index: tuple[int, ...], array: np.ndarray) -> tuple[int, ...]:
+    return tuple(min(i, size - 1) for i, size in zip(index, array.shape, strict=True))
+
+
+def _matching(region: tuple[slice, ...], array: np.ndarray) -> tuple[slice, ...]:
+    return tuple(
+        span if size > 1 else slice(None) for span, size in zip(region, array.shape[: len(region)], strict=True)
+    )
+
+
+def _daily_block(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool) -> np.ndarray:
+    """Factor, mean and largest error [mrad] for a block of (swept dimensions, dates)."""
+    place, others = arrays[:5], arrays[5:]
+    shape = np.broadcast_shapes(*(array.shape for array in arrays))
+    result = np.empty((len(variables.DAILY), *shape, len(time.date_list())))
+    for (latitude, longitude, altitude, timezone, model), (*angles, tolerance), region in _each_place(place, others):
+        windows = windows_of(time, timezone, latitude, longitude, altitude, delta_t)
+        limit = tolerance * 1e-3
+        errors = tracking.window_errors(
+            MODEL_CODES[model], windows, *map(np.radians, angles), tolerance=limit if clip else None
+        )
+        counted = errors.clipped if clip else errors.mean
+        factor = tracking.effective_tracking_factor(counted, limit[..., np.newaxis])
+        for row, values in zip(result, (factor, errors.mean * 1e3, errors.largest * 1e3), strict=True):
+            row[region] = values
+    return result
+
+
+def _empty_block(*place: np.ndarray, time: DishTime, delta_t: float | None) -> np.ndarray:
+    """1 where no instant of a date counts, for a block of (site dimensions, dates)."""
+    days = len(time.date_list())
+    result = np.empty((1, *np.broadcast_shapes(*(array.shape for array in place)), days), np.int8)
+    for (latitude, longitude, altitude, timezone), _, region in _each_place(place, ()):
+        windows = windows_of(time, timezone, latitude, longitude, altitude, delta_t)
+        result[0][region] = windows.total.ravel()[:days] == 0
+    return result
+
+
+def _tolerable_block(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool) -> np.ndarray:
+    """Largest tilt [deg] for a block of (swept dimensions but the tilt, required factors), by bisection."""
+    place, others, required = arrays[:5], arrays[5:-1], arrays[-1].reshape(-1)
+    shape = np.broadcast_shapes(*(array.shape for array in arrays[:-1]))
+    result = np.empty((1, *shape, required.size))
+    for (latitude, longitude, altitude, timezone, model), (*angles, tolerance), region in _each_place(place, others):
+        windows = windows_of(time, timezone, latitude, longitude, altitude, delta_t)
+        limit = tolerance * 1e-3
+
+        def least(
+            tilt: np.ndarray, model: str = model, windows: Any = windows, angles: Any = angles, limit: Any = limit
+        ):
+            errors = tracking.window_errors(
+                MODEL_CODES[model],
+                windows,
+                tilt,
+                *(np.radians(angle)[..., np.newaxis] for angle in angles),
+                tolerance=limit[..., np.newaxis] if clip else None,
+            )
+            counted = errors.clipped if clip else errors.mean
+            factor = tracking.effective_tracking_factor(counted, limit[..., np.newaxis, np.newaxis])
+            return statistics.over_dates(factor)[2]
+
+        result[0][region] = np.degrees(largest_tilt(least, required))
+    return result
+
+
+def largest_tilt(least: Callable[[np.ndarray], np.ndarray], required: np.ndarray) -> np.ndarray:
+    """Tilt at which the least daily factor, falling with the tilt, is the required one.
+
+    Parameters
+    ----------
+    least : callable
+        Tilts of shape (..., R) [rad] -> least daily factors of all dates, of the same shape after broadcasting.
+    required : ndarray, shape (R,)
+        Required factors. [1]
+
+    Returns
+    -------
+    ndarray, shape (..., R)
+        To the last digits; 0 where no tilt at all is good enough, NaN where no date has a factor. [rad]
+    """
+    start = least(np.zeros(required.size))
+    low, high = np.zeros(start.shape), np.full(start.shape, MOST_TILT)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        enough = least(middle) >= required
+        low, high = np.where(enough, middle, low), np.where(enough, high, middle)
+    return np.where(np.isnan(start), np.nan, np.where(start >= required, low, 0.0))

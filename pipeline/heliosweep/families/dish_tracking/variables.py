@@ -1,0 +1,105 @@
+"""The variables of a result: names, CF attributes and what each means, in the order of the file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_WINDOW = "time: {} (over the instants of the window that count)"
+_FACTOR = (
+    "one minus the mean tracking error over the tolerance; 1 for perfect tracking, negative where the mean error "
+    "is larger than the tolerance (unless the study clips each error at it)"
+)
+
+
+def _factor(long_name: str, cell_methods: str) -> dict[str, Any]:
+    return {"units": "1", "long_name": long_name, "comment": _FACTOR, "cell_methods": cell_methods}
+
+
+def _error(long_name: str, method: str) -> dict[str, Any]:
+    return {
+        "units": "mrad",
+        "long_name": long_name,
+        "comment": "angle between the directions to the sun and of the focal axis",
+        "cell_methods": _WINDOW.format(method),
+    }
+
+
+_DAILY = _WINDOW.format("mean")
+_OVER_DATES = f"{_DAILY} date: "
+
+#: Per date.
+DAILY: dict[str, dict[str, Any]] = {
+    "effective_tracking_factor": _factor("effective tracking factor of a day", _DAILY),
+    "mean_tracking_error": _error("mean tracking error of a day", "mean"),
+    "max_tracking_error": _error("largest tracking error of a day", "maximum"),
+}
+
+#: Per site and date.
+WINDOW: dict[str, dict[str, Any]] = {
+    "window_is_empty": {
+        "long_name": "whether no instant of the date counts, as in the polar night with daylight only",
+        "units": "1",
+        "flag_values": [0, 1],
+        "flag_meanings": "window_has_instants window_is_empty",
+        "comment": "tracking factors of empty windows are missing",
+    }
+}
+
+#: Over the directions of the tilt, per date.
+DIRECTIONS: dict[str, dict[str, Any]] = {
+    "effective_tracking_factor_mean": _factor(
+        "mean over the directions of the effective tracking factor of a day", f"{_DAILY} axis_tilt_direction: mean"
+    ),
+    "effective_tracking_factor_std": _factor(
+        "sample standard deviation over the directions of the effective tracking factor of a day",
+        f"{_DAILY} axis_tilt_direction: standard_deviation (comment: n - 1)",
+    ),
+}
+
+#: Over all dates.
+ANNUAL: dict[str, dict[str, Any]] = {
+    "annual_effective_tracking_factor_mean": _factor(
+        "mean over the dates of the effective tracking factor", f"{_OVER_DATES}mean"
+    ),
+    "annual_effective_tracking_factor_std": _factor(
+        "sample standard deviation over the dates of the effective tracking factor",
+        f"{_OVER_DATES}standard_deviation (comment: n - 1)",
+    ),
+    "effective_tracking_factor_min": _factor("least effective tracking factor of all dates", f"{_OVER_DATES}minimum"),
+    "effective_tracking_factor_max": _factor("largest effective tracking factor of all dates", f"{_OVER_DATES}maximum"),
+}
+
+#: The dates on which the extremes fall, the first one where several tie.
+EXTREMES: dict[str, dict[str, Any]] = {
+    "date_of_min": {"long_name": "date of the least effective tracking factor"},
+    "date_of_max": {"long_name": "date of the largest effective tracking factor"},
+}
+
+#: Per month.
+MONTHLY: dict[str, dict[str, Any]] = {
+    "monthly_effective_tracking_factor_mean": _factor(
+        "mean over the dates of a month of the effective tracking factor", f"{_OVER_DATES}mean (within months)"
+    ),
+    "monthly_effective_tracking_factor_std": _factor(
+        "sample standard deviation over the dates of a month of the effective tracking factor",
+        f"{_OVER_DATES}standard_deviation (comment: within months, n - 1)",
+    ),
+}
+
+#: Over directions and dates: which direction to fear.
+WORST: dict[str, dict[str, Any]] = {
+    "worst_axis_tilt_direction": {
+        "units": "degree",
+        "long_name": "direction of the tilt with the least mean effective tracking factor over the dates",
+        "comment": "direction in which the foot of the azimuth axis leans: 0 south, 90 west",
+    },
+}
+
+#: Solved for, not read off the grid.
+TOLERABLE: dict[str, dict[str, Any]] = {
+    "tolerable_axis_tilt": {
+        "units": "degree",
+        "long_name": "largest tilt of the azimuth axis whose least daily tracking factor is the required one",
+        "comment": "zero where the home offsets alone fall short of it; missing where no date has a factor",
+    },
+}

@@ -1,0 +1,96 @@
+"""Sun vectors in the daily windows of a study at one site."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.config.times import CivilTime
+from heliosweep.families.dish_tracking.config import DishTime
+from heliosweep.families.fast_sun import sun_vectors
+from heliosweep.grid.instants import daily_windows
+from heliosweep.kernels.tracking import Windows, pack_windows
+
+Stamps: TypeAlias = NDArray[np.datetime64]
+Sun: TypeAlias = Callable[[Stamps], NDArray[np.float64]]
+
+#: Days are searched for sunrise and sunset in such steps.
+SEARCH_STEP = "10 min"
+#: Steps of the false position that place a sunrise or sunset; each gains some three digits.
+REFINEMENTS = 5
+
+
+def windows_of(
+    time: DishTime, timezone: str, latitude: float, longitude: float, altitude: float, delta_t: float | None
+) -> Windows:
+    """Sun vectors of the instants that count, window by window.
+
+    Parameters
+    ----------
+    time : DishTime
+        Dates, window and sampling.
+    timezone : str
+        Whose clock the dates and the window are on.
+    latitude, longitude : float
+        Of the site, positive north and east. [deg]
+    altitude : float
+        Above sea level. [m]
+    delta_t : float, optional
+        Terrestrial minus universal time; by year and month where left out. [s]
+
+    Returns
+    -------
+    Windows
+        For `tracking.window_errors`; the window of a date without a counting instant has no weight.
+    """
+
+    def sun(utc: Stamps) -> NDArray[np.float64]:
+        return sun_vectors(utc, latitude, longitude, altitude, delta_t)
+
+    dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
+    vectors = sun(np.concatenate(dates))
+    starts = np.concatenate([[0], np.cumsum([stamps.size for stamps in dates])])
+    return pack_windows(vectors, starts, (vectors[:, 2] > 0).astype(float) if time.daylight_only else None)
+
+
+def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
+    """Instants between sunrise and sunset of each date, in steps that divide the time evenly.
+
+    On a clock far from the sun's a date may begin and end with the sun up: then both parts are sampled.
+    """
+    window = {"start": "00:00", "stop": "24:00", "step": SEARCH_STEP}
+    dates = time.model_dump(include={"dates"})["dates"]
+    search = CivilTime.model_validate({"clock": "civil", "dates": dates, "window": window, "sampling": "inclusive"})
+    found = []
+    for stamps in daily_windows(search, timezone):
+        up = sun(stamps)[:, 2] > 0
+        change = np.flatnonzero(up[1:] != up[:-1])
+        edges = _crossings(stamps[change], stamps[change + 1], sun)
+        ends = np.concatenate([stamps[:1][up[:1]], edges, stamps[-1:][up[-1:]]]).reshape(-1, 2)
+        parts = [_sampled(rise, set_, time) for rise, set_ in ends]
+        found.append(np.concatenate(parts) if parts else stamps[:0])
+    return found
+
+
+def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
+    """Instants at which the sun crosses the geometric horizon, each between two instants on either side of it."""
+    low, high = before.copy(), after.copy()
+    for _ in range(REFINEMENTS):
+        at_low, at_high = sun(low)[:, 2], sun(high)[:, 2]
+        share = at_low / np.where(at_low == at_high, 1.0, at_low - at_high)
+        middle = low + np.round(share * (high - low).astype(np.int64)).astype("timedelta64[ns]")
+        same = np.sign(sun(middle)[:, 2]) == np.sign(at_low)
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.where(np.abs(sun(low)[:, 2]) < np.abs(sun(high)[:, 2]), low, high)
+
+
+def _sampled(start: np.datetime64, stop: np.datetime64, time: DishTime) -> Stamps:
+    span = (stop - start).astype(np.int64)
+    steps = max(1, round(span / (time.window.step * 3600e9)))
+    positions = np.arange(steps + 1.0) if time.sampling == "inclusive" else np.arange(float(steps))
+    if time.sampling == "midpoint":
+        positions += 0.5
+    return start + np.round(positions * (span / steps)).astype("timedelta64[ns]")
