@@ -91,7 +91,8 @@ def pack_windows(sun: ArrayLike, starts: ArrayLike, weights: ArrayLike | None = 
     if bounds.ndim != 1 or len(bounds) == 0 or bounds[0] < 0 or bounds[-1] > instants or np.any(np.diff(bounds) < 0):
         raise ValueError(f"windows must be rising positions among {instants} instants")
     number = len(bounds) - 1
-    lanes = max(8, min(LANES, -(-number // 8) * 8))
+    # whole vectors of eight, but for two or three windows, where most of the vector would be empty
+    lanes = max(1, number) if number < 4 else min(LANES, -(-number // 8) * 8)
     groups = -(-number // lanes)
     counted = np.concatenate(([0], np.cumsum(factors > 0.0)))[bounds]
     lengths = np.zeros(groups * lanes, np.int64)
