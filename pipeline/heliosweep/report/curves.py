@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import cycle
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from heliosweep.report.labels import latitude_text
-from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, new_figure, styled
+from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, VALUES, new_figure, styled
 
 #: More points than this are drawn without markers.
 MARKED = 40
@@ -29,14 +34,18 @@ class Panel:
     label : str
         Of the value axis, with the unit.
     lines : mapping of str to (x, y)
-        Values by the name of the line; the same name looks the same in every panel.
+        Values by the name of the line; the same name looks the same in every panel. Either may be dates; words on the
+        horizontal axis are points without a line between them.
     title : str
         Above the panel, if any.
+    bands : mapping of str to ndarray
+        Half-width of the band about a line, in the unit of the axis; error bars where the horizontal axis is words.
     """
 
     label: str
     lines: Mapping[str, tuple[np.ndarray, np.ndarray]]
     title: str = ""
+    bands: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @styled
@@ -47,7 +56,11 @@ def curve_figure(
     columns: int = 2,
     latitude: bool = False,
     logarithmic: bool = False,
-    same_scale: bool = False,
+    same_scale: bool | Literal["row"] = False,
+    legend: str = "",
+    ordered: bool = False,
+    step: float | None = None,
+    least_span: float = LEAST_SPAN,
 ) -> Figure:
     """Draw panels in rows of at most `columns`, with one legend above them.
 
@@ -63,8 +76,16 @@ def curve_figure(
         Whether the horizontal axis is latitude, ticked with hemispheres.
     logarithmic : bool
         Whether the horizontal axis is logarithmic.
-    same_scale : bool
-        Whether all value axes have the same ends.
+    same_scale : bool or "row"
+        Whether all value axes, or those of each row, have the same ends.
+    legend : str
+        What the names of the lines are, above the legend.
+    ordered : bool
+        Whether the lines follow a number: colours then go from dark to light.
+    step : float, optional
+        Distance of the ticks of the horizontal axis; chosen by the range where left out.
+    least_span : float
+        Least height of a value axis. [unit of the axis]
 
     Returns
     -------
@@ -75,7 +96,7 @@ def curve_figure(
     width = PAGE_WIDTH if columns > 1 else 4.6
     names = list(dict.fromkeys(name for panel in panels for name in panel.lines))
     abreast = _abreast(names, width)
-    head = 0.34 + 0.17 * (-(-len(names) // abreast) - 1) + 0.2 * any(panel.title for panel in panels)
+    head = 0.34 + 0.17 * (-(-len(names) // abreast) - 1 + bool(legend)) + 0.2 * any(panel.title for panel in panels)
     height = head + rows * (2.15 if rows > 1 else 2.6) + 0.3
     figure = new_figure(width, height)
     grid = figure.subplots(rows, columns, sharex=True, sharey=same_scale, squeeze=False).ravel()
@@ -88,8 +109,10 @@ def curve_figure(
         hspace=0.2 if any(panel.title for panel in panels) else 0.1,
     )
     for index, (axes, panel) in enumerate(zip(grid, panels, strict=False)):
-        _draw(axes, panel, names)
-        if logarithmic:
+        _draw(axes, panel, _looks(names, ordered), least_span)
+        if step:
+            axes.xaxis.set_major_locator(MultipleLocator(step))
+        elif logarithmic:
             axes.set_xscale("log")
         elif latitude:
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 1.5, 2, 3, 5, 10]))
@@ -104,7 +127,14 @@ def curve_figure(
         axes.remove()
     handles = {name: line for axes in grid for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
     if len(names) > 1 or names[0]:
-        figure.legend([handles[name] for name in names], names, loc="upper center", ncols=abreast, borderaxespad=0.4)
+        figure.legend(
+            [handles[name] for name in names],
+            names,
+            loc="upper center",
+            ncols=abreast,
+            borderaxespad=0.4,
+            title=legend or None,
+        )
     return figure
 
 
@@ -113,23 +143,43 @@ def _abreast(names: Sequence[str], width: float) -> int:
     return max(1, min(len(names), int(width / (0.6 + 0.075 * max(map(len, names))))))
 
 
-def _draw(axes: Axes, panel: Panel, names: Sequence[str]) -> None:
+def _looks(names: Sequence[str], ordered: bool) -> dict[str, dict[str, Any]]:
+    """Colour, dashes and marker of each line."""
+    colours = colormaps[VALUES](np.linspace(0.0, 0.85, len(names))) if ordered else COLOURS
+    dashes = ("-",) if ordered else DASHES
+    return {
+        name: {"color": colour, "linestyle": dash, "marker": marker}
+        for name, colour, dash, marker in zip(names, cycle(colours), cycle(dashes), cycle(MARKERS), strict=False)
+    }
+
+
+def _draw(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]], least_span: float) -> None:
     axes.grid(True)
     for name, (x, y) in panel.lines.items():
-        look = names.index(name) % len(COLOURS)
-        marker = MARKERS[look] if len(x) <= MARKED else ""
-        axes.plot(
-            x,
-            y,
-            color=COLOURS[look],
-            linestyle=DASHES[look],
-            marker=marker,
-            markeredgewidth=0,
-            label=name,
-            clip_on=True,
-        )
+        look = {**looks[name], "markeredgewidth": 0, "label": name}
+        if len(x) > MARKED:
+            look["marker"] = ""
+        half = panel.bands.get(name)
+        if x.dtype.kind in "OU":
+            axes.errorbar(x, y, half, **{**look, "linestyle": ""}, capsize=3, elinewidth=1)
+            axes.margins(x=0.5 / len(x))
+            continue
+        if half is not None:
+            axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.15, linewidth=0)
+        axes.plot(x, y, **look)
+    x, y = next(iter(panel.lines.values()))
+    for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
+        if values.dtype.kind == "M":
+            _date_ticks(axis)
     values = np.concatenate([y for _, y in panel.lines.values()])
     values = values[np.isfinite(values)]
-    if values.size and np.ptp(values) < LEAST_SPAN:
+    if y.dtype.kind != "M" and values.size and np.ptp(values) < least_span:
         middle = (values.min() + values.max()) / 2
-        axes.set_ylim(middle - LEAST_SPAN, middle + LEAST_SPAN)
+        axes.set_ylim(middle - least_span, middle + least_span)
+
+
+def _date_ticks(axis: Axis) -> None:
+    """Months by name, the year with January, no more ticks than a small panel has room for."""
+    locator = AutoDateLocator(minticks=3, maxticks=7)
+    axis.set_major_locator(locator)
+    axis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))

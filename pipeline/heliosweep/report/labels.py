@@ -23,7 +23,7 @@ _UNITS = {
 }
 
 #: Dimensions whose values are words of the program, written with underscores there.
-_ENUMERATIONS = ("tracking",)
+_ENUMERATIONS = ("tracking", "model")
 
 
 def unit_of(array: xr.DataArray) -> str:
