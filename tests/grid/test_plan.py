@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.errors import PlanError
+from heliosweep.errors import PlanError, StudyError
 from heliosweep.grid.limits import Limits, human_bytes, human_seconds
-from heliosweep.grid.plan import BASE_MEMORY, PART_BLOCKS, PART_BYTES, Workload, make_plan, slabs
+from heliosweep.grid.plan import BASE_MEMORY, PART_BLOCKS, PART_BYTES, Workload, make_plan
+from heliosweep.grid.slabs import SERIES_PART_BYTES, STORAGE_BYTES, slabs
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
@@ -35,32 +37,59 @@ def workload(
     )
 
 
-@given(
-    sizes=st.dictionaries(st.sampled_from("abcd"), st.integers(1, 12), max_size=4),
-    heliostats=st.integers(1, 2000),
-    times=st.integers(0, 500),
-    evaluations=st.integers(1, 10**9),
-    workers=st.integers(1, 64),
-    chunks=st.dictionaries(st.sampled_from(["a", "b", "time", "heliostat"]), st.integers(1, 50), max_size=3),
-)
-def test_parts_cover_the_grid_once_in_the_order_of_the_file(sizes, heliostats, times, evaluations, workers, chunks):
-    work = workload(sizes, heliostats, times, evaluations)
+CHUNKS = st.dictionaries(st.sampled_from(["a", "b", "heliostat"]), st.integers(1, 50), max_size=3)
+SIZES = st.dictionaries(st.sampled_from("abcd"), st.integers(1, 12), max_size=4)
+
+
+def covered(regions, shape: dict[str, int]) -> bool:
+    """Whether regions cover a grid, each point once."""
+    seen = np.zeros(tuple(shape.values()), int)
+    for region in regions:
+        seen[tuple(region[dim] for dim in shape)] += 1
+    return bool(np.all(seen == 1))
+
+
+@given(sizes=SIZES, evaluations=st.integers(1, 10**9), workers=st.integers(1, 64), chunks=CHUNKS)
+def test_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
+    work = workload({"a": 2, "b": 3, **sizes}, 300, 0, evaluations)
     plan = make_plan(work, Limits(workers, 2**36, 2**50), chunks)
-    cuts = [(plan.parts(), dict(sizes))]
-    if times:
-        cuts.append((plan.series_parts(), {**sizes, "time": times}))
-    for regions, shape in cuts:
-        position = 0
-        strides = {dim: math.prod(list(shape.values())[i + 1 :]) for i, dim in enumerate(shape)}
-        for region in regions:
-            assert sum(region[dim].start * strides[dim] for dim in shape) == position
-            position += math.prod(region[dim].stop - region[dim].start for dim in shape)
-        assert position == math.prod(shape.values())
+    assert covered(plan.parts(), dict(work.parameters))
     for dim, length in plan.chunks.items():
-        assert 1 <= length <= max(1, work.sizes[dim])
-    if times:
-        assert plan.series_part["time"] == times or plan.series_part["time"] % plan.chunks["time"] == 0
-        assert plan.chunks["time"] == times or plan.chunks["time"] % plan.storage["time"] == 0
+        assert 1 <= length <= work.sizes[dim]
+
+
+@given(
+    sizes=st.dictionaries(st.sampled_from("abc"), st.integers(1, 3), max_size=3),
+    heliostats=st.sampled_from([1, 7, 300, 2048, 5000, 70_000]),
+    times=st.sampled_from([1, 9, 511, 512, 513, 4000]),
+    chunks=st.dictionaries(st.sampled_from(["time", "heliostat"]), st.integers(1, 5000), max_size=2),
+)
+def test_series_are_written_in_an_order_that_chunks_and_workers_do_not_change(sizes, heliostats, times, chunks):
+    work = workload(sizes, heliostats, times)
+    plan = make_plan(work, Limits(2, 2**36, 2**50), chunks)
+    other = make_plan(work, Limits(7, 2**37, 2**50))
+    assert plan.series is not None
+    assert other.series is not None
+    assert (plan.series.part, plan.series.storage) == (other.series.part, other.series.storage)
+    cells = {dim: work.sizes[dim] for dim in plan.series.part}
+    # In units of storage chunks, so that the grid to cover stays small; parts hold whole ones.
+    for dim, stored in plan.series.storage.items():
+        assert plan.series.part[dim] in (work.sizes[dim],) or plan.series.part[dim] % stored == 0
+        cells[dim] = -(-work.sizes[dim] // stored)
+    in_cells = (
+        {
+            dim: slice(span.start // (n := plan.series.storage.get(dim, 1)), -(-span.stop // n))
+            for dim, span in region.items()
+        }
+        for region in plan.series_parts()
+    )
+    assert covered(in_cells, cells)
+    assert 8 * math.prod(plan.series.part.values()) <= SERIES_PART_BYTES
+    assert 8 * math.prod(plan.series.storage.values()) <= max(STORAGE_BYTES, 8 * plan.series.part["heliostat"])
+    for dim, length in plan.series.chunks.items():
+        part = plan.series.part[dim]
+        assert 1 <= length <= part
+        assert part == work.sizes[dim] or part % length == 0
 
 
 @given(sizes=st.dictionaries(st.sampled_from("abc"), st.integers(1, 5000), min_size=1, max_size=3))
@@ -94,7 +123,7 @@ def test_a_sweep_of_a_million_million_points_is_refused_by_its_longest_axis(size
 
 
 def test_axes_alone_may_not_fit_the_memory():
-    with pytest.raises(PlanError, match="its axes would take"):
+    with pytest.raises(PlanError, match="the program and the axes would take"):
         make_plan(workload({"a": 10**9}, heliostats=1), Limits(1, 2**30, 2**60))
 
 
@@ -109,7 +138,7 @@ def test_blocks_shrink_to_the_memory_or_are_refused():
 
 
 def test_time_series_that_fill_the_disk_are_refused_by_name():
-    with pytest.raises(PlanError, match=r"leave out output\.time_series"):
+    with pytest.raises(PlanError, match=r"shrink 'time' first or leave out output\.time_series"):
         make_plan(workload({}, heliostats=1000, times=10**6), Limits(2, 2**33, 2**30))
 
 
@@ -120,3 +149,20 @@ def test_slabs_of_no_dimensions_are_one():
 def test_words():
     assert [human_bytes(n) for n in (12, 1500, 2.5e9, 1e21)] == ["12 B", "1.5 kB", "2.5 GB", "1e+03 EB"]
     assert [human_seconds(s) for s in (4.21, 600, 7500)] == ["4.2 s", "10 min", "2 h 05 min"]
+
+
+def test_unknown_dimensions_in_chunks_are_named():
+    with pytest.raises(StudyError, match=r"execution\.chunks\.lattitude: unknown dimension; did you mean 'latitude'"):
+        make_plan(workload({"latitude": 3}), ROOMY, {"lattitude": 1})
+
+
+def test_workers_without_work_take_no_memory():
+    few = make_plan(workload({"a": 2}), Limits(2, 2**33, 2**40))
+    many = make_plan(workload({"a": 2}), Limits(60_000, 2**33, 2**40))
+    assert many.workers == many.blocks
+    assert many.peak_memory < 2 * few.peak_memory
+
+
+def test_a_refusal_for_memory_says_how_much_to_give():
+    with pytest.raises(PlanError, match=r"raise execution\.memory to \d+ MB"):
+        make_plan(workload({"a": 1}), Limits(1, 10**7, 2**40))

@@ -66,6 +66,9 @@ def evaluate(
     """
     block_sizes = {dim: _blocks(sizes[dim], chunks.get(dim, sizes[dim])) for dim in dims}
     arguments: list[Any] = []
+    spanned = {dim for array in inputs for dim in array.dims}
+    unused = {dim: sizes[dim] for dim in dims if dim not in spanned}
+    inputs = [inputs[0].expand_dims(unused), *inputs[1:]]  # a dimension that nothing depends on is one all the same
     for array, core_dims in zip(inputs, core, strict=True):
         arguments += [_as_dask(array, dims, core_dims, block_sizes), (*dims, *(f"core-{dim}" for dim in core_dims))]
     new = dict(output_core or {})

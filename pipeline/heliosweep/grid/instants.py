@@ -5,8 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -39,6 +38,11 @@ class Instants:
         if self.clock == "civil" and self.labels["utc"].dims == ("time",):
             return {"time": self.labels["utc"].assign_attrs(standard_name="time")}
         return self.labels
+
+    def at_sites(self, part: slice) -> Instants:
+        """The instants of some of the sites."""
+        labels = {name: label.isel(site=part) if "site" in label.dims else label for name, label in self.labels.items()}
+        return Instants(labels, self.clock)
 
     def thinned(self, count: int) -> Instants:
         """Some `count` of the instants at the most, evenly picked."""
@@ -110,10 +114,10 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     Returns
     -------
     Instants
-        With ``utc`` along ``time`` where all sites share their instants, along (``site``, ``time``) otherwise;
-        sites with fewer instants are padded with NaT.
+        With ``utc`` along ``time``, rising, each instant once, where all sites share them; along (``site``, ``time``)
+        otherwise, where sites with fewer instants are padded with NaT.
     """
-    rows = [np.concatenate(daily_windows(time, zone)) for zone in timezones]
+    rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
     attrs = {"long_name": "universal time"}
     if all(row.size == rows[0].size and bool(np.all(row == rows[0])) for row in rows):
         return Instants({"utc": xr.DataArray(rows[0], dims="time", attrs=attrs)}, "civil")

@@ -6,17 +6,19 @@ a part is cut into *blocks*, the tasks that run side by side. Neither changes a 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
 
-from heliosweep.errors import PlanError
+from heliosweep.config.faults import did_you_mean
+from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.grid.limits import Limits, human_bytes
+from heliosweep.grid.slabs import Series, series_lengths, slab_lengths, slabs
 
-#: A process with the libraries loaded and figures drawn, before any data. [bytes]
-BASE_MEMORY = 270 * 2**20
+#: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
+BASE_MEMORY, WORKER_PROCESS_MEMORY = 270 * 2**20, 150 * 2**20
+#: A NetCDF file without any data. [bytes]
+EMPTY_FILE = 50 * 2**10
 #: Work that a block should hold: long against a task's overhead of 0.2 ms, short against the run. [s]
 BLOCK_SECONDS = 0.25
 #: Below this a block is not worth its overhead. [s]
@@ -27,11 +29,6 @@ BLOCKS_PER_WORKER = 8
 PART_BLOCKS = 4000
 #: Results of one part that may be held in memory. [bytes]
 PART_BYTES = 64 * 2**20
-#: Time series that one block returns, and that one part holds. [bytes]
-SERIES_BLOCK_BYTES = 8 * 2**20
-SERIES_PART_BYTES = 32 * 2**20
-#: One storage chunk of one time series; a fixed property of the file, whatever the blocks. [bytes]
-STORAGE_BYTES = 2**20
 
 
 @dataclass(frozen=True)
@@ -60,6 +57,12 @@ class Workload:
         Swept dimensions over which the family takes statistics: a part always holds them whole.
     itemsize : mapping of str to int
         Bytes of a value of those variables that are not of 8 bytes.
+    seconds_per_point : float
+        Overhead of a parameter point, whatever its evaluations. [s]
+    coordinate_bytes : int
+        Size of the coordinates. [bytes]
+    axes : mapping of str to int
+        Lengths of what is evaluated but not stored, for messages: study key, length.
     """
 
     parameters: Mapping[str, int]
@@ -72,6 +75,9 @@ class Workload:
     block_bytes: Callable[[int, int], int]
     whole: tuple[str, ...] = ()
     itemsize: Mapping[str, int] = field(default_factory=dict)
+    seconds_per_point: float = 0.0
+    coordinate_bytes: int = 0
+    axes: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -82,6 +88,11 @@ class Workload:
     def points(self) -> int:
         """Parameter combinations."""
         return math.prod(self.parameters.values())
+
+    @property
+    def point_seconds(self) -> float:
+        """Time of one parameter point on one core. [s]"""
+        return self.evaluations * self.seconds + self.seconds_per_point
 
     def bytes_of(self, sizes: Mapping[str, int]) -> int:
         """Size of the stored variables for the given lengths of dimensions. [bytes]."""
@@ -108,12 +119,8 @@ class Plan:
         Estimates. [bytes]
     seconds : float
         Estimate of the time in the kernels. [s]
-    storage : dict of str to int
-        Lengths of a storage chunk of a time series along ``time`` and the split dimension; empty without series.
-    series_part : dict of str to int
-        Part lengths of the time series, along the swept dimensions and ``time``.
-    notes : tuple of str
-        Warnings about the study, for the user.
+    series : Series, optional
+        How time series are cut; None without them.
     """
 
     workload: Workload
@@ -123,51 +130,32 @@ class Plan:
     peak_memory: int
     output_bytes: int
     seconds: float
-    storage: dict[str, int] = field(default_factory=dict)
-    series_part: dict[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    series: Series | None = None
 
     @property
     def blocks(self) -> int:
-        """Number of blocks in the whole study."""
+        """Number of blocks in the whole study, those of time series included."""
         sizes = self.workload.sizes
-        return math.prod(-(-sizes[dim] // length) for dim, length in self.chunks.items())
+        cuts = [self.chunks] if self.series is None else [self.chunks, self.series.chunks]
+        return sum(math.prod(-(-sizes[dim] // length) for dim, length in cut.items()) for cut in cuts)
 
     def parts(self) -> Iterator[dict[str, slice]]:
         """Slabs of the swept dimensions, in the order in which they are computed and written."""
         return slabs(self.workload.parameters, self.part)
 
     def series_parts(self) -> Iterator[dict[str, slice]]:
-        """Slabs of the swept dimensions and ``time`` in which a time series is computed and written."""
-        sizes = {**self.workload.parameters, "time": self.workload.inner["time"]}
-        return slabs(sizes, self.series_part)
-
-
-def slabs(sizes: Mapping[str, int], lengths: Mapping[str, int]) -> Iterator[dict[str, slice]]:
-    """Cut a grid into slabs, last dimension fastest.
-
-    Parameters
-    ----------
-    sizes, lengths : mapping of str to int
-        Length of each dimension, and of a slab along it.
-
-    Yields
-    ------
-    dict of str to slice
-    """
-    starts = [range(0, size, lengths[dim]) for dim, size in sizes.items()]
-    for corner in itertools.product(*starts):
-        yield {
-            dim: slice(start, min(start + lengths[dim], size))
-            for (dim, size), start in zip(sizes.items(), corner, strict=True)
-        }
+        """Slabs of all dimensions of a time series, in the order in which they are computed and written."""
+        if self.series is None:
+            return iter(())
+        return slabs({dim: self.workload.sizes[dim] for dim in self.series.part}, self.series.part)
 
 
 def make_plan(
     workload: Workload,
     limits: Limits,
     chunks: Mapping[str, int] | None = None,
-    notes: tuple[str, ...] = (),
+    *,
+    processes: bool = False,
 ) -> Plan:
     """Cut a study into blocks and parts and estimate its cost.
 
@@ -179,8 +167,8 @@ def make_plan(
         Workers, memory and disk.
     chunks : mapping of str to int, optional
         Block lengths asked for by the user; the rest is chosen here.
-    notes : tuple of str, optional
-        Warnings to carry along.
+    processes : bool
+        Whether the workers are processes.
 
     Returns
     -------
@@ -188,50 +176,62 @@ def make_plan(
 
     Raises
     ------
+    StudyError
+        Where `chunks` names a dimension that the result does not have.
     PlanError
         Where the result does not fit the disk or the work does not fit the memory; names the axis to shrink.
     """
-    output_bytes = workload.bytes_of(workload.sizes)
+    asked = dict(chunks or {})
+    _check_chunks(workload, asked)
+    output_bytes = workload.bytes_of(workload.sizes) + workload.coordinate_bytes + EMPTY_FILE
     if output_bytes > limits.disk:
         raise PlanError(_refusal(workload, "the result", output_bytes, limits.disk, "of free disk"))
-    axes_bytes = 64 * sum(workload.parameters.values())
-    if BASE_MEMORY + axes_bytes > limits.memory:
-        raise PlanError(_refusal(workload, "its axes", axes_bytes, limits.memory, "of memory"))
+    fixed = BASE_MEMORY + 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
+    if fixed > limits.memory:
+        raise PlanError(_refusal(workload, "the program and the axes", fixed, limits.memory, "of memory"))
 
-    asked = dict(chunks or {})
-    blocks = _blocks(workload, limits.workers, asked)
     series = _series(workload, asked) if "time" in workload.inner else None
+    if series:
+        # One part being written, one being computed in blocks and put together, and what the allocator keeps.
+        fixed += 4 * workload.bytes_of({**workload.inner, **series.part})
+    blocks = _blocks(workload, limits.workers, asked)
     while True:
         whole = {dim: workload.parameters[dim] for dim in workload.whole}
         free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}
-        slab = _slab(free, lambda slab, blocks=blocks, whole=whole: _part_fits(workload, blocks, {**slab, **whole}))
+        slab = slab_lengths(
+            free, lambda slab, blocks=blocks, whole=whole: _part_fits(workload, blocks, {**slab, **whole})
+        )
         part = {dim: {**slab, **whole}[dim] for dim in workload.parameters}
         blocks = {dim: min(length, part.get(dim, length)) for dim, length in blocks.items()}
+        plan = Plan(workload, limits.workers, blocks, part, 0, output_bytes, 0.0, series)
+        workers = min(limits.workers, plan.blocks)
         points = math.prod(blocks[dim] for dim in workload.parameters)
-        held = 2 * workload.bytes_of({**workload.inner, **part, "time": 0})
-        work = limits.workers * workload.block_bytes(points, blocks.get(workload.splittable, 1))
-        if series:
-            # One part being written, one being computed in blocks and put together, and what the allocator keeps.
-            held += 4 * workload.bytes_of({**workload.inner, **series.part})
-            work += limits.workers * SERIES_BLOCK_BYTES
-        peak = BASE_MEMORY + axes_bytes + work + held
+        work = workers * workload.block_bytes(points, blocks.get(workload.splittable, 1))
+        peak = fixed + work + 2 * workload.bytes_of({**workload.inner, **part, "time": 0})
+        peak += workers * WORKER_PROCESS_MEMORY if processes else 0
         if peak <= limits.memory:
             break
         if not _halve(blocks, workload, asked):
             raise PlanError(_refusal(workload, "the smallest block of work", peak, limits.memory, "of memory"))
-    seconds = workload.points * workload.evaluations * workload.seconds / limits.workers
-    return Plan(
-        workload=workload,
-        workers=limits.workers,
-        chunks={**blocks, "time": series.block} if series else blocks,
-        part=part,
-        peak_memory=peak,
-        output_bytes=output_bytes,
-        seconds=seconds,
-        storage=series.storage if series else {},
-        series_part=series.part if series else {},
-        notes=notes,
-    )
+    seconds = workload.points * workload.point_seconds / workers
+    return replace(plan, workers=workers, peak_memory=peak, seconds=seconds)
+
+
+def _check_chunks(workload: Workload, asked: Mapping[str, int]) -> None:
+    known = {*workload.sizes, "time"}
+    problems = [
+        Problem(f"unknown dimension{did_you_mean(dim, known)}; the result has {', '.join(workload.sizes)}", key)
+        for dim in asked
+        if dim not in known and (key := f"execution.chunks.{dim}")
+    ]
+    if problems:
+        raise StudyError(problems)
+
+
+def _series(workload: Workload, asked: Mapping[str, int]) -> Series:
+    names = [name for name, dims in workload.variables.items() if "time" in dims]
+    split = {workload.splittable: workload.inner[workload.splittable]}
+    return series_lengths(workload.parameters, workload.inner["time"], split, 8 * len(names), asked)
 
 
 def _part_fits(workload: Workload, blocks: Mapping[str, int], slab: Mapping[str, int]) -> bool:
@@ -242,7 +242,7 @@ def _part_fits(workload: Workload, blocks: Mapping[str, int], slab: Mapping[str,
 
 def _blocks(workload: Workload, workers: int, asked: Mapping[str, int]) -> dict[str, int]:
     """Block lengths: whole points grouped while they are quick, one point cut along `splittable` while it is slow."""
-    point_seconds = workload.evaluations * workload.seconds
+    point_seconds = workload.point_seconds
     total = workload.points * point_seconds
     target = max(LEAST_SECONDS, min(BLOCK_SECONDS, total / (BLOCKS_PER_WORKER * workers)))
     room = max(1, int(target / point_seconds)) if point_seconds > 0 else workload.points
@@ -258,47 +258,6 @@ def _blocks(workload: Workload, workers: int, asked: Mapping[str, int]) -> dict[
     return blocks
 
 
-def _slab(sizes: Mapping[str, int], fits: Callable[[Mapping[str, int]], bool], grain: int = 1) -> dict[str, int]:
-    """Largest slab that is contiguous in the order of the result, whole from the last dimension on.
-
-    The last dimension is cut in multiples of `grain`.
-    """
-    slab = dict.fromkeys(sizes, 1)
-    last = next(reversed(slab), None)
-    if last is not None:
-        slab[last] = min(grain, sizes[last])
-    for dim, size in reversed(sizes.items()):
-        if fits({**slab, dim: size}):
-            slab[dim] = size
-            continue
-        while fits({**slab, dim: slab[dim] * 2}) and slab[dim] * 2 < size:
-            slab[dim] *= 2
-        break
-    return slab
-
-
-class _Series(NamedTuple):
-    storage: dict[str, int]
-    block: int
-    part: dict[str, int]
-
-
-def _series(workload: Workload, asked: Mapping[str, int]) -> _Series:
-    """How the time series are stored, computed and written: whole storage chunks only, each written once."""
-    times, split = workload.inner["time"], workload.inner.get(workload.splittable, 1)
-    stored = min(split, STORAGE_BYTES // 8)
-    row = max(1, min(times, STORAGE_BYTES // 8 // stored))
-    names = [name for name, dims in workload.variables.items() if "time" in dims]
-    rows = max(1, asked.get("time", SERIES_BLOCK_BYTES // (8 * split * len(names))) // row)
-
-    def fits(slab: Mapping[str, int]) -> bool:
-        return 8 * len(names) * split * math.prod(slab.values()) <= SERIES_PART_BYTES
-
-    block = min(rows * row, times)
-    part = _slab({**workload.parameters, "time": times}, fits, grain=block)
-    return _Series({"time": row, workload.splittable: stored}, block, part)
-
-
 def _halve(blocks: dict[str, int], workload: Workload, asked: Mapping[str, int]) -> bool:
     """Halve the longest block that the user did not fix; false where nothing is left to halve."""
     choice = max((dim for dim in blocks if dim not in asked and blocks[dim] > 1), key=blocks.__getitem__, default=None)
@@ -309,11 +268,15 @@ def _halve(blocks: dict[str, int], workload: Workload, asked: Mapping[str, int])
 
 
 def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> str:
-    longest = max(workload.sizes, key=lambda dim: workload.sizes[dim])
-    shape = " x ".join(f"{dim} {size:,}" for dim, size in workload.sizes.items())
+    lengths = {**workload.sizes, **workload.axes}
+    longest = max(lengths, key=lambda dim: lengths[dim])
+    remedies = [f"shrink {longest!r} first"]
+    if "time" in workload.inner and kind == "of free disk":
+        remedies.append("leave out output.time_series")
+    if kind == "of memory":
+        remedies.append(f"raise execution.memory to {human_bytes(1.05 * need)}")
+    shape = " x ".join(f"{dim} {size:,}" for dim, size in lengths.items())
     return (
         f"refused: {what} would take {human_bytes(need)}, and there are {human_bytes(have)} {kind}. "
-        f"The grid is {shape}; shrink {longest!r} first"
-        + (", or leave out output.time_series" if "time" in workload.inner and longest == "time" else "")
-        + "."
+        f"The grid is {shape}; {' or '.join(remedies)}."
     )

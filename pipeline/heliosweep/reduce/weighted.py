@@ -51,8 +51,10 @@ def weighted_mean(
 
 
 def _mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    used = np.broadcast_to(weights, values.shape)
-    products = np.where(used > 0, values * used, 0.0)
-    total = np.sum(np.ascontiguousarray(used), axis=-1)
-    with np.errstate(invalid="ignore"):
-        return (np.sum(products, axis=-1) / total)[np.newaxis]
+    weights = np.broadcast_to(weights, values.shape)
+    means = np.full(values.shape[:-1], np.nan)
+    for index in np.ndindex(values.shape[:-1]):
+        used = weights[index] > 0  # taken out, so that padding does not change the order of the sum
+        if used.any():
+            means[index] = np.sum(values[index][used] * weights[index][used]) / np.sum(weights[index][used])
+    return means[np.newaxis]

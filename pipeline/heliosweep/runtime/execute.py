@@ -41,7 +41,7 @@ def execute(family: Family[Any], study: Study, plan: Plan, path: Path, show: boo
     first = family.build(study, plan.chunks, {dim: slice(0, 1) for dim in plan.workload.parameters})
     variables = {
         str(name): Variable(
-            tuple(map(str, array.dims)), array.attrs, array.dtype, plan.storage if "time" in array.dims else {}
+            tuple(map(str, array.dims)), array.attrs, array.dtype, plan.series.storage if plan.series and "time" in array.dims else {}
         )
         for name, array in first.data_vars.items()
     }
@@ -74,16 +74,17 @@ def _parts(family: Family[Any], study: Study, plan: Plan, progress: Progress) ->
             _values(lazy[[name for name, array in lazy.data_vars.items() if "time" not in array.dims]], progress),
             region,
         )
-    if not plan.series_part:
+    if plan.series is None:
         return
     lazy, built = xr.Dataset(), None
     for region in plan.series_parts():
-        point = {dim: span for dim, span in region.items() if dim != "time"}
+        point = {dim: span for dim, span in region.items() if dim in plan.workload.parameters}
         if point != built:
-            whole = family.build(study, plan.chunks, point)
+            whole = family.build(study, plan.series.chunks, point)
             lazy = whole[[name for name, array in whole.data_vars.items() if "time" in array.dims]]
             built = point
-        yield _values(lazy.isel(time=region["time"]), progress), region
+        inner = {dim: span for dim, span in region.items() if dim not in point}
+        yield _values(lazy.isel(inner), progress), region
 
 
 def _values(lazy: xr.Dataset, progress: Progress) -> dict[str, np.ndarray]:

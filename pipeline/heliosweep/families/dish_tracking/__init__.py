@@ -42,9 +42,9 @@ class DishTracking:
 
     def prepare(self) -> tuple[float, bool]:
         """Load or compile the kernels; seconds it took, and whether something was compiled."""
-        from heliosweep.kernels.compiled import warm
+        from heliosweep.kernels.compiled import warm_dish
 
-        return warm()
+        return warm_dish()
 
     def build(self, study: DishTrackingStudy, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
         """Lazy result over a part of the parameter grid."""

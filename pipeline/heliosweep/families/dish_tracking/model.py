@@ -6,30 +6,23 @@ The sun of a site is computed once in a block and shared by every parameter comb
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.dish_tracking import statistics, variables
-from heliosweep.families.dish_tracking.config import DishTime, DishTrackingStudy
-from heliosweep.families.dish_tracking.windows import windows_of
+from heliosweep.families.dish_tracking import blocks, statistics, variables
+from heliosweep.families.dish_tracking.config import DishTrackingStudy
 from heliosweep.families.sun import site_of
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
 from heliosweep.grid.instants import instant_count
 from heliosweep.grid.plan import Workload
-from heliosweep.kernels import tracking
 
 #: Time of one tilt, direction and instant on one core, and of one sun position. [s]
 SECONDS_PER_ERROR, SECONDS_PER_SUN = 0.3e-9, 30e-9
-
-MODEL_CODES = {"rigid": tracking.RIGID, "untilted_home_axes": tracking.UNTILTED_HOME_AXES}
-
-#: Largest tilt that is looked for, and halvings of the interval: to 1e-13 of it. [rad]
-MOST_TILT, BISECTIONS = np.pi / 4, 43
 
 #: Keys that label a result also where they are not swept.
 _LABELS = (
@@ -92,6 +85,8 @@ def workload(study: DishTrackingStudy) -> Workload:
         variables=_dims_of(study, axes_of(grid)),
         itemsize={"window_is_empty": 1},
         block_bytes=block_bytes,
+        coordinate_bytes=8 * sum(inner.values()),
+        axes={"instants": instants},
     )
 
 
@@ -208,10 +203,10 @@ class _Evaluation:
 
     def daily(self) -> dict[str, xr.DataArray]:
         """Factor and errors of every date, and whether its window is empty."""
-        settings = {"time": self._study.time, "delta_t": self._study.ephemeris.delta_t}
+        settings: dict[str, Any] = {"time": self._study.time, "delta_t": self._study.ephemeris.delta_t}
         days = {"date": self._sizes["date"]}
         result = evaluate(
-            partial(_daily_block, clip=self._study.clip, **settings),
+            partial(blocks.daily, clip=self._study.clip, **settings),
             [*self._place, *self._mount, self._tolerance],
             dims=self._axes.swept,
             core=[()] * 10,
@@ -222,7 +217,7 @@ class _Evaluation:
             output_core=days,
         )
         return result | evaluate(
-            partial(_empty_block, **settings),
+            partial(blocks.empty_windows, **settings),
             self._place,
             dims=self._axes.site,
             core=[()] * 4,
@@ -240,7 +235,7 @@ class _Evaluation:
         dims = tuple(dim for dim in self._axes.swept if dim != _TILT)
         return evaluate(
             partial(
-                _tolerable_block, time=self._study.time, delta_t=self._study.ephemeris.delta_t, clip=self._study.clip
+                blocks.tolerable, time=self._study.time, delta_t=self._study.ephemeris.delta_t, clip=self._study.clip
             ),
             [*self._place, self._mount[0], *self._mount[2:], self._tolerance, self._labels["required_factor"]],
             dims=dims,
@@ -290,106 +285,3 @@ class _Evaluation:
         months = xr.DataArray(_months(self._study)[1], dims="date")
         core = {"month": self._sizes["month"]}
         return self.reduce(statistics.over_months, factor, "date", variables.MONTHLY, months, output_core=core)
-
-
-def _each_place(
-    place: Sequence[np.ndarray], others: Sequence[np.ndarray]
-) -> Iterator[tuple[tuple[Any, ...], list[np.ndarray], tuple[slice, ...]]]:
-    """Walk over the sites of a block.
-
-    Yields the values of one site, the part of the other arrays that belongs to it, and the region of the block.
-    """
-    shape = np.broadcast_shapes(*(array.shape for array in place))
-    for index in np.ndindex(shape):
-        region = tuple(slice(i, i + 1) if size > 1 else slice(None) for i, size in zip(index, shape, strict=True))
-        values = tuple(array[_clamped(index, array)] for array in place)
-        yield values, [array[_matching(region, array)] for array in others], region
-
-
-def _clamped(index: tuple[int, ...], array: np.ndarray) -> tuple[int, ...]:
-    return tuple(min(i, size - 1) for i, size in zip(index, array.shape, strict=True))
-
-
-def _matching(region: tuple[slice, ...], array: np.ndarray) -> tuple[slice, ...]:
-    return tuple(
-        span if size > 1 else slice(None) for span, size in zip(region, array.shape[: len(region)], strict=True)
-    )
-
-
-def _daily_block(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool) -> np.ndarray:
-    """Factor, mean and largest error [mrad] for a block of (swept dimensions, dates)."""
-    place, others = arrays[:5], arrays[5:]
-    shape = np.broadcast_shapes(*(array.shape for array in arrays))
-    result = np.empty((len(variables.DAILY), *shape, len(time.date_list())))
-    for (latitude, longitude, altitude, timezone, model), (*angles, tolerance), region in _each_place(place, others):
-        windows = windows_of(time, timezone, latitude, longitude, altitude, delta_t)
-        limit = tolerance * 1e-3
-        errors = tracking.window_errors(
-            MODEL_CODES[model], windows, *map(np.radians, angles), tolerance=limit if clip else None
-        )
-        counted = errors.clipped if clip else errors.mean
-        factor = tracking.effective_tracking_factor(counted, limit[..., np.newaxis])
-        for row, values in zip(result, (factor, errors.mean * 1e3, errors.largest * 1e3), strict=True):
-            row[region] = values
-    return result
-
-
-def _empty_block(*place: np.ndarray, time: DishTime, delta_t: float | None) -> np.ndarray:
-    """1 where no instant of a date counts, for a block of (site dimensions, dates)."""
-    days = len(time.date_list())
-    result = np.empty((1, *np.broadcast_shapes(*(array.shape for array in place)), days), np.int8)
-    for (latitude, longitude, altitude, timezone), _, region in _each_place(place, ()):
-        windows = windows_of(time, timezone, latitude, longitude, altitude, delta_t)
-        result[0][region] = windows.total.ravel()[:days] == 0
-    return result
-
-
-def _tolerable_block(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool) -> np.ndarray:
-    """Largest tilt [deg] for a block of (swept dimensions but the tilt, required factors), by bisection."""
-    place, others, required = arrays[:5], arrays[5:-1], arrays[-1].reshape(-1)
-    shape = np.broadcast_shapes(*(array.shape for array in arrays[:-1]))
-    result = np.empty((1, *shape, required.size))
-    for (latitude, longitude, altitude, timezone, model), (*angles, tolerance), region in _each_place(place, others):
-        windows = windows_of(time, timezone, latitude, longitude, altitude, delta_t)
-        limit = tolerance * 1e-3
-
-        def least(
-            tilt: np.ndarray, model: str = model, windows: Any = windows, angles: Any = angles, limit: Any = limit
-        ):
-            errors = tracking.window_errors(
-                MODEL_CODES[model],
-                windows,
-                tilt,
-                *(np.radians(angle)[..., np.newaxis] for angle in angles),
-                tolerance=limit[..., np.newaxis] if clip else None,
-            )
-            counted = errors.clipped if clip else errors.mean
-            factor = tracking.effective_tracking_factor(counted, limit[..., np.newaxis, np.newaxis])
-            return statistics.over_dates(factor)[2]
-
-        result[0][region] = np.degrees(largest_tilt(least, required))
-    return result
-
-
-def largest_tilt(least: Callable[[np.ndarray], np.ndarray], required: np.ndarray) -> np.ndarray:
-    """Tilt at which the least daily factor, falling with the tilt, is the required one.
-
-    Parameters
-    ----------
-    least : callable
-        Tilts of shape (..., R) [rad] -> least daily factors of all dates, of the same shape after broadcasting.
-    required : ndarray, shape (R,)
-        Required factors. [1]
-
-    Returns
-    -------
-    ndarray, shape (..., R)
-        To the last digits; 0 where no tilt at all is good enough, NaN where no date has a factor. [rad]
-    """
-    start = least(np.zeros(required.size))
-    low, high = np.zeros(start.shape), np.full(start.shape, MOST_TILT)
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        enough = least(middle) >= required
-        low, high = np.where(enough, middle, low), np.where(enough, high, middle)
-    return np.where(np.isnan(start), np.nan, np.where(start >= required, low, 0.0))

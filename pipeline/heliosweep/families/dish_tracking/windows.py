@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,21 +23,27 @@ SEARCH_STEP = "10 min"
 REFINEMENTS = 5
 
 
-def windows_of(
-    time: DishTime, timezone: str, latitude: float, longitude: float, altitude: float, delta_t: float | None
-) -> Windows:
+class Place(NamedTuple):
+    """Where a dish stands, and whose clock its dates and windows are on."""
+
+    latitude: float
+    """Positive north. [deg]"""
+    longitude: float
+    """Positive east. [deg]"""
+    altitude: float
+    """Above sea level. [m]"""
+    timezone: str
+
+
+def windows_of(time: DishTime, place: Place, delta_t: float | None) -> Windows:
     """Sun vectors of the instants that count, window by window.
 
     Parameters
     ----------
     time : DishTime
         Dates, window and sampling.
-    timezone : str
-        Whose clock the dates and the window are on.
-    latitude, longitude : float
-        Of the site, positive north and east. [deg]
-    altitude : float
-        Above sea level. [m]
+    place : Place
+        The site.
     delta_t : float, optional
         Terrestrial minus universal time; by year and month where left out. [s]
 
@@ -48,9 +54,9 @@ def windows_of(
     """
 
     def sun(utc: Stamps) -> NDArray[np.float64]:
-        return sun_vectors(utc, latitude, longitude, altitude, delta_t)
+        return sun_vectors(utc, *place[:3], delta_t)
 
-    dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
+    dates = _sunlit_windows(time, place.timezone, sun) if time.window.sunlit else daily_windows(time, place.timezone)
     vectors = sun(np.concatenate(dates))
     starts = np.concatenate([[0], np.cumsum([stamps.size for stamps in dates])])
     return pack_windows(vectors, starts, (vectors[:, 2] > 0).astype(float) if time.daylight_only else None)

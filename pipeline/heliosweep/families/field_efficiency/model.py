@@ -5,6 +5,7 @@ Everything is labelled here and nowhere below; one task evaluates all efficienci
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
@@ -20,11 +21,14 @@ from heliosweep.grid.evaluate import evaluate
 from heliosweep.grid.instants import instant_count
 from heliosweep.grid.plan import Workload
 from heliosweep.kernels import field, mounts, packets
+from heliosweep.layouts.resolve import Layouts
 from heliosweep.reduce.weighted import weighted_mean
 
 #: Time of one heliostat and instant on one core: with the sun in the zenith, more with the number of mirrors that
 #: stand in the way, which grows with 1 / sin^2 of its elevation, up to all of them. Measured on radial staggers. [s]
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
+#: Overhead of a parameter point. [s]
+SECONDS_PER_POINT = 60e-6
 #: Sites and instants from which the plan estimates the elevation of the sun.
 SAMPLED_SITES, SAMPLED_INSTANTS = 9, 500
 
@@ -60,10 +64,13 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         stored |= dict.fromkeys(variables.SERIES, (*parameters, "time", "heliostat"))
         inner = {"time": instants, "heliostat": heliostats}
 
+    places = math.prod(place.size for place in site_of(grid).values())
+    fields = len(Layouts(study))
+
     def block_bytes(points: int, length: int) -> int:
         frames = min(heliostats, 4 * length + 2000) * packets.PACKET * 10 * 8
         lists = length * 200 * 16
-        sunlight = 4 * instants * 24
+        sunlight = (min(points, places) + 3) * instants * 24
         return frames + lists + sunlight + points * length * 4 * 8
 
     return Workload(
@@ -75,6 +82,9 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         splittable="heliostat",
         variables=stored,
         block_bytes=block_bytes,
+        seconds_per_point=SECONDS_PER_POINT,
+        coordinate_bytes=8 * (6 * fields * heliostats + (instants if study.output.time_series else 0)),
+        axes={} if study.output.time_series else {"instants": instants},
     )
 
 
