@@ -51,7 +51,7 @@ class Family(Protocol[StudyT]):
         ...
 
     def coordinates(self, study: StudyT) -> xr.Dataset:
-        """Coordinates of the whole result, in memory."""
+        """Coordinates of the whole result, in memory; its attributes go to those of the file."""
         ...
 
     def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:

@@ -30,6 +30,29 @@ def instants_of(grid: Grid) -> Instants:
     return civil_instants(time, Grid(grid.study).timezones()).at_sites(grid.part("site"))
 
 
+def sun_attributes(time: SolarTime | CivilTime, delta_t: float | None = None) -> dict[str, str]:
+    """What a result says of its sun and its sampling, as global attributes.
+
+    Parameters
+    ----------
+    time : SolarTime or CivilTime
+        The study's ``time`` block.
+    delta_t : float, optional
+        Terrestrial minus universal time; by year and month where left out. [s]
+    """
+    if isinstance(time, SolarTime):
+        declination = "Cooper (1969) by day of the year" if time.declination is None else "as given"
+        return {"sun_position": f"solar clock, declination {declination}", "time_sampling": time.sampling}
+    difference = "by year and month (pvlib)" if delta_t is None else f"{delta_t:g} s"
+    return {
+        "sun_position": (
+            "SPA (Reda and Andreas 2004) by pvlib at daily nodes, splines between them, within 0.001 arcsec of it; "
+            f"geometric elevation, no refraction, pressure and temperature without effect; delta_t {difference}"
+        ),
+        "time_sampling": time.sampling,
+    }
+
+
 def sun_vectors(site: Mapping[str, xr.DataArray], instants: Instants, chunks: Mapping[str, int]) -> xr.DataArray:
     """Unit vectors towards the sun, once per site and instant.
 

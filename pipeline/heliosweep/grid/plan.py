@@ -274,7 +274,7 @@ def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> 
     if "time" in workload.inner and kind == "of free disk":
         remedies.append("leave out output.time_series")
     if kind == "of memory":
-        remedies.append(f"raise execution.memory to {human_bytes(1.05 * need)}")
+        remedies.insert(0, f"raise execution.memory to {human_bytes(1.05 * need)}")
     shape = " x ".join(f"{dim} {size:,}" for dim, size in lengths.items())
     return (
         f"refused: {what} would take {human_bytes(need)}, and there are {human_bytes(have)} {kind}. "

@@ -45,12 +45,13 @@ def execute(family: Family[Any], study: Study, plan: Plan, path: Path, show: boo
         )
         for name, array in first.data_vars.items()
     }
+    coordinates = family.coordinates(study)
     writer = ResultWriter(
         path,
         plan.workload.sizes,
-        family.coordinates(study),
+        coordinates,
         variables,
-        global_attributes(study, family.title, family.references),
+        {**global_attributes(study, family.title, family.references), **coordinates.attrs},
         study.output.compression_level if study.output.compression == "zlib" else 0,
     )
     execution = study.execution

@@ -15,7 +15,7 @@ import xarray as xr
 
 from heliosweep.families.dish_tracking import blocks, statistics, variables
 from heliosweep.families.dish_tracking.config import DishTrackingStudy
-from heliosweep.families.sun import site_of
+from heliosweep.families.sun import site_of, sun_attributes
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
 from heliosweep.grid.instants import instant_count
@@ -134,7 +134,7 @@ def coordinates(study: DishTrackingStudy, select: Mapping[str, slice] | None = N
             dims="required_factor",
             attrs={"long_name": "required effective tracking factor", "units": "1"},
         )
-    return xr.Dataset(coords=labels)
+    return xr.Dataset(coords=labels, attrs=sun_attributes(study.time, study.ephemeris.delta_t))
 
 
 def _months(study: DishTrackingStudy) -> tuple[np.ndarray, np.ndarray]:

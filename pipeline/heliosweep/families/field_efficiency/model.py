@@ -15,7 +15,7 @@ import xarray as xr
 from heliosweep.families.field_efficiency import variables
 from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 from heliosweep.families.layout_axis import LayoutAxis, longest
-from heliosweep.families.sun import instants_of, site_of, sun_vectors
+from heliosweep.families.sun import instants_of, site_of, sun_attributes, sun_vectors
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
 from heliosweep.grid.instants import instant_count
@@ -28,7 +28,7 @@ from heliosweep.reduce.weighted import weighted_mean
 #: stand in the way, which grows with 1 / sin^2 of its elevation, up to all of them. Measured on radial staggers. [s]
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
 #: Overhead of a parameter point. [s]
-SECONDS_PER_POINT = 60e-6
+SECONDS_PER_POINT = 100e-6
 #: Sites and instants from which the plan estimates the elevation of the sun.
 SAMPLED_SITES, SAMPLED_INSTANTS = 9, 500
 
@@ -162,7 +162,7 @@ def coordinates(study: FieldEfficiencyStudy, select: Mapping[str, slice] | None 
     labels = {**grid.coordinates(_LABELS), **LayoutAxis(grid).coordinates()}
     if study.output.time_series:
         labels |= instants_of(grid).coordinates()
-    return xr.Dataset(coords=labels)
+    return xr.Dataset(coords=labels, attrs=sun_attributes(study.time))
 
 
 #: Keys that label a result also where they are not swept.
