@@ -174,6 +174,8 @@ def _factor(quantity: xr.DataArray, value: PublishedValue) -> float:
 
 def _same(coordinate: xr.DataArray, cell: str) -> np.ndarray:
     values = np.atleast_1d(coordinate.to_numpy())
+    if values.dtype.kind == "M":
+        return np.asarray(values.astype("datetime64[D]").astype(str) == cell)
     if values.dtype.kind not in "fiu":
         return np.asarray(values.astype(str) == cell)
     try:
@@ -194,7 +196,8 @@ def _listed(names: object) -> str:
 
 
 def _values(coordinate: xr.DataArray, most: int = 8) -> str:
-    values = [str(value) if isinstance(value, str) else f"{value:g}" for value in coordinate.to_numpy().ravel()[:most]]
+    numbers = coordinate.dtype.kind in "fiu"
+    values = [f"{value:g}" if numbers else str(value) for value in coordinate.to_numpy().ravel()[:most]]
     more = coordinate.size - len(values)
     return ", ".join(values) + (f" and {more} more" if more > 0 else "")
 
