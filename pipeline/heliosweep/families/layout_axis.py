@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import xarray as xr
 
+from heliosweep.config.sweep import Sweep
+from heliosweep.errors import PlanError
 from heliosweep.grid.axes import Grid
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 
@@ -116,15 +119,34 @@ def _column_attributes(name: str, text: bool) -> dict[str, str]:
     return known.get(name, {"long_name": f"column {name} of the layout"})
 
 
-_LONGEST: dict[str, int] = {}
+#: Layouts of a sweep at the most, and of those that have to be made to know how long they are.
+MAX_LAYOUTS, MAX_MADE = 100_000, 5_000
 
 
 def longest(grid: Grid) -> int:
-    """Heliostats of the longest layout of the whole study, whatever the slab."""
+    """Heliostats of the longest layout of the whole study, whatever the slab.
+
+    Raises
+    ------
+    PlanError
+        Where the study sweeps over too many layouts; names the longest of their axes.
+    """
+    generator = grid.study.layout.radial_stagger  # type: ignore[attr-defined]
+    heliostats = None if generator is None else generator.heliostats
     layouts = Layouts(grid.study)
+    most = MAX_MADE if heliostats is None else MAX_LAYOUTS
+    number = math.prod(len(dim) for dim in layouts.dimensions)
+    if number > most:
+        axis = max(layouts.dimensions, key=len)
+        raise PlanError(f"refused: {number:,} layouts are more than {most:,}; shrink '{axis.name}' first")
+    if heliostats is not None:
+        return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
     if not layouts.dimensions:
         return len(layouts[()])
     key = grid.study.study_id
     if key not in _LONGEST:
         _LONGEST[key] = max(len(layout) for layout in layouts)
     return _LONGEST[key]
+
+
+_LONGEST: dict[str, int] = {}
