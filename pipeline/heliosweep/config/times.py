@@ -250,6 +250,14 @@ class CivilTime(Block):
 Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description="The instants looked at")]
 
 
+def parse_timezone(timezone: str) -> dt.tzinfo:
+    """Return the time zone that an offset such as ``+08:00`` or a name such as ``Asia/Shanghai`` stands for."""
+    if match := _OFFSET.fullmatch(timezone):
+        offset = dt.timedelta(hours=int(match[1]), minutes=int(match[2]))
+        return dt.timezone(-offset if timezone[0] == "-" else offset)
+    return zoneinfo.ZoneInfo(timezone)
+
+
 def seconds_of(wall_time: str) -> float:
     """Return the seconds after midnight of a wall time, ``HH:MM`` or ``HH:MM:SS``."""
     return float(sum(int(part) * unit for part, unit in zip(wall_time.split(":"), (3600, 60, 1), strict=False)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -52,17 +52,19 @@ class Layouts:
         StudyError
             Where the file or the generator's parameters are wrong, located in the study or layout file.
         """
-        values = {
-            key: sweep[position]
-            for dim, position in zip(self.dimensions, index, strict=True)
-            for key, sweep in dim.sweeps.items()
-        }
-        if self._block.file is not None:
-            return self._read(values.get("layout.file", self._block.file))
-        return self._generate({key.rpartition(".")[2]: value for key, value in values.items()})
+        return self.at(values_at(self.dimensions, index))
 
     def __iter__(self) -> Iterator[Layout]:
         return (self[index] for index in itertools.product(*(range(len(dim)) for dim in self.dimensions)))
+
+    def at(self, values: Mapping[str, Any]) -> Layout:
+        """Layout for the values of what is swept, by dotted key; other keys are passed over. Raises StudyError."""
+        if self._block.file is not None:
+            return self._read(values.get("layout.file", self._block.file))
+        prefix = "layout.radial_stagger."
+        return self._generate(
+            {key.removeprefix(prefix): value for key, value in values.items() if key.startswith(prefix)}
+        )
 
     def _read(self, name: str) -> Layout:
         path = self._study.resolve(name)
@@ -96,6 +98,15 @@ class Layouts:
                     for problem in error.problems
                 ]
             ) from None
+
+
+def values_at(dimensions: Iterable[Dimension], index: Iterable[int]) -> dict[str, Any]:
+    """Values of what is swept, by dotted key, at a position along each of the dimensions."""
+    return {
+        key: sweep[position]
+        for dim, position in zip(dimensions, index, strict=True)
+        for key, sweep in dim.sweeps.items()
+    }
 
 
 @lru_cache(maxsize=8)

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.sites import civil_clock_problems, site_table
-from heliosweep.config.sweep import Listed, Sweep
+from heliosweep.config.sites import civil_clock_problems
+from heliosweep.config.study import Dimension, parameters
+from heliosweep.config.sweep import Listed
 from heliosweep.config.times import SolarTime
 from heliosweep.errors import Problem, StudyError
+from heliosweep.families.field_efficiency.daylight import dark_latitudes
 from heliosweep.families.field_efficiency.variables import ANNUAL, FIELD, SERIES
-from heliosweep.kernels import sun
 from heliosweep.layouts.checks import check_layout
 from heliosweep.layouts.layout import Layout
-from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, values_at
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 
-#: Layouts of a sweep that are looked at here; the kernels would be exact for any.
-MAX_LAYOUTS = 2000
-#: Latitudes times instants that are looked at here; of larger studies the plan says what it thinks.
-MAX_INSTANTS = 10**8
+#: Points of a sweep, and heliostats in all of them, that are looked at here; the kernels would be exact for any.
+MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 
-#: One side of all mirrors, or of each. [m]
-Size: TypeAlias = float | NDArray[np.float64]
+#: Picks the worst of several positions along a sweep: `min` or `max`.
+Worst: TypeAlias = Callable[..., int]
 
 #: Names that columns of a layout must leave to the result.
 RESERVED = frozenset(
@@ -60,110 +59,120 @@ def check(study: FieldEfficiencyStudy) -> tuple[list[Problem], list[str]]:
     """
     problems: list[Problem] = []
     notes: list[str] = []
-    try:
-        if not isinstance(study.time, SolarTime):
-            problems += civil_clock_problems(study)
-        problems += _sun(study, notes)
-        problems += _field(study, notes)
-    except StudyError as error:
-        problems += error.problems
+    for find in (_sun, _mirrors, _tower):
+        try:
+            problems += find(study, notes)
+        except StudyError as error:
+            problems += (problem for problem in error.problems if problem not in problems)
     return problems, notes
 
 
 def _sun(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
-    """The sun must rise at some site; where it does not at another, the result is missing there.
-
-    Only the solar clock is looked at; on the civil clock this shows when the sun is computed.
-    """
-    if not isinstance(study.time, SolarTime):
+    """The sun must rise at some site; where it does not at another, the result is missing there."""
+    solar = isinstance(study.time, SolarTime)
+    if not solar and (missing := list(civil_clock_problems(study))):
+        yield from missing
         return
-    latitude = study.site.latitude if study.site is not None else [site.latitude for site in site_table(study)]
-    if study.time.count() * len(latitude if isinstance(latitude, Sweep) else np.atleast_1d(latitude)) > MAX_INSTANTS:
-        return
-    latitudes = _values(latitude)
-    declinations = study.time.declinations()
-    days = sun.declination_cooper(study.time.day_numbers()) if declinations is None else np.radians(declinations)
-    # Of all hours the sun is highest at the one nearest to noon.
-    hours = study.time.solar_hours()
-    noon = hours[np.abs(hours - 12).argmin()]
-    highest = sun.solar_clock(np.radians(latitudes)[:, np.newaxis], days, noon)[..., 2].max(axis=1)
-    dark = latitudes[highest <= 0]
-    if dark.size == latitudes.size:
+    dark, everywhere = dark_latitudes(study)
+    if everywhere and solar:
         yield study.problem("time.hours", "the sun never rises at these latitudes, days and hours")
+    elif everywhere:
+        yield study.problem("time.window", "the sun never rises at these sites on these dates in this window")
     elif dark.size:
         notes.append(f"the sun never rises at latitude {_listed(dark)} deg: the result is missing (NaN) there")
 
 
-def _field(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
-    """Layouts can stand, mirrors can turn and look up to the receiver."""
-    layouts = Layouts(study, RESERVED)
-    lowest, highest = _extremes(study.receiver.height)[0], _extremes(study.heliostat.pivot_height)[1]
+def _mirrors(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
+    """Mirrors must have a size, and room to turn."""
     seen: set[str] = set()
-    for layout in itertools.islice(layouts, MAX_LAYOUTS):
-        sizes: dict[str, Size] = {}
-        for side in SIZE_COLUMNS:
-            given, column = getattr(study.heliostat, side), layout.columns.get(side)
-            if given is None and column is None:
-                missing = f"is missing: give it here in m, or as a column {side!r} of the layout"
-                yield study.problem(f"heliostat.{side}", missing)
-            elif given is not None and column is not None:
-                yield study.problem(f"heliostat.{side}", f"is also a column of the layout {layout.name}; leave one out")
-            elif column is not None and not (column.dtype.kind in "if" and np.all(column > 0)):
-                yield Problem(f"column {side!r} must hold positive numbers, in m", file=layout.name)
-            else:
-                sizes[side] = _extremes(given)[1] if column is None else column
-        if len(sizes) < len(SIZE_COLUMNS):
+    for layout, values in _points(study, {f"heliostat.{side}": max for side in SIZE_COLUMNS}):
+        problems = list(_sizes_missing(study, layout))
+        if problems:
+            yield from problems
             return
-        top = layout.z.max(initial=-np.inf) + highest
-        if lowest <= top:
-            yield study.problem(
-                "receiver.height",
-                f"must be above the mirrors, whose highest centre is at {top:g} m (got {lowest:g})",
-            )
-        for problem, warning in _collisions(study, layout, sizes):
-            text = str(problem)
-            if text not in seen:
-                seen.add(text)
+        width, height = (
+            layout.columns[side] if side in layout.columns else values[f"heliostat.{side}"] for side in SIZE_COLUMNS
+        )
+        for found, warning in zip(check_layout(layout, width, height), (False, True), strict=True):
+            for problem in _in_study(study, layout, found):
+                if str(problem) in seen:
+                    continue
+                seen.add(str(problem))
                 if warning:
-                    notes.append(text)
+                    notes.append(str(problem))
                 else:
                     yield problem
 
 
-def _collisions(study: FieldEfficiencyStudy, layout: Layout, sizes: dict[str, Size]) -> Iterator[tuple[Problem, bool]]:
-    """Yield what `check_layout` finds for the largest mirrors of the sweep, and whether it is only a warning."""
-    width, height = _tied_sizes(study) or (sizes[side] for side in SIZE_COLUMNS)
-    for found, warning in zip(check_layout(layout, width, height), (False, True), strict=True):
-        if layout.lines is None and found:  # of a generated layout the user cannot mend single rows
-            more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""
-            yield study.problem("layout", found[0].message + more), warning
-        else:
-            yield from ((problem, warning) for problem in found)
+def _tower(study: FieldEfficiencyStudy, _: list[str]) -> Iterator[Problem]:
+    """The receiver must be above the mirrors."""
+    for layout, values in _points(study, {"heliostat.pivot_height": max, "receiver.height": min}):
+        top = layout.z.max(initial=-np.inf) + values["heliostat.pivot_height"]
+        receiver = values["receiver.height"]
+        if receiver <= top:
+            message = f"must be above the mirrors, whose highest centre is at {top:g} m (got {receiver:g})"
+            yield study.problem("receiver.height", message)
+            return
 
 
-def _tied_sizes(study: FieldEfficiencyStudy) -> tuple[float, float] | None:
-    """Of widths and heights that `zip` ties together, the pair with the longest shorter side."""
-    width, height = study.heliostat.width, study.heliostat.height
-    keys = {f"heliostat.{side}" for side in SIZE_COLUMNS}
-    if not (isinstance(width, Sweep) and isinstance(height, Sweep)) or len(width) > MAX_INSTANTS:
-        return None
-    if not any(keys <= set(dim.sweeps) for dim in study.dimensions()):
-        return None
-    widths, heights = width.values(), height.values()
-    largest = int(np.minimum(widths, heights).argmax())
-    return float(widths[largest]), float(heights[largest])
+def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
+    """Each side of the mirrors must be given once, in the study or as a column of the layout."""
+    for side in SIZE_COLUMNS:
+        given, column = getattr(study.heliostat, side), layout.columns.get(side)
+        if given is None and column is None:
+            missing = f"is missing: give it here in m, or as a column {side!r} of the layout"
+            yield study.problem(f"heliostat.{side}", missing)
+        elif given is not None and column is not None:
+            yield study.problem(f"heliostat.{side}", f"is also a column of the layout {layout.name}; leave one out")
+        elif column is not None and not (column.dtype.kind in "if" and np.all(column > 0)):
+            yield Problem(f"column {side!r} must hold positive numbers, in m", file=layout.name)
 
 
-def _extremes(value: float | Sweep) -> tuple[float, float]:
-    """Least and largest value; of a range without expanding it."""
-    if not isinstance(value, Sweep):
-        return value, value
-    ends = value.values() if isinstance(value, Listed) else (value.first, value.last)
-    return float(min(ends)), float(max(ends))
+def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:
+    """Return one problem for all of a generated layout, of which the user cannot mend single rows."""
+    if layout.lines is not None or not found:
+        return found
+    more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""
+    return [study.problem("layout", found[0].message + more)]
 
 
-def _values(value: float | Sequence[float] | Sweep) -> NDArray[np.float64]:
-    return np.atleast_1d(np.asarray(value[:] if isinstance(value, Sweep) else value, dtype=float))
+def _points(study: FieldEfficiencyStudy, worst: Mapping[str, Worst]) -> Iterator[tuple[Layout, dict[str, Any]]]:
+    """Yield the layouts, each with the values of all keys that come together with it and matter.
+
+    Parameters
+    ----------
+    study : FieldEfficiencyStudy
+        The study.
+    worst : mapping of str to callable
+        The keys that matter beside those of the layout, and which of their values is the worst, `min` or `max`: the
+        only one to look at where nothing that matters is tied to the key.
+    """
+    layouts = Layouts(study, RESERVED)
+    given = {key: value for key, _, value in parameters(study)}
+    dims = [dim for dim in study.dimensions() if any(_of_layout(key) or key in worst for key in dim.sweeps)]
+    positions = (_positions(dim, worst) for dim in dims)
+    looked_at = 0
+    for index in itertools.islice(itertools.product(*positions), MAX_POINTS):
+        values = given | values_at(dims, index)
+        layout = layouts.at(values)
+        yield layout, values
+        looked_at += len(layout)
+        if looked_at > MAX_HELIOSTATS:
+            return
+
+
+def _positions(dim: Dimension, worst: Mapping[str, Worst]) -> Sequence[int]:
+    """Positions along a dimension to look at: the worst of a key that stands alone, many of those of tied keys."""
+    keys = [key for key in dim.sweeps if _of_layout(key) or key in worst]
+    if len(keys) > 1 or _of_layout(keys[0]):
+        return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
+    sweep = dim.sweeps[keys[0]]
+    candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
+    return (worst[keys[0]](candidates, key=sweep.__getitem__),)
+
+
+def _of_layout(key: str) -> bool:
+    return key.startswith("layout.")
 
 
 def _listed(values: NDArray[np.float64], most: int = 6) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -43,10 +44,14 @@ class FieldEfficiencyStudy(Study):
         elif self.site is not None and self.sites is not None:
             yield Fault("give 'site' or 'sites', not both", ("sites",), show_value=False)
 
+    @cached_property
+    def _checked(self) -> tuple[list[Problem], list[str]]:
+        return checks.check(self)
+
     def check(self) -> list[Problem]:
         """Return what is wrong between blocks, with the layout or with the sun."""
-        return checks.check(self)[0]
+        return self._checked[0]
 
     def notes(self) -> list[str]:
         """Return warnings: mirrors that may touch, latitudes without sun."""
-        return checks.check(self)[1]
+        return self._checked[1]
