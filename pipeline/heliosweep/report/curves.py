@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
+from matplotlib.ticker import AutoLocator, FuncFormatter, MaxNLocator, MultipleLocator
 
 from heliosweep.report.labels import latitude_text
 from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, VALUES, new_figure, styled
@@ -21,8 +21,16 @@ from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, VALUES
 #: More points than this are drawn without markers.
 MARKED = 40
 
+#: More words than this along a horizontal axis are written upwards.
+WORDS_ABREAST = 7
+
+#: Width of a letter of a legend or tick. [inch]
+LETTER = 0.065
+
 #: Least height of a value axis, or rounding errors would look like mountains. [unit of the axis]
 LEAST_SPAN = 0.1
+
+_WORDS = "OU"
 
 
 @dataclass(frozen=True)
@@ -34,8 +42,8 @@ class Panel:
     label : str
         Of the value axis, with the unit.
     lines : mapping of str to (x, y)
-        Values by the name of the line; the same name looks the same in every panel. Either may be dates; words on the
-        horizontal axis are points without a line between them.
+        Values by the name of the line; the same name looks the same in every panel. Either may be dates. Dates on the
+        value axis and words on the horizontal one are points without a line between them.
     title : str
         Above the panel, if any.
     bands : mapping of str to ndarray
@@ -93,17 +101,19 @@ def curve_figure(
     """
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
-    width = PAGE_WIDTH if columns > 1 else 4.6
+    words = _words(panels)
+    width = PAGE_WIDTH if columns > 1 or len(words) > WORDS_ABREAST else 4.6
     names = list(dict.fromkeys(name for panel in panels for name in panel.lines))
     abreast = _abreast(names, width)
     head = 0.34 + 0.17 * (-(-len(names) // abreast) - 1 + bool(legend)) + 0.2 * any(panel.title for panel in panels)
-    height = head + rows * (2.15 if rows > 1 else 2.6) + 0.3
+    foot = 0.5 + LETTER * (max(map(len, words)) - 1 if len(words) > WORDS_ABREAST else 0)
+    height = head + rows * (2.15 if rows > 1 else 2.6) + foot - 0.2
     figure = new_figure(width, height)
     grid = figure.subplots(rows, columns, sharex=True, sharey=same_scale, squeeze=False).ravel()
     figure.subplots_adjust(
         left=0.6 / width,
         right=1 - 0.12 / width,
-        bottom=0.5 / height,
+        bottom=foot / height,
         top=1 - head / height,
         wspace=0.12 if same_scale else 0.27,
         hspace=0.2 if any(panel.title for panel in panels) else 0.1,
@@ -117,6 +127,8 @@ def curve_figure(
         elif latitude:
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 1.5, 2, 3, 5, 10]))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: latitude_text(round(value, 6))))
+        elif columns > 1 and isinstance(axes.xaxis.get_major_locator(), AutoLocator):
+            axes.locator_params(axis="x", nbins=7)
         axes.set_title(panel.title)
         if index % columns == 0 or not same_scale:
             axes.set_ylabel(panel.label)
@@ -125,7 +137,7 @@ def curve_figure(
             axes.tick_params(labelbottom=True)
     for axes in grid[len(panels) :]:
         axes.remove()
-    handles = {name: line for axes in grid for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    handles = {name: line for axes in grid[::-1] for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
     if len(names) > 1 or names[0]:
         figure.legend(
             [handles[name] for name in names],
@@ -138,9 +150,16 @@ def curve_figure(
     return figure
 
 
+def _words(panels: Sequence[Panel]) -> np.ndarray:
+    """Words along the horizontal axis, if there are words."""
+    x = next(iter(panels[0].lines.values()))[0]
+    return x if x.dtype.kind in _WORDS else x[:0].astype(str)
+
+
 def _abreast(names: Sequence[str], width: float) -> int:
-    """Names of lines that fit beside each other in the legend, at 0.075 inch a letter and 0.6 inch for the line."""
-    return max(1, min(len(names), int(width / (0.6 + 0.075 * max(map(len, names))))))
+    """Names of lines beside each other in the legend, in rows that are as even as can be."""
+    fit = max(1, int(width / (0.55 + LETTER * max(map(len, names)))))
+    return -(-len(names) // -(-len(names) // fit))
 
 
 def _looks(names: Sequence[str], ordered: bool) -> dict[str, dict[str, Any]]:
@@ -160,12 +179,18 @@ def _draw(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]], least_s
         if len(x) > MARKED:
             look["marker"] = ""
         half = panel.bands.get(name)
-        if x.dtype.kind in "OU":
-            axes.errorbar(x, y, half, **{**look, "linestyle": ""}, capsize=3, elinewidth=1)
-            axes.margins(x=0.5 / len(x))
+        if x.dtype.kind in _WORDS:
+            # Lines of the same word stand beside each other.
+            beside = (list(panel.lines).index(name) - (len(panel.lines) - 1) / 2) * 0.6 / len(panel.lines)
+            look |= {"linestyle": "", "marker": looks[name]["marker"], "markeredgewidth": 1}
+            axes.errorbar(np.arange(len(x)) + beside, y, half, **look, capsize=2, elinewidth=1)
+            axes.set_xticks(np.arange(len(x)), x, rotation=90 if len(x) > WORDS_ABREAST else 0)
+            axes.set_xlim(-0.5, len(x) - 0.5)
             continue
         if half is not None:
-            axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.15, linewidth=0)
+            axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.2, linewidth=0)
+        if y.dtype.kind == "M":
+            look |= {"linestyle": "", "marker": looks[name]["marker"]}
         axes.plot(x, y, **look)
     x, y = next(iter(panel.lines.values()))
     for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):

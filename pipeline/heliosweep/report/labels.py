@@ -79,7 +79,9 @@ def value_text(coordinate: xr.DataArray) -> str:
         return str(coordinate.to_numpy().astype("datetime64[m]"))
     if is_latitude(coordinate):
         return latitude_text(float(value))
-    return f"{value:g} {unit_of(coordinate)}".rstrip()
+    unit = unit_of(coordinate)
+    space = "" if unit.startswith(DEGREE) else " "
+    return f"{value:g}{space}{unit}".rstrip().replace("-", MINUS)
 
 
 def coordinate_text(coordinate: xr.DataArray) -> str:

@@ -6,7 +6,7 @@ needs what the result does not have is left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, islice
 from typing import Literal
 
@@ -18,7 +18,8 @@ from heliosweep.families.dish_tracking.views import DIRECTION, OFFSETS, View
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import grids
 from heliosweep.report.curves import Panel, curve_figure
-from heliosweep.report.labels import is_latitude
+from heliosweep.report.labels import is_latitude, value_text
+from heliosweep.report.selection import evenly
 
 #: Figures of one result.
 MOST_FIGURES = 8
@@ -29,8 +30,11 @@ COLUMNS = 3
 #: Latitudes and directions from which on there is a map.
 LEAST_LATITUDES, LEAST_DIRECTIONS = 7, 4
 
-#: Least height of the axes of factors and errors, just above rounding errors. [1, mrad]
-LEAST_SPAN = 1e-3
+#: Names along an axis; lines with bands that overlap.
+MOST_NAMES, MOST_BANDS = 40, 5
+
+#: Least height of the axes of factors and errors: less is of no interest. [1, mrad]
+LEAST_SPAN = 5e-3
 
 _FACTOR = "effective_tracking_factor"
 _AVERAGE = "average"
@@ -73,45 +77,44 @@ def _over_first(result: xr.Dataset) -> Iterator[NamedFigure]:
         )
         for panel in view.panel_points
     ]
-    caption = f"Effective tracking factor over {views.short_title(result, x)}, {_when(result)}."
+    caption = f"Effective tracking factor against {views.short_title(result, x)}, {_when(result)}."
     yield _curves(f"factor_over_{x}", caption, drawn, view)
 
 
 def _directions_together(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Mean and standard deviation over the directions, over sites and up to two swept numbers."""
-    directed = DIRECTION in result[_AVERAGE].dims
+    """Mean and standard deviation over the directions, against up to two of what is swept, sites first."""
+    directed = result[_AVERAGE].sizes.get(DIRECTION, 0) > 1
     dims = [dim for dim in views.swept(result, _AVERAGE) if dim != DIRECTION]
     named = [dim for dim in dims if dim in result.coords and result[dim].dtype.kind in "OU"]
     numbers = [dim for dim in dims if directed and views.is_number(result, dim)]
-    for x in [*named[:1], *numbers][:2]:
+    for x in _places_first(result, [*named, *numbers])[:2]:
         whole = (x, DIRECTION) if directed else (x,)
-        view = View(result, _AVERAGE, *whole, lines=next((dim for dim in dims if dim != x), None))
+        few = result.isel({x: evenly(result.sizes[x], MOST_NAMES)}) if x in named else result
+        view = View(few, _AVERAGE, *whole, lines=_first(dims, x), most_lines=MOST_BANDS)
+        values = np.array([value_text(one) for one in few[x]]) if x in named else few[x].to_numpy()
         lines, bands = {}, {}
         for line in view.line_points:
             name, factor = view.line_text(line), view.at(_AVERAGE, line)
             if directed:
                 bands[name] = factor.std(DIRECTION, ddof=1, skipna=False).to_numpy()
                 factor = factor.mean(DIRECTION, skipna=False)
-            lines[name] = (view.result[x].to_numpy(), factor.to_numpy())
-        of = "Mean over the directions of the tilt of the e" if directed else "E"
-        caption = f"{of}ffective tracking factor, {_when(result)}."
+            lines[name] = (values, factor.to_numpy())
+        caption = f"Effective tracking factor against {views.short_title(result, x)}, {_when(result)}."
         if directed:
-            caption += f" {'Bars' if x in named else 'Bands'}: sample standard deviation over the directions."
+            shape = "bars" if x in named else "bands"
+            caption += f" Mean over the directions of the tilt; {shape}: sample standard deviation over them."
+        if few.sizes[x] < result.sizes[x]:
+            caption += f" The axis has {few.sizes[x]} of {result.sizes[x]} values."
         yield _curves(f"directions_over_{x}", caption, [Panel(_FACTOR_LABEL, lines, bands=bands)], view)
 
 
 def _over_year(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Daily factors, and monthly means with the standard deviation."""
+    """Factor of each date."""
     if result.sizes["date"] < 2:
         return
-    others = views.swept(result, _FACTOR)
-    lines = DIRECTION if DIRECTION in others else next(iter(others), None)
-    panels = next(
-        (dim for dim in sorted(others, key=lambda dim: not views.is_place(result, dim)) if dim != lines), None
-    )
-    view = View(result, _FACTOR, "date", lines=lines, panels=panels)
+    view = _calendar(result)
     dates = result["date"].to_numpy()
-    daily = [
+    panels = [
         Panel(
             _FACTOR_LABEL,
             {view.line_text(line): (dates, view.at(_FACTOR, line, panel).to_numpy()) for line in view.line_points},
@@ -119,28 +122,34 @@ def _over_year(result: xr.Dataset) -> Iterator[NamedFigure]:
         )
         for panel in view.panel_points
     ]
-    caption = "Effective tracking factor of each date."
-    yield _curves("factor_over_year", caption, daily, view)
+    yield _curves("factor_over_year", "Effective tracking factor of each date.", panels, view)
+
+
+def _by_month(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Monthly mean with the standard deviation over its dates."""
     if result.sizes.get("month", 0) < 2:
         return
+    view = _calendar(result)
     mean, deviation = (f"monthly_{_FACTOR}_{name}" for name in ("mean", "std"))
-    middles = np.array(result["month"].to_numpy().astype(str), dtype="datetime64[M]") + np.timedelta64(0, "D")
-    monthly = [
+    middles = result["month"].to_numpy().astype("datetime64[M]").astype("datetime64[D]") + np.timedelta64(14, "D")
+    panels = [
         Panel(
             _FACTOR_LABEL,
-            {
-                view.line_text(line): (middles + np.timedelta64(14, "D"), view.at(mean, line, panel).to_numpy())
-                for line in view.line_points
-            },
+            {view.line_text(line): (middles, view.at(mean, line, panel).to_numpy()) for line in view.line_points},
             view.panel_text(panel),
             {view.line_text(line): view.at(deviation, line, panel).to_numpy() for line in view.line_points},
         )
         for panel in view.panel_points
     ]
-    caption = (
-        "Monthly mean of the effective tracking factor. Bands: sample standard deviation over the dates of the month."
-    )
-    yield _curves("factor_by_month", caption, monthly, view)
+    caption = "Effective tracking factor: mean of each month; bands: sample standard deviation over its dates."
+    yield _curves("factor_by_month", caption, panels, view)
+
+
+def _calendar(result: xr.Dataset) -> View:
+    """Lines for some directions, a panel for each place."""
+    dims = views.swept(result, _FACTOR)
+    lines = _first([DIRECTION] if DIRECTION in dims else dims)
+    return View(result, _FACTOR, "date", lines=lines, panels=_first(_places_first(result, dims), lines))
 
 
 def _extremes(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -149,8 +158,7 @@ def _extremes(result: xr.Dataset) -> Iterator[NamedFigure]:
     x, others = _axis(result, _AVERAGE)
     if x is None or quantities[0][0] not in result:
         return
-    places = sorted(others, key=lambda dim: not views.is_place(result, dim))
-    view = View(result, _AVERAGE, x, panels=next(iter(places), None), most_panels=COLUMNS)
+    view = View(result, _AVERAGE, x, panels=_first(_places_first(result, others)), most_panels=COLUMNS)
     values = [
         Panel(_FACTOR_LABEL, {name: _curve(view, one, panel) for one, _, name in quantities}, view.panel_text(panel))
         for panel in view.panel_points
@@ -174,22 +182,22 @@ def _map(result: xr.Dataset) -> Iterator[NamedFigure]:
     labels = {_AVERAGE: _FACTOR_LABEL}
     if f"{_FACTOR}_min" in result:
         labels = {_AVERAGE: f"mean {_FACTOR_LABEL}", f"{_FACTOR}_min": f"least daily {_FACTOR_LABEL}"}
-    caption = f"Effective tracking factor over latitude and direction of the tilt, {_when(result)}."
+    caption = f"Effective tracking factor against latitude and direction of the tilt, {_when(result)}."
     yield _grids("latitude_map", caption, view, {name: (label, view.at(name)) for name, label in labels.items()})
 
 
 def _tolerable(result: xr.Dataset) -> Iterator[NamedFigure]:
     """Largest tilt that keeps every date above the required factors."""
-    name, lines = "tolerable_axis_tilt", "required_factor"
+    name, required = "tolerable_axis_tilt", "required_factor"
     if name not in result:
         return
-    others = [dim for dim in views.swept(result, name) if dim != lines]
+    others = [dim for dim in views.swept(result, name) if dim != required]
     x = "latitude" if result.sizes.get("latitude", 0) >= LEAST_DIRECTIONS and "latitude" in others else None
     x = x or next((dim for dim in [DIRECTION, *others] if dim in others and views.is_number(result, dim)), None)
     if x is None:
         return
-    panels = next((dim for dim in [DIRECTION, *others] if dim in others and dim != x), None)
-    view = View(result, name, x, lines=lines, panels=panels)
+    lines = _first([dim for dim in [DIRECTION, *others] if dim in others], x)
+    view = View(result, name, x, lines=lines or required, panels=required if lines else None)
     drawn = [
         Panel(
             f"tolerable tilt ({views.DEGREE})",
@@ -202,7 +210,7 @@ def _tolerable(result: xr.Dataset) -> Iterator[NamedFigure]:
         "Largest tilt of the azimuth axis with which the effective tracking factor of every date reaches the required "
         f"one, over {views.period(result['date'])}."
     )
-    yield _curves(name, caption, drawn, view, "axis_tilt")
+    yield _curves(name, caption, drawn, view, "axis_tilt", same_scale=False)
 
 
 def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -216,14 +224,15 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         mean: lambda errors: errors.mean("date"),
         largest: lambda errors: errors.reduce(np.fmax.reduce, "date"),
     }
-    caption = f"Mean and largest tracking error over the offsets of the home position, {_when(result)}."
+    span = f"over {views.period(result['date'])}" if result.sizes["date"] > 1 else _when(result)
+    caption = f"Mean and largest tracking error against the offset of the home position, {span}."
     if len(offsets) > 1:
         view = View(result, _FACTOR, offsets[0], offsets[1])
         drawn = {name: (label, reductions[name](view.at(name))) for name, label in labels.items()}
         yield _grids("tracking_errors", caption, view, drawn)
         return
     others = [dim for dim in views.swept(result, _FACTOR) if dim not in offsets]
-    lines = DIRECTION if DIRECTION in others else next(iter(others), None)
+    lines = _first([DIRECTION] if DIRECTION in others else others)
     view = View(result, _FACTOR, offsets[0], lines=lines)
     x = result[offsets[0]].to_numpy()
     panels = [
@@ -236,14 +245,22 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
     yield _curves("tracking_errors", caption, panels, view, same_scale=False)
 
 
-_FIGURES = (_over_first, _directions_together, _over_year, _extremes, _map, _tolerable, _errors)
+_FIGURES = (_over_first, _directions_together, _over_year, _by_month, _extremes, _map, _tolerable, _errors)
+
+
+def _first(dims: Sequence[str], *taken: str | None) -> str | None:
+    return next((dim for dim in dims if dim not in taken), None)
+
+
+def _places_first(result: xr.Dataset, dims: Sequence[str]) -> list[str]:
+    return sorted(dims, key=lambda dim: not views.is_place(result, dim))
 
 
 def _axis(result: xr.Dataset, quantity: str) -> tuple[str | None, list[str]]:
     """Dimension for the horizontal axis, the direction if it is swept, and the other ones."""
     dims = views.swept(result, quantity)
     numbers = [dim for dim in dims if views.is_number(result, dim)]
-    x = DIRECTION if DIRECTION in numbers else next(iter(numbers), None)
+    x = _first([DIRECTION] if DIRECTION in numbers else numbers)
     return x, [dim for dim in dims if dim != x]
 
 
@@ -266,15 +283,16 @@ def _curves(
     same_scale: bool | Literal["row"] = True,
 ) -> NamedFigure:
     x = view.result[view.whole[0]]
+    columns = min(columns or (COLUMNS if len(panels) > 4 else 2), len(panels))
     figure = curve_figure(
         panels,
         views.x_label(view.result, view.whole[0]),
-        columns=columns or (COLUMNS if len(panels) > 4 else 2),
+        columns=columns,
         latitude=is_latitude(x),
         same_scale=same_scale,
         legend=view.legend,
         ordered=view.ordered,
-        step=views.tick_step(x.to_numpy()) if x.name == DIRECTION else None,
+        step=views.tick_step(x.to_numpy(), 8 if columns < COLUMNS else 4) if x.name == DIRECTION else None,
         least_span=LEAST_SPAN,
     )
     return NamedFigure(name, f"{caption}{_compass(view)}{view.note(*unsaid)}", figure)

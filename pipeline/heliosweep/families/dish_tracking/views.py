@@ -63,8 +63,8 @@ class View:
         Dimensions that are shown in full, the one along the horizontal axis first.
     lines, panels : str, optional
         Dimensions from line to line and from panel to panel.
-    most_panels : int
-        Panels of the figure.
+    most_lines, most_panels : int
+        How many of them at most.
 
     Attributes
     ----------
@@ -81,10 +81,11 @@ class View:
         *whole: str,
         lines: str | None = None,
         panels: str | None = None,
+        most_lines: int = MOST_LINES,
         most_panels: int = MOST_PANELS,
     ) -> None:
         self.result, self.whole, self.lines, self.panels = result, whole, lines, panels
-        self.line_points, self.panel_points = self._points(lines, MOST_LINES), self._points(panels, most_panels)
+        self.line_points, self.panel_points = self._points(lines, most_lines), self._points(panels, most_panels)
         shown = (*whole, lines, panels)
         self.fixed = {dim: self._typical(dim) for dim in swept(result, quantity) if dim not in shown}
 
@@ -96,11 +97,11 @@ class View:
 
     def line_text(self, point: Point) -> str:
         """Name of a line, without what `legend` says."""
-        return self._text(self.lines, point, value_text)
+        return self._text(self.lines, point, _short)
 
     def panel_text(self, point: Point) -> str:
         """Name of a panel; sites with their latitude."""
-        text = self._text(self.panels, point, coordinate_text)
+        text = self._text(self.panels, point, _full)
         if self.panels == "site" and "latitude" in self.result.coords:
             text += f" ({value_text(self.result['latitude'].isel(point))})"
         return text
@@ -124,12 +125,12 @@ class View:
         ]
         said = [f"Shown are {' and '.join(chosen)}."] if chosen else []
         constant = [
-            coordinate_text(array)
+            _full(array)
             for name, array in self.result.coords.items()
             if not array.ndim and name not in unsaid and not (name in OFFSETS and not array.item())
         ]
         constant += [
-            f"{self._text(dim, {dim: index}, coordinate_text)} (one of {self.result.sizes[dim]})"
+            f"{self._text(dim, {dim: index}, _full)} (one of {self.result.sizes[dim]})"
             for dim, index in self.fixed.items()
         ]
         said += [f"Fixed: {', '.join(constant)}."] if constant else []
@@ -140,7 +141,10 @@ class View:
             return [{}]
         if dim == DIRECTION:
             return [{dim: index} for index in nearest(self.result[dim].to_numpy(), LINE_DIRECTIONS)]
-        return [{dim: index} for index in evenly(self.result.sizes[dim], most)]
+        size = self.result.sizes[dim]
+        # An odd number keeps the middle of a sweep about zero.
+        odd = most - (dim in OFFSETS and size > most and most % 2 == 0)
+        return [{dim: index} for index in evenly(size, odd)]
 
     def _typical(self, dim: str) -> int:
         if dim == DIRECTION or dim in OFFSETS:
@@ -152,22 +156,29 @@ class View:
             return ""
         if dim not in self.result.coords:
             return f"{dim} {point[dim] + 1}"
-        value = self.result[dim].isel(point)
-        return direction_text(float(value), words is coordinate_text) if dim == DIRECTION else words(value)
+        return words(self.result[dim].isel(point))
 
 
-def direction_text(direction: float, full: bool) -> str:
-    """Direction of the tilt, with its name where it has one."""
-    eighth = direction % 360.0 / 45.0
-    name = f" ({_COMPASS[int(eighth)]})" if eighth == int(eighth) else ""
-    return f"{f'{DIRECTION_TITLE} ' if full else ''}{direction:g}{DEGREE}{name}"
+def _short(value: xr.DataArray) -> str:
+    """One coordinate value; directions with their name where they have one."""
+    if value.name != DIRECTION:
+        return value_text(value)
+    eighth = float(value) % 360.0 / 45.0
+    return value_text(value) + (f" {_COMPASS[int(eighth)]}" if eighth == int(eighth) else "")
+
+
+def _full(value: xr.DataArray) -> str:
+    """One coordinate value with what it is; sites speak for themselves."""
+    if value.name == DIRECTION:
+        return f"{DIRECTION_TITLE} {_short(value)}"
+    return f"{value.name} {_short(value)}" if value.name == "model" else coordinate_text(value)
 
 
 def short_title(result: xr.Dataset, dim: str) -> str:
     """What a dimension is called in a figure."""
     if dim == DIRECTION:
         return DIRECTION_TITLE
-    return title_of(result[dim]) if dim in result.coords else dim.replace("_", " ")
+    return title_of(result[dim]).removeprefix("name of the ") if dim in result.coords else dim.replace("_", " ")
 
 
 def x_label(result: xr.Dataset, dim: str) -> str:
@@ -182,9 +193,9 @@ def x_label(result: xr.Dataset, dim: str) -> str:
     return label if label.endswith(")") else f"{label} (1)"
 
 
-def tick_step(values: np.ndarray) -> float:
-    """Distance of ticks along directions, both in degrees."""
-    return next((step for step in (5.0, 15.0, 45.0) if np.ptp(values) <= 8 * step), 90.0)
+def tick_step(values: np.ndarray, most: int = 8) -> float:
+    """Distance of ticks along directions, both in degrees, for about so many ticks."""
+    return next((step for step in (5.0, 15.0, 45.0) if np.ptp(values) <= most * step), 90.0)
 
 
 def period(dates: xr.DataArray) -> str:

@@ -1,0 +1,296 @@
+"""Figures of the family `dish_tracking`: which there are, on which axes, with which words, whatever was swept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_rgba
+
+from heliosweep.families.dish_tracking import variables
+from heliosweep.families.dish_tracking.report import MOST_FIGURES, figures
+from heliosweep.report.style import NO_VALUE, image
+
+UNITS = {
+    "latitude": "degrees_north",
+    "axis_tilt": "degree",
+    "axis_tilt_direction": "degree",
+    "home_azimuth_offset": "degree",
+    "home_elevation_offset": "degree",
+    "tolerance": "mrad",
+    "required_factor": "1",
+}
+PLACES = ("site", "latitude")
+DIRECTIONS = {"axis_tilt_direction": np.arange(0.0, 360, 30)}
+DAY = np.array(["2021-06-21"], dtype="datetime64[ns]")
+YEAR = np.arange("2021-01-01", "2022-01-01", 7, dtype="datetime64[D]").astype("datetime64[ns]")
+LATITUDES = {"latitude": np.arange(-60.0, 61, 10)}
+SITES = {"site": ["Dunhuang", "Naqu", "Kunming"]}
+
+
+def result(sweep=None, dates=DAY, required=(), **scalars):
+    """Data set with the variables of the family over any sweep; factors are random, the same every time."""
+    sweep = dict(sweep or {})
+    rng = np.random.default_rng(1)
+    months = np.unique(dates.astype("datetime64[M]")).astype(str).astype(object)
+    axes = {**sweep, "date": dates, "month": months, "required_factor": required}
+    sizes = {name: len(values) for name, values in axes.items()}
+    places = [name for name in sweep if name in PLACES]
+    others = [name for name in sweep if name not in PLACES]
+
+    def filled(names, *dims):
+        shape = [sizes[dim] for dim in dims]
+        return {name: (dims, rng.uniform(0.3, 0.9, shape), attrs) for name, attrs in names.items()}
+
+    data = filled(variables.DAILY, *places, "date", *others)
+    if len(dates) > 1:
+        data |= filled(variables.ANNUAL, *places, *others)
+        data |= filled(variables.MONTHLY, *places, "month", *others)
+        when = dates[rng.integers(0, len(dates), [sizes[dim] for dim in (*places, *others)])]
+        data |= {name: ((*places, *others), when, attrs) for name, attrs in variables.EXTREMES.items()}
+    if len(required):
+        untilted = [dim for dim in others if dim != "axis_tilt"]
+        data |= filled(variables.TOLERABLE, *places, "required_factor", *untilted)
+    shown = [name for name in axes if sizes[name] and not (name == "month" and len(dates) == 1)]
+    labels = {name: (name, axes[name], attributes(name)) for name in shown}
+    labels |= {name: ((), value, attributes(name)) for name, value in scalars.items()}
+    return xr.Dataset(data, labels)
+
+
+def attributes(name):
+    return {"long_name": name.replace("_", " "), **({"units": UNITS[name]} if name in UNITS else {})}
+
+
+def sited(*args, **others):
+    dataset = result(*args, **others)
+    return dataset.assign_coords(latitude=("site", [40.13, 31.29, 25.0], attributes("latitude")))
+
+
+def dark(dataset):
+    """The same without a factor on a third of the dates, and on none at the last place."""
+    night = xr.DataArray(np.arange(dataset.sizes["date"]) % 3 == 0, dims="date")
+    place = dataset["effective_tracking_factor"].dims[0]
+    last = xr.DataArray(np.arange(dataset.sizes[place]) == dataset.sizes[place] - 1, dims=place)
+    masked = {
+        name: array.where(~(night | last) if "date" in array.dims else ~last)
+        for name, array in dataset.data_vars.items()
+    }
+    return dataset.assign(masked)
+
+
+def perfect(dataset):
+    """The same with a factor of one everywhere."""
+    factors = {name: array * 0 + 1 for name, array in dataset.data_vars.items() if array.dtype == float}
+    return dataset.assign(factors)
+
+
+def drawn(dataset):
+    """Figures by name, each rendered."""
+    found = {named.name: named for named in figures(dataset)}
+    assert all(image(named.figure).startswith(b"\x89PNG") for named in found.values())
+    return found
+
+
+OFFSETS = np.linspace(-1, 1, 9)
+CASES = {
+    "no sweep": lambda: result(axis_tilt=0.1, model="rigid"),
+    "no sweep over a year": lambda: result(dates=YEAR, axis_tilt=0.1, axis_tilt_direction=0.0),
+    "no sweep over a year with tilts": lambda: result(dates=YEAR, required=[0.5, 0.7]),
+    "directions": lambda: result(DIRECTIONS, axis_tilt=0.1),
+    "two directions": lambda: result({"axis_tilt_direction": [-90.0, 90.0]}, dates=YEAR),
+    "one direction": lambda: result({"axis_tilt_direction": [30.0]}, dates=YEAR, required=[0.5]),
+    "sites": lambda: sited({**SITES, **DIRECTIONS}),
+    "sites alone": lambda: sited(SITES),
+    "sites and tilts over a year": lambda: sited(
+        {**SITES, "axis_tilt": [0.05, 0.1], **DIRECTIONS}, dates=YEAR, required=[0.5, 0.9]
+    ),
+    "many sites": lambda: result({"site": [f"Place number {i}" for i in range(300)], **DIRECTIONS}),
+    "latitudes": lambda: result({**LATITUDES, "axis_tilt": [0.1, 0.2], **DIRECTIONS}, dates=YEAR, required=[0.5, 0.9]),
+    "tilts alone": lambda: result({"axis_tilt": np.linspace(0, 0.3, 12)}, dates=YEAR),
+    "offsets": lambda: result(
+        {**DIRECTIONS, "home_azimuth_offset": OFFSETS, "home_elevation_offset": OFFSETS}, axis_tilt=0.1
+    ),
+    "offset over a year": lambda: result({"home_azimuth_offset": OFFSETS}, dates=YEAR),
+    "models": lambda: result({"model": ["rigid", "untilted_home_axes"], **LATITUDES, **DIRECTIONS}, dates=YEAR),
+    "everything": lambda: sited(
+        {
+            **SITES,
+            "axis_tilt": [0.1, 0.2],
+            **DIRECTIONS,
+            "home_azimuth_offset": [-1.0, 0.0, 1.0],
+            "tolerance": [4.0, 8.0],
+        },
+        dates=YEAR,
+        required=[0.5],
+    ),
+    "nights": lambda: dark(result({**LATITUDES, **DIRECTIONS}, dates=YEAR, required=[0.5])),
+    "nights at sites": lambda: dark(sited({**SITES, **DIRECTIONS, "home_azimuth_offset": OFFSETS}, dates=YEAR)),
+    "two dates": lambda: result(DIRECTIONS, dates=YEAR[:2]),
+    "zip": lambda: result({"axis_tilt": [0.1, 0.2]}).assign_coords(
+        axis_tilt_direction=("axis_tilt", [0.0, 90.0], attributes("axis_tilt_direction"))
+    ),
+    "no coordinate": lambda: result({"site": ["a", "b"], **DIRECTIONS}, dates=YEAR).drop_vars("site"),
+    "one direction and two sites": lambda: result({"site": ["a", "b"], "axis_tilt_direction": [30.0]}),
+    "perfect": lambda: perfect(result({**DIRECTIONS, "axis_tilt": [0.0, 0.1]}, dates=YEAR)),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    return drawn(CASES[request.param]())
+
+
+def test_axes_say_what_they_are_in_which_unit(case):
+    assert len(case) <= MOST_FIGURES
+    for named in case.values():
+        assert named.caption.endswith(".")
+        for axes in named.figure.axes:
+            for axis in (axes.xaxis, axes.yaxis):
+                if any(label.get_visible() and label.get_text() for label in axis.get_ticklabels()):
+                    label = axis.get_label_text()
+                    assert label.endswith(")") or label in ("site", "model"), (named.name, label)
+
+
+def test_nothing_is_cut_off(case):
+    for named in case.values():
+        box = named.figure.get_tightbbox()
+        width, height = named.figure.get_size_inches()
+        assert box.x0 >= 0, named.name
+        assert box.y0 >= 0, named.name
+        assert box.x1 <= width, named.name
+        assert box.y1 <= height, named.name
+
+
+def test_figures_are_readable(case):
+    for named in case.values():
+        assert len(named.figure.axes) <= 8
+        for axes in named.figure.axes:
+            assert len(axes.get_lines()) <= 20
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("no sweep", []),
+        ("no sweep over a year", ["factor_over_year", "factor_by_month"]),
+        ("directions", ["factor_over_axis_tilt_direction"]),
+        ("sites", ["factor_over_axis_tilt_direction", "directions_over_site"]),
+        ("sites alone", ["directions_over_site"]),
+        (
+            "latitudes",
+            [
+                "factor_over_axis_tilt_direction",
+                "directions_over_latitude",
+                "directions_over_axis_tilt",
+                "factor_over_year",
+                "factor_by_month",
+                "extremes",
+                "latitude_map",
+                "tolerable_axis_tilt",
+            ],
+        ),
+        (
+            "offsets",
+            [
+                "factor_over_axis_tilt_direction",
+                "directions_over_home_azimuth_offset",
+                "directions_over_home_elevation_offset",
+                "tracking_errors",
+            ],
+        ),
+    ],
+)
+def test_figures_follow_what_is_swept(name, expected):
+    assert [named.name for named in figures(CASES[name]())] == expected
+
+
+def test_lines_are_the_factor_of_the_only_date_or_the_mean_over_the_dates():
+    one, year = result(DIRECTIONS), result(DIRECTIONS, dates=YEAR)
+    for dataset, values, words in (
+        (one, one["effective_tracking_factor"].isel(date=0), "on 2021-06-21"),
+        (year, year["annual_effective_tracking_factor_mean"], "mean over 53 dates from 2021-01-01 to 2021-12-31"),
+    ):
+        named = next(figures(dataset))
+        (line,) = named.figure.axes[0].get_lines()
+        np.testing.assert_array_equal(line.get_ydata(), values)
+        assert words in named.caption
+
+
+def test_bars_of_sites_are_mean_and_sample_deviation_over_the_directions():
+    dataset = sited({**SITES, **DIRECTIONS})
+    (axes,) = drawn(dataset)["directions_over_site"].figure.axes
+    (bars,) = axes.containers
+    factor = dataset["effective_tracking_factor"].isel(date=0).to_numpy()
+    np.testing.assert_allclose(bars.lines[0].get_ydata(), factor.mean(axis=1))
+    half = [np.ptp(segment[:, 1]) / 2 for segment in bars.lines[2][0].get_segments()]
+    np.testing.assert_allclose(half, factor.std(axis=1, ddof=1))
+    assert [label.get_text() for label in axes.get_xticklabels()] == SITES["site"]
+
+
+def test_year_shows_the_nearest_of_four_directions_around_the_circle():
+    dataset = result({"axis_tilt_direction": [-355.0, -310.0, 80.0, 200.0]}, dates=YEAR)
+    named = drawn(dataset)["factor_over_year"]
+    names = [text.get_text() for text in named.figure.legends[0].get_texts()]
+    assert names == ["\N{MINUS SIGN}355\N{DEGREE SIGN}", "\N{MINUS SIGN}310\N{DEGREE SIGN}", "80\N{DEGREE SIGN}"]
+    assert "Shown are 3 of 4 values of direction of the tilt." in named.caption
+
+
+def test_months_have_the_deviation_as_band():
+    dataset = result(dates=YEAR)
+    axes = drawn(dataset)["factor_by_month"].figure.axes[0]
+    mean, deviation = (dataset[f"monthly_effective_tracking_factor_{name}"] for name in ("mean", "std"))
+    np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), mean)
+    heights = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert heights.max() == pytest.approx(float((mean + deviation).max()))
+    assert heights.min() == pytest.approx(float((mean - deviation).min()))
+
+
+def test_extremes_stand_above_their_dates():
+    dataset = sited({**SITES, **DIRECTIONS}, dates=YEAR)
+    figure = drawn(dataset)["extremes"].figure
+    values, dates = figure.axes[:3], figure.axes[3:]
+    for place in range(3):
+        least, largest = values[place].get_lines()
+        np.testing.assert_array_equal(least.get_ydata(), dataset["effective_tracking_factor_min"][place])
+        np.testing.assert_array_equal(largest.get_ydata(), dataset["effective_tracking_factor_max"][place])
+        np.testing.assert_array_equal(dates[place].get_lines()[0].get_ydata(), dataset["date_of_min"][place])
+        assert values[place].get_ylim() == values[0].get_ylim()
+    assert values[0].get_title() == "Dunhuang (40.13\N{DEGREE SIGN} N)"
+
+
+def test_map_shows_latitudes_upwards_and_nights_grey():
+    dataset = dark(result({**LATITUDES, **DIRECTIONS}, dates=YEAR))
+    axes = drawn(dataset)["latitude_map"].figure.axes[0]
+    shown = np.ma.filled(axes.collections[0].get_array(), np.nan)
+    np.testing.assert_array_equal(shown, dataset["annual_effective_tracking_factor_mean"])
+    assert np.isnan(shown[-1]).all()
+    assert axes.collections[0].get_cmap().get_bad() == pytest.approx(to_rgba(NO_VALUE))
+
+
+def test_largest_error_is_that_of_all_dates_with_a_factor():
+    dataset = dark(sited({**SITES, "home_azimuth_offset": OFFSETS}, dates=YEAR))
+    mean, largest = drawn(dataset)["tracking_errors"].figure.axes
+    for axes, name, reduce in ((mean, "mean_tracking_error", np.nanmean), (largest, "max_tracking_error", np.nanmax)):
+        np.testing.assert_allclose(axes.get_lines()[0].get_ydata(), reduce(dataset[name][0], axis=0))
+        assert np.isnan(axes.get_lines()[2].get_ydata()).all()
+
+
+def test_captions_say_where_the_rest_stands():
+    dataset = result(
+        {"axis_tilt": [0.1, 0.2, 0.3], **LATITUDES, **DIRECTIONS},
+        dates=YEAR,
+        model="rigid",
+        tolerance=4.0,
+        home_azimuth_offset=0.0,
+    )
+    caption = drawn(dataset)["factor_over_year"].caption
+    assert "Fixed: model rigid, tolerance 4 mrad, axis tilt 0.2\N{DEGREE SIGN} (one of 3)." in caption
+    assert "Shown are 4 of 12 values of direction of the tilt and 6 of 13 values of latitude." in caption
+    assert "offset" not in caption
+
+
+def test_values_are_read_only_where_they_are_drawn():
+    dataset = result({**SITES, **DIRECTIONS}, dates=YEAR)
+    lazy = dataset.chunk({"site": 1})
+    assert list(drawn(lazy)) == list(drawn(dataset))
+    assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())
