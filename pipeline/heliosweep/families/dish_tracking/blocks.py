@@ -60,7 +60,7 @@ def empty_windows(*place: np.ndarray, time: DishTime, delta_t: float | None) -> 
     days = len(time.date_list())
     result = np.empty((1, *np.broadcast_shapes(*(array.shape for array in place)), days), np.int8)
     for values, _, region in _each_place(place, ()):
-        result[0][region] = windows_of(time, Place(*values), delta_t).total.ravel()[:days] == 0
+        result[0][region] = np.isnan(windows_of(time, Place(*values), delta_t).total.ravel()[:days])
     return result
 
 

@@ -68,8 +68,7 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     On a clock far from the sun's a date may begin and end with the sun up: then both parts are sampled.
     """
     window = {"start": "00:00", "stop": "24:00", "step": SEARCH_STEP}
-    dates = time.model_dump(include={"dates"})["dates"]
-    search = CivilTime.model_validate({"clock": "civil", "dates": dates, "window": window, "sampling": "inclusive"})
+    search = CivilTime.model_validate({"clock": "civil", "dates": time.dates, "window": window})
     found = []
     for stamps in daily_windows(search, timezone):
         up = sun(stamps)[:, 2] > 0
