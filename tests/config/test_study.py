@@ -13,8 +13,6 @@ from pydantic import ValidationError
 from heliosweep.config.blocks import Site
 from heliosweep.config.identity import resolved_yaml
 from heliosweep.config.load import load, load_mapping
-from heliosweep.config.quantity import Quantity
-from heliosweep.config.study import field_quantity
 from heliosweep.config.sweep import Listed, Range
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
@@ -195,23 +193,6 @@ def test_a_trillion_points_load_quickly(load_study) -> None:
     assert len(study.dimensions()[0]) == 10**12
     assert study.study_id
     assert time.perf_counter() - start < 1
-
-
-def test_field_quantity() -> None:
-    def unit(key: str) -> str:
-        quantity = field_quantity(FieldEfficiencyStudy, key)
-        assert isinstance(quantity, Quantity)
-        return quantity.unit
-
-    latitude = field_quantity(FieldEfficiencyStudy, "site.latitude")
-    assert (latitude.standard_name, latitude.title) == ("latitude", "latitude")
-    assert field_quantity(FieldEfficiencyStudy, "receiver.height").dimension == "receiver_height"
-    assert unit("site.latitude") == unit("sites[0].longitude") == unit("time.declination") == "deg"
-    assert unit("time.hours") == "h"
-    assert "how" in field_quantity(FieldEfficiencyStudy, "tracking").description.lower()
-    for missing in ("site", "site.nothing", "nothing.at.all"):
-        with pytest.raises(KeyError):
-            field_quantity(FieldEfficiencyStudy, missing)
 
 
 def test_the_sun_must_rise_somewhere(load_study) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pathlib
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, get_args
@@ -11,7 +10,7 @@ from typing import Annotated, Any, ClassVar, get_args
 from pydantic import Field, PrivateAttr
 
 from heliosweep.config import identity
-from heliosweep.config.block import Block, blocks_at
+from heliosweep.config.block import Block
 from heliosweep.config.blocks import Execution, Output, Report
 from heliosweep.config.fields import Parameter
 from heliosweep.config.names import FileName, Text
@@ -150,21 +149,3 @@ def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter,
 
 def _is_swept(parameter: Parameter, value: Any) -> bool:
     return isinstance(value, Sweep) and not isinstance(parameter, Samples)
-
-
-def field_quantity(study_class: type[Block], key: str) -> Parameter:
-    """Return the declaration of the parameter at a dotted key.
-
-    Its attributes are ``title``, ``description``, ``standard_name``, ``dimension`` and, of a Quantity,
-    ``unit``.
-
-    Raises
-    ------
-    KeyError
-        The class has no such parameter.
-    """
-    *outer, last = re.sub(r"\[\d+\]", "", key).split(".")
-    for block in blocks_at(study_class, outer):
-        if last in block.model_fields and (parameter := block.parameter(last)):
-            return parameter
-    raise KeyError(key)
