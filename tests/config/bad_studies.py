@@ -21,14 +21,14 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "site",
         "site: {latitude: true}",
         [
-            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '1.2 mrad' (got true)",
+            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '30 deg' (got true)",
         ],
     ),
     (
         "site",
         "site: {latitude: abc}",
         [
-            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '1.2 mrad' (got 'abc')",
+            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '30 deg' (got 'abc')",
         ],
     ),
     (
@@ -42,7 +42,7 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "site",
         "site: {latitude: 3 m}",
         [
-            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '1.2 mrad'; 'm' is the unit of a length (got '3 m')",
+            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '30 deg'; 'm' is the unit of a length (got '3 m')",
         ],
     ),
     (
@@ -56,14 +56,14 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "site",
         "site: {latitude: 12:30}",
         [
-            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '1.2 mrad' (got '12:30')",
+            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '30 deg' (got '12:30')",
         ],
     ),
     (
         "site",
         "site: {latitude: 1_000}",
         [
-            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '1.2 mrad' (got '1_000')",
+            "study.yaml:2:18: site.latitude: must be an angle in deg, a number or text such as '30 deg' (got '1_000')",
         ],
     ),
     (
@@ -112,14 +112,14 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "site",
         "site: {latitude: [1, [2]]}",
         [
-            "study.yaml:2:22: site.latitude[1]: must be an angle in deg, a number or text such as '1.2 mrad' (got [2])",
+            "study.yaml:2:22: site.latitude[1]: must be an angle in deg, a number or text such as '30 deg' (got [2])",
         ],
     ),
     (
         "site",
         "site: {latitude: [-91, x]}",
         [
-            "study.yaml:2:24: site.latitude[1]: must be an angle in deg, a number or text such as '1.2 mrad' (got 'x')",
+            "study.yaml:2:24: site.latitude[1]: must be an angle in deg, a number or text such as '30 deg' (got 'x')",
         ],
     ),
     (
@@ -189,7 +189,7 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "site",
         "site: {latitude: {start: 0, stop: 90, step: 1 m}}",
         [
-            "study.yaml:2:45: site.latitude.step: must be an angle in deg, a number or text such as '1.2 mrad'; 'm' is the unit of a length (got '1 m')",
+            "study.yaml:2:45: site.latitude.step: must be an angle in deg, a number or text such as '30 deg'; 'm' is the unit of a length (got '1 m')",
         ],
     ),
     (
@@ -246,9 +246,9 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "site",
         "site: {latitude: {start: x, stop: y, step: z}}",
         [
-            "study.yaml:2:26: site.latitude.start: must be an angle in deg, a number or text such as '1.2 mrad' (got 'x')",
-            "study.yaml:2:35: site.latitude.stop: must be an angle in deg, a number or text such as '1.2 mrad' (got 'y')",
-            "study.yaml:2:44: site.latitude.step: must be an angle in deg, a number or text such as '1.2 mrad' (got 'z')",
+            "study.yaml:2:26: site.latitude.start: must be an angle in deg, a number or text such as '30 deg' (got 'x')",
+            "study.yaml:2:35: site.latitude.stop: must be an angle in deg, a number or text such as '30 deg' (got 'y')",
+            "study.yaml:2:44: site.latitude.step: must be an angle in deg, a number or text such as '30 deg' (got 'z')",
         ],
     ),
     (
@@ -577,7 +577,7 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
             "study.yaml:4:55: time.dates.stop: must not be before the start, 2021-01-05 (got '2021-01-01')",
             "study.yaml:4:84: time.window.start: must be a time of day such as '07:00' (got 7)",
             "study.yaml:4:93: time.window.stop: must be a time of day between '00:00' and '24:00' (got '25:00')",
-            "study.yaml:4:108: time.window.step: must be a duration in h, a number or text such as '30 min'; 'm' is the unit of a length (got '30 m')",
+            "study.yaml:4:108: time.window.step: must be a duration in h, a number or text such as '1.5 h'; 'm' is the unit of a length (got '30 m')",
         ],
     ),
     (
@@ -676,7 +676,7 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         [
             "study.yaml:6:20: heliostat.width: must be greater than 0 m (got 0)",
             "study.yaml:6:31: heliostat.height: must be greater than 0 m (got -1)",
-            "study.yaml:6:49: heliostat.pivot_height: must be a length in m, a number or text such as '38 ft' (got 'x')",
+            "study.yaml:6:49: heliostat.pivot_height: must be a length in m, a number or text such as '1.5 m' (got 'x')",
         ],
     ),
     (
@@ -929,6 +929,36 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "just text",
         [
             "study.yaml:1:1: a study is a mapping of keys to values, such as 'family: ...'",
+        ],
+    ),
+    (
+        "site",
+        "sites: [{name: a, latitude: 3}, {name: b, latitude: 4}, {name: a, latitude: 5}]",
+        [
+            "study.yaml:2:64: sites[2].name: another site has this name (got 'a')",
+        ],
+    ),
+    (
+        "time",
+        "time: {clock: civil, timezone: UTC, dates: [1699-12-31, 9999-12-31], window: {start: 10:00, stop: 14:00, step: 1}}",
+        [
+            "study.yaml:4:45: time.dates[0]: must be a date of the years 1700 to 2200 (got '1699-12-31')",
+            "study.yaml:4:57: time.dates[1]: must be a date of the years 1700 to 2200 (got '9999-12-31')",
+        ],
+    ),
+    (
+        "time",
+        "time: {clock: civil, timezone: UTC, dates: {start: 2021-01-01, stop: 2500-06-21, step: 0}, window: {start: 10:00, stop: 14:00, step: 1}}",
+        [
+            "study.yaml:4:70: time.dates.stop: must be a date of the years 1700 to 2200 (got '2500-06-21')",
+            "study.yaml:4:88: time.dates.step: must be at least 1 d (got 0)",
+        ],
+    ),
+    (
+        "receiver",
+        "receiver: {height: 5 yd}",
+        [
+            "study.yaml:7:20: receiver.height: unknown unit 'yd'; use 'm', 'mm', 'cm', 'km', 'in' or 'ft' (got '5 yd')",
         ],
     ),
 ]

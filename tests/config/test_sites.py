@@ -32,6 +32,20 @@ def test_every_wrong_cell_at_its_line(load_study) -> None:
         site_table(load_study(site=SITE_FILE))
     assert str(error.value).split("\n") == [
         "sites.csv:2: latitude: must be between -90 and 90 deg (got 91.0)",
-        "sites.csv:3: latitude: must be an angle in deg, a number or text such as '1.2 mrad' (got 'x')",
+        "sites.csv:3: latitude: must be an angle in deg, a number or text such as '30 deg' (got 'x')",
         "sites.csv:4: latitude: is missing: Geographic latitude, positive north [deg]",
     ]
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ("name,latitude,name\na,3,b\n", "sites.csv:1: column 'name' is there twice"),
+        ("name,latitude\na,3\nb,4\n\na,5\n", "sites.csv:5: name: another site has this name (got 'a')"),
+    ],
+)
+def test_nothing_stands_twice(load_study, table: str, said: str) -> None:
+    Path("sites.csv").write_text(table)
+    with pytest.raises(StudyError) as error:
+        site_table(load_study(site=SITE_FILE))
+    assert str(error.value) == said

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
 from heliosweep.config.block import Block
-from heliosweep.config.faults import Fault
+from heliosweep.config.faults import Fault, to_pydantic
 from heliosweep.config.names import Choice, FileName, Flag, Text
 from heliosweep.config.quantity import Quantity
 from heliosweep.config.sweep import Sweep
@@ -74,6 +74,18 @@ class SiteFile(Block):
     ]
 
 
+def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
+    positions: dict[str, int] = {}
+    faults = [
+        Fault("another site has this name", (position, "name"))
+        for position, site in enumerate(sites)
+        if positions.setdefault(site.name, position) != position
+    ]
+    if faults:
+        raise to_pydantic(faults)
+    return sites
+
+
 def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
@@ -81,7 +93,8 @@ def _sites_form(raw: Any) -> str | None:
 
 
 Sites = Annotated[
-    Annotated[tuple[NamedSite, ...], Tag("list"), Field(min_length=1)] | Annotated[SiteFile, Tag("table")],
+    Annotated[tuple[NamedSite, ...], Field(min_length=1), AfterValidator(_distinct), Tag("list")]
+    | Annotated[SiteFile, Tag("table")],
     Discriminator(
         _sites_form,
         custom_error_type="fault",
@@ -242,7 +255,11 @@ class Output(Block):
     time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
     compression: Annotated[
         str,
-        Choice("Compression of result.nc", {"none": "fastest", "zlib": "smaller, read everywhere"}, sweep=False),
+        Choice(
+            "Compression of the time series in result.nc",
+            {"none": "fastest", "zlib": "smaller, read everywhere"},
+            sweep=False,
+        ),
     ] = "none"
     compression_level: Annotated[
         int, Quantity("Level of zlib, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)

@@ -38,18 +38,17 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
         raise StudyError(study.problem("sites.file", f"cannot read {sites.file}: {error}")) from None
     table: list[NamedSite] = []
     problems: list[Problem] = []
+    lines: dict[str, int] = {}
     for line, row in _rows(text, str(path)):
         try:
-            table.append(NamedSite.model_validate(row))
+            site = NamedSite.model_validate(row)
         except ValidationError as error:
             found = translate(error, NamedSite, Source(row))
             problems += [Problem(problem.message, problem.key, str(path), line) for problem in found]
-    names = [site.name for site in table]
-    problems += [
-        Problem(f"two sites are named {name!r}", "name", str(path))
-        for name in sorted({*names})
-        if names.count(name) > 1
-    ]
+            continue
+        table.append(site)
+        if lines.setdefault(site.name, line) != line:
+            problems.append(Problem(f"another site has this name (got {site.name!r})", "name", str(path), line))
     if not table and not problems:
         problems.append(Problem("holds no sites", file=str(path)))
     if problems:
@@ -82,13 +81,12 @@ def _rows(text: str, file: str) -> Iterator[tuple[int, dict[str, Any]]]:
             known = tuple(NamedSite.model_fields)
             for name in header:
                 if name not in known:
-                    raise StudyError(
-                        Problem(
-                            f"unknown column {name!r}{did_you_mean(name, known)}",
-                            file=file,
-                            line=reader.line_num,
-                        )
-                    )
+                    message = f"unknown column {name!r}{did_you_mean(name, known)}"
+                elif header.count(name) > 1:
+                    message = f"column {name!r} is there twice"
+                else:
+                    continue
+                raise StudyError(Problem(message, file=file, line=reader.line_num))
             continue
         if len(cells) != len(header):
             message = f"has {len(cells)} cells where the header has {len(header)}"

@@ -36,6 +36,9 @@ Sampling = Annotated[
     ),
 ]
 
+FIRST_YEAR, LAST_YEAR = 1700, 2200
+"""Years of dates: those that nanoseconds can count around 1970, and for which the sun is known well."""
+
 WHOLE_YEAR = Range(1.0, 365.0, 365)
 
 
@@ -268,18 +271,26 @@ def _uneven(sampling: str, path: tuple[str, ...]) -> Fault:
 
 
 def _date(raw: Any) -> dt.date:
-    if isinstance(raw, dt.date) and not isinstance(raw, dt.datetime):
-        return raw
-    if not isinstance(raw, str) or not _ISO_DATE.fullmatch(raw):
+    if isinstance(raw, dt.datetime):
+        if raw.time() != dt.time():
+            raise Invalid("must be a date without a time of day")
+        date = raw.date()
+    elif isinstance(raw, dt.date):
+        date = raw
+    elif isinstance(raw, str) and _ISO_DATE.fullmatch(raw):
+        try:
+            date = dt.date.fromisoformat(raw)
+        except ValueError:
+            raise Invalid("is not a date of the calendar") from None
+    else:
         raise Invalid("must be a date YYYY-MM-DD")
-    try:
-        return dt.date.fromisoformat(raw)
-    except ValueError:
-        raise Invalid("is not a date of the calendar") from None
+    if not FIRST_YEAR <= date.year <= LAST_YEAR:
+        raise Invalid(f"must be a date of the years {FIRST_YEAR} to {LAST_YEAR}")
+    return date
 
 
 def _date_range(raw: Mapping[str, Any]) -> DateRange:
-    step = Quantity("Days between dates", "d", ge=1, le=366_000, integer=True, sweep=False).read
+    step = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False).read
     readers = {"start": _date, "stop": _date, "step": step}
     faults = key_faults(raw, tuple(readers), ("start", "stop"), "a range of dates is {start, stop, step}")
     values = {"step": 1} | read_parts(raw, readers, faults)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 
-from heliosweep.config.faults import Invalid, did_you_mean
+from heliosweep.config.faults import Invalid, did_you_mean, one_of
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
 
@@ -51,7 +51,7 @@ _KINDS: dict[str, dict[str, Decimal]] = {
 }
 _KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
 _QUANTITY = re.compile(r"\s*([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?)\s*([^0-9\W_].*?|%|\u00b0|)\s*")
-_EXAMPLES = {"m": "38 ft", "deg": "1.2 mrad", "h": "30 min", "B": "2 GB", "1": "5 %", "mrad": "0.1 deg"}
+_EXAMPLES = {"m": "1.5 m", "deg": "30 deg", "h": "1.5 h", "B": "2 GB", "mrad": "1.2 mrad"}
 
 
 def parse(text: str, unit: str) -> float:
@@ -80,9 +80,10 @@ def parse(text: str, unit: str) -> float:
     number, given = float(match[1]), match[2]
     if not given:
         raise Invalid("must be a number without quotes, or a number with its unit")
-    if given not in _KIND_OF:
-        raise Invalid(f"unknown unit '{given[:20]}'{did_you_mean(given, _KIND_OF)}")
     kind = _KIND_OF[unit]
+    if given not in _KIND_OF:
+        hint = did_you_mean(given, _KINDS[kind]) or f"; use {one_of(_KINDS[kind])}"
+        raise Invalid(f"unknown unit '{given[:20]}'{hint}")
     if _KIND_OF[given] != kind:
         raise Invalid(f"must be {expected(unit)}; '{given}' is the unit of {_KIND_OF[given]}")
     if number in (float("inf"), float("-inf")):
@@ -92,7 +93,7 @@ def parse(text: str, unit: str) -> float:
 
 
 def expected(unit: str) -> str:
-    """Return what to write for a quantity: ``an angle in deg, such as 0.5 or '1.2 mrad'``."""
+    """Return what to write for a quantity: ``an angle in deg, a number or text such as '30 deg'``."""
     if unit == "1":
         return "a number"
     return f"{_KIND_OF[unit]} in {unit}, a number or text such as '{_EXAMPLES.get(unit, f'1 {unit}')}'"
