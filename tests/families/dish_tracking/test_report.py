@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgba
 
 from heliosweep.families.dish_tracking import variables
 from heliosweep.families.dish_tracking.report import MOST_FIGURES, figures
-from heliosweep.report.style import NO_VALUE, image
+from heliosweep.report.style import NO_VALUE
 
 UNITS = {
     "latitude": "degrees_north",
@@ -85,9 +85,10 @@ def perfect(dataset):
 
 
 def drawn(dataset):
-    """Figures by name, each rendered."""
+    """Figures by name, each laid out."""
     found = {named.name: named for named in figures(dataset)}
-    assert all(image(named.figure).startswith(b"\x89PNG") for named in found.values())
+    for named in found.values():
+        named.figure.draw_without_rendering()
     return found
 
 

@@ -18,7 +18,7 @@ from heliosweep.families.dish_tracking.views import DIRECTION, OFFSETS, View
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import grids
 from heliosweep.report.curves import Panel, curve_figure
-from heliosweep.report.labels import is_latitude, value_text
+from heliosweep.report.labels import DEGREE, is_latitude, value_text
 from heliosweep.report.selection import evenly
 
 #: Figures of one result.
@@ -69,16 +69,8 @@ def _over_first(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     lines, panels, *_ = *others, None, None
     view = View(result, _AVERAGE, x, lines=lines, panels=panels)
-    drawn = [
-        Panel(
-            _FACTOR_LABEL,
-            {view.line_text(line): _curve(view, _AVERAGE, line, panel) for line in view.line_points},
-            view.panel_text(panel),
-        )
-        for panel in view.panel_points
-    ]
     caption = f"Effective tracking factor against {views.short_title(result, x)}, {_when(result)}."
-    yield _curves(f"factor_over_{x}", caption, drawn, view)
+    yield _curves(f"factor_over_{x}", caption, _panels(view, _AVERAGE), view)
 
 
 def _directions_together(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -113,16 +105,7 @@ def _over_year(result: xr.Dataset) -> Iterator[NamedFigure]:
     if result.sizes["date"] < 2:
         return
     view = _calendar(result)
-    dates = result["date"].to_numpy()
-    panels = [
-        Panel(
-            _FACTOR_LABEL,
-            {view.line_text(line): (dates, view.at(_FACTOR, line, panel).to_numpy()) for line in view.line_points},
-            view.panel_text(panel),
-        )
-        for panel in view.panel_points
-    ]
-    yield _curves("factor_over_year", "Effective tracking factor of each date.", panels, view)
+    yield _curves("factor_over_year", "Effective tracking factor of each date.", _panels(view, _FACTOR), view)
 
 
 def _by_month(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -132,15 +115,7 @@ def _by_month(result: xr.Dataset) -> Iterator[NamedFigure]:
     view = _calendar(result)
     mean, deviation = (f"monthly_{_FACTOR}_{name}" for name in ("mean", "std"))
     middles = result["month"].to_numpy().astype("datetime64[M]").astype("datetime64[D]") + np.timedelta64(14, "D")
-    panels = [
-        Panel(
-            _FACTOR_LABEL,
-            {view.line_text(line): (middles, view.at(mean, line, panel).to_numpy()) for line in view.line_points},
-            view.panel_text(panel),
-            {view.line_text(line): view.at(deviation, line, panel).to_numpy() for line in view.line_points},
-        )
-        for panel in view.panel_points
-    ]
+    panels = _panels(view, mean, x=middles, band=deviation)
     caption = "Effective tracking factor: mean of each month; bands: sample standard deviation over its dates."
     yield _curves("factor_by_month", caption, panels, view)
 
@@ -198,19 +173,12 @@ def _tolerable(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     lines = _first([dim for dim in [DIRECTION, *others] if dim in others], x)
     view = View(result, name, x, lines=lines or required, panels=required if lines else None)
-    drawn = [
-        Panel(
-            f"tolerable tilt ({views.DEGREE})",
-            {view.line_text(line): _curve(view, name, line, panel) for line in view.line_points},
-            view.panel_text(panel),
-        )
-        for panel in view.panel_points
-    ]
     caption = (
         "Largest tilt of the azimuth axis with which the effective tracking factor of every date reaches the required "
         f"one, over {views.period(result['date'])}."
     )
-    yield _curves(name, caption, drawn, view, "axis_tilt", same_scale=False)
+    panels = _panels(view, name, f"tolerable tilt ({DEGREE})")
+    yield _curves(name, caption, panels, view, "axis_tilt", same_scale=False)
 
 
 def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -262,6 +230,22 @@ def _axis(result: xr.Dataset, quantity: str) -> tuple[str | None, list[str]]:
     numbers = [dim for dim in dims if views.is_number(result, dim)]
     x = _first([DIRECTION] if DIRECTION in numbers else numbers)
     return x, [dim for dim in dims if dim != x]
+
+
+def _panels(
+    view: View, quantity: str, label: str = _FACTOR_LABEL, x: np.ndarray | None = None, band: str = ""
+) -> list[Panel]:
+    """All lines of a quantity in all panels, with another one as the half-width of bands."""
+    x = view.result[view.whole[0]].to_numpy() if x is None else x
+    return [
+        Panel(
+            label,
+            {view.line_text(line): (x, view.at(quantity, line, panel).to_numpy()) for line in view.line_points},
+            view.panel_text(panel),
+            {view.line_text(line): view.at(band, line, panel).to_numpy() for line in view.line_points} if band else {},
+        )
+        for panel in view.panel_points
+    ]
 
 
 def _curve(view: View, quantity: str, *points: views.Point) -> tuple[np.ndarray, np.ndarray]:
