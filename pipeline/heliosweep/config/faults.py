@@ -5,6 +5,7 @@ Reading code raises :class:`Invalid`; :mod:`heliosweep.config.load` turns the fa
 
 from __future__ import annotations
 
+import datetime as dt
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -86,7 +87,7 @@ def one_of(names: Iterable[str]) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a short form of a value for messages, in the spelling of a study file."""
+    """Return a short form of a value for messages, on one line and in the spelling of a study file."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -98,5 +99,5 @@ def shown(value: object) -> str:
         return text if len(value) <= 10 and len(text) <= 40 else f"a list of {len(value)}"
     if isinstance(value, int) and value.bit_length() > 100:
         return "a huge number"
-    text = repr(value)
+    text = str(value) if isinstance(value, dt.date) else " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

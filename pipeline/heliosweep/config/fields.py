@@ -71,11 +71,6 @@ class Parameter:
         return title | {"description": self.purpose} | self.json_schema()
 
 
-def to_python(raw: Any) -> Any:
-    """Return NumPy numbers and arrays, which studies built in Python may hold, as plain ones."""
-    return raw.tolist() if hasattr(raw, "tolist") else raw
-
-
 def list_schema(one: Mapping[str, Any]) -> dict[str, Any]:
     """Return the JSON Schema of a list of different values."""
     return {"type": "array", "items": one, "minItems": 1, "uniqueItems": True, "description": "Swept: a list"}

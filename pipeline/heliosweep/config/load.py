@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
-from heliosweep.config.source import Source, read
+from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
 from heliosweep.config.translate import translate
 from heliosweep.errors import Problem, StudyError
@@ -44,14 +44,20 @@ def load(path: str | os.PathLike[str], registry: Mapping[str, type[StudyT]]) -> 
 
 
 def load_mapping(data: Mapping[str, Any], registry: Mapping[str, type[StudyT]]) -> StudyT:
-    """Make a study of plain data, as :func:`load` does of a file; its file names count from the working directory.
+    """Make a study of a mapping, as :func:`load` does of a file; its file names count from the working directory.
+
+    Values may also be arrays and numbers of NumPy, pandas or xarray, ranges, dates and paths.
 
     Raises
     ------
     StudyError
         With every problem found, each at its key.
+    TypeError
+        `data` is no mapping.
     """
-    return _validated(Source(dict(data)), registry)
+    if not isinstance(data, Mapping):
+        raise TypeError(f"a study is a mapping of keys to values, not {type(data).__name__}")
+    return _validated(Source(from_python(data)), registry)
 
 
 def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:

@@ -8,7 +8,7 @@ from typing import Any
 
 from heliosweep.config import units
 from heliosweep.config.faults import Fault, Invalid, Path
-from heliosweep.config.fields import Parameter, list_schema, to_python
+from heliosweep.config.fields import Parameter, list_schema
 from heliosweep.config.forms import read_sweep
 from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
 
@@ -44,7 +44,6 @@ class Quantity(Parameter):
 
     def read(self, raw: Any) -> float | Sweep:
         """Return a number in the canonical unit, or a sweep of them. Raises Invalid."""
-        raw = to_python(raw)
         if not isinstance(raw, Sweep | Mapping | list | tuple):
             return self._one(raw)
         if not self.sweep:
@@ -83,7 +82,6 @@ class Quantity(Parameter):
 
     def _number(self, raw: Any) -> float:
         """Return one finite number in the canonical unit, bounds not yet checked."""
-        raw = to_python(raw)
         if isinstance(raw, str):
             value: float = units.parse(raw, self.unit)
         elif isinstance(raw, bool) or not isinstance(raw, int | float):

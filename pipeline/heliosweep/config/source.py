@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, NoReturn
 
+import numpy as np
 import yaml
 
 from heliosweep.config.faults import Path
@@ -115,7 +116,10 @@ def read(path: str | os.PathLike[str]) -> Source:
         allow: anchors and aliases, tags, several documents, more than 50 levels, a top level that is not a
         mapping.
     """
-    path = pathlib.Path(path)
+    try:
+        path = pathlib.Path(path)
+    except TypeError:
+        raise TypeError(f"a study is the path of a study file or a mapping, not {type(path).__name__}") from None
     try:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
@@ -130,6 +134,27 @@ def read(path: str | os.PathLike[str]) -> Source:
         line = content.count(b"\n", 0, error.start) + 1
         raise StudyError(Problem("is not UTF-8 text; save the file as UTF-8", file=str(path), line=line)) from None
     return parse(text, path)
+
+
+def from_python(value: Any) -> Any:
+    """Return what a study built in Python holds as plain data, as it would stand in a file.
+
+    Arrays and numbers of NumPy, pandas and xarray, ranges and paths become lists, numbers, mappings and text; what is
+    plain already, or unknown, stays.
+    """
+    if isinstance(value, Mapping):
+        return {key: from_python(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [from_python(entry) for entry in value]
+    if isinstance(value, range):  # not expanded: it may be long
+        return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "__array__"):
+        array = np.asarray(value)
+        # Nanoseconds would become whole numbers.
+        return (array.astype("datetime64[us]") if array.dtype.kind == "M" else array).tolist()
+    return value
 
 
 def parse(text: str, path: pathlib.Path) -> Source:

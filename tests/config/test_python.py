@@ -1,0 +1,119 @@
+"""Studies built in Python: what NumPy, pandas and xarray hold reads as it would stand in a file."""
+
+from __future__ import annotations
+
+import copy
+import datetime as dt
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from heliosweep.config.faults import shown
+from heliosweep.config.load import load, load_mapping
+from heliosweep.errors import StudyError
+
+from .conftest import REGISTRY
+
+STUDY: dict[str, Any] = {
+    "family": "field_efficiency",
+    "site": {"latitude": 30},
+    "tracking": "spinning_elevation",
+    "time": {"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 0.2}},
+    "layout": {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": 4}},
+    "heliostat": {"width": 11.1, "height": 11.1, "pivot_height": 7},
+    "receiver": {"height": 95},
+}
+
+
+def made(key: str, value: Any) -> Any:
+    data = copy.deepcopy(STUDY)
+    block, _, name = key.partition(".")
+    if name:
+        data[block][name] = value
+    else:
+        data[block] = value
+    return load_mapping(data, REGISTRY)
+
+
+FOUR = {"start": np.int64(0), "stop": np.float64(9), "num": np.int64(4)}
+
+
+@pytest.mark.parametrize(
+    ("key", "plain", "values"),
+    [
+        ("site.latitude", 30, [np.float64(30), np.int8(30), np.array(30), xr.DataArray(30.0), np.str_("30 deg")]),
+        ("site.latitude", [0, 15, 30], [range(0, 31, 15), np.array([0, 15, 30]), pd.Series([0, 15, 30])]),
+        ("site.latitude", [0, 15], [pd.Index([0, 15]), xr.DataArray([0, 15]), (0, 15), [np.float32(0), np.int64(15)]]),
+        ("site.latitude", [3], [range(3, 4)]),
+        ("site.latitude", {"start": 0, "stop": 9, "num": 4}, [FOUR]),
+        ("tracking", ["spinning_elevation"], [np.array(["spinning_elevation"]), pd.Series(["spinning_elevation"])]),
+        ("tracking", "spinning_elevation", [np.str_("spinning_elevation")]),
+        ("output", {"time_series": True}, [{"time_series": np.True_}]),
+    ],
+)
+def test_values(key: str, plain: Any, values: list[Any]) -> None:
+    reference = made(key, plain).study_id
+    assert [made(key, value).study_id for value in values] == [reference] * len(values)
+
+
+def test_a_long_range_is_not_expanded() -> None:
+    assert len(made("receiver.height", range(95, 10**12)).receiver.height) == 10**12 - 95
+
+
+@pytest.mark.parametrize(
+    "dates",
+    [
+        dt.date(2021, 6, 21),
+        dt.datetime(2021, 6, 21),
+        pd.Timestamp("2021-06-21"),
+        np.datetime64("2021-06-21"),
+        np.datetime64("2021-06-21", "ns"),
+        pd.date_range("2021-06-21", periods=1),
+        {"start": pd.Timestamp("2021-06-21"), "stop": dt.date(2021, 6, 21)},
+    ],
+    ids=str,
+)
+def test_dates(dates: Any) -> None:
+    data = copy.deepcopy(STUDY)
+    data["site"] = {"latitude": 30, "longitude": 0}
+    window = {"start": "08:00", "stop": "16:00", "step": 1}
+    data["time"] = {"clock": "civil", "timezone": "UTC", "dates": dates, "window": window}
+    assert load_mapping(data, REGISTRY).time.date_list() == [dt.date(2021, 6, 21)]  # type: ignore[union-attr]
+
+
+def test_a_date_has_no_time_of_day() -> None:
+    with pytest.raises(StudyError, match=r"must be a date without a time of day \(got 2021-06-21 12:00:00\)"):
+        made("time", {"clock": "civil", "dates": pd.Timestamp("2021-06-21 12:00"), "window": {}})
+
+
+@pytest.mark.parametrize("name", [Path, str, np.str_])
+def test_paths(name: Callable[[Path], Any], tmp_path: Path) -> None:
+    table = tmp_path / "a.csv"
+    table.write_text("x,y\n0,50\n")
+    assert made("layout", {"file": name(table)}).layout.file == str(table)
+    assert made("layout", {"file": [name(table)]}).layout.file.values() == (str(table),)
+
+
+@pytest.mark.parametrize("value", [np.zeros((2, 2)), 1j, xr.DataArray(np.zeros((2, 2))), {3, 4}, object(), "a\nb"])
+def test_what_is_no_value_is_refused_on_one_line_each(value: Any) -> None:
+    with pytest.raises(StudyError) as error:
+        made("site.latitude", value)
+    assert len(str(error.value).splitlines()) == len(error.value.problems)
+
+
+def test_values_are_shown_on_one_line() -> None:
+    assert "\n" not in shown(xr.DataArray(np.zeros((30, 3))))
+    assert shown(dt.date(2021, 6, 21)) == "2021-06-21"
+
+
+@pytest.mark.parametrize("value", [None, 3, [("family", "field_efficiency")]])
+def test_what_is_no_study(value: Any) -> None:
+    with pytest.raises(TypeError, match="a study is a mapping of keys to values, not "):
+        load_mapping(value, REGISTRY)
+    with pytest.raises(TypeError, match="a study is the path of a study file or a mapping, not "):
+        load(value, REGISTRY)
