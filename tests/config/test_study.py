@@ -136,6 +136,84 @@ def test_identity_holds_the_contents_of_files(study_file) -> None:
         _ = study.study_id
 
 
+def test_identity_of_files_is_what_they_say(study_file) -> None:
+    folder = Path("layouts")
+    folder.mkdir()
+    texts = {
+        "a.csv": "x,y\n0,50\n9,80\n",
+        "layouts/b.csv": "\ufeffx,y\r\n0,50\r\n9,80",
+        "c.csv": "# a field\nx,y\n\n0,50\n# far\n9,80\n",
+    }
+    for name, text in texts.items():
+        Path(name).write_text(text, encoding="utf-8", newline="")
+
+    def identity(layout: str) -> str:
+        return load(study_file(layout=f"layout: {{file: {layout}}}"), REGISTRY).study_id
+
+    names = [*texts, "./a.csv", "layouts/../a.csv", str(Path("a.csv").resolve())]
+    assert len({identity(name) for name in names}) == 1
+    assert identity("[a.csv, c.csv]") == identity("[layouts/../a.csv, ./c.csv]")
+    assert len({identity(name) for name in ("a.csv", "[a.csv]", "[c.csv]", "[a.csv, c.csv]", "[c.csv, a.csv]")}) == 5
+
+
+@pytest.mark.parametrize(
+    ("same", "others"),
+    [
+        (["[0, 15, 30]", "{start: 0, stop: 30, step: 15}", "{start: 0, stop: 30, num: 3}"], ["[0, 30, 15]", "[0, 15]"]),
+        (["[0.1, 0.2, 0.3]", "{start: 0.1, stop: 0.3, step: 0.1}"], ["[0.1, 0.2, 0.30000000000000004]"]),
+        (["[30]", "{start: 30, stop: 31, step: 2}"], ["30"]),
+        (["[3, 5]", "{start: 3, stop: 5, num: 2}"], ["[5, 3]"]),
+    ],
+)
+def test_identity_of_lists_is_that_of_ranges(load_study, same: list[str], others: list[str]) -> None:
+    identities = {text: load_study(site=f"site: {{latitude: {text}}}").study_id for text in same + others}
+    assert len({identities[text] for text in same}) == 1
+    assert len(set(identities.values())) == 1 + len(others)
+
+
+def test_identity_of_dates(load_study) -> None:
+    def identity(dates: str) -> str:
+        window = "window: {start: 8:00, stop: 16:00, step: 1}"
+        time = f"time: {{clock: civil, timezone: UTC, dates: {dates}, {window}}}"
+        return load_study(site="site: {latitude: 30, longitude: 0}", time=time).study_id
+
+    week = ["[2021-01-01, 2021-01-08]", "{start: 2021-01-01, stop: 2021-01-09, step: 7}"]
+    day = ["2021-01-01", "[2021-01-01]", "{start: 2021-01-01, stop: 2021-01-03, step: 7}"]
+    assert len({identity(text) for text in week}) == len({identity(text) for text in day}) == 1
+    assert len({identity(text) for text in (week[0], day[0], "[2021-01-08, 2021-01-01]")}) == 3
+
+
+def test_identity_of_tied_sweeps(load_study) -> None:
+    lines = {"site": "site: {latitude: [0, 30]}", "receiver": "receiver: {height: [90, 95]}"}
+    same = ["[site.latitude, receiver.height]", "[latitude, receiver_height]"]
+    assert len({load_study(f"zip: [{group}]", **lines).study_id for group in same}) == 1
+    assert load_study("zip: [[receiver.height, latitude]]", **lines).study_id != load_study(**lines).study_id
+
+
+def test_resolved_study_names_files_as_seen_from_its_folder(study_file) -> None:
+    for name in ("studies", "tables", "outputs/one"):
+        Path(name).mkdir(parents=True)
+    Path("tables/a.csv").write_text("x,y\n0,50\n")
+    Path("studies/b.csv").write_text("x,y\n0,60\n")
+    Path("studies/sites.csv").write_text("name,latitude\nhere,3\n")
+    Path("studies/table.csv").write_text("latitude,value\n")
+    lines = {
+        "site": "sites: {file: sites.csv}",
+        "layout": "layout: {file: [../tables/a.csv, b.csv]}",
+        "receiver": "report: {published: {file: table.csv, source: here}}\nreceiver: {height: 95}",
+    }
+    study = load(study_file(**lines).rename("studies/study.yaml"), REGISTRY)
+    resolved = Path("outputs/one/study.resolved.yaml")
+    resolved.write_text(resolved_yaml(study, resolved.parent))
+    again = load(resolved, REGISTRY)
+    assert again.study_id == study.study_id
+    assert again.files() == {
+        "sites.file": ("../../studies/sites.csv",),
+        "layout.file": ("../../tables/a.csv", "../../studies/b.csv"),
+        "report.published.file": ("../../studies/table.csv",),
+    }
+
+
 @pytest.mark.parametrize(
     "lines",
     [

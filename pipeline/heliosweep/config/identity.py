@@ -2,39 +2,55 @@
 
 from __future__ import annotations
 
+import codecs
 import datetime as dt
 import hashlib
 import json
+import os
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from heliosweep.config.block import Block
+from heliosweep.config.names import FileName
 from heliosweep.config.source import scalar
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
 from heliosweep.errors import StudyError
 
 if TYPE_CHECKING:
+    from heliosweep.config.fields import Parameter
     from heliosweep.config.study import Study
 
+Rewrite = Callable[["Parameter | None", Any], Any]
+"""Returns what is to stand for the value of a field with this declaration."""
 
-def plain(value: Any) -> Any:
+
+def plain(value: Any, rewrite: Rewrite = lambda _, entry: entry) -> Any:
     """Return a block or value as plain data that a study file may hold; keys that are not given are left out."""
     if isinstance(value, Block):
-        given = ((name, getattr(value, name)) for name in type(value).model_fields)
-        return {name: plain(entry) for name, entry in given if entry is not None}
+        declared = type(value)
+        given = ((name, getattr(value, name)) for name in declared.model_fields)
+        return {
+            name: plain(rewrite(declared.parameter(name), entry), rewrite) for name, entry in given if entry is not None
+        }
     if isinstance(value, Sweep | DateList | DateRange):
-        return plain(value.spec())
+        return plain(value.spec(), rewrite)
     if isinstance(value, dict):
-        return {key: plain(entry) for key, entry in value.items()}
+        return {key: plain(entry, rewrite) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
+        return [plain(entry, rewrite) for entry in value]
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
-def study_id(study: Study) -> str:
-    """Return twelve hexadecimal digits of the SHA-256 of the canonical study and of the files it names.
+def canonical(study: Study) -> dict[str, Any]:
+    """Return what the numbers and labels of the result depend on, the same however it was written.
+
+    Contents stand for named files; the names, without folders, only where files are swept, since they are then
+    labels.
 
     Raises
     ------
@@ -42,30 +58,85 @@ def study_id(study: Study) -> str:
         A named file cannot be read.
     """
     digests = {
-        key: [_digest(study, key, name) for name in names]
+        name: _digest(study, key, name)
         for key, names in study.files().items()
         if key.partition(".")[0] not in study.DOES_NOT_MATTER
+        for name in names
     }
-    content = {"study": study.canonical(), "files": digests}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+    def rewrite(parameter: Parameter | None, value: Any) -> Any:
+        if isinstance(parameter, FileName):
+            swept = isinstance(value, Sweep)
+            return [[PurePath(name).name, digests[name]] for name in value.values()] if swept else digests[value]
+        if isinstance(value, Listed):
+            return _even(value)
+        return _even_dates(value) if isinstance(value, DateList | DateRange) else value
+
+    content = plain(study.model_copy(update=dict.fromkeys(study.DOES_NOT_MATTER)), rewrite)
+    return content | {"zip": [list(dim.sweeps) for dim in study.dimensions() if len(dim.sweeps) > 1]}
+
+
+def study_id(study: Study) -> str:
+    """Return twelve hexadecimal digits of the SHA-256 of the canonical study.
+
+    Raises
+    ------
+    StudyError
+        A named file cannot be read.
+    """
+    text = json.dumps(canonical(study), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def resolved_yaml(study: Study) -> str:
+def resolved_yaml(study: Study, relative_to: Path | None = None) -> str:
     """Return the study with all defaults as the text of a study file that loads to the same study.
 
-    File names stay as they were given, relative to the folder of the original study file.
+    Parameters
+    ----------
+    study : Study
+        The study.
+    relative_to : Path, optional
+        Folder in which the text will be saved: file names are written as seen from there. Without it they stay as
+        they were given, relative to the folder of the original study file.
     """
-    content = {key: entry for key, entry in plain(study).items() if entry not in ("", [], {})}
+
+    def seen_from(name: str) -> str:
+        return Path(os.path.relpath(study.resolve(name), relative_to)).as_posix()
+
+    def rewrite(parameter: Parameter | None, value: Any) -> Any:
+        if relative_to is None or not isinstance(parameter, FileName):
+            return value
+        return [seen_from(name) for name in value.values()] if isinstance(value, Sweep) else seen_from(value)
+
+    content = {key: entry for key, entry in plain(study, rewrite).items() if entry not in ("", [], {})}
     return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
+def _even(values: Listed) -> Sweep:
+    """Return a list of evenly spaced numbers as the range that it equals; any other list as it is."""
+    if values.holds_names:
+        return values
+    same = Range(values.first, values.last, len(values))
+    return same if same.values().tolist() == list(values.items) else values
+
+
+def _even_dates(dates: DateList | DateRange) -> DateList | DateRange:
+    """Return evenly spaced dates as a range, any others as a list."""
+    days = dates.dates()
+    steps = {(after - before).days for before, after in pairwise(days)}
+    if len(steps) == 1 and min(steps) > 0:
+        return DateRange(days[0], days[-1], steps.pop())
+    return DateList(tuple(days))
+
+
 def _digest(study: Study, key: str, name: str) -> str:
+    """Return the SHA-256 of what a table says: without line ends, empty lines and comments."""
     try:
-        with study.resolve(name).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        lines = study.resolve(name).read_bytes().removeprefix(codecs.BOM_UTF8).splitlines()
     except OSError as error:
         raise StudyError(study.problem(key, f"cannot read {name}: {error.strerror}")) from None
+    said = (line for line in lines if line.strip() and not line.startswith(b"#"))
+    return hashlib.sha256(b"\n".join(said)).hexdigest()
 
 
 class _Dumper(yaml.SafeDumper):

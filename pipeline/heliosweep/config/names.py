@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from heliosweep.config.faults import Invalid, did_you_mean, one_of
-from heliosweep.config.fields import Parameter, list_schema, to_python
+from heliosweep.config.fields import Parameter, list_schema
 from heliosweep.config.forms import read_items
 from heliosweep.config.sweep import Listed, Sweep
 
@@ -52,7 +52,7 @@ class Choice(Parameter):
 
 @dataclass(frozen=True)
 class FileName(Parameter):
-    """Name of a file, relative to the study file."""
+    """Name of a table, relative to the study file: text in which empty lines and those with ``#`` say nothing."""
 
     def read(self, raw: Any) -> str | Sweep:
         """Return the name as given, or a sweep of names. Raises Invalid."""
@@ -103,7 +103,6 @@ class Flag(Parameter):
 
 
 def _name_or_names(raw: Any, read: Callable[[Any], str], sweep: bool) -> str | Sweep:
-    raw = to_python(raw)
     if not isinstance(raw, Listed | list | tuple):
         return read(raw)
     if not sweep:

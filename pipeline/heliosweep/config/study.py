@@ -122,12 +122,12 @@ class Study(Block):
         }
 
     def canonical(self) -> dict[str, Any]:
-        """Return what the numbers of the result depend on, as plain data: defaults resolved, sweeps compact."""
-        return {key: value for key, value in identity.plain(self).items() if key not in self.DOES_NOT_MATTER}
+        """Return what the result depends on as plain data, files by their contents: see `identity.canonical`."""
+        return identity.canonical(self)
 
     @property
     def study_id(self) -> str:
-        """Twelve hexadecimal digits that stand for :meth:`canonical` and the contents of the named files."""
+        """Twelve hexadecimal digits that stand for :meth:`canonical`."""
         return identity.study_id(self)
 
 
