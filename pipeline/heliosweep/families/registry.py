@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import pkgutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module, metadata
+from importlib import metadata
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 if TYPE_CHECKING:
@@ -17,6 +18,12 @@ if TYPE_CHECKING:
     from heliosweep.grid.plan import Workload
 
 
+log = logging.getLogger("heliosweep")
+
+#: Group of the entry points by which other packages add families; the name of each is that of its family.
+GROUP = "heliosweep.families"
+
+T = TypeVar("T")
 StudyT = TypeVar("StudyT", bound="Study", contravariant=True)
 
 
@@ -68,22 +75,72 @@ class NamedFigure:
     figure: Figure
 
 
+class Found(Mapping[str, T]):
+    """Something of every family by name, imported when it is first asked for.
+
+    What cannot be imported is left out, with a warning.
+
+    Parameters
+    ----------
+    entries : mapping of str to EntryPoint
+        Where each family is.
+    part : callable
+        What is wanted of a family.
+    """
+
+    def __init__(self, entries: Mapping[str, metadata.EntryPoint], part: Callable[[Family[Any]], T]) -> None:
+        self._entries = entries
+        self._part = part
+        self._loaded: dict[str, T] = {}
+        self._broken: set[str] = set()
+
+    def __getitem__(self, name: str) -> T:
+        """Return that of one family. Raises KeyError."""
+        if name not in self._loaded:
+            if name in self._broken:
+                raise KeyError(name)
+            entry = self._entries[name]
+            try:
+                self._loaded[name] = self._part(entry.load())
+            except Exception as error:  # whatever another package does must not stop the other families
+                self._broken.add(name)
+                log.warning("the family %r cannot be loaded from %s: %r", name, entry.value, error)
+                raise KeyError(name) from error
+        return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the families that can be loaded; loads them all."""
+        return (name for name in self._entries if name in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
 @cache
-def families() -> dict[str, Family[Any]]:
+def families() -> Mapping[str, Family[Any]]:
     """All families by name: the folders beside this file, then entry points in the group ``heliosweep.families``."""
+    return Found(_entries(), lambda family: family)
+
+
+@cache
+def study_classes() -> Mapping[str, type[Study]]:
+    """Study model of every family, for loading study files."""
+    return Found(_entries(), lambda family: family.study_class())
+
+
+@cache
+def _entries() -> dict[str, metadata.EntryPoint]:
+    """Where each family is; nothing of it is imported."""
     import heliosweep.families as package
 
-    found: dict[str, Family[Any]] = {}
-    for module in pkgutil.iter_modules(package.__path__):
-        if module.ispkg:
-            family = import_module(f"{package.__name__}.{module.name}").FAMILY
-            found[family.name] = family
-    for entry in metadata.entry_points(group="heliosweep.families"):
-        family = entry.load()
-        found.setdefault(family.name, family)
+    ours = (
+        metadata.EntryPoint(module.name, f"{package.__name__}.{module.name}:FAMILY", GROUP)
+        for module in pkgutil.iter_modules(package.__path__)
+        if module.ispkg
+    )
+    found: dict[str, metadata.EntryPoint] = {}
+    for entry in (*ours, *metadata.entry_points(group=GROUP)):
+        first = found.setdefault(entry.name, entry)
+        if first != entry:
+            log.warning("two families are named %r: %s is used, %s is not", entry.name, first.value, entry.value)
     return found
-
-
-def study_classes() -> dict[str, type[Study]]:
-    """Study model of every family, for loading study files."""
-    return {name: family.study_class() for name, family in families().items()}
