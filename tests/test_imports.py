@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import heliosweep
+
 PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
 
 #: Each layer may import itself and what stands left of it; kernels stand alone.
@@ -65,8 +67,16 @@ def test_faces_import_nothing_heavy(module):
     code = (
         f"import sys, {module}\n"
         "from heliosweep.families.registry import study_classes\n"
-        "study_classes()\n"
+        "assert dict(study_classes())\n"
         "print(*{name.partition('.')[0] for name in sys.modules})"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not HEAVY & set(loaded)
+
+
+def test_the_public_names():
+    assert dir(heliosweep) == sorted(heliosweep.__all__)
+    assert all(getattr(heliosweep, name) is not None for name in heliosweep.__all__)
+    assert heliosweep.RunInterrupted.exit_code == 4
+    with pytest.raises(AttributeError, match="module 'heliosweep' has no attribute 'nothing'"):
+        _ = heliosweep.nothing

@@ -10,7 +10,22 @@ import pytest
 from heliosweep.config.schema import json_schema
 from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 
-from .test_study import CHONG
+CHONG = {
+    "family": "field_efficiency",
+    "title": "AE against SE sun tracking (Chong and Tan 2012, Table 2)",
+    "site": {"latitude": [0, 15, 30]},
+    "tracking": ["spinning_elevation", "azimuth_elevation"],
+    "time": {
+        "clock": "solar",
+        "days": {"start": 1, "stop": 365, "step": 1},
+        "hours": {"start": 8, "stop": 16, "step": 0.2},
+        "sampling": "inclusive",
+    },
+    "layout": {"radial_stagger": {"clearance": 16, "zones": [{"start": 61.3, "rings": 4}]}},
+    "heliostat": {"width": 11.1, "height": 11.1, "pivot_height": 7},
+    "receiver": {"height": 95},
+    "output": {"time_series": False},
+}
 
 jsonschema = pytest.importorskip("jsonschema")
 SCHEMA = json_schema(FieldEfficiencyStudy)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from pydantic import ValidationError
 
 from heliosweep.config.blocks import Site
@@ -18,23 +19,6 @@ from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 
 from .conftest import REGISTRY
-
-CHONG = {
-    "family": "field_efficiency",
-    "title": "AE against SE sun tracking (Chong and Tan 2012, Table 2)",
-    "site": {"latitude": [0, 15, 30]},
-    "tracking": ["spinning_elevation", "azimuth_elevation"],
-    "time": {
-        "clock": "solar",
-        "days": {"start": 1, "stop": 365, "step": 1},
-        "hours": {"start": 8, "stop": 16, "step": 0.2},
-        "sampling": "inclusive",
-    },
-    "layout": {"radial_stagger": {"clearance": 16, "zones": [{"start": 61.3, "rings": 4}]}},
-    "heliostat": {"width": 11.1, "height": 11.1, "pivot_height": 7},
-    "receiver": {"height": 95},
-    "output": {"time_series": False},
-}
 
 
 def test_values(load_study) -> None:
@@ -259,9 +243,20 @@ def test_python_study_is_the_same_as_its_file(load_study) -> None:
     assert study.study_id == load_study(**text).study_id
 
 
-def test_pickles() -> None:
-    study = load_mapping(CHONG, REGISTRY)
-    assert pickle.loads(pickle.dumps(study)).canonical() == study.canonical()
+def test_equality_is_of_what_is_said(load_study) -> None:
+    study = load_study()
+    data = yaml.safe_load(Path("study.yaml").read_text())
+    assert load_mapping(data, REGISTRY) == study
+    assert load_mapping(data | {"title": "another"}, REGISTRY) != study
+    assert study != data
+
+
+def test_pickles(load_study) -> None:
+    study = load_study(site="site: {latitude: [0, 15, 30]}")
+    again = pickle.loads(pickle.dumps(study))
+    assert again == study
+    assert again.study_id == study.study_id
+    assert again.source.path == study.source.path
 
 
 def test_a_trillion_points_load_quickly(load_study) -> None:

@@ -62,6 +62,12 @@ class Study(Block):
 
     _source: Source = PrivateAttr(default_factory=lambda: Source({}))
 
+    def __eq__(self, other: object) -> bool:
+        """Tell whether both studies say the same, wherever they were read from."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(getattr(self, key) == getattr(other, key) for key in type(self).model_fields)
+
     def check(self) -> Iterable[Problem]:
         """Yield what is wrong between blocks or with named files; runs when every block is right by itself."""
         return ()
