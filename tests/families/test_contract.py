@@ -31,7 +31,8 @@ def test_example_runs_and_the_plan_foresees_its_size(family, example, tmp_path):
     result = workflow.run(example, tmp_path / "result", report=False)
     with result.open() as dataset:
         assert dict(dataset.sizes) == planned.workload.sizes
-        assert sum(array.nbytes for array in dataset.data_vars.values()) == planned.output_bytes
+        assert sum(array.nbytes for array in dataset.data_vars.values()) == planned.workload.bytes_of(dataset.sizes)
+        assert planned.output_bytes / 1.5 < result.path.stat().st_size < planned.output_bytes * 1.5
         for name, array in dataset.data_vars.items():
             assert array.dims == planned.workload.variables[str(name)]
 
@@ -49,7 +50,8 @@ def test_lazy_build_equals_the_run(example, tmp_path):
 def test_every_variable_says_what_it_is(example, tmp_path):
     with workflow.run(example, tmp_path / "result", report=False).open() as dataset:
         for name, array in dataset.data_vars.items():
-            assert {"units", "long_name"} <= set(array.attrs), name
+            assert "long_name" in array.attrs, name
+            assert "units" in array.attrs or array.dtype.kind == "M", name  # the units of dates are read off
         for name, coordinate in dataset.coords.items():
             assert "long_name" in coordinate.attrs, name
             assert "units" in coordinate.attrs or coordinate.dtype.kind not in "fi", name

@@ -140,6 +140,14 @@ def test_sunrise_to_sunset_is_the_sun_s_own_window():
     np.testing.assert_allclose(sunlit["effective_tracking_factor"], daylight["effective_tracking_factor"], atol=2e-3)
 
 
+def test_sunrise_to_sunset_in_one_word():
+    long, short = (
+        study(time=time(window=window))
+        for window in ({"start": "sunrise", "stop": "sunset", "step": "10 min"}, "sunrise_to_sunset")
+    )
+    assert long.study_id == short.study_id
+
+
 def test_sunrise_to_sunset_on_a_clock_far_from_the_sun_s_and_at_the_pole():
     window = {"start": "sunrise", "stop": "sunset", "step": "10 min"}
     here, there = (

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema
 
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Site, Sites
@@ -25,6 +26,10 @@ MODELS = {
 }
 
 
+#: The word for a window from sunrise to sunset.
+SUNLIT = "sunrise_to_sunset"
+
+
 @dataclass(frozen=True)
 class SunTime(WallTime):
     """Time of day on the wall clock, or the word for an event of the sun."""
@@ -41,7 +46,10 @@ class SunTime(WallTime):
 
 
 class DishWindow(Block):
-    """The part of each date that is looked at: on the wall clock, or from sunrise to sunset."""
+    """The part of each date that is looked at: on the wall clock, or from sunrise to sunset.
+
+    The word ``sunrise_to_sunset`` alone stands for ``{start: sunrise, stop: sunset, step: 10 min}``.
+    """
 
     start: Annotated[str, SunTime("Wall time at which the window opens, HH:MM, or sunrise", event="sunrise")]
     stop: Annotated[str, SunTime("Wall time at which the window closes, HH:MM, or sunset", event="sunset")]
@@ -55,6 +63,15 @@ class DishWindow(Block):
             sweep=False,
         ),
     ]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_word(cls, raw: Any) -> Any:
+        return {"start": "sunrise", "stop": "sunset", "step": "10 min"} if raw == SUNLIT else raw
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [{"const": SUNLIT}, handler(schema)]}
 
     @property
     def sunlit(self) -> bool:
