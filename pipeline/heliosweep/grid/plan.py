@@ -18,7 +18,7 @@ from heliosweep.grid.slabs import Series, series_lengths, slab_lengths, slabs
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY = 270 * 2**20, 150 * 2**20
 #: A NetCDF file without any data. [bytes]
-EMPTY_FILE = 50 * 2**10
+EMPTY_FILE = 40 * 2**10
 #: Work that a block should hold: long against a task's overhead of 0.2 ms, short against the run. [s]
 BLOCK_SECONDS = 0.25
 #: Below this a block is not worth its overhead. [s]
