@@ -638,7 +638,9 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "layout",
         "layout: {file: [a.csv, a.csv]}",
         [
+            "study.yaml:5:17: layout.file[0]: no such file, looked for relative to the study file (got 'a.csv')",
             "study.yaml:5:24: layout.file[1]: the same value stands in the list twice (got 'a.csv')",
+            "study.yaml:5:24: layout.file[1]: no such file, looked for relative to the study file (got 'a.csv')",
         ],
     ),
     (
@@ -796,6 +798,7 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "family: field_efficiency\nreport: {published: {file: missing.csv}}",
         [
             "study.yaml:2:10: report.published.source: is missing: Where they were published",
+            "study.yaml:2:28: report.published.file: no such file, looked for relative to the study file (got 'missing.csv')",
         ],
     ),
     (

@@ -39,6 +39,25 @@ def test_all_problems_at_once(study_file) -> None:
     ]
 
 
+def test_missing_files_are_found_whatever_else_is_wrong(study_file) -> None:
+    path = study_file(
+        "report: {published: {file: none.csv}}",
+        site="sites: {file: sites.csv}",
+        layout="layout: {file: [a.csv, 3, study.yaml]}",
+        receiver="receiver: {height: 0}",
+    )
+    with pytest.raises(StudyError) as error:
+        load(path, REGISTRY)
+    assert [(problem.key, problem.message.partition(",")[0]) for problem in error.value.problems] == [
+        ("sites.file", "no such file"),
+        ("layout.file[0]", "no such file"),
+        ("layout.file[1]", "must be the name of a file"),
+        ("receiver.height", "must be greater than 0 m (got 0)"),
+        ("report.published.source", "is missing: Where they were published"),
+        ("report.published.file", "no such file"),
+    ]
+
+
 def test_a_flood_of_problems_is_cut(study_file) -> None:
     path = study_file("\n".join(f"key{number}: 1" for number in range(10_000)))
     with pytest.raises(StudyError) as error:

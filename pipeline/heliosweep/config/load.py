@@ -9,7 +9,9 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from heliosweep.config.block import blocks_at
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
+from heliosweep.config.names import FileName
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
 from heliosweep.config.translate import translate
@@ -71,10 +73,11 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
             study = study_class.model_validate(source.data)
         except ValidationError as error:
             problems += islice(translate(error, study_class, source), MAX_PROBLEMS + 1)
+        problems += islice(_missing_files(study_class, source), MAX_PROBLEMS + 1)
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (_outer_problems, type(study).check):  # the second may rely on what the first looks at
+    for find in (_zip_problems, type(study).check):  # the second may rely on what the first looks at
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study
@@ -108,12 +111,6 @@ def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
             yield from _nulls(value, (*path, position))
 
 
-def _outer_problems(study: Study) -> Iterator[Problem]:
-    """Yield what is wrong with the study as a whole, whatever its family."""
-    yield from _zip_problems(study)
-    yield from _missing_files(study)
-
-
 def _zip_problems(study: Study) -> Iterator[Problem]:
     """Yield what is wrong with the dimensions of the study and the groups in `zip`."""
     sweeps, names = study.sweeps(), study.dimension_names()
@@ -142,16 +139,33 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")
 
 
-def _missing_files(study: Study) -> Iterator[Problem]:
-    for key, names in study.files().items():
-        for position, name in enumerate(names):
-            try:
-                found = study.resolve(name).is_file()
-            except (OSError, ValueError):
-                found = False
-            if not found:
-                place = f"{key}[{position}]" if len(names) > 1 else key
-                yield study.problem(place, f"no such file, looked for relative to the study file (got {shown(name)})")
+def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem]:
+    """Yield the named files that are not there, whatever else is wrong with the study."""
+    for path, name in _file_names(study_class, source.data):
+        try:
+            found = (source.directory / name).is_file()
+        except (OSError, ValueError):
+            found = False
+        if not found:
+            yield source.problem(path, f"no such file, looked for relative to the study file (got {shown(name)})")
+
+
+def _file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
+    """Yield place and name of each file that the data names."""
+    if isinstance(data, dict):
+        blocks = blocks_at(study_class, path)
+        for key, value in data.items():
+            declared = (block.parameter(key) for block in blocks if key in block.model_fields)
+            if any(isinstance(parameter, FileName) for parameter in declared):
+                places = [((*path, key), value)]
+                if isinstance(value, list):
+                    places = [((*path, key, position), name) for position, name in enumerate(value)]
+                yield from ((place, name) for place, name in places if isinstance(name, str) and name.strip())
+            else:
+                yield from _file_names(study_class, value, (*path, key))
+    elif isinstance(data, list):
+        for position, value in enumerate(data):
+            yield from _file_names(study_class, value, (*path, position))
 
 
 def _refusal(problems: Iterable[Problem]) -> StudyError:
