@@ -31,7 +31,9 @@ def test_example_runs_and_the_plan_foresees_its_size(family, example, tmp_path):
     result = workflow.run(example, tmp_path / "result", report=False)
     with result.open() as dataset:
         assert dict(dataset.sizes) == planned.workload.sizes
-        assert sum(array.nbytes for array in dataset.data_vars.values()) == planned.workload.bytes_of(planned.workload.sizes)
+        assert sum(array.nbytes for array in dataset.data_vars.values()) == planned.workload.bytes_of(
+            planned.workload.sizes
+        )
         assert planned.output_bytes / 1.5 < result.path.stat().st_size < planned.output_bytes * 1.5
         for name, array in dataset.data_vars.items():
             assert array.dims == planned.workload.variables[str(name)]

@@ -46,6 +46,7 @@ _KINDS: dict[str, dict[str, Decimal]] = {
         "TiB": Decimal(2**40),
     },
     "a pressure": {"Pa": Decimal(1), "hPa": Decimal(100), "kPa": Decimal(1000), "mbar": Decimal(100)},
+    "a temperature": {"degC": Decimal(1)},
     "an irradiance": {"W/m2": Decimal(1), "kW/m2": Decimal(1000)},
     "a plain number": {"1": Decimal(1), "%": Decimal("0.01")},
 }

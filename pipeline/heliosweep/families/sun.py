@@ -30,7 +30,9 @@ def instants_of(grid: Grid) -> Instants:
     return civil_instants(time, Grid(grid.study).timezones()).at_sites(grid.part("site"))
 
 
-def sun_attributes(time: SolarTime | CivilTime, delta_t: float | None = None) -> dict[str, str]:
+def sun_attributes(
+    time: SolarTime | CivilTime, delta_t: float | None = None, elevation: str = "geometric"
+) -> dict[str, str]:
     """What a result says of its sun and its sampling, as global attributes.
 
     Parameters
@@ -39,6 +41,8 @@ def sun_attributes(time: SolarTime | CivilTime, delta_t: float | None = None) ->
         The study's ``time`` block.
     delta_t : float, optional
         Terrestrial minus universal time; by year and month where left out. [s]
+    elevation : str
+        Geometric, or apparent and in which air.
     """
     if isinstance(time, SolarTime):
         declination = "Cooper (1969) by day of the year" if time.declination is None else "as given"
@@ -47,7 +51,7 @@ def sun_attributes(time: SolarTime | CivilTime, delta_t: float | None = None) ->
     return {
         "sun_position": (
             "SPA (Reda and Andreas 2004) by pvlib at daily nodes, splines between them, within 0.001 arcsec of it; "
-            f"geometric elevation, no refraction, pressure and temperature without effect; delta_t {difference}"
+            f"elevation {elevation}; delta_t {difference}"
         ),
         "time_sampling": time.sampling,
     }

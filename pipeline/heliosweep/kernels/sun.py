@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["declination_cooper", "solar_clock"]
+__all__ = ["declination_cooper", "refracted", "solar_clock"]
 
 
 def declination_cooper(day: ArrayLike) -> NDArray[np.float64]:
@@ -56,3 +56,43 @@ def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) ->
         ),
         axis=-1,
     )
+
+
+def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np.float64]:
+    """Sun vectors as refraction in the atmosphere shows them, raised towards the zenith.
+
+    The formula of Saemundsson as SPA takes it [2]_. Below -0.8333 deg, where the whole disc has set, nothing is raised.
+
+    Parameters
+    ----------
+    sun : array_like, shape (..., 3)
+        Geometric unit vectors to the sun: east, north, up. [1]
+    pressure : float
+        Air pressure at the site. [Pa]
+    temperature : float
+        Air temperature. [deg C]
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Apparent unit vectors to the sun.
+
+    References
+    ----------
+    .. [2] Reda, I. and Andreas, A. (2004). Solar position algorithm for solar radiation applications. Solar Energy
+       76, 577-589, section 3.14.2. doi:10.1016/j.solener.2003.12.003
+    """
+    vectors = np.asarray(sun, np.float64)
+    level = np.hypot(vectors[..., 0], vectors[..., 1])
+    geometric = np.degrees(np.arctan2(vectors[..., 2], level))
+    shown = geometric >= -(_SUN_RADIUS + _HORIZON_REFRACTION)
+    bent = np.where(shown, geometric, 0.0)
+    raised = 1.02 / (60.0 * np.tan(np.radians(bent + 10.3 / (bent + 5.11))))
+    factor = (pressure / 101000.0) * (283.0 / (273.0 + temperature))
+    apparent = np.radians(geometric + np.where(shown, factor * raised, 0.0))
+    shrink = np.cos(apparent) / np.where(level > 0.0, level, 1.0)
+    return np.stack((vectors[..., 0] * shrink, vectors[..., 1] * shrink, np.sin(apparent)), axis=-1)
+
+
+_SUN_RADIUS, _HORIZON_REFRACTION = 0.26667, 0.5667
+"""Of the sun's disc, and of refraction at the horizon. [deg]"""

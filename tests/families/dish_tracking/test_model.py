@@ -12,6 +12,7 @@ from pvlib import solarposition
 from heliosweep import workflow
 from heliosweep.errors import StudyError
 from heliosweep.families.dish_tracking.blocks import largest_tilt
+from heliosweep.families.dish_tracking.config import Ephemeris
 from heliosweep.families.dish_tracking.windows import Place, windows_of
 from heliosweep.kernels import tracking
 from heliosweep.kernels.windows import UP, WEIGHT
@@ -129,7 +130,7 @@ def test_sunrise_to_sunset_is_the_sun_s_own_window():
     window = {"start": "sunrise", "stop": "sunset", "step": "10 min"}
     place = Place(40.13, 94.67, 0.0, "+08:00")
     block = study(time=time(window=window, sampling="inclusive")).time
-    windows = windows_of(block, place, None)
+    windows = windows_of(block, place, Ephemeris())
     ends = windows.rows[:, UP][windows.rows[:, WEIGHT] > 0]
     assert ends.min() > -1e-9  # rises and sets at the geometric horizon, to nanoseconds
     assert np.sum(np.abs(ends) < 1e-9) == 8
@@ -238,3 +239,16 @@ def test_a_tilted_mount_leans_as_its_opposite():
 def test_bad_input_is_said(blocks, message):
     with pytest.raises(StudyError, match=message):
         study(**blocks)
+
+
+def test_settings_of_the_sun_are_said_and_count():
+    geometric, apparent = (
+        workflow.build(study(ephemeris={"elevation": elevation, "delta_t": 69}))
+        for elevation in ("geometric", "apparent")
+    )
+    name = "max_tracking_error"
+    assert (abs(geometric[name] - apparent[name]) > 0).compute().any()
+    family = workflow.family_of(study())
+    text = family.coordinates(study(ephemeris={"elevation": "apparent", "pressure": "900 hPa"})).attrs["sun_position"]
+    assert "apparent, at 900 hPa and 12 deg C" in text
+    assert "delta_t by year and month" in text

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from heliosweep.families.dish_tracking import statistics, variables
-from heliosweep.families.dish_tracking.config import DishTime
+from heliosweep.families.dish_tracking.config import DishTime, Ephemeris
 from heliosweep.families.dish_tracking.windows import Place, windows_of
 from heliosweep.kernels import tracking
 
@@ -25,7 +25,7 @@ MOST_TILT, BISECTIONS = np.pi / 4, 43
 PLACE = 4
 
 
-def daily(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool) -> np.ndarray:
+def daily(*arrays: np.ndarray, time: DishTime, ephemeris: Ephemeris, clip: bool) -> np.ndarray:
     """Tracking factor and mean and largest error of every date.
 
     Parameters
@@ -35,8 +35,8 @@ def daily(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool
         offset [deg]; tolerance [mrad].
     time : DishTime
         Dates and window.
-    delta_t : float, optional
-        Terrestrial minus universal time. [s]
+    ephemeris : Ephemeris
+        Settings of the sun.
     clip : bool
         Whether each error counts at most the tolerance.
 
@@ -48,30 +48,30 @@ def daily(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool
     shape = np.broadcast_shapes(*(array.shape for array in arrays))
     result = np.empty((len(variables.DAILY), *shape, len(time.date_list())))
     for (*place, model), (tilt, *angles, tolerance), region in _each_place(arrays[: PLACE + 1], arrays[PLACE + 1 :]):
-        windows = windows_of(time, Place(*place), delta_t)
+        windows = windows_of(time, Place(*place), ephemeris)
         factor, errors = _factors(model, windows, tilt, angles, tolerance, clip)
         for row, values in zip(result, (factor, errors.mean * 1e3, errors.largest * 1e3), strict=True):
             row[region] = values
     return result
 
 
-def empty_windows(*place: np.ndarray, time: DishTime, delta_t: float | None) -> np.ndarray:
+def empty_windows(*place: np.ndarray, time: DishTime, ephemeris: Ephemeris) -> np.ndarray:
     """1 where no instant of a date counts, shape (1, *swept dimensions of the site, dates)."""
     days = len(time.date_list())
     result = np.empty((1, *np.broadcast_shapes(*(array.shape for array in place)), days), np.int8)
     for values, _, region in _each_place(place, ()):
-        result[0][region] = np.isnan(windows_of(time, Place(*values), delta_t).total.ravel()[:days])
+        result[0][region] = np.isnan(windows_of(time, Place(*values), ephemeris).total.ravel()[:days])
     return result
 
 
-def tolerable(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: bool) -> np.ndarray:
+def tolerable(*arrays: np.ndarray, time: DishTime, ephemeris: Ephemeris, clip: bool) -> np.ndarray:
     """Largest tilt whose least daily factor is the required one.
 
     Parameters
     ----------
     *arrays : ndarray
         As for `daily` but the tilt, then the required factors, which come last and alone. [1]
-    time, delta_t, clip
+    time, ephemeris, clip
         As for `daily`.
 
     Returns
@@ -83,7 +83,7 @@ def tolerable(*arrays: np.ndarray, time: DishTime, delta_t: float | None, clip: 
     shape = np.broadcast_shapes(*(array.shape for array in arrays[:-1]))
     result = np.empty((1, *shape, required.size))
     for (*place, model), (*angles, tolerance), region in _each_place(arrays[: PLACE + 1], arrays[PLACE + 1 : -1]):
-        windows = windows_of(time, Place(*place), delta_t)
+        windows = windows_of(time, Place(*place), ephemeris)
         wide = [angle[..., np.newaxis] for angle in angles]
 
         def least(

@@ -136,7 +136,22 @@ class MountErrors(Block):
 
 
 class Ephemeris(Block):
-    """Settings of the sun position algorithm (SPA, geometric elevation)."""
+    """Settings of the sun position algorithm, SPA."""
+
+    elevation: Annotated[
+        str,
+        Choice(
+            "Which elevation of the sun is tracked",
+            {"geometric": "without refraction", "apparent": "raised by refraction in the atmosphere"},
+            sweep=False,
+        ),
+    ] = "geometric"
+    pressure: Annotated[
+        float, Quantity("Air pressure, for the apparent elevation", "hPa", ge=0, le=1200, sweep=False)
+    ] = 1013.25
+    temperature: Annotated[
+        float, Quantity("Air temperature, for the apparent elevation", "degC", ge=-90, le=70, sweep=False)
+    ] = 12.0
 
     delta_t: Annotated[
         float | None,

@@ -134,7 +134,15 @@ def coordinates(study: DishTrackingStudy, select: Mapping[str, slice] | None = N
             dims="required_factor",
             attrs={"long_name": "required effective tracking factor", "units": "1"},
         )
-    return xr.Dataset(coords=labels, attrs=sun_attributes(study.time, study.ephemeris.delta_t))
+    return xr.Dataset(coords=labels, attrs=_sun_attributes(study))
+
+
+def _sun_attributes(study: DishTrackingStudy) -> dict[str, str]:
+    sun = study.ephemeris
+    elevation = "geometric"
+    if sun.elevation == "apparent":
+        elevation = f"apparent, at {sun.pressure:g} hPa and {sun.temperature:g} deg C"
+    return sun_attributes(study.time, sun.delta_t, elevation)
 
 
 def _months(study: DishTrackingStudy) -> tuple[np.ndarray, np.ndarray]:
@@ -203,7 +211,7 @@ class _Evaluation:
 
     def daily(self) -> dict[str, xr.DataArray]:
         """Factor and errors of every date, and whether its window is empty."""
-        settings: dict[str, Any] = {"time": self._study.time, "delta_t": self._study.ephemeris.delta_t}
+        settings: dict[str, Any] = {"time": self._study.time, "ephemeris": self._study.ephemeris}
         days = {"date": self._sizes["date"]}
         result = evaluate(
             partial(blocks.daily, clip=self._study.clip, **settings),
@@ -234,9 +242,7 @@ class _Evaluation:
         """The largest tilt for each required factor, solved."""
         dims = tuple(dim for dim in self._axes.swept if dim != _TILT)
         return evaluate(
-            partial(
-                blocks.tolerable, time=self._study.time, delta_t=self._study.ephemeris.delta_t, clip=self._study.clip
-            ),
+            partial(blocks.tolerable, time=self._study.time, ephemeris=self._study.ephemeris, clip=self._study.clip),
             [*self._place, self._mount[0], *self._mount[2:], self._tolerance, self._labels["required_factor"]],
             dims=dims,
             core=[()] * 9 + [("required_factor",)],

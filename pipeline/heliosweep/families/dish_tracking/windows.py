@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime
-from heliosweep.families.dish_tracking.config import DishTime
+from heliosweep.families.dish_tracking.config import DishTime, Ephemeris
 from heliosweep.families.fast_sun import sun_vectors
 from heliosweep.grid.instants import daily_windows
+from heliosweep.kernels.sun import refracted
 from heliosweep.kernels.tracking import Windows, pack_windows
 
 Stamps: TypeAlias = NDArray[np.datetime64]
@@ -35,7 +36,7 @@ class Place(NamedTuple):
     timezone: str
 
 
-def windows_of(time: DishTime, place: Place, delta_t: float | None) -> Windows:
+def windows_of(time: DishTime, place: Place, ephemeris: Ephemeris) -> Windows:
     """Sun vectors of the instants that count, window by window.
 
     Parameters
@@ -44,8 +45,8 @@ def windows_of(time: DishTime, place: Place, delta_t: float | None) -> Windows:
         Dates, window and sampling.
     place : Place
         The site.
-    delta_t : float, optional
-        Terrestrial minus universal time; by year and month where left out. [s]
+    ephemeris : Ephemeris
+        Settings of the sun.
 
     Returns
     -------
@@ -54,7 +55,10 @@ def windows_of(time: DishTime, place: Place, delta_t: float | None) -> Windows:
     """
 
     def sun(utc: Stamps) -> NDArray[np.float64]:
-        return sun_vectors(utc, *place[:3], delta_t)
+        geometric = sun_vectors(utc, *place[:3], ephemeris.delta_t)
+        if ephemeris.elevation == "geometric":
+            return geometric
+        return refracted(geometric, 100 * ephemeris.pressure, ephemeris.temperature)
 
     dates = _sunlit_windows(time, place.timezone, sun) if time.window.sunlit else daily_windows(time, place.timezone)
     vectors = sun(np.concatenate(dates))
