@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import xarray as xr
 
 from heliosweep.config.blocks import NamedSite
 from heliosweep.config.fields import Parameter
+from heliosweep.config.names import FileName
 from heliosweep.config.sites import site_table
 from heliosweep.config.study import Study, parameters
 
@@ -42,6 +44,12 @@ class Grid:
         lengths = {"site": len(self._sites)} if self._sites else {}
         lengths |= {dim.name: len(dim) for dim in study.dimensions()}
         self.sizes = {dim: len(range(length)[self.part(dim)]) for dim, length in lengths.items()}
+
+    @property
+    def site_dims(self) -> tuple[str, ...]:
+        """Swept dimensions that the site depends on, without expanding any."""
+        swept = {dim for key, dim in self._dims.items() if key.startswith("site.")}
+        return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
 
     def part(self, dim: str) -> slice:
         """The slab's part of a dimension."""
@@ -80,6 +88,8 @@ class Grid:
             return xr.DataArray(value, attrs=attrs)
         dim = self._dims[key]
         values = value[self.part(dim)]
+        if isinstance(declaration, FileName):
+            values = tuple(PurePath(name).name for name in values)  # no result tells where its files were
         names = isinstance(values, tuple)
         return xr.DataArray(np.array(values, dtype=object if names else float), dims=dim, attrs=attrs)
 

@@ -6,12 +6,11 @@ import datetime as dt
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
-from zoneinfo import ZoneInfo
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.times import CivilTime, SolarTime
+from heliosweep.config.times import CivilTime, SolarTime, parse_timezone
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -160,15 +159,6 @@ def _positions(steps: float, sampling: str) -> NDArray[Any]:
         return np.arange(whole) + 0.5
     count = whole + 1 if sampling == "inclusive" else int(np.ceil(steps - 1e-9))
     return np.arange(count, dtype=np.float64)
-
-
-def parse_timezone(timezone: str) -> dt.tzinfo:
-    """Time zone from an offset such as ``+08:00`` or an IANA name such as ``Asia/Shanghai``."""
-    if timezone[:1] in "+-":
-        sign = -1 if timezone[0] == "-" else 1
-        hours, minutes = timezone[1:].split(":")
-        return dt.timezone(sign * dt.timedelta(hours=int(hours), minutes=int(minutes)))
-    return ZoneInfo(timezone)
 
 
 def _universal(date: dt.date, seconds: float, zone: dt.tzinfo) -> float:

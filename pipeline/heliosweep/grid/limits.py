@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+#: What the system says of this process, and where the limits of control groups (version 2) are; Linux only.
+_PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 @dataclass(frozen=True)
@@ -23,9 +29,9 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     Parameters
     ----------
     workers : int, optional
-        Asked for by the user; otherwise the processors that this process may use.
+        Asked for by the user; otherwise the processors that this process may use, its control group considered.
     memory : int, optional
-        Asked for by the user; otherwise 80 % of what is available now. [bytes]
+        Asked for by the user; otherwise 80 % of what is available now, or of the limit of its control group. [bytes]
     folder : path
         Where the result will be written; the nearest existing parent tells the free disk.
 
@@ -33,29 +39,52 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     -------
     Limits
     """
-    place = Path(folder).absolute()
-    while not place.exists():
-        place = place.parent
     return Limits(
         workers or _processors(),
         memory or int(0.8 * _available_memory()),
-        shutil.disk_usage(place).free,
+        _free_disk(Path(folder).absolute()),
     )
 
 
 def _processors() -> int:
     affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
+    usable = len(affinity(0)) if affinity else os.cpu_count() or 1
+    return min([usable, *(math.ceil(int(quota) / int(period)) for quota, period in _group_limits("cpu.max"))])
 
 
 def _available_memory() -> int:
     """Memory that can be had without swapping; where the system does not tell, a careful 4 GB. [bytes]."""
     try:
-        text = Path("/proc/meminfo").read_text(encoding="ascii")
+        text = (_PROC / "meminfo").read_text(encoding="ascii")
         lines = dict(line.split(":", 1) for line in text.splitlines())
-        return int(lines["MemAvailable"].split()[0]) * 1024
+        available = int(lines["MemAvailable"].split()[0]) * 1024
     except (OSError, KeyError, ValueError):
-        return 4 * 2**30
+        available = 4 * 2**30
+    return min([available, *(int(limit) for (limit,) in _group_limits("memory.max"))])
+
+
+def _group_limits(name: str) -> Iterator[list[str]]:
+    """Words of the file `name` in this process's control group and in those around it that set a limit."""
+    try:
+        groups = (_PROC / "self/cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+    except OSError:
+        return
+    for own in (line.removeprefix("0::/") for line in groups if line.startswith("0::/")):
+        place = _CGROUPS / own
+        while place.is_relative_to(_CGROUPS):
+            with suppress(OSError):
+                words = (place / name).read_text(encoding="ascii").split()
+                if words[0] != "max":
+                    yield words
+            place = place.parent
+
+
+def _free_disk(folder: Path) -> int:
+    """Free disk at the nearest parent that exists and may be looked at. [bytes]."""
+    for place in (folder, *folder.parents):
+        with suppress(OSError, ValueError):
+            return shutil.disk_usage(place).free
+    return 0
 
 
 def human_bytes(count: float) -> str:

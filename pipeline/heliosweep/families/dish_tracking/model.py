@@ -49,8 +49,7 @@ class Axes(NamedTuple):
 
 def axes_of(grid: Grid) -> Axes:
     """Sort the swept dimensions of a study."""
-    site = {str(dim) for place in site_of(grid).values() for dim in place.dims}
-    return Axes(tuple(grid.sizes), tuple(dim for dim in grid.sizes if dim in site))
+    return Axes(tuple(grid.sizes), grid.site_dims)
 
 
 def workload(study: DishTrackingStudy) -> Workload:

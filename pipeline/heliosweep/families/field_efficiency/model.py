@@ -64,7 +64,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         stored |= dict.fromkeys(variables.SERIES, (*parameters, "time", "heliostat"))
         inner = {"time": instants, "heliostat": heliostats}
 
-    places = math.prod(place.size for place in site_of(grid).values())
+    places = math.prod(grid.sizes[dim] for dim in grid.site_dims)
     fields = len(Layouts(study))
 
     def block_bytes(points: int, length: int) -> int:
