@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,23 @@ def test_warm_makes_the_one_signature_ready():
     seconds, fresh = compiled.warm()
     assert seconds < 0.1
     assert not fresh
+
+
+def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(monkeypatch):
+    monkeypatch.setattr(compiled, "UNCACHED", [])
+    space: dict[str, Any] = {}
+    exec("def doubled(x):\n    return 2 * x", space)  # numba caches nothing that has no file
+    assert compiled.kernel(space["doubled"])(3) == 6
+    assert compiled.UNCACHED == ["doubled"]
+
+
+def test_each_family_warms_its_own_kernels():
+    program = (
+        "import sys; from heliosweep.kernels.compiled import warm_dish; warm_dish()\n"
+        "print('heliosweep.kernels.tracking' in sys.modules, 'heliosweep.kernels.field' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "False"]
 
 
 def test_options():

@@ -1,8 +1,8 @@
 """The one place for compiler options.
 
-Every kernel releases the interpreter lock and is cached on disk. None is parallel: a `prange` kernel called from two
-threads aborts the process, and the caller decides where work runs. None uses fastmath: the same bits are wanted
-from every split of the work.
+Every kernel releases the interpreter lock and is cached on disk, where there is a place for that. None is parallel: a
+`prange` kernel called from two threads aborts the process, and the caller decides where work runs. None uses
+fastmath: the same bits are wanted from every split of the work.
 """
 
 import hashlib
@@ -12,10 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["PURE_PYTHON", "inline", "kernel", "warm", "warm_dish"]
+__all__ = ["PURE_PYTHON", "UNCACHED", "inline", "kernel", "warm", "warm_dish"]
 
 PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
+
+UNCACHED: list[str] = []
+"""Kernels that every process compiles anew, because no folder for compiled code can be written."""
 
 
 def _fingerprint() -> str:
@@ -52,7 +55,12 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     import numba
 
     function.__qualname__ += f"-{_FINGERPRINT}"
-    return numba.njit(function, nogil=True, cache=True, error_model="numpy", **options)
+    options |= {"nogil": True, "error_model": "numpy"}
+    try:
+        return numba.njit(function, cache=True, **options)
+    except RuntimeError:  # there is no folder that numba could write compiled code to
+        UNCACHED.append(function.__name__)
+        return numba.njit(function, **options)
 
 
 def warm() -> tuple[float, bool]:
