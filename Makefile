@@ -3,21 +3,21 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.ready
-# one study for `make run`: make STUDY=studies/chong2012_table2.yaml run
-STUDY  ?=
-# what `make` and `make studies` run
-STUDIES ?= $(wildcard studies/*.yaml)
+# one study for `make run`, any name: make STUDY='studies/my study.yaml' run
+export STUDY ?=
+# what `make` and `make studies` run: patterns, for the shell
+STUDIES ?= studies/*.yaml
 PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := studies
 .PHONY: studies run test check bench setup clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
-	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run $$study; done
+	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
 
 run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
-	@test -n "$(STUDY)" || { echo "say which study: make STUDY=studies/my_study.yaml run" >&2; exit 2; }
-	@$(BIN)/heliosweep run $(STUDY)
+	@test -n "$$STUDY" || { echo "say which study: make STUDY=studies/my_study.yaml run" >&2; exit 2; }
+	@$(BIN)/heliosweep run "$$STUDY"
 
 test: $(STAMP)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)

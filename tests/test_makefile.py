@@ -1,0 +1,39 @@
+"""The Makefile hands over any name of a study."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+
+@pytest.fixture
+def project(tmp_path) -> Path:
+    """A ready project whose command only prints its arguments."""
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    for name in ("pyproject.toml", "constraints.txt", ".venv/.ready", "studies/a b.yaml", "studies/c.yaml"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    command = tmp_path / ".venv/bin/heliosweep"
+    command.parent.mkdir()
+    command.write_text('#!/bin/sh\nprintf "<%s>" "$@"; echo\n')
+    command.chmod(0o755)
+    return tmp_path
+
+
+def make(folder: Path, *arguments: str) -> list[str]:
+    done = subprocess.run(["make", *arguments], cwd=folder, capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()
+
+
+def test_every_study_whatever_its_name(project):
+    assert make(project) == ["<run><studies/a b.yaml>", "<run><studies/c.yaml>"]
+
+
+@pytest.mark.parametrize("name", ["studies/a b.yaml", 'it\'s "one".yaml', "a;b.yaml"])
+def test_one_study_whatever_its_name(project, name):
+    assert make(project, f"STUDY={name}", "run") == [f"<run><{name}>"]
