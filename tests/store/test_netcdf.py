@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from heliosweep.errors import HeliosweepError
+from heliosweep.store import netcdf
 from heliosweep.store.digest import content_digest, file_digest
 from heliosweep.store.netcdf import ResultWriter, Variable
 
@@ -91,6 +93,35 @@ def test_bad_definition_leaves_nothing(tmp_path):
     with pytest.raises(TypeError):
         ResultWriter(tmp_path / "result.nc", SIZES, COORDINATES, {"mean": MEAN}, {"bad": object()})
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("free", "cause"), [(4096, r"disk full \(4\.1 kB free\)"), (2**30, r"NetCDF: HDF error \(1\.1 GB free\)")]
+)
+def test_a_write_that_fails_says_why_and_leaves_nothing(tmp_path, monkeypatch, free, cause):
+    def fail(*_: object) -> None:
+        raise RuntimeError("NetCDF: HDF error")
+
+    path = tmp_path / "result.nc"
+    monkeypatch.setattr(netcdf.ResultWriter, "_write", fail)
+    monkeypatch.setattr(netcdf.shutil, "disk_usage", lambda _: type("Usage", (), {"free": free}))
+    with (
+        pytest.raises(HeliosweepError, match=f"result.nc: cannot be written: {cause}"),
+        ResultWriter(path, SIZES, COORDINATES, {"mean": MEAN}, {}) as writer,
+    ):
+        writer.write({"mean": VALUES["mean"]}, {})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_described_the_file_before_goes_with_it(tmp_path):
+    (tmp_path / "manifest.json").touch()
+    (tmp_path / "notes.txt").touch()
+    with ResultWriter(
+        tmp_path / "result.nc", SIZES, COORDINATES, {"mean": MEAN}, {}, replaces=("manifest.json",)
+    ) as file:
+        assert (tmp_path / "manifest.json").exists()
+        file.write({"mean": VALUES["mean"]}, {})
+    assert {path.name for path in tmp_path.iterdir()} == {"result.nc", "notes.txt"}
 
 
 def test_content_digest_sees_values_names_and_attributes_but_not_compression(tmp_path):

@@ -12,6 +12,8 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 
+from heliosweep.store.lock import LIBRARY_LOCK
+
 #: Values hashed at a time. [bytes]
 _PIECE = 16 * 2**20
 
@@ -38,7 +40,7 @@ def content_digest(path: str | os.PathLike[str]) -> str:
         Hexadecimal digits.
     """
     digest = hashlib.sha256()
-    with netCDF4.Dataset(path) as file:
+    with LIBRARY_LOCK, netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
         digest.update(_canonical({name: len(dim) for name, dim in file.dimensions.items()}))
         digest.update(_canonical(_attributes(file)))

@@ -12,6 +12,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from heliosweep.store.temporary import temporary_name
+
+#: Files of a result folder that describe its ``result.nc``, and go when another one takes its place.
+DESCRIPTIONS = ("manifest.json", "study.resolved.yaml", "report.html", "comparison.csv")
+
 #: Packages whose versions can touch the numbers or the bytes.
 _PACKAGES = ("heliosweep", "numpy", "numba", "llvmlite", "xarray", "dask", "pandas", "netCDF4", "pvlib", "matplotlib")
 
@@ -45,10 +50,10 @@ def _commit() -> str | None:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a text file so that it is there whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    """Write a text file so that it is there whole or not at all; what is no text is written as an escape."""
+    temporary = temporary_name(path)
     try:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -18,6 +19,14 @@ from typing import Any, Self
 import netCDF4
 import numpy as np
 import xarray as xr
+
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.limits import human_bytes
+from heliosweep.store.lock import LIBRARY_LOCK
+from heliosweep.store.temporary import temporary_name
+
+#: With less room than this, a write that failed did so because the disk is full. [bytes]
+_FULL = 2**20
 
 
 @dataclass(frozen=True)
@@ -59,10 +68,18 @@ class ResultWriter:
         Global attributes, strings and numbers.
     compression_level : int
         Deflate level of chunked variables, 0 for none.
+    replaces : sequence of str
+        Names of files beside it that describe the file it may replace; they are removed with that one.
+
+    Raises
+    ------
+    HeliosweepError
+        Where the file cannot be written, here and in every method; says how much room there is.
 
     Notes
     -----
     Use as a context manager: leaving it normally renames the file into place, leaving it by an exception removes it.
+    Each method may be called from any thread, one at a time.
     """
 
     def __init__(
@@ -73,17 +90,20 @@ class ResultWriter:
         variables: Mapping[str, Variable],
         attributes: Mapping[str, Any],
         compression_level: int = 1,
+        replaces: Sequence[str] = (),
     ) -> None:
         self.path = Path(path)
-        self.temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self.temporary = temporary_name(self.path)
         self._variables = variables
         self._sizes = sizes
-        self._file = netCDF4.Dataset(self.temporary, "w", format="NETCDF4")
-        try:
-            self._define(sizes, coordinates, variables, attributes, compression_level)
-        except BaseException:
-            self._discard()
-            raise
+        self._replaces = replaces
+        with contextlib.ExitStack() as failed:
+            failed.callback(self.temporary.unlink, missing_ok=True)
+            with self._library():
+                self._file = netCDF4.Dataset(self.temporary, "w", format="NETCDF4")
+                failed.callback(self._close_quietly)
+                self._define(sizes, coordinates, variables, attributes, compression_level)
+            failed.pop_all()
 
     def _define(
         self,
@@ -105,18 +125,20 @@ class ResultWriter:
             target.setncatts(attrs)
             target[...] = values
         for name, variable in variables.items():
-            chunks = [min(variable.storage.get(dim, 1), sizes[dim]) for dim in variable.dims]
             dtype, encoded = _stored(variable)
+            storage: dict[str, Any] = {"contiguous": True}
+            if variable.storage:
+                storage = {
+                    "chunksizes": [min(variable.storage.get(dim, 1), sizes[dim]) for dim in variable.dims],
+                    "compression": "zlib" if compression_level else None,
+                    "complevel": compression_level,
+                }
             target = self._file.createVariable(
                 name,
                 dtype,
                 variable.dims,
                 fill_value=np.nan if dtype.kind == "f" else False,
-                chunksizes=chunks if variable.storage else None,
-                compression="zlib" if variable.storage and compression_level else None,
-                complevel=compression_level,
-                shuffle=True,
-                contiguous=not variable.storage,
+                **storage,
             )
             labels = [
                 str(label)
@@ -141,6 +163,10 @@ class ResultWriter:
         region : mapping of str to slice
             Start and stop along the dimensions that the values do not span whole.
         """
+        with self._library():
+            self._write(values, region)
+
+    def _write(self, values: Mapping[str, np.ndarray], region: Mapping[str, slice]) -> None:
         chunked = {name: array for name, array in values.items() if self._variables[name].storage}
         for name, array in values.items():
             if name not in chunked:
@@ -170,27 +196,43 @@ class ResultWriter:
             ranges.append([slice(i, min(i + length, span.stop)) for i in range(span.start, span.stop, length)])
         yield from itertools.product(*ranges)
 
-    def _discard(self) -> None:
-        # Closing flushes, which fails again where the disk is full; the file must go all the same.
-        with contextlib.suppress(OSError, RuntimeError):
+    @contextlib.contextmanager
+    def _library(self) -> Iterator[None]:
+        """Keep other threads out of the library, and say in words why it failed to write."""
+        try:
+            with LIBRARY_LOCK:
+                yield
+        except (OSError, RuntimeError) as error:
+            # Of a full disk the library says no more than "NetCDF: HDF error".
+            free = shutil.disk_usage(self.path.parent).free
+            cause = "disk full" if free < _FULL else getattr(error, "strerror", None) or error
+            raise HeliosweepError(f"{self.path}: cannot be written: {cause} ({human_bytes(free)} free)") from error
+
+    def _close_quietly(self) -> None:
+        # Closing flushes, which fails again where the disk is full.
+        with LIBRARY_LOCK, contextlib.suppress(OSError, RuntimeError):
             self._file.close()
-        self.temporary.unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None:
-            self._discard()
-            return
         try:
+            if kind is None:
+                self._publish()
+            else:
+                self._close_quietly()
+        finally:
+            self.temporary.unlink(missing_ok=True)
+
+    def _publish(self) -> None:
+        with self._library():
             self._file.close()
             with self.temporary.open("rb") as file:
                 os.fsync(file.fileno())
+            for name in self._replaces:
+                self.path.with_name(name).unlink(missing_ok=True)
             self.temporary.replace(self.path)
-        except BaseException:
-            self.temporary.unlink(missing_ok=True)
-            raise
 
 
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
