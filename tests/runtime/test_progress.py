@@ -1,41 +1,10 @@
-"""Progress: lines without a terminal, a bar on one, blocks counted as dask finishes them."""
+"""Progress: lines without a terminal, a bar on one."""
 
 from __future__ import annotations
 
 import io
 
-import numpy as np
-import xarray as xr
-
-from heliosweep.grid.evaluate import evaluate
 from heliosweep.runtime import progress
-from heliosweep.runtime.scheduler import compute, scheduler
-
-
-class Count:
-    def __init__(self) -> None:
-        self.blocks = 0
-
-    def advance(self, blocks: int = 1) -> None:
-        self.blocks += blocks
-
-
-def test_blocks_are_counted_on_local_schedulers():
-    lazy = evaluate(
-        lambda a: a[np.newaxis],
-        [xr.DataArray(np.arange(12.0), dims="a")],
-        dims=("a",),
-        core=[()],
-        sizes={"a": 12},
-        chunks={"a": 3},
-        outputs={"same": {}},
-        name="test",
-    )
-    for name in ("threads", "synchronous"):
-        count = Count()
-        with scheduler(name, 2):
-            compute(xr.Dataset(lazy), count)
-        assert count.blocks == 4
 
 
 def test_lines_without_a_terminal(monkeypatch):
@@ -55,6 +24,6 @@ def test_bar_on_a_terminal():
             return True
 
     stream = Terminal()
-    with progress.show_progress("study", 4, stream) as shown:
+    with progress.show_progress("mirrors [/bold] of [m]", 4, stream) as shown:
         shown.advance(2)
-    assert "study" in stream.getvalue()
+    assert "mirrors [/bold] of [m]" in stream.getvalue()

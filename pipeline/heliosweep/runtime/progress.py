@@ -8,9 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol, TextIO
 
-from dask.callbacks import Callback
-
-from heliosweep.grid.evaluate import TASK_MARK
 from heliosweep.grid.limits import human_seconds
 
 #: Without a terminal: a line at most so often. [s]
@@ -67,7 +64,7 @@ def show_progress(title: str, total: int, stream: TextIO | None = None) -> Itera
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
@@ -76,16 +73,3 @@ def show_progress(title: str, total: int, stream: TextIO | None = None) -> Itera
     )
     with Progress(*columns, console=Console(file=stream), transient=True) as bar:
         yield _Bar(bar, bar.add_task(title, total=total))
-
-
-class CountBlocks(Callback):
-    """Dask callback that advances a progress display by each block that the local schedulers finish."""
-
-    def __init__(self, progress: Progress) -> None:
-        super().__init__(posttask=self._finished)
-        self._progress = progress
-
-    def _finished(self, key: Any, *_: Any) -> None:
-        name = key[0] if isinstance(key, tuple) else key
-        if TASK_MARK in str(name):
-            self._progress.advance()

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from typing import Any
 
-import dask
 import xarray as xr
 
-from heliosweep.runtime.progress import CountBlocks, Progress
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.evaluate import TASK_MARK
+from heliosweep.runtime.progress import Progress
 
 
 @contextmanager
-def scheduler(name: str, workers: int) -> Iterator[None]:
-    """Use one of dask's local schedulers while the context lasts.
+def scheduler(name: str, workers: int, progress: Progress) -> Iterator[Callable[[xr.Dataset], xr.Dataset]]:
+    """Start the workers of one of dask's local schedulers, and stop them at the end.
+
+    Nothing is set that another run in this process would see.
 
     Parameters
     ----------
@@ -21,12 +29,52 @@ def scheduler(name: str, workers: int) -> Iterator[None]:
         Kernels release the GIL, so threads are the right choice but for debugging.
     workers : int
         Blocks that run at a time.
+    progress : Progress
+        Is told of every block that is done.
+
+    Yields
+    ------
+    callable
+        Computes all variables of a lazy data set in one go.
+
+    Raises
+    ------
+    HeliosweepError
+        Where a worker process ended before its work.
     """
-    with dask.config.set(scheduler=name, num_workers=workers):
-        yield
+
+    def finished(key: Any, *_: object) -> None:
+        if TASK_MARK in str(key[0] if isinstance(key, tuple) else key):
+            progress.advance()
+
+    # The five places of a dask callback: start, start_state, pretask, posttask, finish.
+    options: dict[str, Any] = {"scheduler": name, "callbacks": [(None, None, None, finished, None)]}
+    pool = _pool(name, workers)
+    if pool is not None:
+        options["pool"] = pool
+
+    def compute(lazy: xr.Dataset) -> xr.Dataset:
+        try:
+            return lazy.compute(**options)
+        except BrokenProcessPool:
+            raise HeliosweepError(
+                "a worker process ended before its work was done; a script that runs a study with processes must do "
+                'so below `if __name__ == "__main__":`, and there must be memory enough for every worker'
+            ) from None
+
+    try:
+        yield compute
+    finally:
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
 
 
-def compute(dataset: xr.Dataset, progress: Progress) -> xr.Dataset:
-    """Compute all variables of a lazy data set in one go, counting blocks."""
-    with CountBlocks(progress):
-        return dataset.compute()
+def _pool(name: str, workers: int) -> ThreadPoolExecutor | ProcessPoolExecutor | None:
+    if name == "threads":
+        return ThreadPoolExecutor(workers)
+    if name == "processes":
+        # Ctrl-C reaches every process of a terminal: this one alone acts on it.
+        return ProcessPoolExecutor(
+            workers, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+        )
+    return None

@@ -1,0 +1,74 @@
+"""Interruptions: what raises them, what puts them off, and handlers left as they were."""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+import pytest
+
+from heliosweep.runtime.signals import TidyStack, interruptible, uninterrupted
+
+if not hasattr(signal, "SIGHUP"):
+    pytest.skip("signals of POSIX systems", allow_module_level=True)
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+@pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
+def test_each_signal_interrupts_and_handlers_are_restored(number):
+    before = [signal.getsignal(known) for known in SIGNALS]
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        signal.raise_signal(number)
+    assert [signal.getsignal(known) for known in SIGNALS] == before
+
+
+def test_what_is_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruptible():
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_put_off_and_then_passed_on():
+    done: list[str] = []
+
+    def work() -> None:
+        with uninterrupted():
+            signal.raise_signal(signal.SIGTERM)
+            done.append("work")
+
+    with interruptible(), pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["work"]
+
+
+def test_everything_is_tidied_up_whatever_comes():
+    done: list[str] = []
+
+    def fill() -> None:
+        with TidyStack() as stack:
+            for step in ("last", "first"):
+                stack.callback(done.append, step)
+                stack.callback(signal.raise_signal, signal.SIGINT)
+            raise KeyboardInterrupt
+
+    with interruptible(), pytest.raises(KeyboardInterrupt):
+        fill()
+    assert done == ["first", "last"]
+
+
+def test_threads_beside_the_main_one_set_nothing():
+    before = signal.getsignal(signal.SIGTERM)
+    seen = []
+
+    def work() -> None:
+        with interruptible(), uninterrupted():
+            seen.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [before]
