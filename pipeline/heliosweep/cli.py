@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
+from heliosweep.runtime.signals import ignore_interruptions, interruptible
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -33,20 +34,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         Exit code.
     """
+    _print_anything()
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
-    signal.signal(signal.SIGTERM, _interrupt)
     try:
-        return options.command(options) or 0
+        with interruptible():
+            return options.command(options) or 0
+    except (RunInterrupted, KeyboardInterrupt) as stop:
+        if arguments is None:
+            ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
+        print(str(stop) or "interrupted", file=sys.stderr)
+        return RunInterrupted.exit_code
     except HeliosweepError as error:
         print(error, file=sys.stderr)
         if isinstance(error, StudyError) and len(error.problems) > 1:
             print(f"{len(error.problems)} problems found; nothing was written", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return RunInterrupted.exit_code
     except BrokenPipeError:
         # The reader of our output (head, less) went away: not an error of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -58,8 +62,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
-def _interrupt(*_: object) -> NoReturn:
-    raise KeyboardInterrupt
+def _print_anything() -> None:
+    """Let file names that are no text, and text that the terminal cannot show, be printed as escapes."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -105,7 +112,17 @@ def _study_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY.yaml")
     parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
     parser.add_argument("--scheduler", choices=("threads", "processes", "synchronous"), help="where the work runs")
-    parser.add_argument("--workers", type=int, metavar="N", help="blocks that run at a time (default: all cores)")
+    parser.add_argument("--workers", type=_workers, metavar="N", help="blocks that run at a time (default: all cores)")
+
+
+def _workers(text: str) -> int | None:
+    """Read ``--workers`` within the bounds of ``execution.workers`` in a study file."""
+    from heliosweep.config.blocks import Execution
+
+    try:
+        return Execution(workers=int(text)).workers
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a whole number between 1 and 65536 (got {text})") from None
 
 
 def _load(options: argparse.Namespace) -> Study:
@@ -114,8 +131,6 @@ def _load(options: argparse.Namespace) -> Study:
 
     study = workflow.load(options.study)
     asked = {name: getattr(options, name) for name in ("scheduler", "workers") if getattr(options, name) is not None}
-    if asked.get("workers", 1) < 1:
-        raise StudyError(Problem(f"must be at least 1 (got {asked['workers']})", "--workers"))
     _warn(study)
     return study.model_copy(update={"execution": study.execution.model_copy(update=asked)})
 

@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,7 +83,8 @@ def plan(study: Study, output: str | os.PathLike[str] | None = None) -> Plan:
 
     execution = study.execution
     limits = machine_limits(execution.workers, execution.memory, output or result_folder(study))
-    return make_plan(family_of(study).workload(study), limits, execution.chunks)
+    processes = execution.scheduler == "processes"
+    return make_plan(family_of(study).workload(study), limits, execution.chunks, processes=processes)
 
 
 def build(study: Study) -> xr.Dataset:
@@ -103,11 +104,25 @@ def build(study: Study) -> xr.Dataset:
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
-    """Folder of a study's result: `output`, or ``outputs/<name of the study file>-<study id>``."""
-    if output is not None:
-        return Path(output)
-    name = Path(study.source.path).stem if study.source.path else study.family
-    return Path(OUTPUTS) / f"{name}-{study.study_id}"
+    """Folder of a study's result: `output`, or ``outputs/<name of the study file>-<study id>``.
+
+    Raises
+    ------
+    StudyError
+        Where `output` cannot be the name of a folder that the NetCDF library writes to.
+    """
+    if output is None:
+        name = Path(study.source.path).stem if study.source.path else study.family
+        printable = "".join(letter if letter.isprintable() else "_" for letter in name)
+        return Path(OUTPUTS) / f"{printable}-{study.study_id}"
+    if not os.fspath(output):
+        raise StudyError(Problem("the name of the result folder is empty"))
+    folder = Path(output)
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError:
+        raise StudyError(Problem("the name of the result folder is no text", file=str(folder))) from None
+    return folder
 
 
 @dataclass(frozen=True)
@@ -136,7 +151,7 @@ class Result:
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a result.
+    """Open a result; safe also while other threads run studies.
 
     Parameters
     ----------
@@ -150,8 +165,11 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     import xarray as xr
 
+    from heliosweep.store.lock import LIBRARY_LOCK
+
     place = Path(path)
-    return xr.open_dataset(place / "result.nc" if place.is_dir() else place, engine="netcdf4")
+    with LIBRARY_LOCK:
+        return xr.open_dataset(place / "result.nc" if place.is_dir() else place, engine="netcdf4", lock=LIBRARY_LOCK)
 
 
 def run(
@@ -186,6 +204,13 @@ def run(
         Where the folder cannot be written.
     RunInterrupted
         Where the run was stopped; no half-written file is left.
+    HeliosweepError
+        Where the result cannot be written to its end, as on a full disk, or a worker process ended.
+
+    Notes
+    -----
+    The first run on a machine compiles the kernels and says so by a log message. With ``execution.scheduler:
+    processes``, the workers import the script that calls this: it must do so below ``if __name__ == "__main__":``.
     """
     from heliosweep.runtime.execute import execute
 
@@ -193,23 +218,32 @@ def run(
     planned = plan(study, folder)
     stages = _Stages()
     try:
-        with stages("prepare"):
+        with _made(folder):
+            with stages("prepare"):
+                if report:
+                    _check_published(study)
+                _prepare_kernels(family_of(study))
+            with stages("compute"):
+                execute(family_of(study), study, planned, folder / "result.nc", progress)
+            with stages("record"):
+                _record(study, planned, folder, stages)
             if report:
-                _check_published(study)
-            _make_writable(folder)
-            _prepare_kernels(family_of(study))
-        with stages("compute"):
-            execute(family_of(study), study, planned, folder / "result.nc", progress)
-        with stages("record"):
-            _record(study, planned, folder, stages)
-        if report:
-            from heliosweep.report.page import write_report
+                from heliosweep.report.page import write_report
 
-            with stages("report"):
-                write_report(folder, study)
+                with stages("report"):
+                    write_report(folder, study)
     except KeyboardInterrupt:
-        raise RunInterrupted("interrupted: nothing half written was left; run the same command again") from None
+        raise RunInterrupted(f"interrupted: {_LEFT[stages.current]}; run the same command again") from None
     return Result(folder, stages.seconds)
+
+
+#: What an interruption in each stage leaves behind.
+_LEFT = {
+    "prepare": "nothing was computed yet",
+    "compute": "nothing half written was left",
+    "record": "result.nc is whole, but its manifest is missing",
+    "report": "the result is whole, but its report is not",
+}
 
 
 class _Stages:
@@ -217,10 +251,11 @@ class _Stages:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
+        self.current = "prepare"
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
-        start = time.perf_counter()
+        start, self.current = time.perf_counter(), name
         yield
         self.seconds[name] = time.perf_counter() - start
         log.debug("%s: %.2f s", name, self.seconds[name])
@@ -236,29 +271,56 @@ def _check_published(study: Study) -> None:
         locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
 
 
-def _make_writable(folder: Path) -> None:
-    """Make the result folder and try it out before anything is computed."""
-    probe = folder / f".probe.{os.getpid()}"
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make the result folder and try it out; where nothing comes into it, remove what was made."""
+    from heliosweep.store.temporary import remove_leftovers, temporary_name
+
+    made: list[Path] = []
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise StudyError(
-            Problem(f"cannot write there: {error.strerror}; name another folder with --output", file=str(folder))
-        ) from None
+        try:
+            for place in (*reversed(folder.parents), folder):
+                if not place.is_dir():
+                    place.mkdir(exist_ok=True)
+                    made.append(place)
+            probe = temporary_name(folder / "result.nc")
+            probe.touch()
+            probe.unlink()
+            remove_leftovers(folder)
+        except OSError as error:
+            problem = f"cannot write there: {error.strerror}; name another folder with --output"
+            raise StudyError(Problem(problem, file=str(folder))) from None
+        if (folder / "result.nc").is_dir():
+            raise StudyError(Problem("is a folder, where the result shall stand", file=str(folder / "result.nc")))
+        yield
+    except BaseException:
+        for place in reversed(made):
+            with suppress(OSError):  # something is in it
+                place.rmdir()
+        raise
 
 
 def _prepare_kernels(family: Family[Any]) -> None:
-    """Load the kernels, and tell a user who waits that the first run compiles them."""
-    waiting = threading.Timer(1.5, log.info, ["compiling the kernels, once on this machine ..."])
+    """Load the kernels, and tell a user who waits that the first run compiles them.
+
+    Logged as warnings, which Python shows also where nobody set up logging.
+    """
+    from heliosweep.kernels import compiled
+
+    waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])
     waiting.start()
     try:
-        seconds, compiled = family.prepare()
+        seconds, fresh = family.prepare()
     finally:
         waiting.cancel()
-    if compiled:
-        log.info("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
+    if fresh and compiled.UNCACHED:
+        log.warning(
+            "compiled the kernels in %.0f s; no folder for compiled code can be written, so every run compiles them: "
+            "name one in the environment variable NUMBA_CACHE_DIR",
+            seconds,
+        )
+    elif fresh:
+        log.warning("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
 
 
 def _record(study: Study, planned: Plan, folder: Path, stages: _Stages) -> None:
@@ -268,7 +330,7 @@ def _record(study: Study, planned: Plan, folder: Path, stages: _Stages) -> None:
     from heliosweep.store.manifest import environment, write_atomically, write_manifest
 
     result = folder / "result.nc"
-    write_atomically(folder / "study.resolved.yaml", resolved_yaml(study))
+    write_atomically(folder / "study.resolved.yaml", resolved_yaml(study, relative_to=folder))
     write_manifest(
         folder / "manifest.json",
         {
