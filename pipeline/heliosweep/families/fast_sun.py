@@ -49,7 +49,7 @@ def sun_vectors(
     ValueError
         If `delta_t` is not finite or a day or more, or an instant beyond what nanoseconds can count (1678 to 2261).
     """
-    stamps = np.ascontiguousarray(utc, "datetime64[ns]")
+    stamps = np.array(utc, "datetime64[ns]", order="C")  # a copy: read-only stamps would be compiled for anew
     given = np.asarray(utc, "datetime64")
     if given.dtype != stamps.dtype and not np.array_equal(
         given.astype("datetime64[D]"), stamps.astype("datetime64[D]"), equal_nan=True

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
@@ -198,10 +199,8 @@ def make_plan(
     while True:
         whole = {dim: workload.parameters[dim] for dim in workload.whole}
         free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}
-        slab = slab_lengths(
-            free, lambda slab, blocks=blocks, whole=whole: _part_fits(workload, blocks, {**slab, **whole})
-        )
-        part = {dim: {**slab, **whole}[dim] for dim in workload.parameters}
+        lengths = {**slab_lengths(free, partial(_part_fits, workload, blocks, whole)), **whole}
+        part = {dim: lengths[dim] for dim in workload.parameters}
         blocks = {dim: min(length, part.get(dim, length)) for dim, length in blocks.items()}
         plan = Plan(workload, limits.workers, blocks, part, 0, output_bytes, 0.0, series)
         workers = min(limits.workers, plan.blocks)
@@ -234,7 +233,10 @@ def _series(workload: Workload, asked: Mapping[str, int]) -> Series:
     return series_lengths(workload.parameters, workload.inner["time"], split, 8 * len(names), asked)
 
 
-def _part_fits(workload: Workload, blocks: Mapping[str, int], slab: Mapping[str, int]) -> bool:
+def _part_fits(
+    workload: Workload, blocks: Mapping[str, int], whole: Mapping[str, int], slab: Mapping[str, int]
+) -> bool:
+    slab = {**slab, **whole}
     inner = math.prod(-(-size // blocks.get(dim, size)) for dim, size in workload.inner.items())
     tasks = inner * math.prod(-(-length // blocks[dim]) for dim, length in slab.items())
     return tasks <= PART_BLOCKS and workload.bytes_of({**workload.inner, **slab, "time": 0}) <= PART_BYTES
@@ -247,7 +249,7 @@ def _blocks(workload: Workload, workers: int, asked: Mapping[str, int]) -> dict[
     target = max(LEAST_SECONDS, min(BLOCK_SECONDS, total / (BLOCKS_PER_WORKER * workers)))
     room = max(1, int(target / point_seconds)) if point_seconds > 0 else workload.points
     lengths: dict[str, int] = {}
-    for dim, size in reversed(workload.parameters.items()):
+    for dim, size in reversed(list(workload.parameters.items())):
         lengths[dim] = min(asked.get(dim, room), size)
         room = max(1, room // size)
     blocks = dict(reversed(lengths.items()))

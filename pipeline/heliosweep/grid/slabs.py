@@ -53,7 +53,7 @@ def slab_lengths(sizes: Mapping[str, int], fits: Callable[[Mapping[str, int]], b
         Lengths of the slab, 1 where nothing larger fits.
     """
     slab = dict.fromkeys(sizes, 1)
-    for dim, size in reversed(sizes.items()):
+    for dim, size in reversed(list(sizes.items())):
         if fits({**slab, dim: size}):
             slab[dim] = size
             continue

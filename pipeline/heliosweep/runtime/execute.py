@@ -42,17 +42,15 @@ def execute(family: Family[Any], study: Study, plan: Plan, path: Path, show: boo
         Whether to show progress on standard error.
     """
     first = family.build(study, plan.chunks, {dim: slice(0, 1) for dim in plan.workload.parameters})
+    level = study.output.compression_level if study.output.compression == "zlib" else 0
+    chunked = plan.series.storage if plan.series and level else {}
     variables = {
         str(name): Variable(
-            tuple(map(str, array.dims)),
-            array.attrs,
-            array.dtype,
-            plan.series.storage if plan.series and "time" in array.dims else {},
+            tuple(map(str, array.dims)), array.attrs, array.dtype, chunked if "time" in array.dims else {}
         )
         for name, array in first.data_vars.items()
     }
     coordinates = family.coordinates(study)
-    level = study.output.compression_level if study.output.compression == "zlib" else 0
     attributes = {**global_attributes(study, family.title, family.references), **coordinates.attrs}
     with TidyStack() as stack:
         writer = stack.enter_context(

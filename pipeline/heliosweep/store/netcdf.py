@@ -2,7 +2,7 @@
 
 The bytes depend on the values and on the library versions alone. HDF5 lays storage out in the order of writing, so
 everything is written in an order that the blocks, workers and parts of a run do not change: annual variables are
-contiguous, time series are written one whole storage chunk after the other.
+contiguous, and so are time series but compressed ones, which are written one whole storage chunk after the other.
 """
 
 from __future__ import annotations
@@ -114,6 +114,7 @@ class ResultWriter:
         compression_level: int,
     ) -> None:
         self._file.set_auto_maskandscale(False)
+        self._file.set_fill_off()  # every value is written once; filling first would write the file twice
         self._file.setncatts(dict(attributes))
         for dim, size in sizes.items():
             self._file.createDimension(dim, size)

@@ -20,11 +20,15 @@ EXECUTIONS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("time_series", [False, True], ids=["annual", "series"])
-def test_same_bytes(small, tmp_path, time_series):
+@pytest.mark.parametrize(
+    "output",
+    [{"time_series": False}, {"time_series": True}, {"time_series": True, "compression": "zlib"}],
+    ids=["annual", "series", "compressed series"],
+)
+def test_same_bytes(small, tmp_path, output):
     digests = {}
     for number, execution in enumerate(EXECUTIONS):
-        study = small(execution=execution, output={"time_series": time_series})
+        study = small(execution=execution, output=output)
         result = workflow.run(study, tmp_path / str(number), report=False)
         digests[number] = file_digest(result.path)
     assert len(set(digests.values())) == 1, digests
