@@ -1,8 +1,8 @@
 """Speed of the field kernels on one core. Run it: `python -m tests.bench.bench_field`.
 
 Prints nanoseconds for each heliostat and instant (both tracking methods, all unions), the ratio to the shapely twin of
-the tests, the gain from two threads, and the cost against the size of the field. Nothing is asserted: times depend on
-the machine and on its other work; each is the best of a few runs.
+the tests, the gain from two threads, and the cost against the size of the field and for few instants. Nothing is
+asserted: times depend on the machine and on its other work; each is the best of a few runs.
 """
 
 import time
@@ -23,9 +23,9 @@ from tests.kernels.oracles import frame, image, lost
 METHODS = {"spinning_elevation": SPINNING_ELEVATION, "azimuth_elevation": AZIMUTH_ELEVATION}
 
 
-def year(latitude, step):
-    """Sun vectors of days 1 to 365, solar hours 8 to 16."""
-    day, hour = np.meshgrid(np.arange(1, 366), np.arange(8.0, 16.0 + step / 2, step), indexing="ij")
+def year(latitude, step, every=1):
+    """Sun vectors of days 1 to 365, or every few of them, solar hours 8 to 16."""
+    day, hour = np.meshgrid(np.arange(1, 366, every), np.arange(8.0, 16.0 + step / 2, step), indexing="ij")
     return solar_clock(np.radians(latitude), declination_cooper(day.ravel()), hour.ravel())
 
 
@@ -105,6 +105,12 @@ def main():
         start, stop = (count // 2, count // 2 + 1000) if count > 2000 else (0, count)
         spent = best(partial(field_sums, *big, 0, sun, start, stop), 2)
         row(f"block of {stop - start} in {count} heliostats", spent, (stop - start) * len(sun))
+
+    big = staggered(30_000)
+    few = {"90 instants of a year": year(30.0, 1.0, 40), "a series, 512 instants of it": year(30.0, 0.2)[:512]}
+    for name, sun in few.items():
+        spent = best(partial(field_sums, *big, 0, sun, 15_000, 16_000))
+        row(f"block of 1000 in 30000 heliostats, {name}", spent, 1000 * len(sun))
 
 
 if __name__ == "__main__":

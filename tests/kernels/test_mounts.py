@@ -12,9 +12,9 @@ from tests.kernels.oracles import frame
 
 def sides(mirrors, i, sun, tracking):
     """Half sides (a, b) for up to PACKET sun vectors."""
-    lanes = np.resize(sun, (PACKET, 3))
-    out = np.empty(FRAME_ROWS * PACKET)
-    half_sides(out, lanes.T.ravel(), mirrors, i, tracking)
+    rows, out = np.full((3, PACKET), np.nan), np.full(FRAME_ROWS * PACKET, np.nan)
+    rows[:, : len(sun)] = sun.T
+    half_sides(out, rows.ravel(), mirrors, i, tracking, len(sun))
     rows = out.reshape(2, 3, PACKET)[:, :, : len(sun)]
     return np.swapaxes(rows[0], 0, 1), np.swapaxes(rows[1], 0, 1)
 

@@ -25,10 +25,10 @@ def union_areas(shapes, shading):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views = np.concatenate((one, none, cx, none, one, cy))
         frame = np.concatenate((ax, ay, none, bx, by, none))
-        image(images[m], views, frame, up, 0.0, 0.0, 1.0, True, frame)
+        image(images[m], views, frame, up, 0.0, 0.0, 1.0, True, frame, PACKET)
     total = np.empty(3 * PACKET)
     lane, spare = np.empty(2 * (count + 1) * PACKET, np.int64), np.empty(PACKET)
-    unions(images, apart, shading, count, total, lane, spare)
+    unions(images, apart, shading, count, total, lane, spare, PACKET)
     return total.reshape(3, PACKET)
 
 

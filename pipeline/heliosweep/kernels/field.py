@@ -66,10 +66,10 @@ def field_sums(
     """
     _check(len(x), tracking, start, stop)
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
-    sun, order = _sorted(sun)
+    sun, order, first = _sorted(sun)
     sums, nothing = np.zeros((stop - start, 4)), np.empty((4, 0, 0))
     if start < stop and len(order) > 0:
-        sweep(mirrors, tracking, sun, order, start, stop, sums, nothing)
+        sweep(mirrors, tracking, sun, order, first, start, stop, sums, nothing)
     return sums, len(order)
 
 
@@ -94,10 +94,10 @@ def field_series(
     """
     _check(len(x), tracking, start, stop)
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
-    sun, order = _sorted(sun)
+    sun, order, first = _sorted(sun)
     nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
     if start < stop and len(order) > 0:
-        sweep(mirrors, tracking, sun, order, start, stop, nothing, series)
+        sweep(mirrors, tracking, sun, order, first, start, stop, nothing, series)
     return series
 
 
@@ -120,11 +120,12 @@ def _check(count: int, tracking: int, start: int, stop: int) -> None:
         raise ValueError(f"unknown tracking method {tracking}")
 
 
-def _sorted(sun: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Sun vectors as the kernels want them, and the instants with the sun up in packet order."""
+def _sorted(sun: Floats) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """Sun vectors as the kernels want them, the instants with the sun up in packet order, and where packets begin."""
     sun = np.array(sun, np.float64, order="C")  # a copy: a read-only array would be compiled for anew
     up = np.flatnonzero(sun[:, 2] > 0.0)
-    return sun, up[packet_order(sun[up])]
+    order, first = packet_order(sun[up])
+    return sun, up[order], first
 
 
 @kernel
@@ -133,6 +134,7 @@ def sweep(
     tracking: int,
     sun: Floats,
     order: NDArray[np.int64],
+    first: NDArray[np.int64],
     start: int,
     stop: int,
     sums: Floats,
@@ -150,6 +152,8 @@ def sweep(
         Unit vectors to the sun. [1]
     order : ndarray of int64
         Instants to sweep, in packet order; the sun is up in each.
+    first : ndarray of int64
+        Where each packet begins in `order`, and the length of `order`.
     start, stop : int
         Test heliostats start..stop.
     sums : ndarray, shape (stop - start, 4) or (0, 4)
@@ -163,7 +167,7 @@ def sweep(
     for t in range(tests):
         i = start + t
         blockers, first_blocker[t + 1] = search(
-            i, beam(mirrors.aim[i]), mirrors.throw[i], mirrors, grid, blockers, first_blocker[t]
+            i, beam(mirrors.aim[i], np.int64(1)), mirrors.throw[i], mirrors, grid, blockers, first_blocker[t]
         )
 
     shaders, first_shader = np.empty(16 * tests, np.int64), np.zeros(tests + 1, np.int64)
@@ -175,12 +179,13 @@ def sweep(
     sun_axes, target_axes = np.empty(FRAME_ROWS * PACKET), np.empty(FRAME_ROWS * PACKET)
     cosine, total = np.empty(PACKET), np.empty(3 * PACKET)
 
-    for first in range(0, order.shape[0], PACKET):
-        lanes = min(PACKET, order.shape[0] - first)
-        for k in range(PACKET):  # idle lanes repeat the last instant
+    for p in range(first.shape[0] - 1):
+        packet = order[first[p] : first[p + 1]]
+        lanes = packet.shape[0]
+        for k in range(lanes):
             for c in range(3):
-                rows[c * PACKET + k] = sun[order[first + min(k, lanes - 1)], c]
-        bundle = beam(rows)
+                rows[c * PACKET + k] = sun[packet[k], c]
+        bundle = beam(rows, lanes)
         for t in range(tests):
             shaders, first_shader[t + 1] = search(start + t, bundle, np.inf, mirrors, grid, shaders, first_shader[t])
 
@@ -195,18 +200,18 @@ def sweep(
         if count > frames.shape[0]:
             frames = np.empty((count + count // 4, FRAME_ROWS * PACKET))
         for m in range(count):
-            half_sides(frames[m], rows, mirrors, named[m], tracking)
+            half_sides(frames[m], rows, mirrors, named[m], tracking, lanes)
 
         for t in range(tests):
             i = start + t
             test = frames[place[i]]
-            for k in range(PACKET):
+            for k in range(lanes):
                 target[k] = mirrors.aim[i, 0]
                 target[PACKET + k] = mirrors.aim[i, 1]
                 target[2 * PACKET + k] = mirrors.aim[i, 2]
-            cosines(cosine, rows, target)
-            axes(sun_axes, test, cosine, rows, mirrors.half_width[i] * mirrors.half_height[i])
-            axes(target_axes, test, cosine, target, mirrors.half_width[i] * mirrors.half_height[i])
+            cosines(cosine, rows, target, lanes)
+            axes(sun_axes, test, cosine, rows, mirrors.half_width[i] * mirrors.half_height[i], lanes)
+            axes(target_axes, test, cosine, target, mirrors.half_width[i] * mirrors.half_height[i], lanes)
 
             shade, block = (
                 shaders[first_shader[t] : first_shader[t + 1]],
@@ -216,9 +221,9 @@ def sweep(
                 room = 2 * (shade.shape[0] + block.shape[0])
                 images, apart = np.empty((room, IMAGE_ROWS * PACKET)), np.empty(room, np.bool_)
                 lane = np.empty((2 * room + 2) * PACKET, np.int64)
-            shading = _images(i, shade, mirrors, frames, place, sun_axes, rows, images, apart, np.int64(0))
-            made = _images(i, block, mirrors, frames, place, target_axes, target, images, apart, shading)
-            unions(images, apart, shading, made, total, lane, spare)
+            shading = _images(i, shade, mirrors, frames, place, sun_axes, rows, images, apart, np.int64(0), lanes)
+            made = _images(i, block, mirrors, frames, place, target_axes, target, images, apart, shading, lanes)
+            unions(images, apart, shading, made, total, lane, spare, lanes)
 
             cosine_sum = shading_sum = blocking_sum = optical_sum = 0.0
             for k in range(lanes):
@@ -229,7 +234,7 @@ def sweep(
                 blocking_sum += unblocked
                 optical_sum += optical
                 if series.shape[2] > 0:
-                    when = order[first + k]
+                    when = packet[k]
                     series[0, when, t], series[1, when, t] = cosine[k], unshaded
                     series[2, when, t], series[3, when, t] = unblocked, optical
             if sums.shape[0] > 0:
@@ -258,7 +263,7 @@ def _name(j, named, place, count):
 
 
 @kernel
-def _images(i, candidates, mirrors, frames, place, views, directions, images, apart, made):
+def _images(i, candidates, mirrors, frames, place, views, directions, images, apart, made, lanes):
     """Append the images on mirror i that some lane has; returns their number."""
     test = frames[place[i]]
     for m in range(candidates.shape[0]):
@@ -266,6 +271,6 @@ def _images(i, candidates, mirrors, frames, place, views, directions, images, ap
         dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
         reach = mirrors.radius[i] + mirrors.radius[j]
         apart[made] = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
-        if image(images[made], views, frames[place[j]], directions, dx, dy, dz, apart[made], test):
+        if image(images[made], views, frames[place[j]], directions, dx, dy, dz, apart[made], test, lanes):
             made += 1
     return made

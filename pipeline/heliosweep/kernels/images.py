@@ -25,9 +25,9 @@ _HEIGHT = 7 * PACKET
 
 
 @kernel
-def cosines(out: NDArray[np.float64], sun: NDArray[np.float64], target: NDArray[np.float64]) -> None:
+def cosines(out: NDArray[np.float64], sun: NDArray[np.float64], target: NDArray[np.float64], lanes: int) -> None:
     """Cosine of the angle of incidence, |r + s| / 2 = sqrt((1 + r.s) / 2), for every lane."""
-    for k in range(PACKET):
+    for k in range(lanes):
         nx, ny, nz = (
             target[k] + sun[k],
             target[PACKET + k] + sun[PACKET + k],
@@ -43,6 +43,7 @@ def axes(
     cosine: NDArray[np.float64],
     directions: NDArray[np.float64],
     area: float,
+    lanes: int,
 ) -> None:
     """Write the rows U and V (x, y, z of each) of a test mirror for every lane.
 
@@ -58,8 +59,10 @@ def axes(
         Rows of the direction d. [1]
     area : float
         Product of the half sides. [m2]
+    lanes : int
+        Lanes of the packet.
     """
-    for k in range(PACKET):
+    for k in range(lanes):
         ux, uy, uz = frame[k], frame[PACKET + k], frame[2 * PACKET + k]
         vx, vy, vz = frame[3 * PACKET + k], frame[4 * PACKET + k], frame[5 * PACKET + k]
         dx, dy, dz = directions[k], directions[PACKET + k], directions[2 * PACKET + k]
@@ -83,6 +86,7 @@ def image(
     dz: float,
     apart: bool,
     test: NDArray[np.float64],
+    lanes: int,
 ) -> bool:
     """Write the image of one mirror on the test mirror for every lane; False if no lane has one.
 
@@ -102,10 +106,12 @@ def image(
         Whether the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     test : ndarray, shape (FRAME_ROWS * PACKET,)
         Half sides of the test mirror. [m]
+    lanes : int
+        Lanes of the packet.
     """
     behind = 0.0 if apart else -np.inf
     hits = 0
-    for k in range(PACKET):
+    for k in range(lanes):
         ux, uy, uz = views[k], views[PACKET + k], views[2 * PACKET + k]
         vx, vy, vz = views[3 * PACKET + k], views[4 * PACKET + k], views[5 * PACKET + k]
         px, py, pz = frame[k], frame[PACKET + k], frame[2 * PACKET + k]
@@ -127,7 +133,7 @@ def image(
         hits += hit
     if hits == 0:
         return False
-    for k in range(PACKET):
+    for k in range(lanes):
         cx, cy = out[k], out[PACKET + k]
         ax, ay, bx, by = out[2 * PACKET + k], out[3 * PACKET + k], out[4 * PACKET + k], out[5 * PACKET + k]
         a_rise, a_run, b_rise, b_run = slope(ay, ax), slope(ax, ay), slope(by, bx), slope(bx, by)
@@ -138,7 +144,7 @@ def image(
         )
         out[AREA + k] *= abs(total)
     if not apart:
-        _cut_by_plane(out, frame, dx, dy, dz, apart, test)
+        _cut_by_plane(out, frame, dx, dy, dz, apart, test, lanes)
     return True
 
 
@@ -149,9 +155,9 @@ def larger(a: float, b: float) -> float:
 
 
 @kernel
-def _cut_by_plane(out, frame, dx, dy, dz, apart, test):
+def _cut_by_plane(out, frame, dx, dy, dz, apart, test, lanes):
     """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it."""
-    for k in range(PACKET):
+    for k in range(lanes):
         ux, uy, uz = test[k], test[PACKET + k], test[2 * PACKET + k]
         vx, vy, vz = test[3 * PACKET + k], test[4 * PACKET + k], test[5 * PACKET + k]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -161,7 +167,7 @@ def _cut_by_plane(out, frame, dx, dy, dz, apart, test):
             frame[3 * PACKET + k] * nx + frame[4 * PACKET + k] * ny + frame[5 * PACKET + k] * nz
         )
     polygon = np.empty((5, 2))
-    for k in range(PACKET):
+    for k in range(lanes):
         if out[AREA + k] > 0.0 and straddles(out, k):
             corners = outline(out, k, apart, polygon)
             out[AREA + k] = square_area(polygon, corners) if corners > 2 else 0.0

@@ -1,8 +1,9 @@
 """Mirror frames of the two tracking methods.
 
 A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
-its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows of
-`PACKET` numbers in one flat array, because loops over rows at fixed offsets of one array turn into vector code.
+its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows with
+room for `PACKET` numbers each in one flat array, because loops over rows at fixed offsets of one array turn into vector
+code.
 """
 
 from typing import NamedTuple
@@ -45,7 +46,9 @@ class Mirrors(NamedTuple):
 
 
 @kernel
-def half_sides(frame: NDArray[np.float64], sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int) -> None:
+def half_sides(
+    frame: NDArray[np.float64], sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int, lanes: int
+) -> None:
     """Write the half sides of one mirror for every lane of a packet.
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
@@ -64,6 +67,8 @@ def half_sides(frame: NDArray[np.float64], sun: NDArray[np.float64], mirrors: Mi
         The mirror.
     tracking : int
         `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
+    lanes : int
+        Lanes of the packet; what rows hold beyond them means nothing.
     """
     rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
     half_width, half_height = mirrors.half_width[i], mirrors.half_height[i]
@@ -72,7 +77,7 @@ def half_sides(frame: NDArray[np.float64], sun: NDArray[np.float64], mirrors: Mi
     ex, ey = 1.0, 0.0
     if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
         ex, ey = -ry / level, rx / level
-    for k in range(PACKET):
+    for k in range(lanes):
         sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
         nx, ny, nz = rx + sx, ry + sy, rz + sz
         length = np.sqrt(nx * nx + ny * ny + nz * nz)

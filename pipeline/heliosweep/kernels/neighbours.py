@@ -88,9 +88,9 @@ def bin_field(mirrors: Mirrors) -> Grid:
 
 
 @kernel
-def beam(directions: NDArray[np.float64]) -> Beam:
-    """Bundle of the unit vectors whose x, then y, then z fill a flat array."""
-    count = stride = directions.shape[0] // 3
+def beam(directions: NDArray[np.float64], count: int) -> Beam:
+    """Bundle of the first `count` of the unit vectors whose x, then y, then z fill a flat array."""
+    stride = directions.shape[0] // 3
     x = y = z = 0.0
     for k in range(count):
         x, y, z = x + directions[k], y + directions[stride + k], z + directions[2 * stride + k]

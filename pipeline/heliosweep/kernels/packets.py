@@ -1,7 +1,7 @@
-"""Packets: instants sorted so that 64 neighbours share nearly the same sun direction.
+"""Packets: instants sorted so that neighbours, 64 at most, share nearly the same sun direction.
 
 What a packet can cull, and which branches it takes, is decided for all of its lanes at once, so lanes that behave
-alike are worth the sort. The packet size is part of the order of summation, hence of the last bits of every sum.
+alike are worth the sort. How packets are cut is part of the order of summation, hence of the last bits of every sum.
 """
 
 import numpy as np
@@ -12,15 +12,24 @@ from heliosweep.kernels.compiled import kernel
 __all__ = ["PACKET", "packet_order"]
 
 PACKET = 64
-"""Instants (lanes) in a packet."""
+"""Most instants (lanes) in a packet, and the room for them in every row of lanes."""
+
+_LIMIT = 60.0
+"""Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
+
+By measurement, and flat: from 40 to 80 costs are much the same. Smaller packets repeat the search too often, wider ones
+have too many candidates. Thousands of instants fill their packets within it, but for the lowest suns.
+"""
 
 
 @kernel
-def packet_order(sun: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Permutation that puts similar sun directions next to each other.
+def packet_order(sun: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Permutation that puts similar sun directions next to each other, and the packets that it is cut into.
 
-    A k-d tree: cut at the median of the component with the largest range until one packet is left. Equal values are
-    ordered by index, so the result depends on nothing but the vectors.
+    A k-d tree: cut at the median of the component with the largest range until a packet is left. A packet has 64 lanes
+    at most, and fewer where they would spread over much of the sky: every lane pays for the candidates of all, whose
+    number grows with the spread over the sine of the elevation. Equal values are ordered by index, so the result
+    depends on nothing but the vectors.
 
     Parameters
     ----------
@@ -29,37 +38,45 @@ def packet_order(sun: NDArray[np.float64]) -> NDArray[np.int64]:
 
     Returns
     -------
-    ndarray of int64, shape (T,)
-        Indices into `sun`; lanes 64 k to 64 k + 63 of it are packet k, in rising index within the packet.
+    order : ndarray of int64, shape (T,)
+        Indices into `sun`, in rising index within a packet.
+    first : ndarray of int64, shape (P + 1,)
+        Packet p, never empty, is `order[first[p] : first[p + 1]]`.
     """
     count = sun.shape[0]
     order = np.arange(count)
     value = np.empty(count)
+    edges, packets = np.zeros(count + 1, np.int64), 0
     firsts = np.empty(64, np.int64)
     lasts = np.empty(64, np.int64)
-    depth = 1
+    depth = 1 if count > 0 else 0
     firsts[0], lasts[0] = 0, count
     while depth > 0:
         depth -= 1
         first, last = firsts[depth], lasts[depth]
-        if last - first <= PACKET:
-            _sort(order, first, last)
-            continue
-        axis, widest = 0, -1.0
+        lanes = last - first
+        axis, widest, lowest = 0, -1.0, np.inf
         for k in range(3):
             low, high = np.inf, -np.inf
             for m in range(first, last):
                 low, high = min(low, sun[order[m], k]), max(high, sun[order[m], k])
             if high - low > widest:
                 axis, widest = k, high - low
+            lowest = low  # after the last component: of z
+        if lanes == 1 or (lanes <= PACKET and lanes * widest <= _LIMIT * lowest):
+            _sort(order, first, last)
+            packets += 1
+            edges[packets] = last
+            continue
         for m in range(first, last):
             value[m] = sun[order[m], axis]
-        middle = first + ((last - first + PACKET - 1) // PACKET + 1) // 2 * PACKET
+        unit = PACKET if lanes > PACKET else 1  # full packets while there are several
+        middle = first + ((lanes + unit - 1) // unit + 1) // 2 * unit
         _select(value, order, first, last - 1, middle)
-        firsts[depth], lasts[depth] = first, middle
-        firsts[depth + 1], lasts[depth + 1] = middle, last
+        firsts[depth], lasts[depth] = middle, last
+        firsts[depth + 1], lasts[depth + 1] = first, middle  # first in order, next to be cut
         depth += 2
-    return order
+    return order, edges[: packets + 1]
 
 
 @kernel

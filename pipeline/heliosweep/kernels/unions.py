@@ -23,6 +23,7 @@ def unions(
     total: NDArray[np.float64],
     lane: NDArray[np.int64],
     spare: NDArray[np.float64],
+    lanes: int,
 ) -> None:
     """Exact areas of the unions of images, for every lane, on the square of area 4.
 
@@ -45,22 +46,24 @@ def unions(
         Scratch.
     spare : ndarray, shape (PACKET,)
         Scratch.
+    lanes : int
+        Lanes of the packet.
     """
     # Row 0 counts the images of a lane, row 1 tells where pairs are not enough; then, for each image, one row with
     # its bit in the lane (0: no image) and one with the bits of the images that it overlaps.
-    for k in range(PACKET):
+    for k in range(lanes):
         total[k] = total[PACKET + k] = total[2 * PACKET + k] = 0.0
         lane[k] = lane[PACKET + k] = 0
     for m in range(count):
         one, bit, row = images[m], lane[2 * (m + 1) * PACKET :], total[PACKET if m >= shading else 0 :]
-        for k in range(PACKET):
+        for k in range(lanes):
             here = one[AREA + k] > 0.0
             bit[k] = (1 << (lane[k] & 31)) if here else 0
             bit[PACKET + k] = 0
             lane[k] += here
             row[k] += one[AREA + k]
     several = 0
-    for k in range(PACKET):
+    for k in range(lanes):
         total[2 * PACKET + k] = total[k] + total[PACKET + k]
         lane[PACKET + k] = lane[k] > _PAIRWISE
         several += lane[k] > 1
@@ -68,7 +71,7 @@ def unions(
         return
     for m in range(count):
         if not apart[m]:
-            for k in range(PACKET):
+            for k in range(lanes):
                 if images[m, AREA + k] > 0.0 and straddles(images[m], k):
                     lane[PACKET + k] = 1
     # At grazing sun a packet has hundreds of images, but few share a lane where pairs could be enough: `where` has a
@@ -76,26 +79,26 @@ def unions(
     where = np.zeros(count, np.int64)
     for m in range(count):
         bit = lane[2 * (m + 1) * PACKET :]
-        for k in range(PACKET):
+        for k in range(lanes):
             where[m] |= ((bit[k] != 0) & (lane[k] > 1) & (lane[PACKET + k] == 0)) << k
     for m in range(1, count):
         for n in range(m):
             if where[m] & where[n] == 0:
                 continue
-            if _overlap(images[n], images[m], lane, 2 * (n + 1) * PACKET, 2 * (m + 1) * PACKET, spare):
+            if _overlap(images[n], images[m], lane, 2 * (n + 1) * PACKET, 2 * (m + 1) * PACKET, spare, lanes):
                 if m < shading or n >= shading:
                     row = total[PACKET if n >= shading else 0 :]
-                    for k in range(PACKET):
+                    for k in range(lanes):
                         row[k] -= spare[k]
-                for k in range(PACKET):
+                for k in range(lanes):
                     total[2 * PACKET + k] -= spare[k]
-    for k in range(PACKET):
+    for k in range(lanes):
         if lane[PACKET + k] > 0 and lane[k] > 1:
             total[k], total[PACKET + k], total[2 * PACKET + k] = _general(images, apart, shading, count, k)
 
 
 @kernel
-def _overlap(one, other, lane, p, q, out):
+def _overlap(one, other, lane, p, q, out, lanes):
     """Write the area of square, `one` and `other` together for every lane; False if no lane has any.
 
     The part of `one` in the square is followed as a closed chain of 16 segments: each edge of `one` clipped by the
@@ -104,7 +107,7 @@ def _overlap(one, other, lane, p, q, out):
     step is a clamp, continuous in the corners: there are no ties to break.
     """
     some = 0
-    for k in range(PACKET):
+    for k in range(lanes):
         cx, cy = other[k] - one[k], other[PACKET + k] - one[PACKET + k]
         ax, ay, bx, by = one[2 * PACKET + k], one[3 * PACKET + k], one[4 * PACKET + k], one[5 * PACKET + k]
         px, py, qx, qy = other[2 * PACKET + k], other[3 * PACKET + k], other[4 * PACKET + k], other[5 * PACKET + k]
@@ -119,7 +122,7 @@ def _overlap(one, other, lane, p, q, out):
         some += hit
     if some == 0:
         return False
-    for k in range(PACKET):
+    for k in range(lanes):
         ax, ay, bx, by = one[2 * PACKET + k], one[3 * PACKET + k], one[4 * PACKET + k], one[5 * PACKET + k]
         cx, cy = one[k], one[PACKET + k]
         a_rise, a_run, b_rise, b_run = slope(ay, ax), slope(ax, ay), slope(by, bx), slope(bx, by)
@@ -146,7 +149,7 @@ def _overlap(one, other, lane, p, q, out):
             _chain(side2, side3, slopes[2], slopes, to) + _chain(side3, side0, slopes[3], slopes, to)
         )
         out[k] *= abs(total * turn)
-    for k in range(PACKET):
+    for k in range(lanes):
         here = out[k] > 0.0
         lane[PACKET + k] |= here & ((lane[p + PACKET + k] & lane[q + PACKET + k]) != 0)
         lane[p + PACKET + k] |= lane[q + k] if here else 0
