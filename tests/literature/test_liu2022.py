@@ -1,8 +1,8 @@
 """Tables 2 and 3 of Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261, from the shipped studies.
 
 The paper states neither its tolerance nor its hours; 4 mrad and a window from 07:00 to 21:00 at UTC+8 were fitted, and
-no single window meets all of Table 2. The tolerances are what that leaves: Table 2 0.0065 and 0.0035, Table 3 0.0015 and
-0.004; the published values have three to five decimals.
+no single window meets all of Table 2. The tolerances are what that leaves: 0.0065 and 0.0035 in Table 2, 0.0015
+and 0.004 in Table 3; the published values have three to five decimals.
 """
 
 from __future__ import annotations
