@@ -162,6 +162,19 @@ def _positions(steps: float, sampling: str) -> NDArray[Any]:
 
 
 def _universal(date: dt.date, seconds: float, zone: dt.tzinfo) -> float:
-    """Seconds since 1970 of a wall-clock time; in an hour that occurs twice, its first occurrence."""
-    midnight = dt.datetime.combine(date, dt.time())
-    return (midnight + dt.timedelta(seconds=seconds)).replace(tzinfo=zone).timestamp()
+    """Seconds since 1970 of a wall-clock time.
+
+    In an hour that occurs twice, its first occurrence; in an hour that is left out, the instant at which it is.
+    """
+    wall = dt.datetime.combine(date, dt.time()) + dt.timedelta(seconds=seconds)
+    early, late = sorted(wall.replace(tzinfo=zone, fold=fold).timestamp() for fold in (0, 1))
+    if dt.datetime.fromtimestamp(early, zone).replace(tzinfo=None) == wall:
+        return early
+    before = dt.datetime.fromtimestamp(early, zone).utcoffset()
+    while late - early > 1:  # time zones change at whole seconds
+        middle = (early + late) // 2
+        if dt.datetime.fromtimestamp(middle, zone).utcoffset() == before:
+            early = middle
+        else:
+            late = middle
+    return late

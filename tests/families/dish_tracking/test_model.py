@@ -178,10 +178,57 @@ def test_tolerable_tilt_meets_the_required_factor():
             assert float(there["effective_tracking_factor_min"]) == pytest.approx(factor, abs=1e-10)
 
 
-def test_largest_tilt_of_what_never_suffices_or_never_is_known():
-    assert largest_tilt(lambda tilt: 0.4 - tilt, np.array([0.5]))[0] == 0
-    assert np.isnan(largest_tilt(lambda tilt: np.full_like(tilt, np.nan), np.array([0.5]))[0])
-    assert largest_tilt(lambda tilt: 1 - tilt / 10, np.array([0.5, 0.9])) == pytest.approx([5, 1], abs=1e-10)
+def test_largest_tilt():
+    required = np.array([0.5, 0.9])
+    assert largest_tilt(lambda tilt: 1 - tilt / 10, required) == pytest.approx([5, 1], abs=1e-10)
+    assert largest_tilt(lambda tilt: 0.4 - tilt, required).tolist() == [0, 0]
+    assert np.isnan(largest_tilt(lambda tilt: np.full_like(tilt, np.nan), required)).all()
+    assert np.isnan(largest_tilt(lambda tilt: np.ones_like(tilt), required)).all()
+    # A tilt that makes up for an offset: not enough upright, enough between 0.1 and 0.3 deg.
+    assert largest_tilt(lambda tilt: 0.6 - np.abs(tilt - 0.2), required[:1]) == pytest.approx([0.3], abs=1e-10)
+
+
+def test_tolerable_tilt_with_home_offsets_is_where_the_grid_sees_it():
+    errors = {
+        "axis_tilt": 0.1,
+        "axis_tilt_direction": [90, 270],
+        "home_azimuth_offset": 0.1,
+        "home_elevation_offset": 0.1,
+    }
+    blocks = {"mount": {"model": "untilted_home_axes"}}
+    solved = computed(statistics={"required_factor": [0.45]}, errors=errors, **blocks)["tolerable_axis_tilt"]
+    tilts = {"start": 0, "stop": 0.3, "step": 0.005}
+    grid = computed(errors={**errors, "axis_tilt": tilts}, **blocks)["effective_tracking_factor_min"]
+    enough = grid >= 0.45
+    last = grid["axis_tilt"].where(enough).max("axis_tilt").fillna(0.0)
+    assert (abs(solved.isel(required_factor=0) - last) <= 0.005).all()
+
+
+@pytest.mark.parametrize(
+    "group",
+    [
+        ["errors.axis_tilt_direction", "site.latitude"],
+        ["errors.axis_tilt_direction", "tolerance"],
+        ["tolerance", "errors.axis_tilt_direction"],
+        ["errors.axis_tilt", "errors.axis_tilt_direction"],
+        ["errors.axis_tilt", "site.latitude"],
+    ],
+)
+def test_statistics_over_directions_only_where_they_are_swept_alone(group):
+    result = computed(
+        site={"latitude": [30, 40], "longitude": 90},
+        errors={"axis_tilt": [0.05, 0.1], "axis_tilt_direction": [0, 90]},
+        tolerance=[3, 4],
+        zip=[group],
+    )
+    alone = "errors.axis_tilt_direction" not in group
+    assert ("effective_tracking_factor_mean" in result) == alone
+    assert ("worst_axis_tilt_direction" in result) == alone
+
+
+def test_worst_direction_does_not_follow_rounding():
+    result = computed(errors={"axis_tilt": 0.1, "axis_tilt_direction": {"start": 0, "stop": 345, "step": 15}})
+    assert float(result["worst_axis_tilt_direction"]) < 180  # the mount leans the same way 180 deg on
 
 
 def test_sweeps_of_sites_models_and_tied_parameters():
@@ -234,6 +281,12 @@ def test_a_tilted_mount_leans_as_its_opposite():
         ({"time": time(window={"start": "sunrise", "stop": "21:00", "step": "1 h"})}, "from sunrise to sunset"),
         ({"errors": {"axis_tilt": 91}}, "must be between 0 and 90 deg"),
         ({"statistics": {"required_factor": 1}}, "must be less than 1"),
+        ({"errors": {"axis_tilt": 1, "axis_tilt_direction": [0, 360]}}, "the same direction twice"),
+        ({"time": time(dates=["2021-06-22", "2021-06-21"])}, r"time\.dates: must rise"),
+        (
+            {"statistics": {"required_factor": 0.5}, "zip": [["errors.axis_tilt", "tolerance"]], "tolerance": [3, 4]},
+            "cannot be solved for",
+        ),
     ],
 )
 def test_bad_input_is_said(blocks, message):
@@ -249,6 +302,7 @@ def test_settings_of_the_sun_are_said_and_count():
     name = "max_tracking_error"
     assert (abs(geometric[name] - apparent[name]) > 0).compute().any()
     family = workflow.family_of(study())
-    text = family.coordinates(study(ephemeris={"elevation": "apparent", "pressure": "900 hPa"})).attrs["sun_position"]
+    settings = {"elevation": "apparent", "pressure": "900 hPa"}
+    text = family.coordinates(study(ephemeris=settings)).attrs["sun_position"]
     assert "apparent, at 900 hPa and 12 deg C" in text
     assert "delta_t by year and month" in text

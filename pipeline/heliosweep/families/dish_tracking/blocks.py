@@ -18,8 +18,9 @@ from heliosweep.kernels import tracking
 
 MODEL_CODES = {"rigid": tracking.RIGID, "untilted_home_axes": tracking.UNTILTED_HOME_AXES}
 
-#: Largest tilt that is looked for, and halvings of the interval: to 1e-13 of it. [rad]
-MOST_TILT, BISECTIONS = np.pi / 4, 43
+#: Tilts that are tried before the interval is halved, so many times: to 1e-13 of it. [deg]
+SCAN, BISECTIONS = (0.0, *np.geomspace(1e-3, 45.0, 48).tolist()), 43
+EVALUATIONS = len(SCAN) + BISECTIONS
 
 #: A block's arrays begin with those of the place (latitude, longitude [deg], altitude [m], time zone) and the model.
 PLACE = 4
@@ -48,7 +49,7 @@ def daily(*arrays: np.ndarray, time: DishTime, ephemeris: Ephemeris, clip: bool)
     shape = np.broadcast_shapes(*(array.shape for array in arrays))
     result = np.empty((len(variables.DAILY), *shape, len(time.date_list())))
     for (*place, model), (tilt, *angles, tolerance), region in _each_place(arrays[: PLACE + 1], arrays[PLACE + 1 :]):
-        windows = windows_of(time, Place(*place), ephemeris)
+        windows = windows_of(time, _place(place), ephemeris)
         factor, errors = _factors(model, windows, tilt, angles, tolerance, clip)
         for row, values in zip(result, (factor, errors.mean * 1e3, errors.largest * 1e3), strict=True):
             row[region] = values
@@ -60,7 +61,7 @@ def empty_windows(*place: np.ndarray, time: DishTime, ephemeris: Ephemeris) -> n
     days = len(time.date_list())
     result = np.empty((1, *np.broadcast_shapes(*(array.shape for array in place)), days), np.int8)
     for values, _, region in _each_place(place, ()):
-        result[0][region] = np.isnan(windows_of(time, Place(*values), ephemeris).total.ravel()[:days])
+        result[0][region] = np.isnan(windows_of(time, _place(values), ephemeris).total.ravel()[:days])
     return result
 
 
@@ -83,7 +84,7 @@ def tolerable(*arrays: np.ndarray, time: DishTime, ephemeris: Ephemeris, clip: b
     shape = np.broadcast_shapes(*(array.shape for array in arrays[:-1]))
     result = np.empty((1, *shape, required.size))
     for (*place, model), (*angles, tolerance), region in _each_place(arrays[: PLACE + 1], arrays[PLACE + 1 : -1]):
-        windows = windows_of(time, Place(*place), ephemeris)
+        windows = windows_of(time, _place(place), ephemeris)
         wide = [angle[..., np.newaxis] for angle in angles]
 
         def least(
@@ -101,7 +102,11 @@ def tolerable(*arrays: np.ndarray, time: DishTime, ephemeris: Ephemeris, clip: b
 
 
 def largest_tilt(least: Callable[[np.ndarray], np.ndarray], required: np.ndarray) -> np.ndarray:
-    """Tilt at which the least daily factor, which falls with the tilt, is the required one; by bisection.
+    """Largest tilt whose least daily factor is at least the required one.
+
+    With home offsets a tilt can make up for an offset, so that the factor rises before it falls: the tilts of `SCAN`
+    are tried first, and the interval after the last that suffices is halved. A range of good tilts narrower than a step
+    of the scan, beyond all others, is not seen.
 
     Parameters
     ----------
@@ -113,15 +118,19 @@ def largest_tilt(least: Callable[[np.ndarray], np.ndarray], required: np.ndarray
     Returns
     -------
     ndarray, shape (..., R)
-        At most 45; 0 where no tilt at all is already too much, NaN where no date has a factor. [deg]
+        0 where no tilt suffices; NaN where the largest of the scan still does, or where no date has a factor. [deg]
     """
-    upright = least(np.zeros(required.size))
-    low, high = np.zeros(upright.shape), np.full(upright.shape, np.degrees(MOST_TILT))
+    tried = [least(np.full(required.size, tilt)) for tilt in SCAN]
+    low = np.zeros(tried[0].shape)
+    high = np.zeros(tried[0].shape)
+    for tilt, beyond, factor in zip(SCAN, [*SCAN[1:], np.nan], tried, strict=True):
+        enough = factor >= required
+        low, high = np.where(enough, tilt, low), np.where(enough, beyond, high)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         enough = least(middle) >= required
         low, high = np.where(enough, middle, low), np.where(enough, high, middle)
-    return np.where(np.isnan(upright), np.nan, np.where(upright >= required, low, 0.0))
+    return np.where(np.isnan(tried[0]) | np.isnan(high), np.nan, low)
 
 
 def _factors(
@@ -146,6 +155,11 @@ def _factors(
     )
     counted = errors.clipped if clip else errors.mean
     return tracking.effective_tracking_factor(counted, limit[..., np.newaxis]), errors
+
+
+def _place(values: Sequence[Any]) -> Place:
+    latitude, longitude, altitude, timezone = values
+    return Place(float(latitude), float(longitude), float(altitude), str(timezone))
 
 
 def _each_place(

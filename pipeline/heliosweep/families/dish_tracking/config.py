@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
@@ -26,6 +28,8 @@ MODELS = {
 }
 
 
+#: Directions that are looked at for doubles.
+MOST_DIRECTIONS = 100_000
 #: The word for a window from sunrise to sunset.
 SUNLIT = "sunrise_to_sunset"
 
@@ -96,6 +100,9 @@ class DishTime(CivilTime):
         """Check that a window on the wall clock holds whole steps where instants stand for steps."""
         if not self.window.sunlit:
             yield from super().rules()
+        dates = self.date_list()
+        if any(later <= earlier for earlier, later in itertools.pairwise(dates)):
+            yield Fault("must rise", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
         """Return opening, closing (seconds after midnight on the wall clock) and step of the window. [s]"""
@@ -200,5 +207,16 @@ class DishTrackingStudy(Study):
             yield Fault("give 'site' or 'sites', one of them", show_value=False)
 
     def check(self) -> Iterator[Problem]:
-        """Check that every site has a longitude and a time zone."""
-        return civil_clock_problems(self)
+        """Check the sites' clocks, directions that are the same, and what can be solved for."""
+        yield from civil_clock_problems(self)
+        direction = self.errors.axis_tilt_direction
+        if isinstance(direction, Sweep) and len(direction) <= MOST_DIRECTIONS:
+            turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0
+            if len(set(turns.tolist())) < len(direction):
+                message = "holds the same direction twice; directions 360 deg apart are one"
+                yield self.problem("errors.axis_tilt_direction", message)
+        if self.statistics is not None and any(
+            "errors.axis_tilt" in dim.sweeps and len(dim.sweeps) > 1 for dim in self.dimensions()
+        ):
+            message = "cannot be solved for where 'zip' ties errors.axis_tilt to another key"
+            yield self.problem("statistics.required_factor", message)

@@ -21,8 +21,11 @@ from heliosweep.grid.evaluate import evaluate
 from heliosweep.grid.instants import instant_count
 from heliosweep.grid.plan import Workload
 
-#: Time of one tilt, direction and instant on one core, and of one sun position. [s]
-SECONDS_PER_ERROR, SECONDS_PER_SUN = 0.3e-9, 30e-9
+#: Time of one tilt, direction and instant on one core: where tilts share powers of one sine, with one tilt and with the
+#: other model, and with home offsets; and of one sun position, packed. [s]
+SECONDS_SHARED, SECONDS_PER_ERROR, SECONDS_OF_CHAIN, SECONDS_PER_SUN = 0.3e-9, 1.4e-9, 3e-9, 40e-9
+#: Stamps, vectors, weights and packed rows of one instant of a site, and what makes them. [bytes]
+BYTES_PER_INSTANT = 120
 
 #: Keys that label a result also where they are not swept.
 _LABELS = (
@@ -45,11 +48,14 @@ class Axes(NamedTuple):
     """All swept dimensions in the order of the study."""
     site: tuple[str, ...]
     """Those that the sun depends on."""
+    directed: bool
+    """Whether the direction of the tilt is swept by itself, so that statistics over it have a meaning."""
 
 
 def axes_of(grid: Grid) -> Axes:
     """Sort the swept dimensions of a study."""
-    return Axes(tuple(grid.sizes), grid.site_dims)
+    directed = any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in grid.study.dimensions())
+    return Axes(tuple(grid.sizes), grid.site_dims, directed)
 
 
 def workload(study: DishTrackingStudy) -> Workload:
@@ -68,25 +74,36 @@ def workload(study: DishTrackingStudy) -> Workload:
     instants = instant_count(study.time)
     inner = _inner_sizes(study)
     days = inner["date"]
-    lead = math.prod(size for dim, size in grid.sizes.items() if dim not in axes_of(grid).site)
+    axes = axes_of(grid)
+    lead = math.prod(size for dim, size in grid.sizes.items() if dim not in axes.site)
+    tilts = grid.sizes.get(_TILT, 1)
+    solved = inner.get("required_factor", 0) / tilts  # per point: the tolerable tilt is solved once for all tilts
 
     def block_bytes(points: int, _: int) -> int:
-        return 6 * 8 * instants + 8 * 8 * points * days
+        return BYTES_PER_INSTANT * instants + 8 * 8 * points * days * (1 + math.ceil(solved))
 
     return Workload(
         parameters=grid.sizes,
         inner=inner,
         evaluations=instants,
         unit="tracker-instants",
-        seconds=SECONDS_PER_ERROR + SECONDS_PER_SUN / lead,
+        seconds=_seconds_per_error(study, tilts) * (1 + solved * blocks.EVALUATIONS) + SECONDS_PER_SUN / lead,
         splittable="",
-        whole=(_DIRECTION,) if _DIRECTION in grid.sizes else (),
-        variables=_dims_of(study, axes_of(grid)),
+        whole=(_DIRECTION,) if axes_of(grid).directed else (),
+        variables=_dims_of(study, axes),
         itemsize={"window_is_empty": 1},
         block_bytes=block_bytes,
         coordinate_bytes=8 * sum(inner.values()),
         axes={"instants": instants},
     )
+
+
+def _seconds_per_error(study: DishTrackingStudy, tilts: int) -> float:
+    errors = study.errors
+    if any(offset != 0 for offset in (errors.home_azimuth_offset, errors.home_elevation_offset)):
+        return SECONDS_OF_CHAIN
+    shared = study.mount.model == "rigid" and tilts > 2 and not study.clip
+    return SECONDS_SHARED if shared else SECONDS_PER_ERROR
 
 
 def _inner_sizes(study: DishTrackingStudy) -> dict[str, int]:
@@ -105,13 +122,12 @@ def _dims_of(study: DishTrackingStudy, axes: Axes) -> dict[str, tuple[str, ...]]
     undirected = tuple(dim for dim in others if dim != _DIRECTION)
     dims = dict.fromkeys(variables.DAILY, (*axes.site, "date", *others))
     dims |= dict.fromkeys(variables.WINDOW, (*axes.site, "date"))
-    directed = _DIRECTION in axes.swept
-    if directed:
+    if axes.directed:
         dims |= dict.fromkeys(variables.DIRECTIONS, (*axes.site, "date", *undirected))
     if len(study.time.date_list()) > 1:
         dims |= dict.fromkeys((*variables.ANNUAL, *variables.EXTREMES), (*axes.site, *others))
         dims |= dict.fromkeys(variables.MONTHLY, (*axes.site, "month", *others))
-        if directed:
+        if axes.directed:
             dims |= dict.fromkeys(variables.WORST, (*axes.site, *undirected))
     if study.statistics is not None:
         untilted = tuple(dim for dim in others if dim != _TILT)
@@ -123,6 +139,13 @@ def coordinates(study: DishTrackingStudy, select: Mapping[str, slice] | None = N
     """Coordinates of the result over a part of the parameter grid, all of it where `select` is left out."""
     labels = dict(Grid(study, select).coordinates(_LABELS))
     dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
+    grid = Grid(study, select)
+    zones = np.array(grid.timezones(), dtype=object)
+    labels["timezone"] = xr.DataArray(
+        zones if "site" in grid.sizes else zones[0],
+        dims=("site",) if "site" in grid.sizes else (),
+        attrs={"long_name": "time zone of dates and windows"},
+    )
     labels["date"] = xr.DataArray(dates, dims="date", attrs={"long_name": "local date", "standard_name": "time"})
     if dates.size > 1:
         names, _ = _months(study)
@@ -138,9 +161,8 @@ def coordinates(study: DishTrackingStudy, select: Mapping[str, slice] | None = N
 
 def _sun_attributes(study: DishTrackingStudy) -> dict[str, str]:
     sun = study.ephemeris
-    elevation = "geometric"
-    if sun.elevation == "apparent":
-        elevation = f"apparent, at {sun.pressure:g} hPa and {sun.temperature:g} deg C"
+    air = f"{sun.pressure:g} hPa and {sun.temperature:g} deg C"
+    elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric, {air} without effect"
     return sun_attributes(study.time, sun.delta_t, elevation)
 
 
@@ -173,13 +195,13 @@ def build(study: DishTrackingStudy, chunks: Mapping[str, int], select: Mapping[s
     made = _Evaluation(study, grid, axes, labels, chunks)
     result = made.daily()
     factor = result["effective_tracking_factor"]
-    if _DIRECTION in axes.swept:
+    if axes.directed:
         result |= made.reduce(statistics.mean_and_deviation, factor, _DIRECTION, variables.DIRECTIONS)
     if labels.sizes["date"] > 1:
         result |= made.reduce(statistics.over_dates, factor, "date", variables.ANNUAL)
         result |= made.extremes(factor)
         result |= made.monthly(factor)
-        if _DIRECTION in axes.swept:
+        if axes.directed:
             mean = result["annual_effective_tracking_factor_mean"]
             result |= made.reduce(
                 statistics.worst_direction, mean, _DIRECTION, variables.WORST, labels[_DIRECTION].rename("direction")

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+#: Factors that differ by less are equal but for rounding: a rigid mount leans alike in phi and phi + 180 deg. [1]
+TIE = 1e-12
+
 
 def mean_and_deviation(values: Floats) -> Floats:
     """Mean and sample standard deviation (n - 1) along the last axis, stacked in front; NaN of fewer than 1 and 2."""
@@ -31,6 +34,12 @@ def over_dates(values: Floats) -> Floats:
     return np.concatenate([mean_and_deviation(values), np.stack([least, most])])
 
 
+def first_least(values: Floats) -> NDArray[np.intp]:
+    """Position of the least value along the last axis, the first of those that differ from it by rounding alone."""
+    known = np.where(np.isfinite(values), values, np.inf)
+    return np.argmax(known <= known.min(axis=-1, keepdims=True) + TIE, axis=-1)
+
+
 def dates_of_extremes(values: Floats, dates: NDArray[np.datetime64]) -> NDArray[np.datetime64]:
     """Dates of the minimum and of the maximum, stacked in front; the first of several, NaT without a value.
 
@@ -41,10 +50,9 @@ def dates_of_extremes(values: Floats, dates: NDArray[np.datetime64]) -> NDArray[
     dates : ndarray of datetime64, shape (..., W)
         The dates, with as many dimensions of length 1 in front.
     """
-    known = np.isfinite(values)
     flat = dates.reshape(-1)
-    positions = np.stack([np.where(known, values, np.inf).argmin(-1), np.where(known, values, -np.inf).argmax(-1)])
-    return np.where(known.any(axis=-1), flat[positions], np.datetime64("NaT", "ns"))
+    positions = np.stack([first_least(values), first_least(-values)])
+    return np.where(np.isfinite(values).any(axis=-1), flat[positions], np.datetime64("NaT", "ns"))
 
 
 def over_months(values: Floats, month: NDArray[np.int64]) -> Floats:
@@ -65,7 +73,6 @@ def over_months(values: Floats, month: NDArray[np.int64]) -> Floats:
 
 def worst_direction(annual_mean: Floats, direction: Floats) -> Floats:
     """Direction (last axis) of the least annual mean; the first of several, NaN without a value."""
-    known = np.isfinite(annual_mean)
-    position = np.where(known, annual_mean, np.inf).argmin(axis=-1)
+    position = first_least(annual_mean)
     taken = np.take_along_axis(np.broadcast_to(direction, annual_mean.shape), position[..., np.newaxis], axis=-1)
-    return np.where(known.any(axis=-1), taken[..., 0], np.nan)[np.newaxis]
+    return np.where(np.isfinite(annual_mean).any(axis=-1), taken[..., 0], np.nan)[np.newaxis]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 _WINDOW = "time: {} (over the instants of the window that count)"
 _FACTOR = (
     "one minus the mean tracking error over the tolerance; 1 for perfect tracking, negative where the mean error "
@@ -39,7 +41,7 @@ WINDOW: dict[str, dict[str, Any]] = {
     "window_is_empty": {
         "long_name": "whether no instant of the date counts, as in the polar night with daylight only",
         "units": "1",
-        "flag_values": [0, 1],
+        "flag_values": np.array([0, 1], dtype=np.int8),
         "flag_meanings": "window_has_instants window_is_empty",
         "comment": "tracking factors of empty windows are missing",
     }
@@ -99,7 +101,9 @@ WORST: dict[str, dict[str, Any]] = {
 TOLERABLE: dict[str, dict[str, Any]] = {
     "tolerable_axis_tilt": {
         "units": "degree",
-        "long_name": "largest tilt of the azimuth axis whose least daily tracking factor is the required one",
-        "comment": "zero where the home offsets alone fall short of it; missing where no date has a factor",
+        "long_name": "largest tilt of the azimuth axis whose least daily tracking factor is at least the required one",
+        "comment": (
+            "zero where no tilt suffices; missing where a tilt of 45 degrees still does, or where no date has a factor"
+        ),
     },
 }

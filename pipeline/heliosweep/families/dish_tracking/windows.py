@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -36,6 +37,7 @@ class Place(NamedTuple):
     timezone: str
 
 
+@lru_cache(maxsize=4)  # factors, flags and tolerable tilts of a site follow each other
 def windows_of(time: DishTime, place: Place, ephemeris: Ephemeris) -> Windows:
     """Sun vectors of the instants that count, window by window.
 
