@@ -258,3 +258,45 @@ def test_output_cut_by_the_reader_is_no_error(folder):
     )  # fmt: skip
     assert done.stdout.startswith("{")
     assert done.stderr == ""
+
+
+DISH = {
+    "family": "dish_tracking",
+    "site": {"latitude": 80, "longitude": 0},
+    "time": {
+        "clock": "civil",
+        "timezone": "+00:00",
+        "dates": ["2021-06-21", "2021-12-21"],
+        "window": {"start": "00:00", "stop": "24:00", "step": "1 h"},
+        "daylight_only": True,
+    },
+    "mount": {"model": "rigid"},
+    "errors": {"axis_tilt": 0.1},
+    "tolerance": 4,
+}
+
+
+def test_polar_night_of_a_dish_is_said_and_recorded(folder, capsys, caplog):
+    (folder / "dish.yaml").write_text(yaml.safe_dump(DISH))
+    assert main(["run", "dish.yaml", "--quiet", "--no-report", "--output", "out"]) == 0
+    assert "1 of 2 days have no instant that counts" in caplog.text
+    remarks = json.loads((folder / "out" / "manifest.json").read_text())["remarks"]
+    assert len(remarks) == 1
+
+
+@pytest.mark.parametrize(
+    ("block", "change"),
+    [
+        ("tolerance", 0),
+        ("site", {"latitude": 80}),
+        ("time", {**DISH["time"], "timezone": "Mars/Base"}),  # type: ignore[dict-item]
+        ("time", {**DISH["time"], "dates": ["2021-02-29"]}),  # type: ignore[dict-item]
+        ("time", {**DISH["time"], "window": {"start": "21:00", "stop": "07:00", "step": "1 h"}}),  # type: ignore[dict-item]
+    ],
+)
+def test_bad_input_of_a_dish_is_code_2_and_nothing_written(folder, capsys, block, change):
+    (folder / "dish.yaml").write_text(yaml.safe_dump({**DISH, block: change}))
+    before = contents(folder)
+    assert main(["run", "dish.yaml"]) == 2
+    assert "dish.yaml:" in capsys.readouterr().err
+    assert contents(folder) == before

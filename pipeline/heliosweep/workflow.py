@@ -331,6 +331,10 @@ def _record(study: Study, planned: Plan, folder: Path, stages: _Stages) -> None:
 
     result = folder / "result.nc"
     write_atomically(folder / "study.resolved.yaml", resolved_yaml(study, relative_to=folder))
+    with open_result(folder) as data:
+        remarks = list(family_of(study).remarks(data))
+    for remark in remarks:
+        log.warning("warning: %s", remark)
     write_manifest(
         folder / "manifest.json",
         {
@@ -352,6 +356,7 @@ def _record(study: Study, planned: Plan, folder: Path, stages: _Stages) -> None:
                 "seconds": planned.seconds,
                 "peak_memory": planned.peak_memory,
             },
+            "remarks": remarks,
             "scheduler": study.execution.scheduler,
             "workers": planned.workers,
             "seconds": stages.seconds,

@@ -61,6 +61,10 @@ class Family(Protocol[StudyT]):
         """Coordinates of the whole result, in memory; its attributes go to those of the file."""
         ...
 
+    def remarks(self, result: xr.Dataset) -> Iterable[str]:
+        """What the user should be told of a finished result."""
+        ...
+
     def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
         """Figures of a finished result, drawn one at a time."""
         ...

@@ -58,6 +58,12 @@ class DishTracking:
 
         return model.coordinates(study)
 
+    def remarks(self, result: xr.Dataset) -> Iterable[str]:
+        """How many dates have no instant that counts, and so no factor."""
+        empty = int(result["window_is_empty"].sum())
+        if empty:
+            yield f"{empty} of {result['window_is_empty'].size} days have no instant that counts: no factor (NaN) there"
+
     def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
         """Factors over direction, site and date."""
         from heliosweep.families.dish_tracking import report

@@ -75,20 +75,25 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     """
     window = {"start": "00:00", "stop": "24:00", "step": SEARCH_STEP}
     search = CivilTime.model_validate({"clock": "civil", "dates": time.dates, "window": window})
+    dates = daily_windows(search, timezone)
+    bounds = np.cumsum([0, *(stamps.size for stamps in dates)])
+    day, stamps = np.repeat(np.arange(len(dates)), np.diff(bounds)), np.concatenate(dates)
+    up = sun(stamps)[:, 2] > 0
+    change = np.flatnonzero((up[1:] != up[:-1]) & (day[1:] == day[:-1]))
+    edges = np.split(_crossings(stamps[change], stamps[change + 1], sun), np.searchsorted(change, bounds[1:-1]))
     found = []
-    for stamps in daily_windows(search, timezone):
-        up = sun(stamps)[:, 2] > 0
-        change = np.flatnonzero(up[1:] != up[:-1])
-        edges = _crossings(stamps[change], stamps[change + 1], sun)
-        ends = np.concatenate([stamps[:1][up[:1]], edges, stamps[-1:][up[-1:]]]).reshape(-1, 2)
+    for own, first, last, inner in zip(dates, bounds, bounds[1:] - 1, edges, strict=False):
+        ends = np.concatenate([own[:1][up[first : first + 1]], inner, own[-1:][up[last : last + 1]]]).reshape(-1, 2)
         parts = [_sampled(rise, set_, time) for rise, set_ in ends]
-        found.append(np.concatenate(parts) if parts else stamps[:0])
+        found.append(np.concatenate(parts) if parts else own[:0])
     return found
 
 
 def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
     """Instants at which the sun crosses the geometric horizon, each between two instants on either side of it."""
     low, high = before.copy(), after.copy()
+    if not low.size:
+        return low
     for _ in range(REFINEMENTS):
         at_low, at_high = sun(low)[:, 2], sun(high)[:, 2]
         share = at_low / np.where(at_low == at_high, 1.0, at_low - at_high)

@@ -58,6 +58,10 @@ class FieldEfficiency:
 
         return model.coordinates(study)
 
+    def remarks(self, result: xr.Dataset) -> Iterable[str]:
+        """Nothing: the checks of the study say which latitudes have no sun."""
+        return ()
+
     def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
         """Field maps, efficiency against latitude and what else the sweep shows."""
         from heliosweep.families.field_efficiency import report
