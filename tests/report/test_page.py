@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from heliosweep.errors import StudyError
+from heliosweep.report import sections
+from heliosweep.report.comparison import Comparison
 from heliosweep.report.html import element, html, linked
 from heliosweep.report.page import write_report
 from tests.report.synthetic import BOTH, result
@@ -181,3 +183,13 @@ def test_pieces_of_html():
     assert linked("(doi 10.1155/2012/908364).") == (
         '(<a href="https://doi.org/10.1155/2012/908364">doi 10.1155/2012/908364</a>).'
     )
+
+
+def test_columns_of_numbers_keep_their_names_beside_a_coordinate_of_the_same_name():
+    """A dish result has the coordinate ``tolerance``, in mrad; the tolerance of a comparison is another thing."""
+    data = result({"latitude": [0.0, 15.0], "tracking": BOTH}).assign_coords(tolerance=4.0)
+    data["tolerance"].attrs = {"long_name": "tolerance", "units": "mrad"}
+    values = [Comparison("field_optical_efficiency", {"tracking": BOTH[0], "latitude": "0"}, 0.8, 0.8, 0.1, "1", 2)]
+    shown = str(sections.comparison(sections.Compared(values, "a paper"), data))
+    assert "tolerance" in shown
+    assert "mrad" not in shown

@@ -27,6 +27,8 @@ SAME = 1e-9
 _EDGE = 1e-9
 
 _COMPUTED = ("computed", "difference", "verdict")
+#: Columns of the table after the quantity and its coordinates.
+NUMBER_COLUMNS = ("computed", "published", "difference", "tolerance", "unit", "verdict")
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,7 @@ def cells(comparisons: Sequence[Comparison]) -> tuple[list[str], list[list[str]]
         Quantity and coordinates, computed, published, difference, tolerance, unit and verdict.
     """
     names = list(dict.fromkeys(name for one in comparisons for name in one.where))
-    header = ["quantity", *names, "computed", "published", "difference", "tolerance", "unit", "verdict"]
+    header = ["quantity", *names, *NUMBER_COLUMNS]
     rows = [
         [
             one.quantity,

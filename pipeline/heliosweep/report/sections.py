@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.comparison import Comparison, cells, summary
+from heliosweep.report.comparison import NUMBER_COLUMNS, Comparison, cells, summary
 from heliosweep.report.html import Html, definitions, doi_of, element, join, linked, section, table
 from heliosweep.report.labels import axis_label, coordinate_text, number_text, printed, title_of, unit_of, value_text
 
@@ -145,13 +145,18 @@ def comparison(compared: Compared | None, result: xr.Dataset) -> Html:
     if not compared:
         return _NONE
     head, rows = cells(compared.values)
-    titles = [axis_label(result[name]) if name in result.coords else name for name in head]
+    end = len(head) - len(NUMBER_COLUMNS)  # of the coordinates; a column of numbers may share its name with one
+    titles = [
+        axis_label(result[name]) if 0 < i < end and name in result.coords else name for i, name in enumerate(head)
+    ]
     classes = [
         f"{one.verdict} new" if i and one.quantity != compared.values[i - 1].quantity else one.verdict
         for i, one in enumerate(compared.values)
     ]
-    readable = [[row[0].replace("_", " "), *(cell.replace("_", "-") for cell in row[1:-7]), *row[-7:]] for row in rows]
-    words = [0, *(i for i in range(1, len(head) - 7) if not _is_number(rows, i)), len(head) - 2, len(head) - 1]
+    readable = [
+        [row[0].replace("_", " "), *(cell.replace("_", "-") for cell in row[1:end]), *row[end:]] for row in rows
+    ]
+    words = [0, *(i for i in range(1, end) if not _is_number(rows, i)), len(head) - 2, len(head) - 1]
     return section(
         "Computed and published",
         element("p", "Published numbers: ", linked(compared.source), f". {summary(compared.values)}."),

@@ -137,9 +137,9 @@ def _dims_of(study: DishTrackingStudy, axes: Axes) -> dict[str, tuple[str, ...]]
 
 def coordinates(study: DishTrackingStudy, select: Mapping[str, slice] | None = None) -> xr.Dataset:
     """Coordinates of the result over a part of the parameter grid, all of it where `select` is left out."""
-    labels = dict(Grid(study, select).coordinates(_LABELS))
-    dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
     grid = Grid(study, select)
+    labels = grid.coordinates(_LABELS)
+    dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
     zones = np.array(grid.timezones(), dtype=object)
     labels["timezone"] = xr.DataArray(
         zones if "site" in grid.sizes else zones[0],

@@ -93,7 +93,8 @@ def _seconds(study: FieldEfficiencyStudy, grid: Grid) -> float:
     if instant_count(study.time) > MAX_INSTANTS:
         return SECONDS_AT_ZENITH + SECONDS_MORE
     thin = {dim: slice(None, None, max(1, size // SAMPLED_SITES)) for dim, size in grid.sizes.items()}
-    sun = sun_vectors(site_of(Grid(study, thin)), instants_of(Grid(study, thin)).thinned(SAMPLED_INSTANTS), {})
+    sampled = Grid(study, thin)
+    sun = sun_vectors(site_of(sampled), instants_of(sampled).thinned(SAMPLED_INSTANTS), {})
     sine = sun.isel(xyz=2).to_numpy()
     sine = sine[sine > 0]
     if not sine.size:
