@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from heliosweep.config.block import Block
+from heliosweep.config.distribution import Distribution
 from heliosweep.config.names import FileName
 from heliosweep.config.source import scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
@@ -37,7 +38,7 @@ def plain(value: Any, rewrite: Rewrite = lambda _, entry: entry) -> Any:
         return {
             name: plain(rewrite(declared.parameter(name), entry), rewrite) for name, entry in given if entry is not None
         }
-    if isinstance(value, Sweep | DateList | DateRange):
+    if isinstance(value, Sweep | DateList | DateRange | Distribution):
         return plain(value.spec(), rewrite)
     if isinstance(value, dict):
         return {key: plain(entry, rewrite) for key, entry in value.items()}

@@ -1,0 +1,192 @@
+"""Numbers that are fixed, swept or drawn at random: ``{normal: [0, 1.5], samples: 1000, seed: 7}``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from heliosweep.config.faults import Fault, Invalid, nearest
+from heliosweep.config.forms import key_faults, read_parts
+from heliosweep.config.quantity import Quantity
+from heliosweep.config.sweep import Sweep
+
+MAX_SAMPLES, MAX_SEED = 10**9, 2**63 - 1
+NORMAL, UNIFORM = "normal", "uniform"
+_PARTS = {NORMAL: "[mean, standard deviation]", UNIFORM: "[low, high]"}
+_KEYS = (NORMAL, UNIFORM, "samples", "seed")
+_RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
+_FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [low, high]}"
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """What a number is drawn from.
+
+    Parameters
+    ----------
+    kind : {"normal", "uniform"}
+        Shape of the distribution.
+    parts : tuple of float
+        Mean and standard deviation, or least and largest value, in the canonical unit of the parameter.
+    samples, seed : int, optional
+        Number of draws, and what they follow from; None where the study says them elsewhere.
+    """
+
+    kind: str
+    parts: tuple[float, float]
+    samples: int | None = None
+    seed: int | None = None
+
+    @property
+    def mean(self) -> float:
+        """Mean of the distribution."""
+        first, second = self.parts
+        return first if self.kind == NORMAL else 0.5 * first + 0.5 * second
+
+    @property
+    def width(self) -> float:
+        """Factor on standard deviates: the standard deviation, or half the span of a uniform distribution.
+
+        Draws are ``mean + width * deviate`` with standard normal deviates, or uniform ones between -1 and 1.
+        """
+        first, second = self.parts
+        return second if self.kind == NORMAL else 0.5 * second - 0.5 * first
+
+    @property
+    def standard_deviation(self) -> float:
+        """Standard deviation of the distribution."""
+        return self.width if self.kind == NORMAL else float(self.width / 3.0**0.5)
+
+    def spec(self) -> dict[str, Any]:
+        """Return the distribution as plain data that a study file may hold."""
+        drawn = {"samples": self.samples, "seed": self.seed}
+        return {self.kind: list(self.parts)} | {key: value for key, value in drawn.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Uncertain(Quantity):
+    """A physical number that is fixed, swept, or drawn from a distribution.
+
+    Bounds hold for numbers and sweeps, for the mean of a normal and for both ends of a uniform distribution.
+    """
+
+    def read(self, raw: Any) -> Any:
+        """Return a number in the canonical unit, a Sweep of them, or a Distribution. Raises Invalid."""
+        if isinstance(raw, Distribution):
+            raw = raw.spec()
+        if isinstance(raw, Mapping) and _means_distribution(raw):
+            return self._distribution(raw)
+        if isinstance(raw, list | tuple):
+            drawn = [position for position, entry in enumerate(raw) if isinstance(entry, Mapping | Distribution)]
+            if drawn:
+                raise Invalid(Fault("distributions cannot be swept", (position,)) for position in drawn)
+        return super().read(raw)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of the number: bare, with a unit, swept, or a distribution."""
+        fixed = super().json_schema()
+        forms = fixed.get("anyOf", [fixed])
+        one = {"type": ["number", "string"]}
+        width = {"anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}]}
+
+        def pair(second: Mapping[str, Any], description: str) -> dict[str, Any]:
+            bounds = {"minItems": 2, "maxItems": 2}
+            return {"type": "array", "prefixItems": [one, second], "description": description} | bounds
+
+        drawn = {
+            "samples": {"type": "integer", "minimum": 1, "maximum": MAX_SAMPLES, "description": "Number of draws"},
+            "seed": {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "What the draws follow from"},
+        }
+        kinds = {NORMAL: pair(width, "Mean and standard deviation"), UNIFORM: pair(one, "Least and largest value")}
+        return {
+            "anyOf": [
+                *forms,
+                *(
+                    {
+                        "type": "object",
+                        "description": f"Drawn from a {kind} distribution",
+                        "properties": {kind: parts, **drawn},
+                        "required": [kind],
+                        "additionalProperties": False,
+                    }
+                    for kind, parts in kinds.items()
+                ),
+            ]
+        }
+
+    def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
+        faults = key_faults(raw, _KEYS, (), _FORM)
+        if NORMAL in raw and UNIFORM in raw:
+            faults.append(Fault("give 'normal' or 'uniform', not both", (UNIFORM,), show_value=False))
+        elif not faults and not {NORMAL, UNIFORM} & set(raw):
+            faults.append(Fault(f"'normal' or 'uniform' is missing: {_FORM}", show_value=False))
+        readers = {
+            NORMAL: self._normal,
+            UNIFORM: self._uniform,
+            "samples": lambda value: _whole(value, 1, MAX_SAMPLES),
+            "seed": lambda value: _whole(value, 0, MAX_SEED),
+        }
+        values = read_parts(raw, readers, faults)
+        kind = NORMAL if NORMAL in values else UNIFORM
+        return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))
+
+    def _normal(self, raw: Any) -> tuple[float, float]:
+        mean, deviation = self._pair(raw, NORMAL)
+        faults = self._bound_faults({0: mean})
+        if deviation < 0:
+            faults.append(Fault("the standard deviation must not be negative", (1,)))
+        if faults:
+            raise Invalid(faults)
+        return mean, deviation
+
+    def _uniform(self, raw: Any) -> tuple[float, float]:
+        low, high = self._pair(raw, UNIFORM)
+        faults = self._bound_faults({0: low, 1: high})
+        if low > high:
+            faults.append(Fault("the first number must not be larger than the second", (0,)))
+        if faults:
+            raise Invalid(faults)
+        return low, high
+
+    def _pair(self, raw: Any, kind: str) -> tuple[float, float]:
+        """Return two numbers in the canonical unit, bounds not yet checked."""
+        if not isinstance(raw, list | tuple) or len(raw) != 2:
+            raise Invalid(f"must be two numbers, {_PARTS[kind]}")
+        values, faults = [], []
+        for position, entry in enumerate(raw):
+            if isinstance(entry, Sweep | Mapping | list | tuple):
+                faults.append(Fault("must be a single number; distributions cannot be swept", (position,)))
+                continue
+            try:
+                values.append(self._number(entry))
+            except Invalid as error:
+                faults += error.under(position)
+        if faults:
+            raise Invalid(faults)
+        return values[0], values[1]
+
+    def _bound_faults(self, values: Mapping[int, float]) -> list[Fault]:
+        faults: list[Fault] = []
+        for position, value in values.items():
+            try:
+                self._check(value)
+            except Invalid as error:
+                faults += error.under(position)
+        return faults
+
+
+def _means_distribution(raw: Mapping[str, Any]) -> bool:
+    """Whether a mapping is a distribution, or a misspelt one, and not a range."""
+    if NORMAL in raw or UNIFORM in raw:
+        return True
+    meant = {nearest(str(key), (*_KEYS, *_RANGE_KEYS)) for key in raw}
+    return bool(raw) and not meant & set(_RANGE_KEYS)
+
+
+def _whole(raw: Any, least: int, most: int) -> int:
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1 != 0:
+        raise Invalid("must be a whole number")
+    if not least <= raw <= most:
+        raise Invalid(f"must be between {least} and {most:.3g}")
+    return int(raw)

@@ -1,0 +1,147 @@
+"""Numbers that may be drawn at random: forms, units, what is refused, schema and identity."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pytest
+
+from heliosweep.config.block import Block
+from heliosweep.config.distribution import Distribution, Uncertain
+from heliosweep.config.faults import Invalid
+from heliosweep.config.identity import plain, resolved_yaml
+from heliosweep.config.load import load, load_mapping
+from heliosweep.config.schema import json_schema
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Listed, Range
+from heliosweep.errors import StudyError
+
+OFFSET = Uncertain("Offset of the reference", "mrad", ge=-1000, le=1000)
+
+
+class Errors(Block):
+    """Two numbers of a made-up family."""
+
+    azimuth: Annotated[Any, OFFSET]
+    elevation: Annotated[Any, OFFSET] = 0.0
+
+
+class Made(Study):
+    """A made-up family."""
+
+    family: Literal["made"]
+    errors: Errors
+
+
+REGISTRY = {"made": Made}
+
+
+def test_a_number_and_a_sweep_are_read_as_ever() -> None:
+    assert OFFSET.read("0.1 deg") == pytest.approx(1.7453292519943295, rel=1e-15)
+    assert OFFSET.read([0, 1]) == Listed((0.0, 1.0))
+    assert OFFSET.read({"start": 0, "stop": 2, "step": 1}) == Range(0.0, 2.0, 3)
+
+
+@pytest.mark.parametrize(
+    ("raw", "distribution"),
+    [
+        ({"normal": [0, 1.5], "samples": 1000, "seed": 7}, Distribution("normal", (0.0, 1.5), 1000, 7)),
+        ({"normal": ["1 mrad", "200 urad"]}, Distribution("normal", (1.0, 0.2))),
+        ({"uniform": (-1, 3), "seed": 0}, Distribution("uniform", (-1.0, 3.0), None, 0)),
+        ({"uniform": [2, 2], "samples": 1}, Distribution("uniform", (2.0, 2.0), 1)),
+        ({"normal": [-0.0, 0]}, Distribution("normal", (0.0, 0.0))),
+    ],
+)
+def test_distributions(raw: dict[str, Any], distribution: Distribution) -> None:
+    read = OFFSET.read(raw)
+    assert read == distribution
+    assert hash(read) == hash(distribution)
+    assert OFFSET.read(read) == read
+    assert OFFSET.read(read.spec()) == read
+
+
+def test_moments() -> None:
+    normal, uniform = OFFSET.read({"normal": [1, 2]}), OFFSET.read({"uniform": [-1, 5]})
+    assert (normal.mean, normal.width, normal.standard_deviation) == (1.0, 2.0, 2.0)
+    assert (uniform.mean, uniform.width, uniform.standard_deviation) == (2.0, 3.0, pytest.approx(3.0**0.5))
+    assert Distribution("uniform", (-1e300, 1e300)).width == 1e300
+
+
+@pytest.mark.parametrize(
+    ("raw", "faults"),
+    [
+        ({"normal": [0, -1]}, {("normal", 1): "the standard deviation must not be negative"}),
+        ({"normal": [0, 1], "samples": 0}, {("samples",): "must be between 1 and 1e+09"}),
+        ({"normal": [0, 1], "samples": 1.5}, {("samples",): "must be a whole number"}),
+        ({"normal": [0, 1], "samples": True}, {("samples",): "must be a whole number"}),
+        ({"normal": [0, 1], "samples": float("inf")}, {("samples",): "must be a whole number"}),
+        ({"normal": [0, 1], "seed": -1}, {("seed",): "must be between 0 and 9.22e+18"}),
+        ({"normal": [0, 1], "seed": "7"}, {("seed",): "must be a whole number"}),
+        ({"uniform": [1, 0]}, {("uniform", 0): "the first number must not be larger than the second"}),
+        ({"uniform": [-2000, 2000]}, {("uniform", 0): "must be between", ("uniform", 1): "must be between"}),
+        ({"normal": [2000, -1]}, {("normal", 0): "must be between", ("normal", 1): "must not be negative"}),
+        ({"normal": 3}, {("normal",): "must be two numbers, [mean, standard deviation]"}),
+        ({"uniform": [1]}, {("uniform",): "must be two numbers, [low, high]"}),
+        ({"normal": ["1 m", "x"]}, {("normal", 0): "'m' is the unit of a length", ("normal", 1): "must be an angle"}),
+        ({"normal": [0, [1, 2]]}, {("normal", 1): "cannot be swept"}),
+        ({"normal": [0, 1], "uniform": [0, 1]}, {("uniform",): "give 'normal' or 'uniform', not both"}),
+        ({"samples": 3, "seed": 1}, {(): "'normal' or 'uniform' is missing"}),
+        ({"norml": [0, 1]}, {("norml",): "unknown key; did you mean 'normal'?"}),
+        ({"normal": [0, 1], "sampels": 3}, {("sampels",): "unknown key; did you mean 'samples'?"}),
+        ({"normal": [0, 1], "sd": 3, "seed": 1.5}, {("sd",): "unknown key", ("seed",): "must be a whole number"}),
+        ({"normal": [0, 1], "start": 3}, {("start",): "unknown key"}),
+        ({"strat": 0, "stop": 3, "num": 3}, {("strat",): "did you mean 'start'"}),
+        ([0, {"normal": [0, 1]}], {(1,): "distributions cannot be swept"}),
+        ({}, {(): "'start' and 'stop' are missing"}),
+    ],
+)
+def test_what_is_wrong_is_said_where_it_stands(raw: Any, faults: dict[tuple[str | int, ...], str]) -> None:
+    with pytest.raises(Invalid) as caught:
+        OFFSET.read(raw)
+    found = {fault.path: fault.message for fault in caught.value.faults}
+    assert found.keys() == faults.keys()
+    for path, message in faults.items():
+        assert message in found[path]
+
+
+def test_faults_have_lines_and_columns(tmp_path: Path) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text("family: made\nerrors:\n  azimuth: {normal: [0, -1.5], sampels: 3}\n", encoding="utf-8")
+    with pytest.raises(StudyError) as caught:
+        load(path, REGISTRY)
+    text = str(caught.value)
+    assert ":3:25: errors.azimuth.normal[1]: the standard deviation must not be negative (got -1.5)" in text
+    assert ":3:41: errors.azimuth.sampels: unknown key; did you mean 'samples'?" in text
+
+
+def test_a_study_keeps_its_distributions(tmp_path: Path) -> None:
+    drawn = {"normal": [0, "1.5 mrad"], "samples": 10, "seed": 7}
+    study = load_mapping({"family": "made", "errors": {"azimuth": drawn, "elevation": [0, 1]}}, REGISTRY)
+    assert study.errors.azimuth == Distribution("normal", (0.0, 1.5), 10, 7)
+    assert list(study.sweeps()) == ["errors.elevation"]
+    assert plain(study)["errors"]["azimuth"] == {"normal": [0.0, 1.5], "samples": 10, "seed": 7}
+    path = tmp_path / "again.yaml"
+    path.write_text(resolved_yaml(study), encoding="utf-8")
+    again = load(path, REGISTRY)
+    assert again == study
+    assert again.study_id == study.study_id
+    other = load_mapping({"family": "made", "errors": {"azimuth": drawn | {"seed": 8}, "elevation": [0, 1]}}, REGISTRY)
+    assert other.study_id != study.study_id
+    object_given = {"family": "made", "errors": {"azimuth": study.errors.azimuth, "elevation": [0, 1]}}
+    assert load_mapping(object_given, REGISTRY) == study
+
+
+def test_the_schema_knows_distributions() -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json_schema(Made)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+
+    def accepts(value: Any) -> bool:
+        return validator.is_valid({"family": "made", "errors": {"azimuth": value}})
+
+    good = [1, "1 mrad", [1, 2], {"start": 0, "stop": 1, "num": 3}, {"normal": [0, 1.5], "samples": 3, "seed": 1}]
+    assert all(map(accepts, [*good, {"uniform": ["-1 mrad", 1]}]))
+    bad = [{"normal": [0, -1]}, {"normal": [0]}, {"uniform": [0, 1], "sampels": 3}, {"normal": [0, 1], "samples": 0}]
+    assert not any(map(accepts, [*bad, {"samples": 3}, {"normal": [0, 1], "uniform": [0, 1]}]))
