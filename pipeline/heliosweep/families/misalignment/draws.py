@@ -1,0 +1,124 @@
+"""Random draws that depend on nothing but what they are for: seed, stream, heliostat, sample.
+
+A counter-based generator, Philox 4x64 [1]_, is keyed by (seed, stream) and counts from a place of its own for every
+heliostat. So a draw is the same whatever the chunks, the scheduler, the number of heliostats and of samples, and
+whatever else is drawn: 10 samples are the first 10 of 1000.
+
+References
+----------
+.. [1] J. K. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11 (2011), doi 10.1145/2063384.2063405
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.random import Philox
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from heliosweep.config.distribution import NORMAL, Distribution
+
+__all__ = ["NOISE_STREAMS", "drawn_errors", "standard_normals", "standard_uniforms"]
+
+#: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
+NOISE_STREAMS = (100, 101)
+#: Numbers that the generator makes at one count.
+_BATCH = 4
+
+
+def standard_uniforms(
+    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
+) -> NDArray[np.float64]:
+    """Uniform draws between 0 and 1, both excluded, symmetric about 1/2.
+
+    Parameters
+    ----------
+    seed, stream : int
+        What the draws follow from, and what they are for: the number of an error of the mount, for instance. Both
+        from 0 to 2^63 - 1.
+    heliostats : array_like of int, shape (H,)
+        Numbers of the heliostats, from 0.
+    samples : int
+        Draws per heliostat.
+    first : int
+        Sample to begin with.
+
+    Returns
+    -------
+    ndarray, shape (H, samples)
+        Multiples of 2^-53. [1]
+    """
+    numbers = np.asarray(heliostats, np.int64).ravel()
+    key = np.array([seed, stream], np.uint64)
+    batch, skip = divmod(first, _BATCH)
+    bits = np.empty((numbers.size, samples), np.uint64)
+    for row, number in zip(bits, numbers, strict=True):
+        counter = np.array([batch, 0, number, 0], np.uint64)
+        row[:] = Philox(key=key, counter=counter).random_raw(skip + samples)[skip:]
+    # 52 bits and a half: exact, never 0 or 1, and 1 - u as likely as u.
+    return ((bits >> np.uint64(12)) + 0.5) * 2.0**-52
+
+
+def standard_normals(
+    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
+) -> NDArray[np.float64]:
+    """Draws from the normal distribution of mean 0 and standard deviation 1, by inversion.
+
+    Parameters
+    ----------
+    seed, stream, heliostats, samples, first
+        As for `standard_uniforms`.
+
+    Returns
+    -------
+    ndarray, shape (H, samples)
+        Between -8.3 and 8.3. [1]
+    """
+    return ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
+
+
+def drawn_errors(
+    errors: Sequence[float | Distribution],
+    heliostats: ArrayLike,
+    samples: int,
+    seed: int,
+    scale: float = 1.0,
+    first: int = 0,
+) -> NDArray[np.float64]:
+    """Errors of every heliostat and sample, fixed ones among them.
+
+    Parameters
+    ----------
+    errors : sequence of float or Distribution, length E
+        What each error is, in any unit; the position of an error is the stream of its draws.
+    heliostats : array_like of int, shape (H,)
+        Numbers of the heliostats, from 0.
+    samples : int
+        Draws per heliostat, whatever the distributions say.
+    seed : int
+        Seed of the distributions that give none themselves.
+    scale : float
+        Factor on the deviations of drawn errors from their mean. [1]
+    first : int
+        Sample to begin with.
+
+    Returns
+    -------
+    ndarray, shape (H, samples, E)
+        In the unit of `errors`.
+    """
+    numbers = np.asarray(heliostats, np.int64).ravel()
+    result = np.empty((numbers.size, samples, len(errors)))
+    for stream, error in enumerate(errors):
+        if not isinstance(error, Distribution):
+            result[..., stream] = error
+            continue
+        own = seed if error.seed is None else error.seed
+        if error.kind == NORMAL:
+            deviates = standard_normals(own, stream, numbers, samples, first)
+        else:
+            deviates = 2.0 * standard_uniforms(own, stream, numbers, samples, first) - 1.0
+        result[..., stream] = error.mean + (scale * error.width) * deviates
+    return result
