@@ -1,0 +1,294 @@
+"""Blocks of the study file of the family `misalignment`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated
+
+from heliosweep.config.block import Block
+from heliosweep.config.blocks import Receiver as ReceiverPoint
+from heliosweep.config.distribution import MAX_SAMPLES, MAX_SEED, Distribution, Uncertain
+from heliosweep.config.faults import Fault
+from heliosweep.config.names import Choice, FileName
+from heliosweep.config.quantity import Quantity, Samples
+from heliosweep.config.sweep import Sweep
+from heliosweep.families.misalignment.values import Lines, OneOf, Triple, Triples
+
+#: Kinds of mounts, in the order of their codes in the kernels.
+MOUNTS = {
+    "azimuth_elevation": "primary axis vertical",
+    "target_aligned": "primary axis towards the target",
+    "polar": "primary axis towards the celestial north pole",
+    "tilt_roll": "primary axis horizontal, in the direction of axis_azimuth",
+}
+#: Sources of error, in the order of their codes in the kernels.
+SOURCES = {
+    "canting": "the mirror turns about its own centre",
+    "encoder": "mirror and offset turn about the pivot",
+    "tilt": "the whole mount turns about its base, pedestal_height below the pivot",
+}
+#: Axes of error, in the order of their codes in the kernels.
+AXES = {
+    "elevation": "about the horizontal axis in the mirror; positive raises the normal",
+    "azimuth": "about the up-slope axis in the mirror; positive clockwise from above",
+    "encoder_azimuth": "about the primary axis of the mount; positive clockwise from above",
+}
+#: The six errors of a two-axis mount, in the order of the kernels.
+ERRORS = (
+    "azimuth_reference",
+    "elevation_reference",
+    "tilt_about_east",
+    "tilt_about_north",
+    "non_orthogonality",
+    "collimation",
+)
+LOSSES = {
+    "squared": "least squares",
+    "huber": "linear beyond loss_scale",
+    "cauchy": "logarithmic beyond loss_scale",
+}
+
+
+class Sun(Block):
+    """A sun that stands still, as a lamp in a laboratory."""
+
+    azimuth: Annotated[
+        float | Sweep,
+        Quantity(
+            "Azimuth of the sun, clockwise from north",
+            "deg", ge=-360, le=360, dimension="sun_azimuth", title="azimuth of the sun, clockwise from north",
+            standard_name="solar_azimuth_angle",
+        ),
+    ]  # fmt: skip
+    elevation: Annotated[
+        float | Sweep,
+        Quantity(
+            "Elevation of the sun", "deg", gt=0, le=90, dimension="sun_elevation", title="elevation of the sun",
+            standard_name="solar_elevation_angle",
+        ),
+    ]  # fmt: skip
+
+
+class Receiver(ReceiverPoint):
+    """The aim of all heliostats, in the middle of a flat rectangular face."""
+
+    azimuth: Annotated[
+        float | Sweep,
+        Quantity(
+            "Azimuth of the face's outward normal, clockwise from north: 0 faces a field in the north",
+            "deg", ge=-360, le=360, dimension="receiver_azimuth", title="azimuth of the receiver's normal",
+        ),
+    ] = 0.0  # fmt: skip
+    tilt: Annotated[
+        float | Sweep,
+        Quantity(
+            "Tilt of the face's outward normal above the horizontal; negative faces down",
+            "deg", ge=-90, le=90, dimension="receiver_tilt", title="tilt of the receiver's normal above the horizontal",
+        ),
+    ] = 0.0  # fmt: skip
+    width: Annotated[
+        float | Sweep,
+        Quantity("Width of the aperture", "m", gt=0, dimension="receiver_width", title="width of the aperture"),
+    ]
+    height_extent: Annotated[
+        float | Sweep,
+        Quantity(
+            "Height of the aperture, along the face",
+            "m", gt=0, dimension="receiver_height_extent", title="height of the aperture",
+        ),
+    ]  # fmt: skip
+
+
+class Heliostats(Block):
+    """The pivots of the heliostats."""
+
+    positions: Annotated[
+        tuple[Triple, ...] | None,
+        Triples(
+            "Pivots, east, north and up of the tower's base; or a 'layout'",
+            names=("x", "y", "z"),
+            units=("m", "m", "m"),
+        ),
+    ] = None
+    pivot_height: Annotated[
+        float | Sweep | None,
+        Quantity(
+            "Height of the pivot above the heliostat's base; with a layout only, 0 where left out",
+            "m", ge=0, title="height of the pivot above the heliostat's base",
+        ),
+    ] = None  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Positions are pivots already."""
+        if self.positions is not None and self.pivot_height is not None:
+            message = "positions are those of the pivots; remove this key, or give a 'layout' instead of positions"
+            yield Fault(message, ("pivot_height",), show_value=False)
+
+
+class Mount(Block):
+    """The two-axis mount of every heliostat."""
+
+    kind: Annotated[
+        str | Sweep, Choice("Which way the primary axis points", MOUNTS, dimension="mount_kind", title="kind of mount")
+    ] = "azimuth_elevation"
+    mirror_offset: Annotated[
+        float | Sweep,
+        Quantity(
+            "Distance of the mirror's centre in front of the elevation axis, along its normal",
+            "m", ge=0, title="offset of the mirror along its normal",
+        ),
+    ] = 0.0  # fmt: skip
+    axis_offset: Annotated[
+        float | Sweep,
+        Quantity(
+            "Distance of the elevation axis from the primary axis, positive to the front; not in mode: curves",
+            "m", title="offset of the elevation axis from the primary axis",
+        ),
+    ] = 0.0  # fmt: skip
+    pedestal_height: Annotated[
+        float | Sweep,
+        Quantity(
+            "Height of the pivot above the point about which the mount tilts",
+            "m", ge=0, title="height of the pivot above the point about which the mount tilts",
+        ),
+    ] = 0.0  # fmt: skip
+    axis_azimuth: Annotated[
+        float | Sweep,
+        Quantity(
+            "Azimuth of the primary axis of a tilt_roll mount, clockwise from north",
+            "deg", ge=-360, le=360, title="azimuth of the primary axis",
+        ),
+    ] = 0.0  # fmt: skip
+
+
+class Error(Block):
+    """The misalignment whose deviation curves are traced."""
+
+    source: Annotated[str | Sweep, Choice("What is misaligned", SOURCES, title="source of the error")] = "canting"
+    axis: Annotated[str | Sweep, Choice("About which axis", AXES, title="axis of the error")] = "elevation"
+    size: Annotated[
+        float | Sweep,
+        Quantity(
+            "Angle of the error",
+            "mrad", ge=-1500, le=1500, dimension="error_size", title="angle of the error",
+        ),
+    ]  # fmt: skip
+
+
+class Detectors(Block):
+    """Lines of detectors on the receiver's plane."""
+
+    lines: Annotated[
+        tuple[Triple, ...],
+        Lines("Lines l0 Y + l1 Z = l2, Y to the right and Z up, in m", names=("l0", "l1", "l2"), units=("1", "1", "m")),
+    ]
+
+
+def _angle(description: str, title: str) -> Uncertain:
+    return Uncertain(description, "mrad", ge=-500, le=500, title=title)
+
+
+class MountErrors(Block):
+    """Errors of the mount: fixed, swept, or drawn from distributions."""
+
+    azimuth_reference: Annotated[
+        float | Sweep | Distribution,
+        _angle("Offset of the primary encoder's zero, positive clockwise from above", "azimuth reference error"),
+    ] = 0.0
+    elevation_reference: Annotated[
+        float | Sweep | Distribution,
+        _angle("Offset of the secondary encoder's zero, positive up", "elevation reference error"),
+    ] = 0.0
+    tilt_about_east: Annotated[
+        float | Sweep | Distribution,
+        _angle("Tilt of the primary axis about the first axis of the mount's frame (east)", "tilt about east"),
+    ] = 0.0
+    tilt_about_north: Annotated[
+        float | Sweep | Distribution,
+        _angle("Tilt of the primary axis about the second axis of the mount's frame (north)", "tilt about north"),
+    ] = 0.0
+    non_orthogonality: Annotated[
+        float | Sweep | Distribution,
+        _angle("Angle between the secondary axis and the normal plane of the primary axis", "non-orthogonality"),
+    ] = 0.0
+    collimation: Annotated[
+        float | Sweep | Distribution,
+        _angle("Angle between the mirror's normal and the normal plane of the secondary axis", "collimation error"),
+    ] = 0.0
+    scale: Annotated[
+        float | Sweep,
+        Quantity(
+            "Factor on the deviations of all drawn errors from their mean",
+            "1", ge=0, dimension="error_scale", title="factor on the deviations of the drawn errors from their mean",
+        ),
+    ] = 1.0  # fmt: skip
+    samples: Annotated[
+        int | None,
+        Quantity("Number of draws of all distributions", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
+    ] = None
+    seed: Annotated[
+        int | None,
+        Quantity("What the draws of all distributions follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
+    ] = None
+
+
+class Statistics(Block):
+    """Statistics over the draws."""
+
+    percentiles: Annotated[
+        Sweep, Samples("Percentiles of the remaining tolerance", "1", ge=0, le=100, title="percentile")
+    ]
+
+
+class Calibration(Block):
+    """Estimate of the mount errors from spots."""
+
+    parameters: Annotated[
+        int | Sweep,
+        OneOf(
+            "How many of the six errors are estimated: 2 encoder references, 4 also the tilts, 6 all",
+            "1", integer=True, options=(2, 4, 6), title="number of estimated errors",
+        ),
+    ] = 4  # fmt: skip
+    spots: Annotated[
+        str | None,
+        FileName(
+            "CSV table of measured spots: heliostat, y and z in m, time or sun vector, optional weight; "
+            "synthetic spots of 'mount_errors' where left out",
+            sweep=False,
+        ),
+    ] = None
+    noise: Annotated[
+        float | Sweep,
+        Quantity("Standard deviation of each coordinate of synthetic spots", "m", ge=0, title="noise of the spots"),
+    ] = 0.0
+    days_used: Annotated[
+        int | Sweep | None,
+        Quantity(
+            "How many of the days of 'time' spots are taken on; all where left out",
+            "1", ge=1, integer=True, title="number of days with spots",
+        ),
+    ] = None  # fmt: skip
+    loss: Annotated[str | Sweep, Choice("What grows with a residual", LOSSES, title="loss function")] = "squared"
+    loss_scale: Annotated[
+        float | Sweep,
+        Quantity("Residual from which a robust loss grows less than its square", "m", gt=0, title="scale of the loss"),
+    ] = 0.1
+    condition_limit: Annotated[
+        float,
+        Quantity("Condition number above which a warning is given", "1", ge=1, sweep=False),
+    ] = 1000.0
+
+
+#: Blocks that only some modes have.
+BLOCKS_OF_MODES = {
+    "error": ("curves",),
+    "detectors": ("curves",),
+    "mount_errors": ("mount_errors", "calibration"),
+    "statistics": ("mount_errors",),
+    "calibration": ("calibration",),
+}
+__all__ = [
+    "AXES", "BLOCKS_OF_MODES", "ERRORS", "LOSSES", "MOUNTS", "SOURCES", "Calibration", "Detectors", "Error",
+    "Heliostats", "Mount", "MountErrors", "Receiver", "Statistics", "Sun",
+]  # fmt: skip
