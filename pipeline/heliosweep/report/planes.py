@@ -1,0 +1,441 @@
+"""Panels with the same metre along both axes: curves, points and ellipses on a plane, its aperture drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse as EllipsePatch
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+
+from heliosweep.report.frames import Ends, beyond, common, span
+from heliosweep.report.style import PAGE_WIDTH, VALUES, new_figure, styled
+
+#: Panels beside each other.
+COLUMNS = 3
+
+#: Largest panels over smallest up to which all have one scale.
+SIMILAR = 4.0
+
+#: Words of the axes, as seen from the field looking at the receiver.
+RIGHT, UP = "to the right (m)", "up (m)"
+
+#: Name of the aperture in the legend.
+APERTURE = "aperture"
+
+_LEFT, _RIGHT, _FOOT, _BAR, _GAP, _OWN_GAP, _BETWEEN = 0.55, 0.1, 0.45, 0.52, 0.1, 0.45, 0.28
+_WIDEST = {1: 4.0, 2: 3.0}
+_LETTER = 0.068
+_APERTURE_LOOK: dict[str, Any] = {"facecolor": "#ededed", "edgecolor": "#333333", "linewidth": 0.9}
+_HALO = [withStroke(linewidth=1.8, foreground="white")]
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the tracks of one name look.
+
+    Parameters
+    ----------
+    colour : str
+        Of the line, and of points without numbers.
+    line : str or tuple
+        Dashes as matplotlib writes them; empty for none.
+    marker : str
+        Of the points; empty for none.
+    width, size : float
+        Of line and marker. [point]
+    open : bool
+        Whether markers are not filled.
+    """
+
+    colour: str
+    line: Any = "-"
+    marker: str = ""
+    width: float = 1.2
+    size: float = 3.2
+    open: bool = False
+
+
+@dataclass(frozen=True)
+class Track:
+    """Points in their order.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        Where they are; a missing one interrupts the line. [m]
+    name : str
+        Which look it has; in the legend where the look is to be explained.
+    numbers : ndarray, shape (n,), optional
+        What colours the points, by the figure's scale.
+    text : str
+        Beside the last point that is seen.
+    half : ndarray, shape (n,), optional
+        Half-length of error bars along y.
+    framed : bool
+        Whether the panel is made large enough for it.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    name: str
+    numbers: np.ndarray | None = None
+    text: str = ""
+    half: np.ndarray | None = None
+    framed: bool = True
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Region that holds a part of a normal distribution.
+
+    Parameters
+    ----------
+    x, y : float
+        Mean. [m]
+    covariance : ndarray, shape (2, 2)
+        Of x and y. [m2]
+    name : str
+        Which look it has.
+    number : float, optional
+        What colours it, by the figure's scale.
+    part : float
+        Probability inside.
+    """
+
+    x: float
+    y: float
+    covariance: np.ndarray
+    name: str
+    number: float | None = None
+    part: float = 0.95
+
+    def axes(self) -> tuple[float, float, float]:
+        """Lengths of both axes, the longer one first, and the angle of that one from x. [m, m, deg]"""
+        values, vectors = np.linalg.eigh(self.covariance)
+        radii = np.sqrt(np.maximum(values, 0.0) * -2.0 * math.log1p(-self.part))
+        return 2.0 * float(radii[1]), 2.0 * float(radii[0]), math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """How far it goes from its centre along x and y. [m]"""
+        x, y = np.sqrt(np.maximum(np.diag(self.covariance), 0.0) * -2.0 * math.log1p(-self.part))
+        return float(x), float(y)
+
+    @property
+    def known(self) -> bool:
+        """Whether nothing of it is missing."""
+        return bool(np.isfinite([self.x, self.y, *np.ravel(self.covariance)]).all())
+
+
+@dataclass(frozen=True)
+class Plane:
+    """One panel.
+
+    Parameters
+    ----------
+    title : str
+        Above it.
+    tracks : sequence of Track
+        From bottom to top.
+    ellipses : sequence of Ellipse
+        Above the tracks; one that misses a number is left out.
+    aperture : tuple of float, optional
+        Width and height of the rectangle about the origin. [m]
+    alone : bool
+        Whether it has a frame of its own whatever the others are like.
+    """
+
+    title: str
+    tracks: Sequence[Track]
+    ellipses: Sequence[Ellipse] = ()
+    aperture: tuple[float, float] | None = None
+    alone: bool = False
+
+    def points(self) -> np.ndarray:
+        """Everything that the frame is made for, shape (n, 2). [m]"""
+        pieces = [np.empty((0, 2))]
+        for track in self.tracks:
+            if track.framed:
+                half = 0.0 if track.half is None else np.nan_to_num(track.half)
+                pieces += [np.stack([track.x, track.y + sign * half], axis=-1) for sign in (-1, 1)]
+        for one in self.ellipses:
+            if one.known:
+                pieces += [np.array([[one.x + sign * one.reach[0], one.y + sign * one.reach[1]] for sign in (-1, 1)])]
+        points = np.concatenate(pieces)
+        return points[np.isfinite(points).all(axis=1)]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What the colours mean.
+
+    Parameters
+    ----------
+    label : str
+        With the unit.
+    low, high : float
+        Ends.
+    """
+
+    label: str
+    low: float
+    high: float
+
+    @property
+    def norm(self) -> Normalize:
+        """From numbers to colours; a single number has the middle one."""
+        return Normalize(self.low, self.high) if self.high > self.low else Normalize(self.low - 1, self.high + 1)
+
+    @property
+    def palette(self) -> Colormap:
+        """Colours, without the palest ones, which points and lines on white would not show."""
+        return ListedColormap(colormaps[VALUES](np.linspace(0.0, 0.93, 256)))
+
+
+@dataclass(frozen=True)
+class Words:
+    """What stands around the panels.
+
+    Parameters
+    ----------
+    x, y : str
+        Labels of the axes, with the unit.
+    legend : str
+        Above the legend, if any.
+    silent : sequence of str
+        Names that the legend leaves out.
+    """
+
+    x: str = RIGHT
+    y: str = UP
+    legend: str = ""
+    silent: Sequence[str] = field(default=())
+
+
+def frames(planes: Sequence[Plane]) -> list[Ends]:
+    """Ends of the axes of each panel: the same for all where their sizes are similar.
+
+    Parameters
+    ----------
+    planes : sequence of Plane
+        In reading order.
+
+    Returns
+    -------
+    list of ((left, right), (bottom, top))
+        Squares. [m]
+    """
+    ends = [span(plane.points(), plane.aperture) for plane in planes]
+    together = [end for end, plane in zip(ends, planes, strict=True) if not plane.alone]
+    if together:
+        sizes = [end[0][1] - end[0][0] for end in together]
+        if max(sizes) <= SIMILAR * min(sizes):
+            one = common(together)
+            ends = [end if plane.alone else one for end, plane in zip(ends, planes, strict=True)]
+    return ends
+
+
+def cut(planes: Sequence[Plane]) -> int:
+    """How many points of tracks lie outside of the panels."""
+    return sum(beyond(plane.points(), ends) for plane, ends in zip(planes, frames(planes), strict=True))
+
+
+@styled
+def plane_figure(
+    planes: Sequence[Plane],
+    looks: Mapping[str, Look],
+    *,
+    words: Words | None = None,
+    scale: Scale | None = None,
+    columns: int = COLUMNS,
+) -> Figure:
+    """Draw panels in rows, the legend above, the scale of the colours below.
+
+    Parameters
+    ----------
+    planes : sequence of Plane
+        In reading order.
+    looks : mapping of str to Look
+        By the names of tracks and ellipses, in the order of the legend.
+    words : Words, optional
+        Labels; those of a receiver plane where left out.
+    scale : Scale, optional
+        What the numbers are that colour points; without it, points have the colour of their look.
+    columns : int
+        Panels beside each other at most.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    words = words or Words()
+    columns = min(columns, len(planes))
+    rows = -(-len(planes) // columns)
+    ends = frames(planes)
+    shared = len(set(ends)) == 1
+    gap, between = (_GAP, _BETWEEN) if shared else (_OWN_GAP, _BETWEEN + 0.15)
+    side = (PAGE_WIDTH - _LEFT - _RIGHT - gap * (columns - 1)) / columns
+    side = min(side, _WIDEST.get(columns, side))
+    width = _LEFT + columns * side + (columns - 1) * gap + _RIGHT
+    handles = _handles(planes, looks, words.silent)
+    width = max(width, min(PAGE_WIDTH, 0.3 + _LETTER * max(map(len, [*handles, words.legend]), default=0)))
+    abreast = _abreast(list(handles), width)
+    lines = -(-len(handles) // abreast) + bool(words.legend)
+    head = 0.06 + 0.17 * lines + (0.1 if lines else 0) + 0.2 * any(plane.title for plane in planes)
+    foot = _FOOT + (_BAR if scale else 0.0)
+    height = head + rows * side + (rows - 1) * between + foot
+    figure = new_figure(width, height)
+    for index, (plane, end) in enumerate(zip(planes, ends, strict=True)):
+        i, j = divmod(index, columns)
+        left, bottom = _LEFT + j * (side + gap), foot + (rows - 1 - i) * (side + between)
+        axes = figure.add_axes((left / width, bottom / height, side / width, side / height))
+        axes.set(xlim=end[0], ylim=end[1])
+        axes.set_title(plane.title, pad=3)
+        _ticks(axes, left=j == 0 or not shared, bottom=index + columns >= len(planes) or not shared, own=not shared)
+        if j == 0:
+            axes.set_ylabel(words.y, labelpad=1)
+        if index + columns >= len(planes):
+            axes.set_xlabel(words.x, labelpad=2)
+        _draw(axes, plane, looks, scale, 72 * side)
+    if scale:
+        bar = figure.add_axes((0.2, 0.38 / height, 0.6, 0.1 / height))
+        mappable = ScalarMappable(scale.norm, scale.palette)
+        figure.colorbar(mappable, cax=bar, orientation="horizontal").outline.set_linewidth(0.5)
+        bar.set_xlabel(scale.label, labelpad=2)
+        bar.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 3, 5, 10]))
+    if handles:
+        figure.legend(
+            list(handles.values()),
+            list(handles),
+            loc="upper center",
+            ncols=abreast,
+            borderaxespad=0.3,
+            title=words.legend or None,
+        )
+    return figure
+
+
+def _abreast(names: Sequence[str], width: float) -> int:
+    """Names beside each other in the legend, in rows that are as even as can be."""
+    if not names:
+        return 1
+    fit = max(1, int(width / (0.5 + _LETTER * max(map(len, names)))))
+    return -(-len(names) // -(-len(names) // fit))
+
+
+def _handles(planes: Sequence[Plane], looks: Mapping[str, Look], silent: Sequence[str]) -> dict[str, Line2D | Patch]:
+    """Legend: every look that is used, and the aperture."""
+    outlined = {one.name for plane in planes for one in plane.ellipses}
+    used = {track.name for plane in planes for track in plane.tracks} | outlined
+    handles: dict[str, Line2D | Patch] = {
+        name: Line2D([], [], **_style(look)) for name, look in looks.items() if name in used and name not in silent
+    }
+    if any(plane.aperture for plane in planes):
+        handles[APERTURE] = Patch(**_APERTURE_LOOK)
+    return handles
+
+
+def _style(look: Look) -> dict[str, Any]:
+    filled = {"markerfacecolor": "none"} if look.open else {}
+    thin = look.open or look.marker in "+x"
+    return {
+        "color": look.colour,
+        "linestyle": look.line or "none",
+        "linewidth": look.width,
+        "marker": look.marker,
+        "markersize": look.size,
+        "markeredgewidth": 0.8 if thin else 0.0,
+        **filled,
+    }
+
+
+def _ticks(axes: Axes, left: bool, bottom: bool, own: bool) -> None:
+    """Round numbers; away from the corners, where those of the next panel would touch."""
+    axes.grid(True)
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        margin = (0.02 if own else 0.06) * (high - low)
+        ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high))
+        axis.set_ticks(ticks[(ticks > low + margin) & (ticks < high - margin)])
+    axes.tick_params(labelbottom=bottom, labelleft=left)
+
+
+def _draw(axes: Axes, plane: Plane, looks: Mapping[str, Look], scale: Scale | None, points: float) -> None:
+    """All of one panel, whose side is so many `points` long."""
+    if plane.aperture:
+        wide, high = plane.aperture
+        axes.add_patch(Rectangle((-wide / 2, -high / 2), wide, high, zorder=0.6, **_APERTURE_LOOK))
+    for track in plane.tracks:
+        look = looks[track.name]
+        if track.half is not None:
+            axes.errorbar(
+                track.x, track.y, track.half, fmt="none", ecolor=look.colour, elinewidth=0.6, capsize=1.2, alpha=0.7
+            )
+        if track.numbers is None or scale is None:
+            axes.plot(track.x, track.y, **_style(look))
+            continue
+        if look.line:
+            axes.plot(track.x, track.y, color=look.colour, linestyle=look.line, linewidth=look.width)
+        dots = {"cmap": scale.palette, "norm": scale.norm, "linewidths": 0.3, "edgecolors": "#444444"}
+        seen = np.isfinite(track.x) & np.isfinite(track.y)
+        axes.scatter(
+            track.x[seen], track.y[seen], look.size**2, track.numbers[seen], marker=look.marker or "o", zorder=3, **dots
+        )
+    for one in plane.ellipses:
+        if one.known:
+            long, short, angle = one.axes()
+            look = looks[one.name]
+            colour = look.colour if one.number is None or scale is None else scale.palette(scale.norm(one.number))
+            shape = {"facecolor": "none", "edgecolor": colour, "linewidth": look.width, "linestyle": look.line or "-"}
+            axes.add_patch(EllipsePatch((one.x, one.y), long, short, angle=angle, zorder=2.5, **shape))
+    _write(axes, plane, looks, points)
+
+
+def _write(axes: Axes, plane: Plane, looks: Mapping[str, Look], points: float) -> None:
+    """Write the texts at the ends of tracks, each where it covers no other one and stays inside the panel."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    grow = points / (right - left)
+    taken: list[tuple[float, float, float, float]] = []
+    for track in plane.tracks:
+        inside = (track.x > left) & (track.x < right) & (track.y > bottom) & (track.y < top)
+        seen = np.flatnonzero(inside)
+        if not track.text or not seen.size:
+            continue
+        at = np.array([track.x[seen[-1]] - left, track.y[seen[-1]] - bottom]) * grow
+        before = seen[-2] if seen.size > 1 else seen[-1]
+        onward = math.atan2(track.y[seen[-1]] - track.y[before], track.x[seen[-1]] - track.x[before])
+        wide, high = 4.0 * len(track.text), 7.0
+        for turn, far in ((turn, far) for far in (1.0, 2.0, 3.5) for turn in (0, 0.6, -0.6, 1.2, -1.2, 2, -2, math.pi)):
+            angle = onward + turn
+            centre = at + np.array([math.cos(angle) * (wide / 2 + 3), math.sin(angle) * (high / 2 + 3)]) * far
+            box = (centre[0] - wide / 2, centre[1] - high / 2, centre[0] + wide / 2, centre[1] + high / 2)
+            fits = box[0] > 1 and box[1] > 1 and box[2] < points - 1 and box[3] < points - 1
+            if fits and not any(_overlap(box, other) for other in taken):
+                taken.append(box)
+                place = (left + centre[0] / grow, bottom + centre[1] / grow)
+                axes.text(
+                    *place,
+                    track.text,
+                    ha="center",
+                    va="center_baseline",
+                    fontsize=6.5,
+                    color=looks[track.name].colour,
+                    path_effects=_HALO,
+                    zorder=4,
+                )
+                break
+
+
+def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
