@@ -67,7 +67,7 @@ def test_draws_do_not_depend_on_the_other_heliostats() -> None:
 
 def test_errors_of_all_kinds() -> None:
     normal, uniform = Distribution("normal", (1.0, 2.0)), Distribution("uniform", (-1.0, 3.0), seed=11)
-    errors = [normal, 0.25, uniform, Distribution("normal", (5.0, 0.0))]
+    errors: list[float | Distribution] = [normal, 0.25, uniform, Distribution("normal", (5.0, 0.0))]
     drawn = drawn_errors(errors, range(30), 500, seed=7)
     assert drawn.shape == (30, 500, 4)
     assert np.array_equal(drawn[..., 0], 1.0 + 2.0 * standard_normals(7, 0, range(30), 500))
@@ -86,7 +86,7 @@ def test_errors_do_not_depend_on_which_others_are_drawn() -> None:
 
 
 def test_scale_multiplies_deviations_and_leaves_the_mean() -> None:
-    errors = [Distribution("normal", (1.0, 2.0)), 3.0, Distribution("uniform", (4.0, 6.0))]
+    errors: list[float | Distribution] = [Distribution("normal", (1.0, 2.0)), 3.0, Distribution("uniform", (4.0, 6.0))]
     once, twice, none = (drawn_errors(errors, range(3), 100, seed=7, scale=scale) for scale in (1.0, 2.0, 0.0))
     means = np.array([1.0, 3.0, 5.0])
     assert np.allclose(twice - means, 2 * (once - means), rtol=1e-14, atol=1e-14)

@@ -58,7 +58,7 @@ def standard_uniforms(
         counter = np.array([batch, 0, number, 0], np.uint64)
         row[:] = Philox(key=key, counter=counter).random_raw(skip + samples)[skip:]
     # 52 bits and a half: exact, never 0 or 1, and 1 - u as likely as u.
-    return ((bits >> np.uint64(12)) + 0.5) * 2.0**-52
+    return ((bits >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
 
 
 def standard_normals(
@@ -76,7 +76,8 @@ def standard_normals(
     ndarray, shape (H, samples)
         Between -8.3 and 8.3. [1]
     """
-    return ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
+    normals: NDArray[np.float64] = ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
+    return normals
 
 
 def drawn_errors(
