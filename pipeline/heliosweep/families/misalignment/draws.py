@@ -12,6 +12,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Philox
@@ -19,8 +20,23 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from heliosweep.config.distribution import NORMAL, Distribution
+from heliosweep.families.misalignment.blocks import ERRORS
 
-__all__ = ["NOISE_STREAMS", "drawn_errors", "standard_normals", "standard_uniforms"]
+if TYPE_CHECKING:
+    from heliosweep.config.sweep import Sweep
+    from heliosweep.families.misalignment.blocks import MountErrors
+
+__all__ = [
+    "NOISE_STREAMS",
+    "drawn_errors",
+    "errors_of",
+    "means_and_widths",
+    "sample_count",
+    "seed_of",
+    "standard_deviates",
+    "standard_normals",
+    "standard_uniforms",
+]
 
 #: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
 NOISE_STREAMS = (100, 101)
@@ -80,6 +96,56 @@ def standard_normals(
     return normals
 
 
+def errors_of(block: MountErrors) -> tuple[float | Sweep | Distribution, ...]:
+    """The six errors of a study, in the order of the kernels. [mrad]"""
+    return tuple(getattr(block, name) for name in ERRORS)
+
+
+def sample_count(block: MountErrors) -> int:
+    """Number of draws of a study, the largest that it says anywhere; 0 where no error is drawn."""
+    drawn = [error for error in errors_of(block) if isinstance(error, Distribution)]
+    said = [error.samples for error in drawn if error.samples is not None]
+    return max([*said, *([block.samples] if block.samples else [])], default=1) if drawn else 0
+
+
+def seed_of(block: MountErrors) -> int:
+    """Seed of the distributions that give none themselves; 0 where the study says none."""
+    return block.seed or 0
+
+
+def standard_deviates(
+    errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int, first: int = 0
+) -> NDArray[np.float64]:
+    """What errors are drawn from: standard normal draws, or uniform ones between -1 and 1; 0 for what is not drawn.
+
+    Parameters
+    ----------
+    errors : sequence, length E
+        A Distribution for each error that is drawn; the position of an error is the stream of its draws.
+    heliostats : array_like of int, shape (H,)
+        Numbers of the heliostats, from 0.
+    samples : int
+        Draws per heliostat, whatever the distributions say.
+    seed : int
+        Seed of the distributions that give none themselves.
+    first : int
+        Sample to begin with.
+
+    Returns
+    -------
+    ndarray, shape (H, samples, E)
+        Draws of an error are ``error.mean + error.width * deviate``.
+    """
+    numbers = np.asarray(heliostats, np.int64).ravel()
+    result = np.zeros((numbers.size, samples, len(errors)))
+    for stream, error in enumerate(errors):
+        if isinstance(error, Distribution):
+            draw = standard_normals if error.kind == NORMAL else _between_ones
+            own = seed if error.seed is None else error.seed
+            result[..., stream] = draw(own, stream, numbers, samples, first)
+    return result
+
+
 def drawn_errors(
     errors: Sequence[float | Distribution],
     heliostats: ArrayLike,
@@ -93,33 +159,27 @@ def drawn_errors(
     Parameters
     ----------
     errors : sequence of float or Distribution, length E
-        What each error is, in any unit; the position of an error is the stream of its draws.
-    heliostats : array_like of int, shape (H,)
-        Numbers of the heliostats, from 0.
-    samples : int
-        Draws per heliostat, whatever the distributions say.
-    seed : int
-        Seed of the distributions that give none themselves.
+        What each error is, in any unit.
+    heliostats, samples, seed, first
+        As for `standard_deviates`.
     scale : float
         Factor on the deviations of drawn errors from their mean. [1]
-    first : int
-        Sample to begin with.
 
     Returns
     -------
     ndarray, shape (H, samples, E)
         In the unit of `errors`.
     """
-    numbers = np.asarray(heliostats, np.int64).ravel()
-    result = np.empty((numbers.size, samples, len(errors)))
-    for stream, error in enumerate(errors):
-        if not isinstance(error, Distribution):
-            result[..., stream] = error
-            continue
-        own = seed if error.seed is None else error.seed
-        if error.kind == NORMAL:
-            deviates = standard_normals(own, stream, numbers, samples, first)
-        else:
-            deviates = 2.0 * standard_uniforms(own, stream, numbers, samples, first) - 1.0
-        result[..., stream] = error.mean + (scale * error.width) * deviates
-    return result
+    means, widths = means_and_widths(errors)
+    return means + (scale * widths) * standard_deviates(errors, heliostats, samples, seed, first)
+
+
+def means_and_widths(errors: Sequence[float | Distribution]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean of each error and factor on its deviates, 0 for fixed ones; each of shape (E,)."""
+    drawn = [error if isinstance(error, Distribution) else None for error in errors]
+    means = [own.mean if own else error for own, error in zip(drawn, errors, strict=True)]
+    return np.array(means, np.float64), np.array([own.width if own else 0.0 for own in drawn])
+
+
+def _between_ones(seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int) -> NDArray[np.float64]:
+    return 2.0 * standard_uniforms(seed, stream, heliostats, samples, first) - 1.0
