@@ -153,7 +153,7 @@ def trace(
     z = zx * (px + length * rx) + zy * (py + length * ry) + zz * (pz + length * rz)
     status = REACHES if (towards > 0.0 and lit > 0.0) else MISSES
     status = status if before > 0.0 else BEHIND_FACE
-    status = status if sz > 0.0 else NO_SUN
+    status = status if sz > 0.0 and sx == sx and sy == sy else NO_SUN
     y = y if status == REACHES else math.nan
     z = z if status == REACHES else math.nan
     return y, z, status

@@ -1,0 +1,59 @@
+"""Vectors as tuples of three numbers, for kernels that follow one ray at a time; the compiler makes scalars of them."""
+
+import math
+
+from heliosweep.kernels.compiled import inline
+
+__all__ = ["Vector", "at_angle", "cross", "dot", "mixed", "slope_at_angle", "turning", "unit"]
+
+Vector = tuple[float, float, float]
+
+
+@inline
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inline
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inline
+def mixed(f: float, a: Vector, g: float, b: Vector) -> Vector:
+    """Linear combination f a + g b."""
+    return f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2]
+
+
+@inline
+def unit(a: Vector) -> Vector:
+    """Direction of a vector, NaN for the vector nothing."""
+    length = math.sqrt(dot(a, a))
+    return a[0] / length, a[1] / length, a[2] / length
+
+
+@inline
+def turning(axis: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
+    """Parts v0, v1, v2 of a vector that turns about a unit axis: Rot(axis, e) v = v0 + v1 cos e + v2 sin e."""
+    along = dot(axis, v)
+    still = (along * axis[0], along * axis[1], along * axis[2])
+    return still, mixed(1.0, v, -1.0, still), cross(axis, v)
+
+
+@inline
+def at_angle(parts: tuple[Vector, Vector, Vector], cosine: float, sine: float) -> Vector:
+    """Turning vector v0 + v1 cos e + v2 sin e."""
+    a, b, c = parts
+    return (
+        a[0] + b[0] * cosine + c[0] * sine,
+        a[1] + b[1] * cosine + c[1] * sine,
+        a[2] + b[2] * cosine + c[2] * sine,
+    )
+
+
+@inline
+def slope_at_angle(parts: tuple[Vector, Vector, Vector], cosine: float, sine: float) -> Vector:
+    """Derivative of a turning vector by its angle: v2 cos e - v1 sin e."""
+    return mixed(cosine, parts[2], -sine, parts[1])
