@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from matplotlib.ticker import AutoLocator, FuncFormatter, MaxNLocator, MultipleLocator
+from matplotlib.ticker import AutoLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
 from heliosweep.report.labels import latitude_text
 from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, VALUES, new_figure, styled
@@ -64,6 +64,7 @@ def curve_figure(
     columns: int = 2,
     latitude: bool = False,
     logarithmic: bool = False,
+    logarithmic_values: bool = False,
     same_scale: bool | Literal["row"] = False,
     legend: str = "",
     ordered: bool = False,
@@ -84,6 +85,8 @@ def curve_figure(
         Whether the horizontal axis is latitude, ticked with hemispheres.
     logarithmic : bool
         Whether the horizontal axis is logarithmic.
+    logarithmic_values : bool
+        Whether the value axes are; values must be positive or missing.
     same_scale : bool or "row"
         Whether all value axes, or those of each row, have the same ends.
     legend : str
@@ -119,7 +122,9 @@ def curve_figure(
         hspace=0.2 if any(panel.title for panel in panels) else 0.1,
     )
     for index, (axes, panel) in enumerate(zip(grid, panels, strict=False)):
-        _draw(axes, panel, _looks(names, ordered), least_span)
+        _draw(axes, panel, _looks(names, ordered), 0.0 if logarithmic_values else least_span)
+        if logarithmic_values:
+            _logarithmic(axes)
         if step:
             axes.xaxis.set_major_locator(MultipleLocator(step))
         elif logarithmic:
@@ -201,6 +206,18 @@ def _draw(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]], least_s
     if y.dtype.kind != "M" and values.size and np.ptp(values) < least_span:
         middle = (values.min() + values.max()) / 2
         axes.set_ylim(middle - least_span, middle + least_span)
+
+
+def _logarithmic(axes: Axes) -> None:
+    """Logarithmic value axis over at least a factor of four, with plain numbers."""
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    if high < 4 * low:
+        middle = (low * high) ** 0.5
+        axes.set_ylim(middle / 2, middle * 2)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100 * low else (1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _date_ticks(axis: Axis) -> None:

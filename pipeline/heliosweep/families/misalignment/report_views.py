@@ -13,8 +13,8 @@ import xarray as xr
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import maps
 from heliosweep.report.labels import axis_label, coordinate_text, title_of, value_text
-from heliosweep.report.planes import Look
 from heliosweep.report.selection import evenly
+from heliosweep.report.shapes import Look
 
 #: Dimensions of the instants; one of the first three, and the hour.
 DAYS = ("day", "declination", "date")
@@ -22,8 +22,8 @@ HOUR = "hour"
 HELIOSTAT = "heliostat"
 
 #: Dimensions that are neither swept nor instants.
-NOT_SWEPT = (*DAYS, HOUR, HELIOSTAT, "parameter", "parameter_2", "spot", "percentile", "tolerance_axis", "detector")
-NOT_SWEPT += ("conic_coefficient", "sample")
+NOT_SWEPT = {*DAYS, HOUR, HELIOSTAT, "parameter", "parameter_2", "spot", "percentile", "tolerance_axis", "detector"}
+NOT_SWEPT |= {"conic_coefficient", "sample"}
 
 #: The errors, in the order of the family.
 MOUNT_ERRORS = (
@@ -254,8 +254,8 @@ def field_map(result: xr.Dataset, values: np.ndarray, point: Point, title: str) 
     place = places(result, point)
     if place is None:
         return None
-    sides = [np.zeros(values.size)] * 2
-    return maps.FieldMap(title, *place, *sides, values)
+    side = np.zeros(values.size)
+    return maps.FieldMap(title, *place, side, side, values)
 
 
 def rows_of(drawn: Sequence[maps.FieldMap]) -> list[list[maps.FieldMap]]:

@@ -1,0 +1,34 @@
+"""Figures of a finished result, after Figures 4, 5, 7 and 8 of Alonso et al. (2019), by what the result holds.
+
+Each figure takes from the sweep what it can show, and its caption says at which values the rest stands; one that needs
+what the result does not have is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain, islice
+
+import xarray as xr
+
+from heliosweep.families.misalignment import report_calibration, report_curves, report_mount_errors, report_tolerances
+from heliosweep.families.registry import NamedFigure
+
+#: Figures of one result.
+MOST_FIGURES = 10
+
+
+def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Figures of a result, each drawn when it is asked for.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `heliosweep.open_result`; values are read as they are needed.
+
+    Yields
+    ------
+    NamedFigure
+    """
+    parts = (report_curves, report_tolerances, report_mount_errors, report_calibration)
+    return islice(chain.from_iterable(part.figures(result) for part in parts), MOST_FIGURES)

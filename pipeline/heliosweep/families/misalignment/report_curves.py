@@ -1,0 +1,268 @@
+"""Figures of spots on the receiver plane, after Figures 4, 5, 7 and 8 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.families.misalignment import report_views as views
+from heliosweep.families.misalignment.report_conics import conic_curve, other_focus
+from heliosweep.families.misalignment.report_views import AXES, HELIOSTAT, HOUR, Point, at, needs
+from heliosweep.families.registry import NamedFigure
+from heliosweep.report.labels import MINUS, number_text
+from heliosweep.report.planes import cut, plane_figure
+from heliosweep.report.shapes import Look, Plane, Scale, Track, Words
+
+AXIS, SIZE = "axis", "error_size"
+
+#: Hours of which curves are drawn; sizes of error of which drifts are drawn.
+MOST_HOURS, MOST_SIZES = 3, 7
+
+#: What is drawn of a conic.
+PARTS = ("conic", "traced", "focus", "other focus")
+
+#: Hours from which on there is a drift.
+LEAST_HOURS = 3
+
+_AIM, _DETECTOR, _CROSSING = "no error", "line of detectors", "crossing"
+_LOOKS = {
+    _AIM: Look("#000000", "", "+", size=6),
+    _DETECTOR: Look("#777777", (0, (6, 1.5, 1, 1.5)), width=0.9),
+    _CROSSING: Look("#000000", "", "x", size=3.6),
+}
+_PATH, _ALONE = Look("#9a9a9a", "-", "o", width=0.7, size=3.4), Look("#333333", "-", "o")
+_ZERO = np.zeros(1)
+
+
+def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Figures of the spots of the mode `curves`.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        The result.
+
+    Yields
+    ------
+    NamedFigure
+    """
+    for draw in (deviation_curves, spot_drift, _conics):
+        yield from draw(result)
+
+
+def error_dim(result: xr.Dataset) -> str | None:
+    """Dimension of the size of an error."""
+    dims = views.numbers(result, views.swept(result, "spot_y"))
+    return next((dim for dim in (SIZE, *views.MOUNT_ERRORS) if dim in dims), None)
+
+
+@needs("spot_y", "spot_z")
+def deviation_curves(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Curves on the receiver plane over the error, a panel for each heliostat, a line for each hour."""
+    error = error_dim(result)
+    if error is None or HELIOSTAT not in result["spot_y"].dims:
+        return
+    day = views.day_of(result)
+    line = HOUR if views.several(result, HOUR) else day if views.several(result, day) else None
+    axis = AXIS if AXIS in result["spot_y"].dims else None
+    stands = views.fixed(result, "spot_y", error, line, axis, HELIOSTAT)
+    shown, lines, axes = _heliostats(result, stands), views.chosen(result, line, MOST_HOURS), axes_of(result, axis)
+    order = views.ordered(result, error)
+    planes = []
+    for one in shown:
+        tracks = [_aim(), *_detectors(result)]
+        for name, axis_point in axes:
+            for hour in lines:
+                y, z = _spots(result, stands, one, axis_point, hour)
+                text = views.short(result, line, hour[line]) if line and views.several(result, line) else ""
+                tracks.append(Track(y[order], z[order], name, text=text))
+                tracks += _crossings(result, stands, one, axis_point, hour)
+        planes.append(Plane(views.heliostat_text(result, {**stands, **one}), tracks, (), _aperture(result, stands)))
+    if not _any(planes):
+        return
+    values = np.sort(result[error].to_numpy())
+    unit = views.label(result, error)
+    ends = " to ".join(number_text(float(value), 1).removesuffix(".0") for value in (values[0], values[-1]))
+    what = "each line an hour, written at its positive end" if line else "each line one instant"
+    caption = (
+        f"Where the beam meets the receiver plane while {unit} runs from {ends}: {what}; "
+        f"seen from the field. {_seen(planes)}"
+    )
+    held = {dim: index for dim, index in stands.items() if dim != SIZE}
+    caption += views.note(result, held, (HELIOSTAT, shown), (line, lines))
+    looks = {**{name: _look(name) for name, _ in axes}, **_LOOKS}
+    words = Words(legend="axis of the error" if axis else "")
+    yield NamedFigure("deviation_curves", caption.replace("  ", " "), plane_figure(planes, looks, words=words))
+
+
+@needs("spot_y", "spot_z")
+def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Spots over the day, coloured by the hour, for some sizes of the error; a figure for each axis of it."""
+    if HELIOSTAT not in result["spot_y"].dims or result.sizes.get(HOUR, 1) < LEAST_HOURS:
+        return
+    error, axis = error_dim(result), AXIS if AXIS in result["spot_y"].dims else None
+    stands = views.fixed(result, "spot_y", error, HOUR, axis, HELIOSTAT)
+    shown, sizes = _heliostats(result, stands), views.chosen(result, error, MOST_SIZES)
+    order = views.ordered(result, HOUR)
+    hours = result[HOUR].to_numpy().astype(float)[order]
+    for name, axis_point in axes_of(result, axis):
+        planes = []
+        for one in shown:
+            tracks = [_aim()]
+            for size in sizes:
+                y, z = (values[order] for values in _spots(result, stands, one, axis_point, size))
+                text = _size_text(result, error, size)
+                tracks.append(Track(y, z, "", numbers=hours, text=text))
+            title = views.heliostat_text(result, {**stands, **one})
+            planes.append(Plane(title, tracks, (), _aperture(result, stands)))
+        if not _any(planes):
+            continue
+        of = f"an error about the {name.replace('_', ' ')} axis" if axis else "the errors"
+        written = f", each line for the {views.label(result, error)} at its end" if error else ""
+        caption = f"Drift of the spot with {of} over the day{written}; seen from the field. {_seen(planes)}"
+        caption += views.note(result, {**stands, **axis_point}, (HELIOSTAT, shown), (error, sizes))
+        scale = Scale(views.label(result, HOUR), *_ends(planes))
+        figure = plane_figure(planes, {"": _PATH, **_LOOKS}, words=Words(silent=("",)), scale=scale)
+        suffix = f"_{name}" if axis and result.sizes[axis] > 1 else ""
+        yield NamedFigure(f"spot_drift{suffix}", caption.replace("  ", " "), figure)
+
+
+@needs("conic", "eccentricity", "focus_y", "focus_z")
+def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Whole conics with their foci, and the part that was traced; a panel for each heliostat and sun."""
+    spots = "spot_y" in result and SIZE in result["spot_y"].dims
+    axis = AXIS if AXIS in result["conic"].dims else None
+    suns = [
+        dim for dim in (*views.swept(result, "conic", axis), views.day_of(result), HOUR) if dim in result["conic"].dims
+    ]
+    run = next((dim for dim in suns if dim.startswith("sun_") and views.several(result, dim)), None)
+    if HELIOSTAT not in result["conic"].dims or result.sizes[HELIOSTAT] > views.MOST_PANELS:
+        return
+    stands = views.fixed(result, "conic", run, axis, HELIOSTAT, "conic_coefficient")
+    each = views.heliostats(result, stands)
+    moments = views.chosen(result, run, max(1, views.MOST_PANELS // len(each)))
+    axes = axes_of(result, axis)
+    looks = {f"{name}: {part}": _part(name, part) for name, _ in axes for part in PARTS}
+    planes = []
+    for one in each:
+        for moment in moments:
+            tracks, words = [], []
+            for name, axis_point in axes:
+                points = (stands, one, moment, axis_point)
+                coefficients = at(result["conic"], *points).to_numpy()
+                if coefficients.shape != (6,) or not np.isfinite(coefficients).all():
+                    continue
+                focus = np.array([float(at(result[which], *points)) for which in ("focus_y", "focus_z")])
+                other = other_focus(coefficients, focus)
+                tracks.append(Track(*conic_curve(coefficients), f"{name}: conic", framed=False))
+                if spots:
+                    order = views.ordered(result, SIZE)
+                    y, z = (at(result[f"spot_{side}"], *points).to_numpy()[order] for side in "yz")
+                    tracks.append(Track(y, z, f"{name}: traced"))
+                tracks.append(Track(focus[:1], focus[1:], f"{name}: focus"))
+                tracks.append(Track(other[:1], other[1:], f"{name}: other focus", framed=False))
+                words.append(f"{name.replace('_', ' ')} {float(at(result['eccentricity'], *points)):.4g}")
+            if tracks:
+                where = views.heliostat_text(result, {**stands, **one})
+                sun = f"; {views.full(result, run, moment[run])}" if run else ""
+                title = f"{where}{sun}\neccentricity: {', '.join(words)}"
+                planes.append(Plane(title, [*tracks, _aim()], (), _aperture(result, stands)))
+    if not planes:
+        return
+    caption = (
+        "Conics that a mirror's rays trace on the receiver plane as it turns about each axis: thick where the errors "
+        "of the study are, dotted beyond, on both branches; full diamonds: focus of the branch of the rays. "
+        f"Seen from the field. {_seen(planes)}"
+    )
+    caption += views.note(result, stands, (run, moments))
+    figure = plane_figure(planes, {**looks, **_LOOKS}, columns=2)
+    yield NamedFigure("conics", caption.replace("  ", " "), figure)
+
+
+def axes_of(result: xr.Dataset, axis: str | None) -> list[tuple[str, Point]]:
+    """Axes of the error by name, in the order of their looks; one without a name where there are none."""
+    if axis is None:
+        name = str(result[AXIS].item()) if AXIS in result.coords and not result[AXIS].ndim else ""
+        return [(name, {})]
+    names = [str(name) for name in result[axis].to_numpy()]
+    known = {name: {axis: index} for index, name in enumerate(names)}
+    return sorted(known.items(), key=lambda item: list(AXES).index(item[0]) if item[0] in AXES else len(AXES))
+
+
+def _look(name: str) -> Look:
+    return AXES.get(name, _ALONE if name else Look("#0072B2"))
+
+
+def _part(name: str, part: str) -> Look:
+    colour = _look(name).colour
+    parts = {
+        "conic": Look(colour, (0, (1, 1.4)), width=0.9),
+        "traced": Look(colour, "-", width=2.0),
+        "focus": Look(colour, "", "D", size=4.2),
+        "other focus": Look(colour, "", "D", size=4.2, open=True),
+    }
+    return parts[part]
+
+
+def _heliostats(result: xr.Dataset, stands: Point) -> list[Point]:
+    return views.heliostats(result, stands)
+
+
+def _aperture(result: xr.Dataset, stands: Point) -> tuple[float, float] | None:
+    return views.aperture(result, stands)
+
+
+def _spots(result: xr.Dataset, *points: Point) -> tuple[np.ndarray, np.ndarray]:
+    """Spots along the one dimension that the points leave. [m]"""
+    y, z = (at(result[f"spot_{side}"], *points).to_numpy().astype(float) for side in "yz")
+    return np.atleast_1d(y), np.atleast_1d(z)
+
+
+def _aim() -> Track:
+    return Track(_ZERO, _ZERO, _AIM)
+
+
+def _detectors(result: xr.Dataset) -> Iterator[Track]:
+    """Lines of detectors, longer than any panel."""
+    if not {"l0", "l1", "l2"} <= set(result.coords):
+        return
+    for across, up, offset in zip(
+        *(np.atleast_1d(result[name].to_numpy()) for name in ("l0", "l1", "l2")), strict=True
+    ):
+        normal = np.array([across, up]) / np.hypot(across, up)
+        foot, along = normal * offset / np.hypot(across, up), normal[::-1] * [-1e3, 1e3]
+        ends = np.stack([foot - along, foot + along])
+        yield Track(ends[:, 0], ends[:, 1], _DETECTOR, framed=False)
+
+
+def _crossings(result: xr.Dataset, *points: Point) -> Iterable[Track]:
+    if {"crossing_y", "crossing_z"} <= set(result.data_vars):
+        y, z = (at(result[f"crossing_{side}"], *points) for side in "yz")
+        if y.ndim == 1:
+            yield Track(y.to_numpy(), z.to_numpy(), _CROSSING, framed=False)
+
+
+def _size_text(result: xr.Dataset, error: str | None, point: Point) -> str:
+    if error is None or not views.several(result, error):
+        return ""
+    value = float(result[error].isel(point))
+    return f"{value:+g}".replace("-", MINUS) if value else ""
+
+
+def _any(planes: Sequence[Plane]) -> bool:
+    """Whether there is anything but the aim."""
+    return any(
+        np.isfinite(track.x).any() for plane in planes for track in plane.tracks if track.framed and track.name != _AIM
+    )
+
+
+def _seen(planes: Sequence[Plane]) -> str:
+    out = cut(planes)
+    return f"{out} far points lie outside of the panels." if out else ""
+
+
+def _ends(planes: Sequence[Plane]) -> tuple[float, float]:
+    hours = [track.numbers for plane in planes for track in plane.tracks if track.numbers is not None]
+    return float(np.min(hours)), float(np.max(hours))
