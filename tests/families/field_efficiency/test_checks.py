@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from heliosweep.errors import StudyError
+from heliosweep.families.daylight import MARGIN
 from heliosweep.families.fast_sun import sun_vectors
 from heliosweep.families.field_efficiency import checks
-from heliosweep.families.field_efficiency.daylight import MARGIN
 from heliosweep.kernels import sun
 
 SIZES = ["heliostat.width", "heliostat.height", "layout.radial_stagger.clearance"]

@@ -14,7 +14,7 @@ from heliosweep.config.study import Dimension, parameters
 from heliosweep.config.sweep import Listed
 from heliosweep.config.times import SolarTime
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.field_efficiency.daylight import dark_latitudes
+from heliosweep.families.daylight import dark_latitudes
 from heliosweep.families.field_efficiency.variables import ANNUAL, FIELD, SERIES
 from heliosweep.layouts.checks import check_layout
 from heliosweep.layouts.layout import Layout

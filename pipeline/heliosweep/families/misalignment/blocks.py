@@ -231,6 +231,18 @@ class MountErrors(Block):
         Quantity("What the draws of all distributions follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
     ] = None
 
+    def rules(self) -> Iterator[Fault]:
+        """Check that all distributions are drawn equally often, and how often."""
+        drawn = {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
+        said = {"": self.samples} | {name: error.samples for name, error in drawn.items()}
+        counts = {name: count for name, count in said.items() if count is not None}
+        if drawn and not counts:
+            yield Fault("'samples' is missing: how many times the distributions are drawn", show_value=False)
+        for name, count in counts.items():
+            first = next(iter(counts.values()))
+            if count != first:
+                yield Fault(f"must be {first:,}, as all errors are drawn equally often", (name, "samples"))
+
 
 class Statistics(Block):
     """Statistics over the draws."""

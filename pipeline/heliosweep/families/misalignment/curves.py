@@ -13,9 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from heliosweep.kernels.conics import conics
-from heliosweep.kernels.detectors import crossings
-from heliosweep.kernels.tolerances import tolerances
 
 from heliosweep.families.misalignment import variables
 from heliosweep.families.misalignment.blocks import AXES, SOURCES
@@ -27,7 +24,10 @@ from heliosweep.families.misalignment.spots import flagged, hit_fractions
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
 from heliosweep.grid.plan import Workload
+from heliosweep.kernels.conics import conics
+from heliosweep.kernels.detectors import crossings
 from heliosweep.kernels.deviation import deviation_spots
+from heliosweep.kernels.tolerances import tolerances
 
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.config import MisalignmentStudy

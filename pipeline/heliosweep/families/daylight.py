@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.sites import site_table
+from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime, parse_timezone
 from heliosweep.kernels import sun
-
-if TYPE_CHECKING:
-    from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 
 #: Places times days that are looked at; of larger studies nothing is said here.
 MAX_SUNS = 10**6
@@ -34,13 +32,13 @@ class Place(NamedTuple):
     timezone: str
 
 
-def dark_latitudes(study: FieldEfficiencyStudy) -> tuple[NDArray[np.float64], bool]:
+def dark_latitudes(study: Study) -> tuple[NDArray[np.float64], bool]:
     """Latitudes at which the sun is down at every instant of a study.
 
     Parameters
     ----------
-    study : FieldEfficiencyStudy
-        The study; on the civil clock with longitudes and time zones.
+    study : Study
+        With ``site`` or ``sites``, and ``time``; on the civil clock with longitudes and time zones.
 
     Returns
     -------
@@ -51,8 +49,8 @@ def dark_latitudes(study: FieldEfficiencyStudy) -> tuple[NDArray[np.float64], bo
     """
     dark: list[NDArray[np.float64]] = []
     count = 0
-    for place in _places(study):
-        time = study.time
+    time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
+    for place in _places(study, time):
         height = _solar_height(time, place.latitudes) if isinstance(time, SolarTime) else _civil_height(time, place)
         dark.append(place.latitudes[height <= 0])
         count += place.latitudes.size
@@ -60,11 +58,12 @@ def dark_latitudes(study: FieldEfficiencyStudy) -> tuple[NDArray[np.float64], bo
     return latitudes, 0 < count == latitudes.size
 
 
-def _places(study: FieldEfficiencyStudy) -> Iterator[Place]:
+def _places(study: Study, time: SolarTime | CivilTime) -> Iterator[Place]:
     """Yield the places of a study; none if there are too many to look at."""
-    sites = [study.site] if study.site is not None else site_table(study)
-    clock = None if isinstance(study.time, SolarTime) else study.time.timezone
-    if sum(_count(site.latitude) + _count(site.longitude) for site in sites) * _days(study.time) > MAX_SUNS:
+    single: Any = getattr(study, "site", None)
+    sites = [single] if single is not None else site_table(study)
+    clock = None if isinstance(time, SolarTime) else time.timezone
+    if sum(_count(site.latitude) + _count(site.longitude) for site in sites) * _days(time) > MAX_SUNS:
         return
     for site in sites:
         yield Place(_values(site.latitude), _values(site.longitude), clock or site.timezone or "+00:00")
