@@ -24,10 +24,16 @@ from heliosweep.report.style import PAGE_WIDTH, new_figure, styled
 COLUMNS = 3
 
 #: Largest panels over smallest up to which all have one scale.
-SIMILAR = 4.0
+SIMILAR = 2.5
+
+#: Ticks along each side at least.
+LEAST_TICKS = 4
 
 #: Name of the aperture in the legend.
 APERTURE = "aperture"
+
+#: Left, bottom, right, top from the panel's corner. [point]
+Box = tuple[float, float, float, float]
 
 _LEFT, _RIGHT, _FOOT, _BAR, _GAP, _OWN_GAP, _BETWEEN = 0.55, 0.1, 0.45, 0.52, 0.1, 0.45, 0.28
 _WIDEST = {1: 4.0, 2: 3.0}
@@ -105,7 +111,9 @@ def plane_figure(
     width = max(width, min(PAGE_WIDTH, 0.3 + _LETTER * max(map(len, [*handles, words.legend]), default=0)))
     abreast = _abreast(list(handles), width)
     lines = -(-len(handles) // abreast) + bool(words.legend)
-    head = 0.06 + 0.17 * lines + (0.1 if lines else 0) + 0.2 * any(plane.title for plane in planes)
+    titles = max(1 + plane.title.count("\n") if plane.title else 0 for plane in planes)
+    head = 0.08 + 0.165 * lines + (0.06 if lines else 0) + 0.14 * titles
+    between += 0.14 * (titles - 1)
     foot = _FOOT + (_BAR if scale else 0.0)
     height = head + rows * side + (rows - 1) * between + foot
     figure = new_figure(width, height)
@@ -178,8 +186,12 @@ def _ticks(axes: Axes, left: bool, bottom: bool, own: bool) -> None:
     axes.grid(True)
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         margin = (0.02 if own else 0.06) * (high - low)
-        ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high))
-        axis.set_ticks(ticks[(ticks > low + margin) & (ticks < high - margin)])
+        for most in range(4, 10):
+            ticks = np.asarray(MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high))
+            ticks = ticks[(ticks > low + margin) & (ticks < high - margin)]
+            if ticks.size >= LEAST_TICKS:
+                break
+        axis.set_ticks(ticks)
     axes.tick_params(labelbottom=bottom, labelleft=left)
 
 
@@ -215,39 +227,56 @@ def _draw(axes: Axes, plane: Plane, looks: Mapping[str, Look], scale: Scale | No
 
 
 def _write(axes: Axes, plane: Plane, looks: Mapping[str, Look], points: float) -> None:
-    """Write the texts at the ends of tracks, each where it covers no other one and stays inside the panel."""
+    """Write the texts at the ends of tracks, where each covers no other one and as few points as can be."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     grow = points / (right - left)
-    taken: list[tuple[float, float, float, float]] = []
+    everything = (np.concatenate([[track.x, track.y] for track in plane.tracks], axis=1).T - [left, bottom]) * grow
+    taken: list[Box] = []
     for track in plane.tracks:
         inside = (track.x > left) & (track.x < right) & (track.y > bottom) & (track.y < top)
         seen = np.flatnonzero(inside)
         if not track.text or not seen.size:
             continue
-        at = np.array([track.x[seen[-1]] - left, track.y[seen[-1]] - bottom]) * grow
-        before = seen[-2] if seen.size > 1 else seen[-1]
-        onward = math.atan2(track.y[seen[-1]] - track.y[before], track.x[seen[-1]] - track.x[before])
-        wide, high = 4.0 * len(track.text), 7.0
-        for turn, far in ((turn, far) for far in (1.0, 2.0, 3.5) for turn in (0, 0.6, -0.6, 1.2, -1.2, 2, -2, math.pi)):
-            angle = onward + turn
-            centre = at + np.array([math.cos(angle) * (wide / 2 + 3), math.sin(angle) * (high / 2 + 3)]) * far
-            box = (centre[0] - wide / 2, centre[1] - high / 2, centre[0] + wide / 2, centre[1] + high / 2)
-            fits = box[0] > 1 and box[1] > 1 and box[2] < points - 1 and box[3] < points - 1
-            if fits and not any(_overlap(box, other) for other in taken):
-                taken.append(box)
-                place = (left + centre[0] / grow, bottom + centre[1] / grow)
-                axes.text(
-                    *place,
-                    track.text,
-                    ha="center",
-                    va="center_baseline",
-                    fontsize=6.5,
-                    color=looks[track.name].colour,
-                    path_effects=_HALO,
-                    zorder=4,
-                )
-                break
+        last, before = seen[-1], seen[-2] if seen.size > 1 else seen[-1]
+        at = np.array([track.x[last] - left, track.y[last] - bottom]) * grow
+        onward = math.atan2(track.y[last] - track.y[before], track.x[last] - track.x[before])
+        boxes = [
+            box
+            for box in _around(at, onward, 4.0 * len(track.text), 7.0)
+            if min(box) > 1 and max(box) < points - 1 and not any(_overlap(box, other) for other in taken)
+        ]
+        if not boxes:
+            continue
+        box = min(boxes, key=lambda box: _covered(box, everything))
+        taken.append(box)
+        axes.text(
+            left + (box[0] + box[2]) / 2 / grow,
+            bottom + (box[1] + box[3]) / 2 / grow,
+            track.text,
+            ha="center",
+            va="center_baseline",
+            fontsize=6.5,
+            color=looks[track.name].text or looks[track.name].colour,
+            path_effects=_HALO,
+            zorder=4,
+        )
 
 
-def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
+def _around(at: np.ndarray, onward: float, wide: float, high: float) -> list[Box]:
+    """Boxes about a point, those in a direction and near it first."""
+    boxes = []
+    for far in (1.0, 1.6, 2.6):
+        for turn in (0, 0.6, -0.6, 1.2, -1.2, 1.8, -1.8, 2.4, -2.4, math.pi):
+            way = np.array([math.cos(onward + turn) * (wide / 2 + 4), math.sin(onward + turn) * (high / 2 + 4)])
+            x, y = at + far * way
+            boxes.append((x - wide / 2, y - high / 2, x + wide / 2, y + high / 2))
+    return boxes
+
+
+def _covered(box: Box, points: np.ndarray) -> int:
+    x, y = points[:, 0], points[:, 1]
+    return int(((x > box[0] - 2) & (x < box[2] + 2) & (y > box[1] - 2) & (y < box[3] + 2)).sum())
+
+
+def _overlap(one: Box, other: Box) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -33,6 +33,8 @@ class Look:
         Of line and marker. [point]
     open : bool
         Whether markers are not filled.
+    text : str
+        Colour of texts, where it is not that of the line.
     """
 
     colour: str
@@ -41,6 +43,7 @@ class Look:
     width: float = 1.2
     size: float = 3.2
     open: bool = False
+    text: str = ""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,9 @@ NORMAL_95 = 1.959963984540054
 #: Heliostats whose spots are drawn; series of recovered errors.
 MOST_HELIOSTATS, MOST_SERIES = 3, 3
 
+#: Points of one series.
+MOST_POINTS = 60
+
 #: Spots from which on there is an ellipse.
 LEAST_SPOTS = 3
 
@@ -117,7 +120,7 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
                 for other in ("true_error", "standard_error")
             )
             values = found.to_numpy().ravel()
-            thin = np.unique(np.linspace(0, values.size - 1, min(values.size, 150)).astype(int))
+            thin = np.unique(np.linspace(0, values.size - 1, min(values.size, MOST_POINTS)).astype(int))
             tracks.append(Track(true[thin], values[thin], name, half=NORMAL_95 * half[thin]))
         both = np.concatenate([np.stack([track.x, track.y]) for track in tracks], axis=1)
         both = both[:, np.isfinite(both).all(axis=0)]

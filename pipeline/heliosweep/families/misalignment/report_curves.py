@@ -32,7 +32,7 @@ _LOOKS = {
     _DETECTOR: Look("#777777", (0, (6, 1.5, 1, 1.5)), width=0.9),
     _CROSSING: Look("#000000", "", "x", size=3.6),
 }
-_PATH, _ALONE = Look("#9a9a9a", "-", "o", width=0.7, size=3.4), Look("#333333", "-", "o")
+_PATH, _ALONE = Look("#9a9a9a", "-", "o", width=0.7, size=3.4, text="#222222"), Look("#333333", "-", "o")
 _ZERO = np.zeros(1)
 
 
@@ -105,6 +105,8 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
     error, axis = error_dim(result), AXIS if AXIS in result["spot_y"].dims else None
     stands = views.fixed(result, "spot_y", error, HOUR, axis, HELIOSTAT)
     shown, sizes = _heliostats(result, stands), views.chosen(result, error, MOST_SIZES)
+    if error:
+        sizes = [size for size in sizes if float(result[error].isel(size))] or sizes  # without error: the aim
     order = views.ordered(result, HOUR)
     hours = result[HOUR].to_numpy().astype(float)[order]
     for name, axis_point in axes_of(result, axis):
@@ -144,7 +146,7 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
     each = views.heliostats(result, stands)
     moments = views.chosen(result, run, max(1, views.MOST_PANELS // len(each)))
     axes = axes_of(result, axis)
-    looks = {f"{name}: {part}": _part(name, part) for name, _ in axes for part in PARTS}
+    looks = {_part_name(name, part): _part(name, part) for name, _ in axes for part in PARTS}
     planes = []
     for one in each:
         for moment in moments:
@@ -156,13 +158,13 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
                     continue
                 focus = np.array([float(at(result[which], *points)) for which in ("focus_y", "focus_z")])
                 other = other_focus(coefficients, focus)
-                tracks.append(Track(*conic_curve(coefficients), f"{name}: conic", framed=False))
+                tracks.append(Track(*conic_curve(coefficients), _part_name(name, "conic"), framed=False))
                 if spots:
                     order = views.ordered(result, SIZE)
                     y, z = (at(result[f"spot_{side}"], *points).to_numpy()[order] for side in "yz")
-                    tracks.append(Track(y, z, f"{name}: traced"))
-                tracks.append(Track(focus[:1], focus[1:], f"{name}: focus"))
-                tracks.append(Track(other[:1], other[1:], f"{name}: other focus", framed=False))
+                    tracks.append(Track(y, z, _part_name(name, "traced")))
+                tracks.append(Track(focus[:1], focus[1:], _part_name(name, "focus")))
+                tracks.append(Track(other[:1], other[1:], _part_name(name, "other focus"), framed=False))
                 words.append(f"{name.replace('_', ' ')} {float(at(result['eccentricity'], *points)):.4g}")
             if tracks:
                 where = views.heliostat_text(result, {**stands, **one})
@@ -177,7 +179,9 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
         f"Seen from the field. {_seen(planes)}"
     )
     caption += views.note(result, stands, (run, moments))
-    figure = plane_figure(planes, {**looks, **_LOOKS}, columns=2)
+    said = [_part_name(name, "traced" if spots else "conic") for name, _ in axes]
+    words = Words(silent=[name for name in looks if name not in said])
+    figure = plane_figure(planes, {**looks, **_LOOKS}, words=words, columns=3 if len(planes) > 4 else 2)
     yield NamedFigure("conics", caption.replace("  ", " "), figure)
 
 
@@ -193,6 +197,11 @@ def axes_of(result: xr.Dataset, axis: str | None) -> list[tuple[str, Point]]:
 
 def _look(name: str) -> Look:
     return AXES.get(name, _ALONE if name else Look("#0072B2"))
+
+
+def _part_name(name: str, part: str) -> str:
+    axis = f"{name.replace('_', ' ')} axis".strip() if name else "curve"
+    return axis if part == "traced" else f"{axis}: {part}"
 
 
 def _part(name: str, part: str) -> Look:

@@ -121,6 +121,7 @@ def _hits_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
         drawn,
         views.label(result, HOUR),
         same_scale=True,
+        step=views.hour_step(result),
         legend=views.heading(result, line),
         ordered=bool(views.heading(result, line)),
         least_span=1.0,
@@ -220,7 +221,14 @@ def _remaining_tolerance(result: xr.Dataset) -> Iterator[NamedFigure]:
         "Smallest further error with which the centre of the beam leaves the aperture, 0 where it is outside already: "
         f"percentiles over the draws{f', {where}' if where else ''}.{views.note(result, stands)}"
     )
-    figure = curve_figure(panels, views.label(result, HOUR), same_scale=True, legend="percentile", ordered=True)
+    figure = curve_figure(
+        panels,
+        views.label(result, HOUR),
+        same_scale=True,
+        step=views.hour_step(result),
+        legend="percentile",
+        ordered=True,
+    )
     yield NamedFigure("remaining_tolerance", caption, figure)
 
 

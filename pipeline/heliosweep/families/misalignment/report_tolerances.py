@@ -56,7 +56,9 @@ def _tolerance_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
     if field:
         caption += f" Least, 5 % point and median of {result.sizes[HELIOSTAT]} heliostats."
     caption += views.note(result, stands)
-    figure = curve_figure(panels, views.label(result, HOUR), same_scale=True, columns=2, ordered=False)
+    figure = curve_figure(
+        panels, views.label(result, HOUR), same_scale=True, step=views.hour_step(result), columns=2, ordered=False
+    )
     yield NamedFigure("tolerance_over_day", caption, figure)
 
 

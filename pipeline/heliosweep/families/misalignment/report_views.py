@@ -38,6 +38,9 @@ MOUNT_ERRORS = (
 #: Panels of one figure, lines of one panel, maps of one figure.
 MOST_PANELS, MOST_LINES, MOST_MAPS = 6, 6, 6
 
+#: Side of the squares on maps over the root of the land that each heliostat has.
+PACKING = 0.55
+
 #: From so many heliostats on they are a field, of which there are maps.
 FIELD = 7
 
@@ -160,7 +163,7 @@ def heliostat_text(result: xr.Dataset, point: Point) -> str:
     name = str(label) if isinstance(label, str) else f"heliostat {label}"
     parts = [at(result[axis], point) for axis in "xyz" if axis in result.coords]
     if len(parts) == 3 and not any(part.ndim for part in parts):
-        where = ", ".join(f"{float(part):.4g}" for part in parts).replace("-", "\N{MINUS SIGN}")
+        where = ", ".join(f"{round(float(part), 1) + 0.0:g}" for part in parts).replace("-", "\N{MINUS SIGN}")
         return f"{name}: ({where}) m"
     return name
 
@@ -242,6 +245,12 @@ def label(result: xr.Dataset, dim: str) -> str:
     return words if words.endswith(")") else f"{words} (1)"
 
 
+def hour_step(result: xr.Dataset) -> float | None:
+    """Distance of ticks along the hours. [h]"""
+    span = float(np.ptp(result[HOUR].to_numpy()))
+    return next((step for step in (0.25, 0.5, 1.0, 2.0, 3.0) if span <= 8 * step), 4.0) if span else None
+
+
 def heading(result: xr.Dataset, dim: str | None) -> str:
     """What distinguishes lines, above a legend; empty for words."""
     if dim is None or dim not in result.coords or result[dim].dtype.kind not in "fiu":
@@ -254,8 +263,12 @@ def field_map(result: xr.Dataset, values: np.ndarray, point: Point, title: str) 
     place = places(result, point)
     if place is None:
         return None
-    side = np.zeros(values.size)
-    return maps.FieldMap(title, *place, side, side, values)
+    known = [axis[np.isfinite(axis)] for axis in place]
+    spans = [float(np.ptp(axis)) if axis.size else 1.0 for axis in known]
+    # Their sides are not part of the study: large enough to see the colour, apart from each other.
+    side = max(PACKING * np.sqrt(spans[0] * spans[1] / max(known[0].size, 1)), max(spans) / 60, 1.0)
+    sides = np.full(values.size, side)
+    return maps.FieldMap(title, *place, sides, sides, values)
 
 
 def rows_of(drawn: Sequence[maps.FieldMap]) -> list[list[maps.FieldMap]]:
