@@ -15,206 +15,27 @@ Angles are kept as pairs of cosine and sine: nothing here calls a trigonometric 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.receiver import POLAR, REACHES, TARGET_ALIGNED, TILT_ROLL, trace
+from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, aim_lanes, aim_rows, known_record
+from heliosweep.kernels.mount_terms import ERRORS, TERMS, back, bore, error_terms, mount_frame, point, times, turn
+from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.receiver import REACHES, trace
 
 __all__ = [
     "ERRORS",
     "TERMS",
-    "bore",
+    "aim",
+    "encoder_angles",
     "error_terms",
     "mount_frame",
-    "point",
+    "mount_frames",
+    "normal_and_centre",
     "spot_and_jacobian",
-    "turn",
 ]
 
 Floats = NDArray[np.float64]
-
-ERRORS = (
-    "azimuth_reference",
-    "elevation_reference",
-    "tilt_about_east",
-    "tilt_about_north",
-    "non_orthogonality",
-    "collimation",
-)
-"""The six errors of a mount, in the order of every array of them. [rad]"""
-
-TERMS = 35
-"""Numbers that `error_terms` makes of six errors: cosine and sine of g0, a0, eta and mu (0 to 7), Rtilt by rows (8 to
-16) and its derivatives by te (17 to 25) and by tn (26 to 34)."""
-
-_LEVEL = 1e-12
-"""Sine of the angle to the vertical below which the line to the aim point counts as vertical."""
-
-
-@kernel
-def mount_frame(
-    kind: int, latitude: float, axis_azimuth: float, dx: float, dy: float, dz: float, frame: Floats
-) -> None:
-    """Write the axes of a mount.
-
-    Parameters
-    ----------
-    kind : int
-        `AZIMUTH_ELEVATION` (rows east, north, up), `TARGET_ALIGNED` (z to the aim point, y the upward perpendicular, or
-        north where z is vertical), `POLAR` (z to the celestial north pole, x east) or `TILT_ROLL` (z horizontal, y up).
-    latitude : float
-        Geographic latitude, of polar mounts. [rad]
-    axis_azimuth : float
-        Azimuth of the primary axis, of tilt-roll mounts. [rad]
-    dx, dy, dz : float
-        From the pivot to the aim point, of target-aligned mounts. [m]
-    frame : ndarray, shape (9,)
-        Receives the rows x, y, z, one after the other. [1]
-    """
-    frame[:] = 0.0
-    if kind == TARGET_ALIGNED:
-        length = math.sqrt(dx * dx + dy * dy + dz * dz)
-        zx, zy, zz = (dx / length, dy / length, dz / length) if length > 0.0 else (math.nan, math.nan, math.nan)
-        level = math.sqrt(zx * zx + zy * zy)
-        if level < _LEVEL:
-            zx, zy, zz = 0.0, 0.0, math.copysign(1.0, zz)
-            frame[0], frame[4] = zz, 1.0
-        else:
-            frame[0], frame[1] = -zy / level, zx / level
-            frame[3], frame[4], frame[5] = -zx * zz / level, -zy * zz / level, level
-        frame[6], frame[7], frame[8] = zx, zy, zz
-    elif kind == POLAR:
-        cosine, sine = math.cos(latitude), math.sin(latitude)
-        frame[0], frame[4], frame[5], frame[7], frame[8] = 1.0, sine, -cosine, cosine, sine
-    elif kind == TILT_ROLL:
-        cosine, sine = math.cos(axis_azimuth), math.sin(axis_azimuth)
-        frame[0], frame[1], frame[5], frame[6], frame[7] = -cosine, sine, 1.0, sine, cosine
-    else:
-        frame[0], frame[4], frame[8] = 1.0, 1.0, 1.0
-
-
-@kernel
-def error_terms(errors: Floats, terms: Floats) -> None:
-    """Write what every spot of a mount shares of its errors.
-
-    Parameters
-    ----------
-    errors : ndarray, shape (6,)
-        The errors, in the order of `ERRORS`. [rad]
-    terms : ndarray, shape (TERMS,)
-        Receives the terms. [1]
-    """
-    for m, error in ((0, errors[0]), (2, errors[1]), (4, errors[4]), (6, errors[5])):
-        terms[m], terms[m + 1] = math.cos(error), math.sin(error)
-    # Rtilt = 1 + u K + v K^2 with u = sin(w) / w, v = (1 - cos(w)) / w^2, w the length of the rotation vector.
-    e, n = errors[2], errors[3]
-    square = e * e + n * n
-    if square < 1.0:
-        # The series of u and v in w^2, and their derivatives du and dv by w^2, from the smallest terms on.
-        u, v, du, dv = 1.0, 1.0, 0.0, 0.0
-        for k in range(11, -1, -1):
-            step, other = (2.0 * k + 2.0) * (2.0 * k + 3.0), (2.0 * k + 3.0) * (2.0 * k + 4.0)
-            u, du = 1.0 - square * u / step, -(u + square * du) / step
-            v, dv = 1.0 - square * v / other, -(v + square * dv) / other
-        v, dv = 0.5 * v, 0.5 * dv
-    else:
-        w = math.sqrt(square)
-        u, v = math.sin(w) / w, (1.0 - math.cos(w)) / square
-        du, dv = 0.5 * (math.cos(w) - u) / square, 0.5 * (u - 2.0 * v) / square
-    _rotation(terms, 8, 1.0 - v * n * n, v * e * n, 1.0 - v * e * e, u * n, u * e, 1.0 - v * square)
-    ue, ve, un, vn = 2.0 * e * du, 2.0 * e * dv, 2.0 * n * du, 2.0 * n * dv
-    _rotation(
-        terms,
-        17,
-        -ve * n * n,
-        ve * e * n + v * n,
-        -ve * e * e - 2.0 * v * e,
-        ue * n,
-        ue * e + u,
-        -ve * square - 2.0 * v * e,
-    )
-    _rotation(
-        terms,
-        26,
-        -vn * n * n - 2.0 * v * n,
-        vn * e * n + v * e,
-        -vn * e * e,
-        un * n + u,
-        un * e,
-        -vn * square - 2.0 * v * n,
-    )
-
-
-@inline
-def _rotation(out, first, xx, xy, yy, xz, zy, zz):
-    """Write the matrix (xx, xy, xz; xy, yy, -zy; -xz, zy, zz) by rows."""
-    out[first], out[first + 1], out[first + 2] = xx, xy, xz
-    out[first + 3], out[first + 4], out[first + 5] = xy, yy, -zy
-    out[first + 6], out[first + 7], out[first + 8] = -xz, zy, zz
-
-
-@inline
-def bore(ca, sa, ce, se, x, y):
-    """Ry(eta) Rx(a) (x, y, 0) for the cosines and sines of a and eta."""
-    up = sa * y
-    return ce * x + se * up, ca * y, ce * up - se * x
-
-
-@inline
-def turn(cg, sg, x, y):
-    """Horizontal components of Rz(-g) (x, y, .) for the cosine and sine of g: clockwise from above."""
-    return cg * x + sg * y, cg * y - sg * x
-
-
-@inline
-def point(nx, ny, nz, ce, se, cm, sm, side):
-    """Where a mount has to turn to, in the frame of its tilted primary axis.
-
-    Parameters
-    ----------
-    nx, ny, nz : float
-        Normal wanted, n' = Rtilt^T Q n. [1]
-    ce, se, cm, sm : float
-        Cosines and sines of eta and mu. [1]
-    side : float
-        1 for the elevation below a quarter turn, -1 for the branch beyond it.
-
-    Returns
-    -------
-    cg, sg, ca, sa : float
-        Cosine and sine of g + g0 and of a + a0. A normal along the primary axis takes g + g0 = 0. [1]
-    room : float
-        Negative in the blind cone, where the angles mean nothing.
-    """
-    x = (sm + nz * se) / ce
-    up = (nz + se * sm) / ce
-    level = nx * nx + ny * ny
-    room = level - x * x
-    y = side * np.sqrt(max(room, 0.0))
-    along = level if level > 0.0 else 1.0
-    cg = (x * nx + y * ny) / along if level > 0.0 else 1.0
-    sg = (y * nx - x * ny) / along
-    return cg, sg, y / cm, up / cm, room
-
-
-@inline
-def _times(m, first, x, y, z):
-    """Product of a matrix, rows from m[first] on, and a vector."""
-    return (
-        m[first] * x + m[first + 1] * y + m[first + 2] * z,
-        m[first + 3] * x + m[first + 4] * y + m[first + 5] * z,
-        m[first + 6] * x + m[first + 7] * y + m[first + 8] * z,
-    )
-
-
-@inline
-def _back(m, first, x, y, z):
-    """Product of the transpose of a matrix, rows from m[first] on, and a vector."""
-    return (
-        m[first] * x + m[first + 3] * y + m[first + 6] * z,
-        m[first + 1] * x + m[first + 4] * y + m[first + 7] * z,
-        m[first + 2] * x + m[first + 5] * y + m[first + 8] * z,
-    )
 
 
 @inline
@@ -264,9 +85,9 @@ def spot_and_jacobian(
     fx, fy = turn(cg, sg, bx, by)
     gx, gy = turn(cg, sg, ox, oy + axis_offset)
     gz = oz + pedestal
-    nx, ny, nz = _back(frame, 0, *_times(terms, 8, fx, fy, bz))
-    ex, ey, ez = _times(terms, 8, gx, gy, gz)
-    ex, ey, ez = _back(frame, 0, ex, ey, ez - pedestal)
+    nx, ny, nz = back(frame, 0, *times(terms, 8, fx, fy, bz))
+    ex, ey, ez = times(terms, 8, gx, gy, gz)
+    ex, ey, ez = back(frame, 0, ex, ey, ez - pedestal)
     px, py, pz = ex - dx, ey - dy, ez - dz
     y, z, status = trace(px, py, pz, nx, ny, nz, sx, sy, sz, *_nine(face))
 
@@ -274,7 +95,7 @@ def spot_and_jacobian(
     # along the ray.
     lit = sx * nx + sy * ny + sz * nz
     rx, ry, rz = 2.0 * lit * nx - sx, 2.0 * lit * ny - sy, 2.0 * lit * nz - sz
-    ax, ay, az = _times(face, 0, rx, ry, rz)
+    ax, ay, az = times(face, 0, rx, ry, rz)
     length = -(face[0] * px + face[1] * py + face[2] * pz) / ax
     lx, ly, lz = bore(-sa, ca, ce, se, 0.0, 1.0)  # the bore by a
     kx, ky, kz = bore(ca, sa, ce, se, cm, -sm)  # the normal by mu
@@ -283,15 +104,15 @@ def spot_and_jacobian(
         px, py, pz = face[c] - tan * face[0], face[c + 1] - tan * face[1], face[c + 2] - tan * face[2]
         askew = px * nx + py * ny + pz * nz
         qx, qy, qz = askew * sx + lit * px, askew * sy + lit * py, askew * sz + lit * pz
-        px, py, pz = _times(frame, 0, px, py, pz)
-        qx, qy, qz = _times(frame, 0, 2.0 * length * qx, 2.0 * length * qy, 2.0 * length * qz)
+        px, py, pz = times(frame, 0, px, py, pz)
+        qx, qy, qz = times(frame, 0, 2.0 * length * qx, 2.0 * length * qy, 2.0 * length * qz)
         out = 6 * m
         for tilt in range(2):
-            hx, hy, hz = _times(terms, 17 + 9 * tilt, fx, fy, bz)
-            ix, iy, iz = _times(terms, 17 + 9 * tilt, gx, gy, gz)
+            hx, hy, hz = times(terms, 17 + 9 * tilt, fx, fy, bz)
+            ix, iy, iz = times(terms, 17 + 9 * tilt, gx, gy, gz)
             jacobian[out + 2 + tilt] = qx * hx + qy * hy + qz * hz + px * ix + py * iy + pz * iz
-        px, py, pz = _back(terms, 8, px, py, pz)
-        qx, qy, qz = _back(terms, 8, qx, qy, qz)
+        px, py, pz = back(terms, 8, px, py, pz)
+        qx, qy, qz = back(terms, 8, qx, qy, qz)
         jacobian[out] = qx * fy - qy * fx + px * gy - py * gx
         px, py = turn(cg, -sg, px, py)
         qx, qy = turn(cg, -sg, qx, qy)
@@ -301,3 +122,172 @@ def spot_and_jacobian(
     if status != REACHES:
         jacobian[:] = math.nan
     return y, z, status
+
+
+def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: ArrayLike) -> Floats:
+    """Axes of mounts.
+
+    Parameters
+    ----------
+    kind : int
+        `AZIMUTH_ELEVATION`, `TARGET_ALIGNED`, `POLAR` or `TILT_ROLL` of `receiver`.
+    latitude : float
+        Geographic latitude, of polar mounts. [rad]
+    axis_azimuth : float
+        Azimuth of the primary axis of tilt-roll mounts, from north, clockwise. [rad]
+    to_target : array_like, shape (..., 3)
+        From the pivots to the aim point. [m]
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        Rows Q: x, y (zero bore) and z (primary axis) in the world frame; NaN for a target-aligned mount at the aim
+        point. [1]
+    """
+    vectors = np.asarray(to_target, np.float64)
+    frames = np.empty((*vectors.shape[:-1], 3, 3))
+    for frame, (dx, dy, dz) in zip(frames.reshape(-1, 9), vectors.reshape(-1, 3).tolist(), strict=True):
+        mount_frame(int(kind), float(latitude), float(axis_azimuth), dx, dy, dz, frame)
+    return frames
+
+
+def normal_and_centre(
+    frame: ArrayLike, angles: ArrayLike, errors: ArrayLike, offsets: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> tuple[Floats, Floats]:
+    """Normal and mirror centre of mounts at given encoder angles; arguments broadcast.
+
+    Parameters
+    ----------
+    frame : array_like, shape (..., 3, 3)
+        Rows Q, from `mount_frames`. [1]
+    angles : array_like, shape (..., 2)
+        Encoder angles g and a. [rad]
+    errors : array_like, shape (..., 6)
+        Errors in the order of `ERRORS`. [rad]
+    offsets : tuple of float
+        Mirror offset r along the bore, axis offset q, height h of the pivot above the base that tilts. [m]
+
+    Returns
+    -------
+    normal : ndarray, shape (..., 3)
+        Unit normals: east, north, up. [1]
+    centre : ndarray, shape (..., 3)
+        Mirror centres relative to the pivot. [m]
+    """
+    shape, (frames, pairs, six) = _flat((frame, 2), (angles, 1), (errors, 1))
+    normal, centre = np.empty((len(six), 3)), np.empty((len(six), 3))
+    _stand(frames, pairs, six, np.array(offsets, np.float64), normal, centre)
+    return normal.reshape(*shape, 3), centre.reshape(*shape, 3)
+
+
+def encoder_angles(frame: ArrayLike, normal: ArrayLike, errors: ArrayLike, branch: int = 0) -> Floats:
+    """Encoder angles at which mounts with known errors point along a normal: the exact inverse of `normal_and_centre`.
+
+    Parameters
+    ----------
+    frame, errors : array_like
+        As in `normal_and_centre`; arguments broadcast.
+    normal : array_like, shape (..., 3)
+        Unit normals. [1]
+    branch : int
+        0 for the elevation a + a0 below a quarter turn, 1 for the branch beyond it.
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        Encoder angles g and a, from -pi to pi; NaN in the blind cone about the primary axis, where mounts whose axes
+        are not perpendicular cannot point. A normal along the primary axis takes g + g0 = 0. [rad]
+    """
+    shape, (frames, normals, six) = _flat((frame, 2), (normal, 1), (errors, 1))
+    angles = np.empty((len(six), 2))
+    _invert(frames, normals, six, -1.0 if branch else 1.0, angles)
+    return angles.reshape(*shape, 2)
+
+
+def aim(
+    frame: ArrayLike,
+    sun: ArrayLike,
+    to_target: ArrayLike,
+    errors: ArrayLike,
+    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Floats:
+    """Encoder angles at which mounts with known errors send the beam from the mirror centre to the aim point.
+
+    Parameters
+    ----------
+    frame, errors, offsets
+        As in `normal_and_centre`; arguments broadcast.
+    sun : array_like, shape (..., 3)
+        Unit vectors to the sun. [1]
+    to_target : array_like, shape (..., 3)
+        From the pivots to the aim point. [m]
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        Encoder angles g and a, from -pi to pi; NaN with the sun at or below the horizon, in the blind cone, and where
+        the offsets are not smaller than the distance. [rad]
+    """
+    shape, (frames, suns, targets, six) = _flat((frame, 2), (sun, 1), (to_target, 1), (errors, 1))
+    angles = np.empty((len(six), 2))
+    _aim(frames, suns, targets, six, np.array(offsets, np.float64), angles)
+    return angles.reshape(*shape, 2)
+
+
+def _flat(*arguments: tuple[ArrayLike, int]) -> tuple[tuple[int, ...], list[Floats]]:
+    """Common shape of arguments without their last axes (given by number), and each as (N, all of those)."""
+    arrays = [np.asarray(value, np.float64) for value, _ in arguments]
+    kept = [array.shape[array.ndim - axes :] for array, (_, axes) in zip(arrays, arguments, strict=True)]
+    shape = np.broadcast_shapes(*(a.shape[: a.ndim - len(k)] for a, k in zip(arrays, kept, strict=True)))
+    wide = (np.broadcast_to(a, (*shape, *k)) for a, k in zip(arrays, kept, strict=True))
+    return shape, [np.array(a, order="C").reshape(math.prod(shape), -1) for a in wide]
+
+
+@kernel
+def _stand(frames: Floats, angles: Floats, errors: Floats, offsets: Floats, normal: Floats, centre: Floats) -> None:
+    terms = np.empty(TERMS)
+    for i in range(len(errors)):
+        frame = frames[i]
+        error_terms(errors[i], terms)
+        g, a = angles[i, 0] + errors[i, 0], angles[i, 1] + errors[i, 1]
+        cg, sg, ca, sa = math.cos(g), math.sin(g), math.cos(a), math.sin(a)
+        x, y, z = bore(ca, sa, terms[4], terms[5], terms[7], terms[6])
+        x, y = turn(cg, sg, x, y)
+        x, y, z = times(terms, 8, x, y, z)
+        normal[i, 0], normal[i, 1], normal[i, 2] = back(frame, 0, x, y, z)
+        x, y, z = bore(ca, sa, terms[4], terms[5], 0.0, offsets[0])
+        x, y = turn(cg, sg, x, y + offsets[1])
+        x, y, z = times(terms, 8, x, y, z + offsets[2])
+        centre[i, 0], centre[i, 1], centre[i, 2] = back(frame, 0, x, y, z - offsets[2])
+
+
+@kernel
+def _invert(frames: Floats, normals: Floats, errors: Floats, side: float, angles: Floats) -> None:
+    terms = np.empty(TERMS)
+    for i in range(len(errors)):
+        error_terms(errors[i], terms)
+        x, y, z = times(frames[i], 0, normals[i, 0], normals[i, 1], normals[i, 2])
+        x, y, z = back(terms, 8, x, y, z)
+        cg, sg, ca, sa, room = point(x, y, z, terms[4], terms[5], terms[6], terms[7], side)
+        angles[i, 0] = math.atan2(*turn(terms[0], -terms[1], sg, cg)) if room >= 0.0 else math.nan
+        angles[i, 1] = math.atan2(*turn(terms[2], -terms[3], sa, ca)) if room >= 0.0 else math.nan
+
+
+@kernel
+def _aim(frames: Floats, sun: Floats, to_target: Floats, errors: Floats, offsets: Floats, angles: Floats) -> None:
+    terms, record, suns = np.empty((PACKET, TERMS)), np.empty(KNOWN), np.empty(3 * PACKET)
+    rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(4 * PACKET)
+    for first in range(0, len(errors), PACKET):
+        lanes = min(PACKET, len(errors) - first)
+        for k in range(lanes):
+            i = first + k
+            error_terms(errors[i], terms[k])
+            known_record(to_target[i], frames[i], terms[k], offsets[2], record)
+            for c in range(3):
+                suns[c * PACKET + k] = sun[i, c]
+            aim_rows(record, suns, k, k + 1, rows)
+        aim_lanes(rows, state, work, offsets[0], offsets[1], lanes)
+        for k in range(lanes):
+            cg, sg, ca, sa = state[k], state[PACKET + k], state[2 * PACKET + k], state[3 * PACKET + k]
+            angles[first + k, 0] = math.atan2(*turn(terms[k, 0], -terms[k, 1], sg, cg))
+            angles[first + k, 1] = math.atan2(*turn(terms[k, 2], -terms[k, 3], sa, ca))

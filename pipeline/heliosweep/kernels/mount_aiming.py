@@ -1,0 +1,244 @@
+"""Aiming of two-axis mounts whose mirror centre lies off the pivot: exact, for a packet of lanes at once.
+
+In the frame of the tilted primary axis, with the sun s, the aim point at d from the pivot's base point and the mirror
+centre at c, the normal wanted is n = unit(s + unit(d - c)); it gives the angles, and the angles give the centre c' =
+F(c). Newton's method on c = F(c): a change of c moves the two angles by G dc, and they move the centre by C, so that
+
+    c* = F(c) + C v,   (1 - G C) v = G (F(c) - c)
+
+with a system of two by two. Two steps are the rule, more where the offsets are not small against the distance. Each
+lane stops for itself, so that its bits do not depend on the lanes beside it.
+
+Rows of a block have room for `PACKET` lanes each, at fixed offsets of one flat array, because such loops turn into
+vector code. There is no trigonometric function in them.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.mount_terms import back, bore, point, times, turn
+from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
+
+__all__ = ["AIM_ROWS", "KNOWN", "STATE_ROWS", "aim_lanes", "aim_rows", "known_record"]
+
+Floats = NDArray[np.float64]
+
+AIM_ROWS = 11
+"""Rows of what to aim: sun s (0 to 2), unit, and aim point d (3 to 5) in the frame of the tilted primary axis; cosine
+and sine of eta and of mu (6 to 9); whether the sun is up (10), 1 or 0."""
+KNOWN = 16
+"""Numbers that `known_record` makes of a mount."""
+STATE_ROWS = 5
+"""Rows of where the mount stands: cosine and sine of g + g0 and of a + a0 (0 to 3), NaN without; status (4)."""
+
+_STEPS = 40
+_LAST_TURN = 1e-14
+"""Squared step of the angles after which the error, of the order of its square, is below rounding. [rad^2]"""
+_LAST_MOVE = 1e-12
+"""Squared distance of F(c) from c, over the squared distance of the aim point, above which no step is the last."""
+_LEVEL = 1e-12
+"""Cosine of an elevation below which the mirror is as good as along its primary axis."""
+
+
+@kernel
+def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_offset: float, lanes: int) -> int:
+    """Aim each lane of a packet.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (AIM_ROWS * PACKET,)
+        What to aim at, by rows.
+    state : ndarray, shape (STATE_ROWS * PACKET,)
+        Receives the rows of angles and status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not smaller than the distance,
+        or no solution found) or `BLIND_CONE`.
+    work : ndarray, shape (4 * PACKET,)
+        Room for the iteration.
+    offset, axis_offset : float
+        Offsets r and q. [m]
+    lanes : int
+        Lanes of the packet.
+
+    Returns
+    -------
+    int
+        Most steps that a lane took.
+    """
+    reach = abs(offset) + abs(axis_offset)
+    for k in range(lanes):
+        dx, dy, dz = rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k]
+        far = reach * reach < dx * dx + dy * dy + dz * dz
+        work[k], work[PACKET + k], work[2 * PACKET + k] = 0.0, 0.0, 0.0
+        work[3 * PACKET + k] = rows[10 * PACKET + k] if far else 0.0
+    steps, pending = 0, 1.0
+    while pending > 0.0 and steps < _STEPS:
+        pending = 0.0
+        for k in range(lanes):
+            cx, cy, cz = work[k], work[PACKET + k], work[2 * PACKET + k]
+            open_lane = work[3 * PACKET + k]
+            x, y, z, last = _step(
+                rows[k],
+                rows[PACKET + k],
+                rows[2 * PACKET + k],
+                rows[3 * PACKET + k],
+                rows[4 * PACKET + k],
+                rows[5 * PACKET + k],
+                rows[6 * PACKET + k],
+                rows[7 * PACKET + k],
+                rows[8 * PACKET + k],
+                rows[9 * PACKET + k],
+                offset,
+                axis_offset,
+                cx,
+                cy,
+                cz,
+            )
+            work[k] = x if open_lane > 0.0 else cx
+            work[PACKET + k] = y if open_lane > 0.0 else cy
+            work[2 * PACKET + k] = z if open_lane > 0.0 else cz
+            work[3 * PACKET + k] = 0.0 if last else open_lane
+        for k in range(lanes):
+            pending = max(pending, work[3 * PACKET + k])
+        steps += 1
+    for k in range(lanes):
+        dx, dy, dz = rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k]
+        far = reach * reach < dx * dx + dy * dy + dz * dz
+        nx, ny, nz, _, _, _, _, _ = _normal(
+            rows[k],
+            rows[PACKET + k],
+            rows[2 * PACKET + k],
+            dx - work[k],
+            dy - work[PACKET + k],
+            dz - work[2 * PACKET + k],
+        )
+        cg, sg, ca, sa, room = point(
+            nx,
+            ny,
+            nz,
+            rows[6 * PACKET + k],
+            rows[7 * PACKET + k],
+            rows[8 * PACKET + k],
+            rows[9 * PACKET + k],
+            1.0,
+        )
+        found = work[3 * PACKET + k] == 0.0
+        status = REACHES if (far and found) else TOO_NEAR
+        status = status if (room >= 0.0 or not far) else BLIND_CONE
+        status = status if rows[10 * PACKET + k] > 0.0 else NO_SUN
+        good = status == REACHES
+        state[k] = cg if good else math.nan
+        state[PACKET + k] = sg if good else math.nan
+        state[2 * PACKET + k] = ca if good else math.nan
+        state[3 * PACKET + k] = sa if good else math.nan
+        state[4 * PACKET + k] = status
+    return steps
+
+
+@kernel
+def known_record(to_target: Floats, frame: Floats, terms: Floats, pedestal: float, record: Floats) -> None:
+    """Write what all lanes of one mount share.
+
+    Parameters
+    ----------
+    to_target : ndarray, shape (3,)
+        From the pivot to the aim point. [m]
+    frame, terms : ndarray
+        From `mount_terms.mount_frame` and `error_terms`, with the known errors.
+    pedestal : float
+        Offset h. [m]
+    record : ndarray, shape (KNOWN,)
+        Receives the matrix Rtilt^T Q by rows (0 to 8), the aim point d (9 to 11), cosine and sine of eta and mu (12 to
+        15).
+    """
+    for m in range(3):
+        x, y, z = back(terms, 8, frame[m], frame[3 + m], frame[6 + m])
+        record[m], record[3 + m], record[6 + m] = x, y, z
+    # The tilt turns about the base, below the pivot; the centre is counted from the pivot as it then stands.
+    x, y, z = times(frame, 0, to_target[0], to_target[1], to_target[2])
+    x, y, z = back(terms, 8, x, y, z + pedestal)
+    record[9], record[10], record[11] = x, y, z - pedestal
+    record[12], record[13], record[14], record[15] = terms[4], terms[5], terms[6], terms[7]
+
+
+@kernel
+def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats) -> None:
+    """Write lanes first..last of the rows of `aim_lanes`, all of one mount.
+
+    Parameters
+    ----------
+    record : ndarray, shape (KNOWN,)
+        The mount, from `known_record`.
+    sun : ndarray, shape (3 * PACKET,)
+        Rows x, y, z of the unit vectors to the sun, world frame. [1]
+    first, last : int
+        The lanes.
+    rows : ndarray, shape (AIM_ROWS * PACKET,)
+        Receives them.
+    """
+    xx, xy, xz, yx, yy, yz = record[0], record[1], record[2], record[3], record[4], record[5]
+    zx, zy, zz, dx, dy, dz = record[6], record[7], record[8], record[9], record[10], record[11]
+    ce, se, cm, sm = record[12], record[13], record[14], record[15]
+    for k in range(first, last):
+        sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
+        rows[k] = xx * sx + xy * sy + xz * sz
+        rows[PACKET + k] = yx * sx + yy * sy + yz * sz
+        rows[2 * PACKET + k] = zx * sx + zy * sy + zz * sz
+        rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k] = dx, dy, dz
+        rows[6 * PACKET + k], rows[7 * PACKET + k] = ce, se
+        rows[8 * PACKET + k], rows[9 * PACKET + k] = cm, sm
+        rows[10 * PACKET + k] = 1.0 if sz > 0.0 else 0.0
+
+
+@inline
+def _normal(sx, sy, sz, dx, dy, dz):
+    """Normal that reflects s along d, the unit vector t along d, |d| and |s + t|."""
+    distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+    scale = 1.0 / distance
+    tx, ty, tz = dx * scale, dy * scale, dz * scale
+    nx, ny, nz = sx + tx, sy + ty, sz + tz
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    scale = 1.0 / length
+    return nx * scale, ny * scale, nz * scale, tx, ty, tz, distance, length
+
+
+@inline
+def _step(sx, sy, sz, dx, dy, dz, ce, se, cm, sm, offset, axis_offset, cx, cy, cz):
+    """Newton's next centre, and whether it is the last."""
+    nx, ny, nz, tx, ty, tz, distance, length = _normal(sx, sy, sz, dx - cx, dy - cy, dz - cz)
+    cg, sg, ca, sa, room = point(nx, ny, nz, ce, se, cm, sm, 1.0)
+    # Centre F(c), and columns of C: by a (x, y, z) and by g (fy, -fx, 0).
+    fx, fy, fz = bore(ca, sa, ce, se, 0.0, offset)
+    fx, fy = turn(cg, sg, fx, fy + axis_offset)
+    x, y, z = bore(-sa, ca, ce, se, 0.0, offset)
+    x, y = turn(cg, sg, x, y)
+    rx, ry, rz = fx - cx, fy - cy, fz - cz
+    # Rows of G: t turns by -(1 - t t) dc / distance, n by (1 - n n) dt / length.
+    scale = -1.0 / (distance * length)
+    level = max(nx * nx + ny * ny, _LEVEL * _LEVEL)
+    by, bx = cm * ca, ce * sm + se * (cm * sa)
+    rise = scale / max(ce * by, _LEVEL)
+    along = tz - nz * (nx * tx + ny * ty + nz * tz)
+    ax = rise * (-nx * nz - along * tx)
+    ay = rise * (-ny * nz - along * ty)
+    az = rise * (nx * nx + ny * ny - along * tz)
+    swing = scale / level
+    along = ny * tx - nx * ty
+    lean = cm * (ca * se * by + bx * sa) / level
+    gx = swing * (ny - along * tx) - lean * ax
+    gy = swing * (-nx - along * ty) - lean * ay
+    gz = swing * (-along * tz) - lean * az
+    aa, ag = 1.0 - (ax * x + ay * y + az * z), -(ax * fy - ay * fx)
+    ga, gg = -(gx * x + gy * y + gz * z), 1.0 - (gx * fy - gy * fx)
+    fa, fg = ax * rx + ay * ry + az * rz, gx * rx + gy * ry + gz * rz
+    inverse = 1.0 / (aa * gg - ag * ga)
+    va, vg = inverse * (gg * fa - ag * fg), inverse * (aa * fg - ga * fa)
+    # Far from the solution, or where the mount cannot point yet: a step of the fixed point alone.
+    sure = room >= 0.0 and va * va + vg * vg < 1.0
+    va, vg = va if sure else 0.0, vg if sure else 0.0
+    last = va * va + vg * vg <= _LAST_TURN and (
+        rx * rx + ry * ry + rz * rz <= _LAST_MOVE * (dx * dx + dy * dy + dz * dz)
+    )
+    return fx + x * va + fy * vg, fy + y * va - fx * vg, fz + z * va, last

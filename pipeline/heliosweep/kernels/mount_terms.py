@@ -1,0 +1,199 @@
+"""Bricks of two-axis mounts: frames, what spots share of the errors, rotations, the inverse.
+
+The model of `two_axis`, number by number, for kernels; angles are pairs of cosine and sine.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.receiver import POLAR, TARGET_ALIGNED, TILT_ROLL
+
+__all__ = ["ERRORS", "TERMS", "back", "bore", "error_terms", "mount_frame", "point", "times", "turn"]
+
+Floats = NDArray[np.float64]
+
+ERRORS = (
+    "azimuth_reference",
+    "elevation_reference",
+    "tilt_about_east",
+    "tilt_about_north",
+    "non_orthogonality",
+    "collimation",
+)
+"""The six errors of a mount, in the order of every array of them. [rad]"""
+
+TERMS = 35
+"""Numbers that `error_terms` makes of six errors: cosine and sine of g0, a0, eta and mu (0 to 7), Rtilt by rows (8 to
+16) and its derivatives by te (17 to 25) and by tn (26 to 34)."""
+
+_LEVEL = 1e-12
+"""Sine of the angle to the vertical below which the line to the aim point counts as vertical."""
+
+
+@kernel
+def mount_frame(
+    kind: int, latitude: float, axis_azimuth: float, dx: float, dy: float, dz: float, frame: Floats
+) -> None:
+    """Write the axes of a mount.
+
+    Parameters
+    ----------
+    kind : int
+        `AZIMUTH_ELEVATION` (rows east, north, up), `TARGET_ALIGNED` (z to the aim point, y the upward perpendicular, or
+        north where z is vertical), `POLAR` (z to the celestial north pole, x east) or `TILT_ROLL` (z horizontal, y up).
+    latitude : float
+        Geographic latitude, of polar mounts. [rad]
+    axis_azimuth : float
+        Azimuth of the primary axis, of tilt-roll mounts. [rad]
+    dx, dy, dz : float
+        From the pivot to the aim point, of target-aligned mounts. [m]
+    frame : ndarray, shape (9,)
+        Receives the rows x, y, z, one after the other. [1]
+    """
+    frame[:] = 0.0
+    if kind == TARGET_ALIGNED:
+        length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        zx, zy, zz = (dx / length, dy / length, dz / length) if length > 0.0 else (math.nan, math.nan, math.nan)
+        level = math.sqrt(zx * zx + zy * zy)
+        if level < _LEVEL:
+            zx, zy, zz = 0.0, 0.0, math.copysign(1.0, zz)
+            frame[0], frame[4] = zz, 1.0
+        else:
+            frame[0], frame[1] = -zy / level, zx / level
+            frame[3], frame[4], frame[5] = -zx * zz / level, -zy * zz / level, level
+        frame[6], frame[7], frame[8] = zx, zy, zz
+    elif kind == POLAR:
+        cosine, sine = math.cos(latitude), math.sin(latitude)
+        frame[0], frame[4], frame[5], frame[7], frame[8] = 1.0, sine, -cosine, cosine, sine
+    elif kind == TILT_ROLL:
+        cosine, sine = math.cos(axis_azimuth), math.sin(axis_azimuth)
+        frame[0], frame[1], frame[5], frame[6], frame[7] = -cosine, sine, 1.0, sine, cosine
+    else:
+        frame[0], frame[4], frame[8] = 1.0, 1.0, 1.0
+
+
+@kernel
+def error_terms(errors: Floats, terms: Floats) -> None:
+    """Write what every spot of a mount shares of its errors.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (6,)
+        The errors, in the order of `ERRORS`. [rad]
+    terms : ndarray, shape (TERMS,)
+        Receives the terms. [1]
+    """
+    for m, error in ((0, errors[0]), (2, errors[1]), (4, errors[4]), (6, errors[5])):
+        terms[m], terms[m + 1] = math.cos(error), math.sin(error)
+    # Rtilt = 1 + u K + v K^2 with u = sin(w) / w, v = (1 - cos(w)) / w^2, w the length of the rotation vector.
+    e, n = errors[2], errors[3]
+    square = e * e + n * n
+    if square < 0.04:
+        # The series of u and v in w^2, and their derivatives du and dv by w^2, from the smallest terms on.
+        u, v, du, dv = 1.0, 1.0, 0.0, 0.0
+        for k in range(7, -1, -1):
+            step, other = 1.0 / ((2 * k + 2) * (2 * k + 3)), 1.0 / ((2 * k + 3) * (2 * k + 4))
+            u, du = 1.0 - square * u * step, -(u + square * du) * step
+            v, dv = 1.0 - square * v * other, -(v + square * dv) * other
+        v, dv = 0.5 * v, 0.5 * dv
+    else:
+        w = math.sqrt(square)
+        u, v = math.sin(w) / w, 2.0 * math.sin(0.5 * w) ** 2 / square
+        du, dv = 0.5 * (math.cos(w) - u) / square, 0.5 * (u - 2.0 * v) / square
+    _rotation(terms, 8, 1.0 - v * n * n, v * e * n, 1.0 - v * e * e, u * n, u * e, 1.0 - v * square)
+    ue, ve, un, vn = 2.0 * e * du, 2.0 * e * dv, 2.0 * n * du, 2.0 * n * dv
+    _rotation(
+        terms,
+        17,
+        -ve * n * n,
+        ve * e * n + v * n,
+        -ve * e * e - 2.0 * v * e,
+        ue * n,
+        ue * e + u,
+        -ve * square - 2.0 * v * e,
+    )
+    _rotation(
+        terms,
+        26,
+        -vn * n * n - 2.0 * v * n,
+        vn * e * n + v * e,
+        -vn * e * e,
+        un * n + u,
+        un * e,
+        -vn * square - 2.0 * v * n,
+    )
+
+
+@inline
+def _rotation(out, first, xx, xy, yy, xz, zy, zz):
+    """Write the matrix (xx, xy, xz; xy, yy, -zy; -xz, zy, zz) by rows."""
+    out[first], out[first + 1], out[first + 2] = xx, xy, xz
+    out[first + 3], out[first + 4], out[first + 5] = xy, yy, -zy
+    out[first + 6], out[first + 7], out[first + 8] = -xz, zy, zz
+
+
+@inline
+def bore(ca, sa, ce, se, x, y):
+    """Ry(eta) Rx(a) (x, y, 0) for the cosines and sines of a and eta."""
+    up = sa * y
+    return ce * x + se * up, ca * y, ce * up - se * x
+
+
+@inline
+def turn(cg, sg, x, y):
+    """Horizontal components of Rz(-g) (x, y, .) for the cosine and sine of g: clockwise from above."""
+    return cg * x + sg * y, cg * y - sg * x
+
+
+@inline
+def point(nx, ny, nz, ce, se, cm, sm, side):
+    """Where a mount has to turn to, in the frame of its tilted primary axis.
+
+    Parameters
+    ----------
+    nx, ny, nz : float
+        Normal wanted, n' = Rtilt^T Q n. [1]
+    ce, se, cm, sm : float
+        Cosines and sines of eta and mu. [1]
+    side : float
+        1 for the elevation below a quarter turn, -1 for the branch beyond it.
+
+    Returns
+    -------
+    cg, sg, ca, sa : float
+        Cosine and sine of g + g0 and of a + a0. A normal along the primary axis takes g + g0 = 0. [1]
+    room : float
+        Negative in the blind cone, where the angles mean nothing.
+    """
+    x = (sm + nz * se) / ce
+    up = (nz + se * sm) / ce
+    level = nx * nx + ny * ny
+    room = level - x * x
+    y = side * np.sqrt(max(room, 0.0))
+    along = level if level > 0.0 else 1.0
+    cg = (x * nx + y * ny) / along if level > 0.0 else 1.0
+    sg = (y * nx - x * ny) / along
+    return cg, sg, y / cm, up / cm, room
+
+
+@inline
+def times(m, first, x, y, z):
+    """Product of a matrix, rows from m[first] on, and a vector."""
+    return (
+        m[first] * x + m[first + 1] * y + m[first + 2] * z,
+        m[first + 3] * x + m[first + 4] * y + m[first + 5] * z,
+        m[first + 6] * x + m[first + 7] * y + m[first + 8] * z,
+    )
+
+
+@inline
+def back(m, first, x, y, z):
+    """Product of the transpose of a matrix, rows from m[first] on, and a vector."""
+    return (
+        m[first] * x + m[first + 3] * y + m[first + 6] * z,
+        m[first + 1] * x + m[first + 4] * y + m[first + 7] * z,
+        m[first + 2] * x + m[first + 5] * y + m[first + 8] * z,
+    )
