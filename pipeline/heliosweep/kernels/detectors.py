@@ -1,7 +1,8 @@
 """Detector lines on the receiver plane: where deviation curves cross them, and what the crossings say of the mirror.
 
 A heliostat whose facets carry reflecting cylinders, or that sweeps through an error, draws a whole deviation curve;
-detectors along lines l0 y + l1 z = l2 see where it crosses (Alonso et al., Optics Express 27 (8), A257, 2019, Sect. 4.3).
+detectors along lines l0 y + l1 z = l2 see where it crosses them (Alonso et al., Optics Express 27 (8), A257, 2019,
+Sect. 4.3).
 
 From one point of each of the two curves of a mirror (vertical primary axis, mirror centre fixed) its normal follows
 exactly. With the vectors v from the mirror centre to the points, k = S + v / |v| is along the normal that sent the ray

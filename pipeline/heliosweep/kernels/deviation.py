@@ -73,7 +73,9 @@ ENCODER_AZIMUTH = 2
 """Minus the primary axis."""
 
 _ALONG = 1e-15
-"""Sine of the angle between two directions that are taken for parallel."""
+"""Sine of the angle below which normal and primary axis are taken for parallel."""
+_LEVEL = 1e-12
+"""Sine of the angle to the vertical below which the line to the aim point is taken for vertical."""
 
 Floats = NDArray[np.float64]
 Face = tuple[Vector, Vector, Vector]
@@ -108,9 +110,10 @@ def primary_axis(kind: int, latitude: float, axis_azimuth: float, to_target: Vec
     if kind == TARGET_ALIGNED:
         z = unit(to_target)
         level = math.sqrt(z[0] * z[0] + z[1] * z[1])
-        if level > _ALONG:
+        if level >= _LEVEL:
             return z, (-z[1] / level, z[0] / level, 0.0)
-        return z, (1.0 if z[2] > 0.0 else -1.0, 0.0, 0.0)
+        sign = math.copysign(1.0, z[2])
+        return (0.0, 0.0, sign), (sign, 0.0, 0.0)
     if kind == POLAR:
         return (0.0, math.cos(latitude), math.sin(latitude)), (1.0, 0.0, 0.0)
     sine, cosine = math.sin(axis_azimuth), math.cos(axis_azimuth)

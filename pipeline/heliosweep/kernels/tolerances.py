@@ -232,7 +232,7 @@ def first_crossing(curve: Curve, face: Face, lines: tuple[Line, ...], side: floa
 
 @inline
 def _earliest_root(value: float, slope: float, bound: float) -> float:
-    """Distance to where a function that is positive here, with this slope and |second derivative| <= bound, can be 0."""
+    """How far a function of this value, this slope and a second derivative within +- bound stays positive at least."""
     if not value > 0.0:
         return 0.0
     root = math.sqrt(slope * slope + 2.0 * bound * value)
