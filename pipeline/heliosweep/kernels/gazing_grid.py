@@ -1,8 +1,8 @@
 """Modules of a heliostat and the grid of pixels on its mirror.
 
 Positions are (y, z) in the mirror frame, from the heliostat's centre: y to the right for someone at the target who
-looks at the mirror, z up. Kernels work on the pixels that lie on a module, one row after another; `maps` puts their values
-back on the grid.
+looks at the mirror, z up. Kernels work on the pixels that lie on a module, one row after another; `maps` puts their
+values back on the grid.
 """
 
 import math
