@@ -150,6 +150,7 @@ def calibrate(
     first = np.ascontiguousarray(spots.first, np.int64)
     if first[0] != 0 or first[-1] != total or np.any(np.diff(first) < 0):
         raise ValueError("the first spots of the heliostats must rise from 0 to the number of spots")
+    arrays: list[tuple[Floats, tuple[int, ...]]]
     arrays = [(spots.sun, (total, 3)), (spots.angles, (total, 2)), (spots.position, (total, 2))]
     arrays += [(spots.weight, (total,)), (frames, (number, 3, 3)), (pivots, (number, 3))]
     arrays += [(face, (3, 3)), (offsets, (3,))]
