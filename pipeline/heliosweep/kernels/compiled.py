@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["PURE_PYTHON", "UNCACHED", "inline", "kernel", "warm", "warm_dish"]
+__all__ = ["PURE_PYTHON", "UNCACHED", "inline", "kernel", "warm", "warm_dish", "warm_misalignment"]
 
 PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
@@ -101,6 +101,28 @@ def warm_dish() -> tuple[float, bool]:
         window_errors(RIGID, pack_windows(sun[0], [0, 1]), 0.1, 0.0)
 
     return _timed(work, (daily_splines, sun_at_sites, pack, sweep))
+
+
+def warm_misalignment() -> tuple[float, bool]:
+    """Make the kernels of misaligned heliostats ready; returns what `warm` does."""
+    import numpy as np
+
+    from heliosweep.kernels import conics, detectors, deviation, tolerances
+    from heliosweep.kernels.receiver import Setting
+
+    number = np.ones(1)
+    setting = Setting(*(number,) * 5, np.zeros(1, np.int64), *(number,) * 3, np.zeros(1), number)
+    case = setting, [0], [0]
+    sky = np.array([[[0.0, 0.0, 1.0]]]), np.array([[[0.0, 9.0, 0.0]]])
+
+    def work() -> None:
+        deviation.deviation_spots(*case, [0.0], *sky)
+        conics.conics(*case, *sky)
+        tolerances.tolerances(*case, *sky)
+        detectors.crossings(*case, [[1.0, 0.0, 1.0]], *sky)
+
+    fills = (deviation.fill_spots, conics._fill_conics, tolerances._fill_tolerances, detectors._fill_crossings)
+    return _timed(work, fills)
 
 
 def _timed(work: Callable[[], object], kernels: tuple[Any, ...]) -> tuple[float, bool]:

@@ -1,0 +1,78 @@
+"""Where misaligned heliostats send their beams, how much misalignment a receiver tolerates, and calibration from spots.
+
+After "Evaluation and measurement of heliostat misalignment in solar power plant using vector model", Optics Express
+27 (8), A257 (2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.families.misalignment.config import MisalignmentStudy
+    from heliosweep.families.registry import NamedFigure
+    from heliosweep.grid.plan import Workload
+
+
+class Misalignment:
+    """The family, for the registry; see `heliosweep.families.registry.Family`."""
+
+    name = "misalignment"
+    title = "deviation curves, tolerances and calibration of misaligned heliostats"
+    references = (
+        "Evaluation and measurement of heliostat misalignment in solar power plant using vector model, Optics Express "
+        "27 (8), A257 (2019)",
+    )
+
+    def study_class(self) -> type[MisalignmentStudy]:
+        """Pydantic model of the study file."""
+        from heliosweep.families.misalignment.config import MisalignmentStudy
+
+        return MisalignmentStudy
+
+    def example(self) -> str:
+        """Commented study file to start from."""
+        return resources.files(__name__).joinpath("default.yaml").read_text(encoding="utf-8")
+
+    def workload(self, study: MisalignmentStudy) -> Workload:
+        """Sizes and cost, for the plan."""
+        from heliosweep.families.misalignment import model
+
+        return model.workload(study)
+
+    def prepare(self) -> tuple[float, bool]:
+        """Load or compile the kernels; seconds it took, and whether something was compiled."""
+        from heliosweep.kernels.compiled import warm_misalignment
+
+        return warm_misalignment()
+
+    def build(self, study: MisalignmentStudy, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
+        """Lazy result over a part of the parameter grid."""
+        from heliosweep.families.misalignment import model
+
+        return model.build(study, chunks, select)
+
+    def coordinates(self, study: MisalignmentStudy) -> xr.Dataset:
+        """Coordinates of the whole result, in memory."""
+        from heliosweep.families.misalignment import model
+
+        return model.coordinates(study)
+
+    def remarks(self, result: xr.Dataset) -> Iterable[str]:
+        """Heliostats and rays without spots, and why; in calibrations what the spots cannot tell."""
+        from heliosweep.families.misalignment import model
+
+        return model.remarks(result)
+
+    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
+        """Curves, drifts, tolerances, statistics or calibrations, by the mode."""
+        from heliosweep.families.misalignment import report
+
+        return report.figures(result)
+
+
+FAMILY = Misalignment()
