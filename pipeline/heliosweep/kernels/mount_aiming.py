@@ -138,12 +138,14 @@ def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_off
 
 
 @kernel
-def known_record(to_target: Floats, frame: Floats, terms: Floats, pedestal: float, record: Floats) -> None:
+def known_record(
+    dx: float, dy: float, dz: float, frame: Floats, terms: Floats, pedestal: float, record: Floats
+) -> None:
     """Write what all lanes of one mount share.
 
     Parameters
     ----------
-    to_target : ndarray, shape (3,)
+    dx, dy, dz : float
         From the pivot to the aim point. [m]
     frame, terms : ndarray
         From `mount_terms.mount_frame` and `error_terms`, with the known errors.
@@ -157,7 +159,7 @@ def known_record(to_target: Floats, frame: Floats, terms: Floats, pedestal: floa
         x, y, z = back(terms, 8, frame[m], frame[3 + m], frame[6 + m])
         record[m], record[3 + m], record[6 + m] = x, y, z
     # The tilt turns about the base, below the pivot; the centre is counted from the pivot as it then stands.
-    x, y, z = times(frame, 0, to_target[0], to_target[1], to_target[2])
+    x, y, z = times(frame, 0, dx, dy, dz)
     x, y, z = back(terms, 8, x, y, z + pedestal)
     record[9], record[10], record[11] = x, y, z - pedestal
     record[12], record[13], record[14], record[15] = terms[4], terms[5], terms[6], terms[7]

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.receiver import POLAR, TARGET_ALIGNED, TILT_ROLL
+from heliosweep.kernels.deviation import primary_axis
+from heliosweep.kernels.vectors import cross
 
 __all__ = ["ERRORS", "TERMS", "back", "bore", "error_terms", "mount_frame", "point", "times", "turn"]
 
@@ -28,9 +29,6 @@ ERRORS = (
 TERMS = 35
 """Numbers that `error_terms` makes of six errors: cosine and sine of g0, a0, eta and mu (0 to 7), Rtilt by rows (8 to
 16) and its derivatives by te (17 to 25) and by tn (26 to 34)."""
-
-_LEVEL = 1e-12
-"""Sine of the angle to the vertical below which the line to the aim point counts as vertical."""
 
 
 @kernel
@@ -53,26 +51,10 @@ def mount_frame(
     frame : ndarray, shape (9,)
         Receives the rows x, y, z, one after the other. [1]
     """
-    frame[:] = 0.0
-    if kind == TARGET_ALIGNED:
-        length = math.sqrt(dx * dx + dy * dy + dz * dz)
-        zx, zy, zz = (dx / length, dy / length, dz / length) if length > 0.0 else (math.nan, math.nan, math.nan)
-        level = math.sqrt(zx * zx + zy * zy)
-        if level < _LEVEL:
-            zx, zy, zz = 0.0, 0.0, math.copysign(1.0, zz)
-            frame[0], frame[4] = zz, 1.0
-        else:
-            frame[0], frame[1] = -zy / level, zx / level
-            frame[3], frame[4], frame[5] = -zx * zz / level, -zy * zz / level, level
-        frame[6], frame[7], frame[8] = zx, zy, zz
-    elif kind == POLAR:
-        cosine, sine = math.cos(latitude), math.sin(latitude)
-        frame[0], frame[4], frame[5], frame[7], frame[8] = 1.0, sine, -cosine, cosine, sine
-    elif kind == TILT_ROLL:
-        cosine, sine = math.cos(axis_azimuth), math.sin(axis_azimuth)
-        frame[0], frame[1], frame[5], frame[6], frame[7] = -cosine, sine, 1.0, sine, cosine
-    else:
-        frame[0], frame[4], frame[8] = 1.0, 1.0, 1.0
+    z, x = primary_axis(kind, latitude, axis_azimuth, (dx, dy, dz))
+    y = cross(z, x)
+    for m in range(3):
+        frame[m], frame[3 + m], frame[6 + m] = x[m], y[m], z[m]
 
 
 @kernel

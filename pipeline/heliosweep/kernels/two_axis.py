@@ -282,7 +282,8 @@ def _aim(frames: Floats, sun: Floats, to_target: Floats, errors: Floats, offsets
         for k in range(lanes):
             i = first + k
             error_terms(errors[i], terms[k])
-            known_record(to_target[i], frames[i], terms[k], offsets[2], record)
+            dx, dy, dz = to_target[i, 0], to_target[i, 1], to_target[i, 2]
+            known_record(dx, dy, dz, frames[i], terms[k], offsets[2], record)
             for c in range(3):
                 suns[c * PACKET + k] = sun[i, c]
             aim_rows(record, suns, k, k + 1, rows)

@@ -1,0 +1,217 @@
+"""Spots of a packet of lanes, from where the mounts were sent and from samples of their errors; no trigonometric call.
+
+Rows of a block have room for `PACKET` lanes each, at fixed offsets of one flat array. Packets are filled up to whole
+vectors with copies of their last lane.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.mount_aiming import STATE_ROWS, known_record
+from heliosweep.kernels.mount_terms import back, bore, error_terms, mount_frame, turn
+from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.receiver import REACHES, Setting, trace
+
+__all__ = [
+    "SAMPLE",
+    "SPOT_ROWS",
+    "VECTOR",
+    "mount_records",
+    "sample_terms",
+    "spot_lanes",
+    "spread",
+    "sun_rows",
+    "transposed",
+    "whole",
+]
+
+Floats = NDArray[np.float64]
+
+SAMPLE = 20
+"""Numbers that `sample_record` makes of a mount and one sample of its errors."""
+SPOT_ROWS = 9
+"""Rows of spots: y, z, status, mirror centre relative to the aim point (3 to 5), normal (6 to 8)."""
+VECTOR = 8
+"""Lanes that packets are filled up to a multiple of."""
+
+
+@kernel
+def sample_record(
+    dx: float, dy: float, dz: float, frame: Floats, terms: Floats, known: Floats, pedestal: float, record: Floats
+) -> None:
+    """Write what all instants of a mount with one sample of its errors share.
+
+    Parameters
+    ----------
+    dx, dy, dz : float
+        From the pivot to the aim point. [m]
+    frame : ndarray, shape (9,)
+        Rows of Q. [1]
+    terms, known : ndarray, shape (TERMS,)
+        Of the actual and the known errors, from `mount_terms.error_terms`.
+    pedestal : float
+        Offset h. [m]
+    record : ndarray, shape (SAMPLE,)
+        Receives the matrix Q^T Rtilt by rows (0 to 8), the point relative to the aim point that the centre is counted
+        from (9 to 11), cosine and sine of the differences actual - known of a0 and g0 (12 to 15), of eta and mu (16 to
+        19).
+    """
+    for m in range(3):
+        record[m], record[3 + m], record[6 + m] = back(frame, 0, terms[8 + m], terms[11 + m], terms[14 + m])
+        record[9 + m] = (record[3 * m + 2] - frame[6 + m]) * pedestal
+    record[9], record[10], record[11] = record[9] - dx, record[10] - dy, record[11] - dz
+    record[12] = terms[2] * known[2] + terms[3] * known[3]
+    record[13] = terms[3] * known[2] - terms[2] * known[3]
+    record[14] = terms[0] * known[0] + terms[1] * known[1]
+    record[15] = terms[1] * known[0] - terms[0] * known[1]
+    for m in range(4):
+        record[16 + m] = terms[4 + m]
+
+
+@kernel
+def spot_lanes(
+    sample: Floats,
+    state: Floats,
+    sun: Floats,
+    face: Floats,
+    offset: float,
+    axis_offset: float,
+    out: Floats,
+    lanes: int,
+) -> None:
+    """Spots of a packet.
+
+    Parameters
+    ----------
+    sample : ndarray, shape (SAMPLE * PACKET,)
+        Rows of what `sample_record` made.
+    state : ndarray, shape (STATE_ROWS * PACKET,)
+        Rows of where the mounts were sent, from `aim_lanes`.
+    sun : ndarray, shape (3 * PACKET,)
+        Rows of the unit vectors to the sun. [1]
+    face : ndarray, shape (9,)
+        Rows of `receiver.face_axes`. [1]
+    offset, axis_offset : float
+        Offsets r and q. [m]
+    out : ndarray, shape (SPOT_ROWS * PACKET,)
+        Receives the rows of spots. [m, 1]
+    lanes : int
+        Lanes of the packet.
+    """
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = face[0], face[1], face[2], face[3], face[4], face[5], face[6], face[7], face[8]
+    for k in range(lanes):
+        cg, sg, ca, sa = state[k], state[PACKET + k], state[2 * PACKET + k], state[3 * PACKET + k]
+        cosine, sine = sample[12 * PACKET + k], sample[13 * PACKET + k]
+        ca, sa = ca * cosine - sa * sine, sa * cosine + ca * sine
+        cosine, sine = sample[14 * PACKET + k], sample[15 * PACKET + k]
+        cg, sg = cg * cosine - sg * sine, sg * cosine + cg * sine
+        ce, se = sample[16 * PACKET + k], sample[17 * PACKET + k]
+        bx, by, bz = bore(ca, sa, ce, se, sample[19 * PACKET + k], sample[18 * PACKET + k])
+        ox, oy, oz = bore(ca, sa, ce, se, 0.0, offset)
+        bx, by = turn(cg, sg, bx, by)
+        ox, oy = turn(cg, sg, ox, oy + axis_offset)
+        mx, my, mz = sample[k], sample[PACKET + k], sample[2 * PACKET + k]
+        nx = mx * bx + my * by + mz * bz
+        px = mx * ox + my * oy + mz * oz + sample[9 * PACKET + k]
+        mx, my, mz = sample[3 * PACKET + k], sample[4 * PACKET + k], sample[5 * PACKET + k]
+        ny = mx * bx + my * by + mz * bz
+        py = mx * ox + my * oy + mz * oz + sample[10 * PACKET + k]
+        mx, my, mz = sample[6 * PACKET + k], sample[7 * PACKET + k], sample[8 * PACKET + k]
+        nz = mx * bx + my * by + mz * bz
+        pz = mx * ox + my * oy + mz * oz + sample[11 * PACKET + k]
+        sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
+        y, z, status = trace(px, py, pz, nx, ny, nz, sx, sy, sz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+        aimed = state[4 * PACKET + k]
+        out[k], out[PACKET + k] = y, z
+        out[2 * PACKET + k] = status if aimed == REACHES else aimed
+        out[3 * PACKET + k], out[4 * PACKET + k], out[5 * PACKET + k] = px, py, pz
+        out[6 * PACKET + k], out[7 * PACKET + k], out[8 * PACKET + k] = nx, ny, nz
+
+
+@kernel
+def sun_rows(sun: Floats, first: int, count: int, rows: Floats) -> None:
+    """Write instants first..first + count of sun vectors (3, T) to the lanes of a packet, again and again.
+
+    Lanes beyond the last whole run that there is room for, up to a multiple of `VECTOR`, are copies of the last one.
+    """
+    lanes = PACKET // count * count
+    for c in range(3):
+        for start in range(c * PACKET, c * PACKET + lanes, count):
+            for k in range(count):
+                rows[start + k] = sun[c, first + k]
+        for k in range(c * PACKET + lanes, c * PACKET + whole(lanes, VECTOR)):
+            rows[k] = rows[c * PACKET + lanes - 1]
+
+
+@kernel
+def mount_records(
+    setting: Setting,
+    p: int,
+    pivot: Floats,
+    known: Floats,
+    terms: Floats,
+    frame: Floats,
+    mount: Floats,
+    record: Floats,
+) -> None:
+    """Write what all instants of one heliostat share.
+
+    Parameters
+    ----------
+    setting : Setting
+        Receiver and mount.
+    p : int
+        The parameter combination.
+    pivot : ndarray, shape (3,)
+        The pivot. [m]
+    known : ndarray, shape (TERMS,)
+        Terms of the known errors.
+    terms : ndarray, shape (K, TERMS)
+        Terms of each sample of the actual errors.
+    frame : ndarray, shape (9,)
+        Receives the frame of the mount. [1]
+    mount : ndarray, shape (KNOWN,)
+        Receives what aiming needs, see `mount_aiming.known_record`.
+    record : ndarray, shape (K, SAMPLE)
+        Receives what the spots of each sample need, see `sample_record`.
+    """
+    dx, dy, dz = -pivot[0], -pivot[1], setting.target_height[p] - pivot[2]
+    pedestal = setting.pedestal_height[p]
+    mount_frame(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], dx, dy, dz, frame)
+    known_record(dx, dy, dz, frame, known, pedestal, mount)
+    for k in range(len(terms)):
+        sample_record(dx, dy, dz, frame, terms[k], known, pedestal, record[k])
+
+
+@kernel
+def sample_terms(actual: Floats, terms: Floats) -> None:
+    """Terms (K, TERMS) of errors (K, 6), see `mount_terms.error_terms`."""
+    for k in range(len(actual)):
+        error_terms(actual[k], terms[k])
+
+
+@kernel
+def whole(count: int, unit: int) -> int:
+    """Smallest multiple of the unit that is not below a count."""
+    return (count + unit - 1) // unit * unit
+
+
+@kernel
+def transposed(record: Floats, table: Floats) -> None:
+    """Write the records of all samples as rows of packets, filled up with copies of the last sample."""
+    samples = len(record)
+    for b in range(len(table)):
+        lanes = min(PACKET, samples - b * PACKET)
+        for k in range(whole(lanes, VECTOR)):
+            for m in range(SAMPLE):
+                table[b, m * PACKET + k] = record[min(b * PACKET + k, samples - 1), m]
+
+
+@kernel
+def spread(state: Floats, sun: Floats, lane: int, all_state: Floats, all_sun: Floats) -> None:
+    """Copy one lane of where mounts stand and of the sun to all lanes."""
+    for m in range(STATE_ROWS):
+        all_state[m * PACKET : (m + 1) * PACKET] = state[m * PACKET + lane]
+    for m in range(3):
+        all_sun[m * PACKET : (m + 1) * PACKET] = sun[m * PACKET + lane]
