@@ -37,7 +37,7 @@ Box = tuple[float, float, float, float]
 
 _LEFT, _RIGHT, _FOOT, _BAR, _GAP, _OWN_GAP, _BETWEEN = 0.55, 0.1, 0.45, 0.52, 0.1, 0.45, 0.28
 _WIDEST = {1: 4.0, 2: 3.0}
-_LETTER = 0.068
+_LETTER, _DIGIT, _SHORT = 0.068, 0.06, 4
 _APERTURE_LOOK: dict[str, Any] = {"facecolor": "#ededed", "edgecolor": "#333333", "linewidth": 0.9}
 _HALO = [withStroke(linewidth=1.8, foreground="white")]
 
@@ -104,9 +104,11 @@ def plane_figure(
     ends = frames(planes)
     shared = len(set(ends)) == 1
     gap, between = (_GAP, _BETWEEN) if shared else (_OWN_GAP, _BETWEEN + 0.15)
-    side = (PAGE_WIDTH - _LEFT - _RIGHT - gap * (columns - 1)) / columns
+    room = max(map(_room, ends))
+    start, gap = _LEFT + room, gap + (0.0 if shared else room)
+    side = (PAGE_WIDTH - start - _RIGHT - gap * (columns - 1)) / columns
     side = min(side, _WIDEST.get(columns, side))
-    width = _LEFT + columns * side + (columns - 1) * gap + _RIGHT
+    width = start + columns * side + (columns - 1) * gap + _RIGHT
     handles = _handles(planes, looks, words.silent)
     width = max(width, min(PAGE_WIDTH, 0.3 + _LETTER * max(map(len, [*handles, words.legend]), default=0)))
     abreast = _abreast(list(handles), width)
@@ -119,11 +121,13 @@ def plane_figure(
     figure = new_figure(width, height)
     for index, (plane, end) in enumerate(zip(planes, ends, strict=True)):
         i, j = divmod(index, columns)
-        left, bottom = _LEFT + j * (side + gap), foot + (rows - 1 - i) * (side + between)
+        left, bottom = start + j * (side + gap), foot + (rows - 1 - i) * (side + between)
         axes = figure.add_axes((left / width, bottom / height, side / width, side / height))
         axes.set(xlim=end[0], ylim=end[1])
         axes.set_title(plane.title, pad=3)
-        _ticks(axes, left=j == 0 or not shared, bottom=index + columns >= len(planes) or not shared, own=not shared)
+        _label_sides(
+            axes, left=j == 0 or not shared, bottom=index + columns >= len(planes) or not shared, own=not shared
+        )
         if j == 0:
             axes.set_ylabel(words.y, labelpad=1)
         if index + columns >= len(planes):
@@ -181,18 +185,32 @@ def _style(look: Look) -> dict[str, Any]:
     }
 
 
-def _ticks(axes: Axes, left: bool, bottom: bool, own: bool) -> None:
+def _label_sides(axes: Axes, left: bool, bottom: bool, own: bool) -> None:
     """Round numbers; away from the corners, where those of the next panel would touch."""
     axes.grid(True)
-    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        margin = (0.02 if own else 0.06) * (high - low)
-        for most in range(4, 10):
-            ticks = np.asarray(MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high))
-            ticks = ticks[(ticks > low + margin) & (ticks < high - margin)]
-            if ticks.size >= LEAST_TICKS:
-                break
-        axis.set_ticks(ticks)
+    for axis, ends in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        axis.set_ticks(_ticks(ends, 0.02 if own else 0.06))
     axes.tick_params(labelbottom=bottom, labelleft=left)
+
+
+def _ticks(ends: tuple[float, float], rim: float) -> np.ndarray:
+    low, high = ends
+    margin = rim * (high - low)
+    for most in range(4, 10):
+        ticks = np.asarray(MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high))
+        ticks = ticks[(ticks > low + margin) & (ticks < high - margin)]
+        if ticks.size >= LEAST_TICKS:
+            break
+    return ticks
+
+
+def _room(ends: Ends) -> float:
+    """Room that the ticks of the vertical axis need beyond that of short ones. [inch]"""
+    ticks = _ticks(ends[1], 0.02)
+    step = float(np.diff(ticks).min()) if ticks.size > 1 else 1.0
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    longest = max((len(f"{tick:.{decimals}f}") for tick in ticks), default=0)
+    return _DIGIT * max(0, longest - _SHORT)
 
 
 def _draw(axes: Axes, plane: Plane, looks: Mapping[str, Look], scale: Scale | None, points: float) -> None:

@@ -52,8 +52,9 @@ def spots(sun: np.ndarray, pivots: np.ndarray, axis: str, mrad: np.ndarray, heig
     to_aim = np.array([0.0, 0.0, height]) - pivots[:, np.newaxis, np.newaxis]
     n = turned(unit(sun + unit(to_aim)), axis, mrad[:, np.newaxis, np.newaxis, np.newaxis, np.newaxis] * 1e-3)
     ray = 2 * (n * sun).sum(axis=-1, keepdims=True) * n - sun
-    far = to_aim[..., 1] / ray[..., 1]
-    hit = ray * far[..., np.newaxis] - to_aim
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = to_aim[..., 1] / ray[..., 1]
+        hit = ray * far[..., np.newaxis] - to_aim
     real = far > 0
     return np.where(real, -hit[..., 0], np.nan), np.where(real, hit[..., 2], np.nan)
 
@@ -74,6 +75,8 @@ def labelled(
     labels |= {axis: ("heliostat", pivots[:, i], {"units": "m", "long_name": axis}) for i, axis in enumerate("xyz")}
     sides = {"receiver_width": 9.0, "receiver_height_extent": 9.0, "receiver_height": 143.0, "latitude": 37.4}
     for name, value in {**sides, **scalars}.items():
+        if name in axes:
+            continue
         labels[name] = ((), value, {"units": UNITS.get(name, "m"), "long_name": name.replace("_", " ")})
     about = {"title": "Spots", "mode": mode, "study": json.dumps({"family": "misalignment", "mode": mode})}
     return xr.Dataset(dict(data), labels, about)
@@ -102,7 +105,7 @@ def curves(
     template = xr.DataArray(np.zeros([sizes[dim] for dim in dims]), dims=dims)
     drop = {dim: 0 for dim in ("axis", "error_size") if dim not in sweep}
     y, z = ((part.isel(drop) + template).transpose(*dims) for part in (y, z))
-    inside = (abs(y) <= 4.5) & (abs(z) <= 4.5)
+    inside: xr.DataArray = (abs(y) <= 4.5) & (abs(z) <= 4.5)
     fine = np.linspace(0, 60, 61)
     leave = []
     for axis in axes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -19,6 +20,9 @@ AXIS, SIZE = "axis", "error_size"
 
 #: Hours of which curves are drawn; sizes of error of which drifts are drawn.
 MOST_HOURS, MOST_SIZES = 3, 7
+
+#: Letters of a title abreast.
+TITLE = 40
 
 #: What is drawn of a conic.
 PARTS = ("conic", "traced", "focus", "other focus")
@@ -134,7 +138,7 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
 @needs("conic", "eccentricity", "focus_y", "focus_z")
 def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
     """Whole conics with their foci, and the part that was traced; a panel for each heliostat and sun."""
-    spots = "spot_y" in result and SIZE in result["spot_y"].dims
+    spots = {"spot_y", "spot_z"} <= set(result.data_vars) and SIZE in result["spot_y"].dims
     axis = AXIS if AXIS in result["conic"].dims else None
     suns = [
         dim for dim in (*views.swept(result, "conic", axis), views.day_of(result), HOUR) if dim in result["conic"].dims
@@ -150,7 +154,7 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
     planes = []
     for one in each:
         for moment in moments:
-            tracks, words = [], []
+            tracks, shapes = [], []
             for name, axis_point in axes:
                 points = (stands, one, moment, axis_point)
                 coefficients = at(result["conic"], *points).to_numpy()
@@ -165,11 +169,12 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
                     tracks.append(Track(y, z, _part_name(name, "traced")))
                 tracks.append(Track(focus[:1], focus[1:], _part_name(name, "focus")))
                 tracks.append(Track(other[:1], other[1:], _part_name(name, "other focus"), framed=False))
-                words.append(f"{name.replace('_', ' ')} {float(at(result['eccentricity'], *points)):.4g}")
+                shapes.append(f"{name.replace('_', ' ')} {float(at(result['eccentricity'], *points)):.4g}")
             if tracks:
                 where = views.heliostat_text(result, {**stands, **one})
-                sun = f"; {views.full(result, run, moment[run])}" if run else ""
-                title = f"{where}{sun}\neccentricity: {', '.join(words)}"
+                sun = f"{run.replace('_', ' ')} {views.short(result, run, moment[run])}" if run else ""
+                about = textwrap.wrap(f"eccentricity: {', '.join(shapes)}", TITLE)
+                title = "\n".join(filter(None, [where, sun, *about]))
                 planes.append(Plane(title, [*tracks, _aim()], (), _aperture(result, stands)))
     if not planes:
         return

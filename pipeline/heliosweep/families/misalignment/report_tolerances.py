@@ -113,7 +113,7 @@ def hits_over_error(result: xr.Dataset) -> Iterator[NamedFigure]:
     error = error_dim(result) if "spot_y" in result else None
     if error is None or error not in result["hit_fraction"].dims or HOUR in result["hit_fraction"].dims:
         return
-    if HELIOSTAT not in result["hit_fraction"].dims:
+    if HELIOSTAT not in result["hit_fraction"].dims or not views.several(result, HOUR):
         return
     axis, order = AXIS if AXIS in result["hit_fraction"].dims else None, views.ordered(result, error)
     stands = views.fixed(result, "hit_fraction", error, axis, HELIOSTAT)

@@ -35,6 +35,9 @@ MOUNT_ERRORS = (
     "collimation",
 )
 
+#: Where some dimensions stand that are not shown, or the nearest to it there is.
+TYPICAL = {**dict.fromkeys(MOUNT_ERRORS, 0.0), HOUR: 12.0, "error_scale": 1.0}
+
 #: Panels of one figure, lines of one panel, maps of one figure.
 MOST_PANELS, MOST_LINES, MOST_MAPS = 6, 6, 6
 
@@ -94,12 +97,12 @@ def several(result: xr.Dataset, dim: str | None) -> bool:
 
 
 def typical(result: xr.Dataset, dim: str) -> int:
-    """Where a dimension stands that is not shown: noon, no error, the middle of other numbers, the first word."""
+    """Where a dimension stands that is not shown: noon, no error, drawn ones as they are, the middle of other numbers, the first word."""
     if dim not in result.coords or result[dim].dtype.kind not in "fiuM" or result[dim].ndim != 1:
         return 0
     values = result[dim].to_numpy()
-    if dim in (*MOUNT_ERRORS, HOUR):
-        return int(np.argmin(np.abs(values.astype(float) - (12.0 if dim == HOUR else 0.0))))
+    if dim in TYPICAL:
+        return int(np.argmin(np.abs(values.astype(float) - TYPICAL[dim])))
     return int(np.argsort(values, kind="stable")[(values.size - 1) // 2])
 
 

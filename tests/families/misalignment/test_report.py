@@ -1,0 +1,258 @@
+"""Figures of the family `misalignment`: which there are, on which axes, with which words, whatever was swept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.patches import Ellipse, Rectangle
+
+from heliosweep.families.misalignment.report import MOST_FIGURES, figures
+from heliosweep.families.misalignment.report_conics import conic_curve, other_focus
+from heliosweep.report.style import image
+from tests.families.misalignment import report_results as results
+
+HOURS = np.arange(6.0, 19)
+SHUFFLED = {"axis": ["azimuth", "encoder_azimuth", "elevation"], "error_size": [4.0, -12.0, 0.0, 12.0, -4.0]}
+FIELD = {"axis": ["azimuth", "elevation"], "error_size": [-4.0, 4.0]}
+
+
+def shuffled(dataset):
+    """The same with the sweep's, heliostats' and hours' order turned around."""
+    return dataset.isel({dim: slice(None, None, -1) for dim in dataset.dims if dim not in ("parameter",)})
+
+
+def nothing(dataset):
+    """The same without a value."""
+    missing = {name: array * np.nan for name, array in dataset.data_vars.items() if array.dtype == float}
+    return dataset.assign(missing).assign_attrs(dataset.attrs)
+
+
+def gaps(dataset):
+    """The same without a value at a third of the heliostats and hours."""
+    here = xr.DataArray(np.arange(dataset.sizes["heliostat"]) % 3 != 1, dims="heliostat")
+    floats = {name: array for name, array in dataset.data_vars.items() if array.dtype == float}
+    return dataset.assign({name: array.where(here) for name, array in floats.items() if "heliostat" in array.dims})
+
+
+def endless(dataset):
+    """The same with no error that drives any spot out."""
+    return dataset.assign({name: dataset[name] * 0 + np.inf for name in ("tolerance", "least_tolerance")})
+
+
+def civil(dataset):
+    dates = np.array(["2026-03-20", "2026-06-21", "2026-12-21"], "datetime64[ns]")[: dataset.sizes["day"]]
+    return dataset.rename(day="date").assign_coords(date=("date", dates, {"long_name": "local date"}))
+
+
+def standing():
+    """Two suns that stand still, tied together, and no clock."""
+    dataset = results.curves(hours=(8, 14), sweep={"axis": ["elevation", "azimuth"], "error_size": results.SIZES})
+    dataset = dataset.rename(hour="sun_azimuth").assign_coords(sun_azimuth=("sun_azimuth", [101.0, 260.0]))
+    dataset["sun_azimuth"].attrs = {"units": "degree", "long_name": "azimuth of the sun, clockwise from north"}
+    names = {"hour_of_least_tolerance"}
+    dataset = dataset.drop_vars(["day", *names]).expand_dims("hour", axis=-1)
+    return dataset.isel(heliostat=slice(0, 2))
+
+
+def swept_errors(**sweep):
+    dataset = results.curves(days=(80, 172), hours=HOURS, sweep={"error_size": results.SIZES})
+    kept = ["spot_y", "spot_z", "spot_status", "is_real", "inside", "hit_fraction"]
+    return dataset[kept].rename(error_size="tilt_about_north").assign_attrs(mode="mount_errors")
+
+
+CASES = {
+    "curves": results.curves,
+    "drift": lambda: results.curves(hours=HOURS),
+    "in any order": lambda: shuffled(results.curves(days=(80, 172), hours=HOURS, sweep=SHUFFLED)),
+    "one size": lambda: results.curves(hours=HOURS, sweep={}),
+    "one heliostat": lambda: results.curves(hours=(10,), pivots=results.POSITIONS[:1]),
+    "one heliostat over a day": lambda: results.curves(hours=HOURS, pivots=results.POSITIONS[:1]),
+    "gaps": lambda: gaps(results.curves(hours=HOURS)),
+    "nothing": lambda: nothing(results.curves(hours=HOURS)),
+    "endless": lambda: endless(results.curves(hours=HOURS, sweep=FIELD, pivots=results.field(30))),
+    "field": lambda: results.curves(days=(80, 172, 355), hours=HOURS, sweep=FIELD, pivots=results.field()),
+    "field with gaps": lambda: gaps(results.curves(hours=HOURS, sweep=FIELD, pivots=results.field(50))),
+    "several places": lambda: results.curves(sweep={"receiver_height": [100.0, 143.0], **FIELD}, hours=HOURS),
+    "dates": lambda: civil(results.curves(days=(80, 172), hours=HOURS)),
+    "standing sun": standing,
+    "bare": lambda: results.curves(hours=HOURS).drop_vars(["heliostat", "x", "receiver_width", "hour", "axis"]),
+    "swept mount errors": swept_errors,
+    "draws": results.draws,
+    "draws at one instant": lambda: results.draws(days=(172,), hours=(12,), pivots=results.POSITIONS[:1]),
+    "draws without a value": lambda: nothing(results.draws()),
+    "draws of a field": lambda: results.draws({"error_scale": [2.0, 0.5, 1.0]}, results.field(), days=(172,)),
+    "draws of a field on dates": lambda: civil(gaps(results.draws(pivots=results.field(40)))),
+    "draws of two mounts": lambda: results.draws({"mount_kind": ["polar", "azimuth_elevation"]}),
+    "calibration": lambda: results.calibration({"days_used": [3, 1, 2]}, samples=20, parameters=6),
+    "calibration of one": lambda: results.calibration(pivots=results.POSITIONS[:1], parameters=2),
+    "calibration of a field": lambda: results.calibration(pivots=results.field()),
+    "calibration with gaps": lambda: gaps(results.calibration({"noise": [0.01, 0.05]}, pivots=results.field(9))),
+    "calibration without a value": lambda: nothing(results.calibration({"days_used": [1, 2]})),
+    "calibration of measured spots": lambda: results.calibration().drop_vars("true_error"),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    found = {named.name: named for named in figures(CASES[request.param]())}
+    assert all(image(named.figure).startswith(b"\x89PNG") for named in found.values())
+    return found
+
+
+def drawn(dataset):
+    return {named.name: named for named in figures(dataset)}
+
+
+def test_axes_say_what_they_are_in_which_unit(case):
+    assert len(case) <= MOST_FIGURES
+    for named in case.values():
+        assert named.caption.endswith(".")
+        assert "  " not in named.caption
+        for axes in named.figure.axes:
+            for axis in (axes.xaxis, axes.yaxis):
+                if any(label.get_visible() and label.get_text() for label in axis.get_ticklabels()):
+                    labels = [axis.get_label_text(), *(other.get_xlabel() for other in named.figure.axes)]
+                    assert any(label.endswith(")") for label in labels), named.name
+
+
+def test_nothing_is_cut_off(case):
+    for named in case.values():
+        box = named.figure.get_tightbbox()
+        width, height = named.figure.get_size_inches()
+        assert box.x0 >= -1e-9, named.name
+        assert box.y0 >= -1e-9, named.name
+        assert box.x1 <= width + 1e-9, named.name
+        assert box.y1 <= height + 1e-9, named.name
+        assert height <= 10, named.name
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        (
+            "curves",
+            "deviation_curves spot_drift_elevation spot_drift_azimuth conics tolerance_over_day hits_over_error",
+        ),
+        ("one size", "spot_drift conics tolerance_over_day"),
+        ("one heliostat", "deviation_curves conics"),
+        ("nothing", ""),
+        ("standing sun", "deviation_curves conics"),
+        (
+            "field",
+            "deviation_curves spot_drift_elevation spot_drift_azimuth tolerance_over_day tolerance_map "
+            "tolerance_hour_map hits_over_error",
+        ),
+        ("swept mount errors", "deviation_curves spot_drift hits_over_error"),
+        ("draws", "spot_spread hits_over_day remaining_tolerance"),
+        ("draws at one instant", "spot_spread"),
+        ("draws without a value", ""),
+        ("draws of a field", "spot_spread hits_over_day hits_over_error_scale hit_map remaining_tolerance"),
+        ("calibration", "before_after recovered_errors knowledge_over_days_used"),
+        ("calibration of a field", "before_after recovered_errors residual_map"),
+        ("calibration without a value", ""),
+        ("calibration of measured spots", "before_after"),
+    ],
+)
+def test_figures_follow_what_the_result_holds(name, expected):
+    assert [named.name for named in figures(CASES[name]())] == expected.split()
+
+
+def test_curves_pass_through_the_aim_and_show_the_spots_in_the_order_of_the_error():
+    dataset = results.curves()
+    figure = drawn(shuffled(dataset))["deviation_curves"].figure
+    panels = figure.axes
+    assert len(panels) == 6
+    titles = [axes.get_title() for axes in panels]
+    assert titles[-1] == "heliostat 0: (\N{MINUS SIGN}16, 150, 0) m"
+    lines = [line for line in panels[-1].get_lines() if len(line.get_xdata()) == results.SIZES.size]
+    assert len(lines) == 2 * 3
+    here = dataset.isel(heliostat=0, source=1, day=0).sel(axis="elevation", hour=8)
+    np.testing.assert_array_equal(lines[0].get_xdata(), here["spot_y"])
+    np.testing.assert_array_equal(lines[0].get_ydata(), here["spot_z"])
+    assert lines[0].get_color() == "#D55E00"
+    (box,) = [patch for patch in panels[0].patches if isinstance(patch, Rectangle)]
+    assert (box.get_x(), box.get_y(), box.get_width(), box.get_height()) == (-4.5, -4.5, 9.0, 9.0)
+
+
+def test_drift_has_a_colour_for_each_hour_and_a_line_for_each_error():
+    dataset = results.curves(hours=HOURS)
+    named = drawn(dataset)["spot_drift_azimuth"]
+    axes = named.figure.axes[2]
+    assert len(axes.collections) == 6  # of seven errors that of zero is the aim
+    assert {text.get_text() for text in axes.texts} == {"+12", "+8", "+4"} | {f"\N{MINUS SIGN}{n}" for n in (4, 8, 12)}
+    np.testing.assert_array_equal(axes.collections[0].get_array(), HOURS)
+    spots = dataset.isel(heliostat=2, source=0, day=0).sel(axis="azimuth", error_size=-12)
+    np.testing.assert_array_equal(axes.collections[0].get_offsets()[:, 0], spots["spot_y"])
+    assert "Shown are 6 of 25" in named.caption
+
+
+def test_field_maps_show_the_least_tolerance_of_every_heliostat():
+    dataset = CASES["field"]()
+    found = drawn(dataset)
+    for axes, axis in zip(found["tolerance_map"].figure.axes, ("elevation", "azimuth"), strict=False):
+        (squares,) = axes.collections
+        np.testing.assert_array_equal(squares.get_array(), dataset["least_tolerance"].sel(axis=axis))
+        corners = squares.get_paths()[0].vertices
+        assert np.ptp(corners[:, 0]) > 1
+    assert "least" in found["tolerance_map"].caption.lower()
+
+
+def test_ellipses_hold_95_percent_of_the_draws():
+    dataset = results.draws(pivots=results.POSITIONS[:1], days=(172,), hours=(12,))
+    axes = drawn(dataset)["spot_spread"].figure.axes[0]
+    (ellipse,) = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
+    here = dataset.isel(heliostat=0, day=0, hour=0)
+    mean = [float(here["spot_y_mean"]), float(here["spot_z_mean"])]
+    yy, zz, yz = (float(here[f"spot_{name}"]) for name in ("y_variance", "z_variance", "yz_covariance"))
+    draws = np.random.default_rng(5).multivariate_normal(mean, [[yy, yz], [yz, zz]], 200_000)
+    inside = ellipse.get_path().contains_points(ellipse.get_patch_transform().inverted().transform(draws))
+    assert inside.mean() == pytest.approx(0.95, abs=2e-3)
+
+
+def test_recovered_errors_have_95_percent_bars_about_the_estimate():
+    dataset = results.calibration(pivots=results.POSITIONS[:2], parameters=2)
+    axes = drawn(dataset)["recovered_errors"].figure.axes[1]
+    (bars,) = axes.containers
+    ends = np.array(bars.lines[2][0].get_segments())[:, :, 1]
+    one = dataset.isel(parameter=1)
+    np.testing.assert_allclose(ends.mean(axis=1), one["estimated_error"])
+    np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, 1.959964 * one["standard_error"], rtol=1e-6)
+
+
+def test_captions_say_where_the_rest_stands():
+    dataset = results.curves(days=(80, 172, 355), hours=HOURS)
+    caption = drawn(dataset)["deviation_curves"].caption
+    assert "Shown are 3 of 13 hours." in caption
+    assert "source canting (one of 2), day 172 (one of 3)" in caption
+    assert "latitude 37.4\N{DEGREE SIGN} N" in caption
+
+
+def test_values_are_read_only_where_they_are_drawn():
+    dataset = results.curves(hours=HOURS)
+    lazy = dataset.chunk({"heliostat": 1})
+    assert list(drawn(lazy)) == list(drawn(dataset))
+    assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())
+
+
+def test_missing_variables_leave_figures_out():
+    dataset = results.curves(hours=HOURS)
+    for name in dataset.data_vars:
+        assert set(drawn(dataset.drop_vars(name))) <= set(drawn(dataset))
+    assert not drawn(xr.Dataset())
+
+
+@pytest.mark.parametrize("coefficients", [[1.0, 0.3, -2.0, 4.0, 1.0, 0.2], [1.0, 0.3, 2.0, 4.0, 1.0, 0.2]])
+def test_conic_curves_fulfil_their_equation(coefficients):
+    y, z = conic_curve(np.array(coefficients))
+    near = np.abs(y) < 50
+    terms = np.stack([y * y, y * z, z * z, y, z, np.ones_like(y)])[:, near] * np.array(coefficients)[:, np.newaxis]
+    assert near.sum() > 100
+    assert np.abs(terms.sum(axis=0)).max() < 1e-10 * np.abs(terms).max()
+
+
+def test_distances_from_the_foci_of_a_hyperbola_differ_by_the_same():
+    coefficients = np.array([1.0, 0.0, -1.0, 0.0, 0.0, -1.0])  # y2 - z2 = 1
+    focus = np.array([np.sqrt(2.0), 0.0])
+    np.testing.assert_allclose(other_focus(coefficients, focus), -focus, atol=1e-15)
+    assert all(np.isnan(part).all() for part in conic_curve(np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])))
