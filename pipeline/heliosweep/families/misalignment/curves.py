@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from heliosweep.families.misalignment.config import MisalignmentStudy
 
 #: Time of a spot, and of what belongs to a whole curve at one instant, on one core. [s]
-SECONDS_PER_SPOT, SECONDS_PER_CURVE, SECONDS_PER_CROSSING = 150e-9, 1.5e-6, 1e-6
+SECONDS_PER_SPOT, SECONDS_PER_CURVE, SECONDS_PER_CROSSING = 40e-9, 700e-9, 500e-9
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 20e-6
 
@@ -62,8 +62,8 @@ def workload(study: MisalignmentStudy) -> Workload:
     per_curve = SECONDS_PER_CURVE + lines * SECONDS_PER_CROSSING
 
     def block_bytes(points: int, length: int) -> int:
-        # Spots with their status as the kernel makes them and as they are stored; curves, with a copy.
-        return points * length * number * (2 * 3 * 8 + 3 + math.ceil(2 * 8 * (10 + 3 * lines) / sizes)) + 24 * number
+        # Spots with their status as the kernel makes them, apart, and as flags are made of them; curves, with a copy.
+        return points * length * number * (3 * 3 * 8 + 3 + math.ceil(2 * 8 * (10 + 3 * lines) / sizes)) + 24 * number
 
     inner = {"heliostat": heliostats, **instants, "conic_coefficient": len(variables.COEFFICIENTS)}
     return Workload(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -11,6 +12,8 @@ from heliosweep.kernels.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN,
 
 #: Values of the status that are read at a time.
 MOST_VALUES = 2**24
+#: Dimensions of the instants.
+DAYS_AND_HOURS = ("day", "declination", "date", "hour")
 
 _OF_HELIOSTATS = {
     BEHIND_FACE: "stand on the plane of the receiver or behind it",
@@ -31,23 +34,24 @@ def status_remarks(result: xr.Dataset) -> Iterator[str]:
         With ``spot_status``; read part by part.
     """
     status = result["spot_status"]
-    instants = [dim for dim in status.dims if dim in ("site", "latitude", "day", "declination", "date", "hour")]
-    heliostats = {code: np.zeros(status.sizes["heliostat"], bool) for code in _OF_HELIOSTATS}
+    instants = [dim for dim in status.dims if dim in ("site", "latitude", *DAYS_AND_HOURS)]
+    heliostats = dict.fromkeys(_OF_HELIOSTATS, 0)
     rays = dict.fromkeys(_OF_RAYS, 0)
     dark: list[np.ndarray] = []
     for part in _parts(status):
         values = part.to_numpy()
-        others = tuple(axis for axis, dim in enumerate(part.dims) if dim != "heliostat")
-        for code, found in heliostats.items():
-            found |= (values == code).any(axis=others)
+        times = tuple(axis for axis, dim in enumerate(part.dims) if dim in DAYS_AND_HOURS)
+        for code in heliostats:
+            heliostats[code] += int(np.count_nonzero((values == code).any(axis=times)))
         for code in rays:
             rays[code] += int(np.count_nonzero(values == code))
         others = tuple(axis for axis, dim in enumerate(part.dims) if dim not in instants)
         dark.append((values == NO_SUN).any(axis=others))
-    for code, found in heliostats.items():
-        if found.any():
-            how_many = f"{found.sum():,} of {found.size:,} heliostats"
-            yield f"{how_many} {_OF_HELIOSTATS[code]}: no spot (spot_status {code})"
+    points = status.size // math.prod(status.sizes[dim] for dim in status.dims if dim in DAYS_AND_HOURS)
+    counted = "" if points == status.sizes["heliostat"] else ", counted at every point of the sweep,"
+    for code, count in heliostats.items():
+        if count:
+            yield f"{count:,} of {points:,} heliostats{counted} {_OF_HELIOSTATS[code]}: no spot (spot_status {code})"
     for code, count in rays.items():
         if count:
             yield f"{count:,} of {status.size:,} rays {_OF_RAYS[code]}: no spot (spot_status {code})"

@@ -78,9 +78,11 @@ def _flags(
 ) -> np.ndarray:
     """Status, whether real and whether inside, shape (3, *block, days, hours)."""
     x, width, height = (array[..., np.newaxis, np.newaxis] for array in (x, width, height))
-    known = np.where(np.isnan(x), variables.NO_HELIOSTAT, status)
-    inside = (np.abs(y) <= 0.5 * width) & (np.abs(z) <= 0.5 * height)
-    return np.stack([known, known == REACHES, inside & (known == REACHES)]).astype(np.int8)
+    flags = np.empty((3, *y.shape), np.int8)
+    flags[0] = np.where(np.isnan(x), variables.NO_HELIOSTAT, status)
+    flags[1] = flags[0] == REACHES
+    flags[2] = (np.abs(y) <= 0.5 * width) & (np.abs(z) <= 0.5 * height) & (flags[0] == REACHES)
+    return flags
 
 
 def _hits(status: np.ndarray, inside: np.ndarray) -> np.ndarray:
