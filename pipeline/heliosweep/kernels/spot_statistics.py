@@ -18,6 +18,7 @@ from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, aim_lan
 from heliosweep.kernels.mount_spots import checked, vectors
 from heliosweep.kernels.mount_terms import TERMS, error_terms
 from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.percentiles import percentiles_of, ranks_of
 from heliosweep.kernels.receiver import NO_SUN, REACHES, Setting
 from heliosweep.kernels.spot_lanes import (
     SAMPLE,
@@ -81,20 +82,13 @@ def spot_statistics(
     """
     faces, samples, corrected, suns, places = checked(setting, actual, known, sun, pivots)
     count = samples.shape[2]
-    wanted = np.array(percentiles, np.float64).ravel()
     if count == 0:
         raise ValueError("statistics of no sample")
-    if not np.all((wanted >= 0.0) & (wanted <= 100.0)):
-        raise ValueError("percentiles lie between 0 and 100")
-    place = wanted / 100.0 * (count - 1)
-    lower = np.floor(place).astype(np.int64)
-    ranks = np.unique(np.concatenate((lower, np.minimum(lower + 1, count - 1))))
+    lower, part, ranks = ranks_of(percentiles, count)
     shape = (len(faces), places.shape[1], suns.shape[2])
-    moments, tolerance = np.empty((len(MOMENTS), *shape)), np.empty((*shape, len(wanted), 2))
+    moments, tolerance = np.empty((len(MOMENTS), *shape)), np.empty((*shape, len(lower), 2))
     if moments.size:
-        _sweep(
-            vectors(setting), faces, samples, corrected, suns, places, place - lower, lower, ranks, moments, tolerance
-        )
+        _sweep(vectors(setting), faces, samples, corrected, suns, places, lower, part, ranks, moments, tolerance)
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
 
 
@@ -106,13 +100,13 @@ def _sweep(
     known: Floats,
     sun: Floats,
     pivots: Floats,
-    part: Floats,
     lower: NDArray[np.int64],
+    part: Floats,
     ranks: NDArray[np.int64],
     moments: Floats,
     tolerance: Floats,
 ) -> None:
-    """Statistics of all parameter combinations; `part` and `lower` are where percentiles lie between ranks."""
+    """Statistics of all parameter combinations; percentiles by `percentiles.ranks_of`."""
     heliostats, instants, samples = moments.shape[2], moments.shape[3], actual.shape[2]
     blocks = whole(samples, PACKET) // PACKET
     frame, mount, record = np.empty(9), np.empty(KNOWN), np.empty((samples, SAMPLE))
@@ -159,8 +153,8 @@ def _sweep(
                     moments[7, p, h, t] = status
                     for axis in range(2):
                         first = axis * blocks * PACKET
-                        _percentiles(
-                            keys[first : first + samples], part, lower, ranks, bounds, tolerance[p, h, t, :, axis]
+                        percentiles_of(
+                            keys[first : first + samples], lower, part, ranks, bounds, tolerance[p, h, t, :, axis]
                         )
 
 
@@ -261,76 +255,3 @@ def _sum(sums, row):
     for k in range(row * PACKET, (row + 1) * PACKET):
         total += sums[k]
     return total
-
-
-@kernel
-def _percentiles(
-    keys: Floats,
-    part: Floats,
-    lower: NDArray[np.int64],
-    ranks: NDArray[np.int64],
-    bounds: NDArray[np.int64],
-    tolerance: Floats,
-) -> None:
-    """Percentiles of the tolerances whose -cot are the keys, which are put into another order."""
-    last = len(keys) - 1
-    # Put the middle rank into its place, then those below it and those above it, each between what stands already.
-    depth = 1
-    bounds[0, 0], bounds[0, 1], bounds[0, 2], bounds[0, 3] = 0, len(ranks), 0, len(keys)
-    while depth > 0:
-        depth -= 1
-        low, high, first, stop = bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3]
-        if low >= high:
-            continue
-        middle = (low + high) // 2
-        _select(keys, first, stop, ranks[middle])
-        bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3] = low, middle, first, ranks[middle]
-        depth += 1
-        bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3] = (
-            middle + 1,
-            high,
-            ranks[middle] + 1,
-            stop,
-        )
-        depth += 1
-    for q in range(len(lower)):
-        one, two = _angle(keys[lower[q]]), _angle(keys[min(lower[q] + 1, last)])
-        # As numpy.percentile does, but for infinities.
-        step = two - one
-        if part[q] == 0.0 or one == two:
-            tolerance[q] = one
-        elif part[q] < 0.5:
-            tolerance[q] = one + step * part[q]
-        else:
-            tolerance[q] = two - step * (1.0 - part[q])
-
-
-@inline
-def _angle(key):
-    """Angle whose cotangent is -key."""
-    return math.atan2(1.0, -key) if key < math.inf else math.inf
-
-
-@kernel
-def _select(values: Floats, first: int, stop: int, rank: int) -> None:
-    """Put the value of a rank into its place, nothing greater before it and nothing less behind it."""
-    while stop - first > 1:
-        one, two, three = values[first], values[(first + stop) // 2], values[stop - 1]
-        pivot = max(min(one, two), min(max(one, two), three))
-        # No branch hangs on a value: what is less moves to the front, then what is equal.
-        front = first
-        for k in range(first, stop):
-            value = values[k]
-            values[k], values[front] = values[front], value
-            front += 1 if value < pivot else 0
-        if rank < front:
-            stop = front
-            continue
-        first = front
-        for k in range(first, stop):
-            value = values[k]
-            values[k], values[front] = values[front], value
-            front += 1 if value <= pivot else 0
-        if rank < front:
-            return
-        first = front

@@ -141,8 +141,7 @@ def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: Arr
     Returns
     -------
     ndarray, shape (..., 3, 3)
-        Rows Q: x, y (zero bore) and z (primary axis) in the world frame; NaN for a target-aligned mount at the aim
-        point. [1]
+        Rows Q: x, y (zero bore) and z (primary axis) in the world frame. [1]
     """
     vectors = np.asarray(to_target, np.float64)
     frames = np.empty((*vectors.shape[:-1], 3, 3))
