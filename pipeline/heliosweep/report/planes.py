@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse as EllipsePatch
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
+from heliosweep.report.endings import write_texts
 from heliosweep.report.frames import Ends, beyond, common, span
 from heliosweep.report.shapes import Look, Plane, Scale, Words
 from heliosweep.report.style import PAGE_WIDTH, new_figure, styled
@@ -26,20 +26,19 @@ COLUMNS = 3
 #: Largest panels over smallest up to which all have one scale.
 SIMILAR = 2.5
 
+#: More points than this have no edges.
+CROWD = 20
+
 #: Ticks along each side at least.
 LEAST_TICKS = 4
 
 #: Name of the aperture in the legend.
 APERTURE = "aperture"
 
-#: Left, bottom, right, top from the panel's corner. [point]
-Box = tuple[float, float, float, float]
-
 _LEFT, _RIGHT, _FOOT, _BAR, _GAP, _OWN_GAP, _BETWEEN = 0.55, 0.1, 0.45, 0.52, 0.1, 0.45, 0.28
 _WIDEST = {1: 4.0, 2: 3.0}
 _LETTER, _DIGIT, _SHORT = 0.068, 0.06, 4
 _APERTURE_LOOK: dict[str, Any] = {"facecolor": "#ededed", "edgecolor": "#333333", "linewidth": 0.9}
-_HALO = [withStroke(linewidth=1.8, foreground="white")]
 
 
 def frames(planes: Sequence[Plane]) -> list[Ends]:
@@ -229,7 +228,12 @@ def _draw(axes: Axes, plane: Plane, looks: Mapping[str, Look], scale: Scale | No
             continue
         if look.line:
             axes.plot(track.x, track.y, color=look.colour, linestyle=look.line, linewidth=look.width)
-        dots: dict[str, Any] = {"cmap": scale.palette, "norm": scale.norm, "linewidths": 0.3, "edgecolors": "#444444"}
+        dots: dict[str, Any] = {
+            "cmap": scale.palette,
+            "norm": scale.norm,
+            "linewidths": 0.3 if track.x.size <= CROWD else 0.0,
+            "edgecolors": "#444444",
+        }
         seen = np.isfinite(track.x) & np.isfinite(track.y)
         axes.scatter(
             track.x[seen], track.y[seen], look.size**2, track.numbers[seen], marker=look.marker or "o", zorder=3, **dots
@@ -241,60 +245,4 @@ def _draw(axes: Axes, plane: Plane, looks: Mapping[str, Look], scale: Scale | No
             colour = look.colour if one.number is None or scale is None else scale.palette(scale.norm(one.number))
             shape = {"facecolor": "none", "edgecolor": colour, "linewidth": look.width, "linestyle": look.line or "-"}
             axes.add_patch(EllipsePatch((one.x, one.y), long, short, angle=angle, zorder=2.5, **shape))
-    _write(axes, plane, looks, points)
-
-
-def _write(axes: Axes, plane: Plane, looks: Mapping[str, Look], points: float) -> None:
-    """Write the texts at the ends of tracks, where each covers no other one and as few points as can be."""
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    grow = points / (right - left)
-    everything = (np.concatenate([[track.x, track.y] for track in plane.tracks], axis=1).T - [left, bottom]) * grow
-    taken: list[Box] = []
-    for track in plane.tracks:
-        inside = (track.x > left) & (track.x < right) & (track.y > bottom) & (track.y < top)
-        seen = np.flatnonzero(inside)
-        if not track.text or not seen.size:
-            continue
-        last, before = seen[-1], seen[-2] if seen.size > 1 else seen[-1]
-        at = np.array([track.x[last] - left, track.y[last] - bottom]) * grow
-        onward = math.atan2(track.y[last] - track.y[before], track.x[last] - track.x[before])
-        boxes = [
-            box
-            for box in _around(at, onward, 4.0 * len(track.text), 7.0)
-            if min(box) > 1 and max(box) < points - 1 and not any(_overlap(box, other) for other in taken)
-        ]
-        if not boxes:
-            continue
-        box = min(boxes, key=lambda box: _covered(box, everything))
-        taken.append(box)
-        axes.text(
-            left + (box[0] + box[2]) / 2 / grow,
-            bottom + (box[1] + box[3]) / 2 / grow,
-            track.text,
-            ha="center",
-            va="center_baseline",
-            fontsize=6.5,
-            color=looks[track.name].text or looks[track.name].colour,
-            path_effects=_HALO,
-            zorder=4,
-        )
-
-
-def _around(at: np.ndarray, onward: float, wide: float, high: float) -> list[Box]:
-    """Boxes about a point, those in a direction and near it first."""
-    boxes = []
-    for far in (1.0, 1.6, 2.6):
-        for turn in (0, 0.6, -0.6, 1.2, -1.2, 1.8, -1.8, 2.4, -2.4, math.pi):
-            way = np.array([math.cos(onward + turn) * (wide / 2 + 4), math.sin(onward + turn) * (high / 2 + 4)])
-            x, y = at + far * way
-            boxes.append((x - wide / 2, y - high / 2, x + wide / 2, y + high / 2))
-    return boxes
-
-
-def _covered(box: Box, points: np.ndarray) -> int:
-    x, y = points[:, 0], points[:, 1]
-    return int(((x > box[0] - 2) & (x < box[2] + 2) & (y > box[1] - 2) & (y < box[3] + 2)).sum())
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+    write_texts(axes, plane, looks, points)

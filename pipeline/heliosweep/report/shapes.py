@@ -17,6 +17,10 @@ from heliosweep.report.style import VALUES
 RIGHT, UP = "to the right (m)", "up (m)"
 
 
+#: Signs of the corners of a rectangle.
+CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+
+
 @dataclass(frozen=True)
 class Look:
     """How the tracks of one name look.
@@ -144,14 +148,15 @@ class Plane:
 
     def points(self) -> np.ndarray:
         """Everything that the frame is made for, shape (n, 2). [m]"""
-        pieces = [np.empty((0, 2))]
+        pieces: list[Any] = [np.empty((0, 2))]
         for track in self.tracks:
             if track.framed:
                 half = 0.0 if track.half is None else np.nan_to_num(track.half)
                 pieces += [np.stack([track.x, track.y + sign * half], axis=-1) for sign in (-1, 1)]
         for one in self.ellipses:
             if one.known:
-                pieces += [np.array([[one.x + sign * one.reach[0], one.y + sign * one.reach[1]] for sign in (-1, 1)])]
+                wide, high = one.reach
+                pieces += [[[one.x + i * wide, one.y + j * high] for i, j in ((0, 0), *CORNERS)]]
         points = np.concatenate(pieces)
         return points[np.isfinite(points).all(axis=1)]
 

@@ -12,6 +12,8 @@ import xarray as xr
 POSITIONS = ((-16, 150, 0), (-60, 300, 0), (-120, 600, 0), (45, 150, 0), (120, 300, 0), (200, 500, 0))
 SIZES = np.arange(-12.0, 13.0)
 CURVES = {"source": ["canting", "encoder"], "axis": ["elevation", "azimuth"], "error_size": SIZES}
+Numbers = Sequence[float] | np.ndarray
+
 PARAMETERS = (
     "azimuth_reference",
     "elevation_reference",
@@ -25,7 +27,7 @@ UNITS |= dict.fromkeys(PARAMETERS, "mrad") | {"receiver_height": "m", "noise": "
 UNITS |= {"sun_azimuth": "degree", "sun_elevation": "degree", "error_scale": "1"}
 
 
-def suns(latitude: float, days: Sequence[float], hours: Sequence[float]) -> np.ndarray:
+def suns(latitude: float, days: Numbers, hours: Numbers) -> np.ndarray:
     """Unit vectors towards the sun, shape (days, hours, 3); NaN below the horizon."""
     d = np.radians(23.45) * np.sin(2 * np.pi * (284 + np.asarray(days, float)) / 365)[:, np.newaxis]
     w, turn = np.radians(15 * (np.asarray(hours, float) - 12)), np.radians(latitude)
@@ -83,8 +85,8 @@ def labelled(
 
 
 def curves(
-    days: Sequence[float] = (172,),
-    hours: Sequence[float] = (8, 12, 16),
+    days: Numbers = (172,),
+    hours: Numbers = (8, 12, 16),
     sweep: Mapping[str, Any] | None = None,
     pivots: Any = POSITIONS,
     **scalars: Any,
@@ -105,7 +107,7 @@ def curves(
     template = xr.DataArray(np.zeros([sizes[dim] for dim in dims]), dims=dims)
     drop = {dim: 0 for dim in ("axis", "error_size") if dim not in sweep}
     y, z = ((part.isel(drop) + template).transpose(*dims) for part in (y, z))
-    inside: xr.DataArray = (abs(y) <= 4.5) & (abs(z) <= 4.5)
+    inside = (abs(y) <= 4.5) & (abs(z) <= 4.5)
     fine = np.linspace(0, 60, 61)
     leave = []
     for axis in axes:
@@ -125,7 +127,7 @@ def curves(
         "spot_status": xr.where(np.isfinite(y), 0, 3).astype(np.int8),
         "is_real": np.isfinite(y).astype(np.int8),
         "inside": inside.astype(np.int8),
-        "hit_fraction": (inside.sum("hour") / np.isfinite(y).sum("hour").clip(1)).assign_attrs(
+        "hit_fraction": (xr.where(inside, 1.0, 0.0).sum("hour") / np.isfinite(y).sum("hour").clip(1)).assign_attrs(
             units="1", valid_range=[0.0, 1.0]
         ),
         "tolerance": tolerance.assign_attrs(units="mrad"),
@@ -151,8 +153,8 @@ def field(count: int = 317) -> np.ndarray:
 def draws(
     sweep: Mapping[str, Any] | None = None,
     pivots: Any = POSITIONS,
-    days: Sequence[float] = (80, 172, 355),
-    hours: Sequence[float] = tuple(range(5, 20)),
+    days: Numbers = (80, 172, 355),
+    hours: Numbers = tuple(range(5, 20)),
     **scalars: Any,
 ) -> xr.Dataset:
     """Result of the mode `mount_errors` with distributions."""

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment import report_views as views
+from heliosweep.families.misalignment import report_words as wording
 from heliosweep.families.misalignment.report_tolerances import symbols
 from heliosweep.families.misalignment.report_views import FIELD, HELIOSTAT, Point, at, needs
 from heliosweep.families.registry import NamedFigure
@@ -65,9 +66,9 @@ def _before_after(result: xr.Dataset) -> Iterator[NamedFigure]:
     spots = [dim for dim in (*views.DAYS, views.HOUR, "spot") if dim in result[name].dims]
     stands = {**views.fixed(result, name, HELIOSTAT, *spots), **_best(result, name)}
     above, below = [], []
-    shown = views.heliostats(result, stands, MOST_HELIOSTATS)
+    shown = views.heliostats(result, name, stands, MOST_HELIOSTATS)
     for one in shown:
-        title = views.heliostat_text(result, {**stands, **one})
+        title = wording.heliostat_text(result, {**stands, **one})
         tracks, ellipses = {}, {}
         for when in _SPOTS:
             y, z = (at(result[f"spot_{side}_{when}"], stands, one).to_numpy().ravel() for side in "yz")
@@ -86,10 +87,10 @@ def _before_after(result: xr.Dataset) -> Iterator[NamedFigure]:
     caption = (
         "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects; "
         "ellipses of normal distributions with the same mean and covariance hold 95 %. Below: the same after the "
-        f"calibration, enlarged. Seen from the field.{views.note(result, stands, (HELIOSTAT, shown))}"
+        f"calibration, enlarged. {wording.seen(result).capitalize()}.{wording.note(result, stands, (HELIOSTAT, shown))}"
     )
     looks = {**_SPOTS, **_ELLIPSES, _AIM: Look("#000000", "", "+", size=6)}
-    figure = plane_figure([*above, *below], looks, columns=len(above))
+    figure = plane_figure([*above, *below], looks, words=wording.around(result), columns=len(above))
     yield NamedFigure("before_after", caption, figure)
 
 
@@ -103,7 +104,7 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
     many = [dim for dim in (HELIOSTAT, "sample") if dim in array.dims]
     stands = {**views.fixed(result, "estimated_error", run, PARAMETER, *many), **_best(result, "estimated_error", run)}
     series = views.chosen(result, run, MOST_SERIES)
-    names = [views.full(result, run, one[run]) if run else "estimate" for one in series]
+    names = [wording.full(result, run, one[run]) if run else "estimate" for one in series]
     looks = {
         name: Look(colour, "", marker, size=3) for name, colour, marker in zip(names, COLOURS, MARKERS, strict=False)
     }
@@ -137,7 +138,7 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     caption = (
         "Errors that the calibration finds against those with which the spots were made; bars: 95 % intervals from its "
-        f"standard errors; line: both equal.{views.note(result, stands, (run, series))}"
+        f"standard errors; line: both equal.{wording.note(result, stands, (run, series))}"
     )
     words = Words("true error (mrad)", "error found (mrad)", silent=(_EQUAL, *(names if len(names) == 1 else ())))
     figure = plane_figure(planes, {_EQUAL: Look("#888888", "-", width=0.7), **looks}, words=words)
@@ -170,13 +171,13 @@ def _knowledge(result: xr.Dataset) -> Iterator[NamedFigure]:
     over = " and ".join(
         filter(None, ["heliostats" if result.sizes.get(HELIOSTAT, 1) > 1 else "", "draws" if "sample" in many else ""])
     )
-    title = views.label(result, run).rsplit(" (", 1)[0]
+    title = wording.label(result, run).rsplit(" (", 1)[0]
     caption = (
         f"Standard errors of the parameters, and condition number of the least-squares problem, against the {title}"
-        f"{f'; medians over the {over}' if over else ''}.{views.note(result, stands)}"
+        f"{f'; medians over the {over}' if over else ''}.{wording.note(result, stands)}"
     )
     step = 1.0 if result[run].dtype.kind in "iu" and np.ptp(x) <= 10 else None
-    figure = curve_figure(panels, views.label(result, run), step=step, logarithmic_values=True)
+    figure = curve_figure(panels, wording.label(result, run), step=step, logarithmic_values=True)
     yield NamedFigure(f"knowledge_over_{run}", caption, figure)
 
 
@@ -196,7 +197,7 @@ def _residual_map(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     caption = (
         "Root mean square residual of the spots of each heliostat after the calibration. "
-        f"{symbols([one])}{views.note(result, stands)}"
+        f"{symbols([one])}{wording.note(result, stands)}"
     )
     figure = maps.map_figure([[one]], maps.value_scale([one]), "residual (m)", VALUES)
     yield NamedFigure("residual_map", caption, figure)

@@ -9,26 +9,35 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment import report_views as views
+from heliosweep.families.misalignment import report_words as wording
 from heliosweep.families.misalignment.report_conics import conic_curve, other_focus
 from heliosweep.families.misalignment.report_views import AXES, HELIOSTAT, HOUR, Point, at, needs
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report.labels import MINUS, number_text
 from heliosweep.report.planes import cut, plane_figure
-from heliosweep.report.shapes import Look, Plane, Scale, Track, Words
+from heliosweep.report.shapes import Look, Plane, Scale, Track
 
 AXIS, SIZE = "axis", "error_size"
+
+#: Dimensions of errors.
+ERRORS = (SIZE, *views.MOUNT_ERRORS)
 
 #: Hours of which curves are drawn; sizes of error of which drifts are drawn.
 MOST_HOURS, MOST_SIZES = 3, 7
 
-#: Letters of a title abreast.
-TITLE = 40
+#: Letters of a title abreast, in two and in three columns.
+TITLES = (52, 34)
+
+#: Range of errors from which on a curve is more than a line. [mrad]
+CURVED = 50.0
 
 #: What is drawn of a conic.
 PARTS = ("conic", "traced", "focus", "other focus")
 
 #: Hours from which on there is a drift.
 LEAST_HOURS = 3
+
+NBSP = "\N{NO-BREAK SPACE}"
 
 _AIM, _DETECTOR, _CROSSING = "no error", "line of detectors", "crossing"
 _LOOKS = {
@@ -59,7 +68,7 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
 def error_dim(result: xr.Dataset) -> str | None:
     """Dimension of the size of an error."""
     dims = views.numbers(result, views.swept(result, "spot_y"))
-    return next((dim for dim in (SIZE, *views.MOUNT_ERRORS) if dim in dims), None)
+    return next((dim for dim in ERRORS if dim in dims), None)
 
 
 @needs("spot_y", "spot_z")
@@ -69,10 +78,15 @@ def deviation_curves(result: xr.Dataset) -> Iterator[NamedFigure]:
     if error is None or HELIOSTAT not in result["spot_y"].dims:
         return
     day = views.day_of(result)
-    line = HOUR if views.several(result, HOUR) else day if views.several(result, day) else None
     axis = AXIS if AXIS in result["spot_y"].dims else None
+    others = views.numbers(result, views.swept(result, "spot_y", axis, *ERRORS))
+    line = next((dim for dim in (HOUR, day, *others) if views.several(result, dim)), None)
     stands = views.fixed(result, "spot_y", error, line, axis, HELIOSTAT)
-    shown, lines, axes = _heliostats(result, stands), views.chosen(result, line, MOST_HOURS), axes_of(result, axis)
+    shown, lines, axes = (
+        views.heliostats(result, "spot_y", stands),
+        views.chosen(result, line, MOST_HOURS),
+        axes_of(result, axis),
+    )
     order = views.ordered(result, error)
     planes = []
     for one in shown:
@@ -80,24 +94,24 @@ def deviation_curves(result: xr.Dataset) -> Iterator[NamedFigure]:
         for name, axis_point in axes:
             for hour in lines:
                 y, z = _spots(result, stands, one, axis_point, hour)
-                text = views.short(result, line, hour[line]) if line and views.several(result, line) else ""
+                text = wording.short(result, line, hour[line]) if line and views.several(result, line) else ""
                 tracks.append(Track(y[order], z[order], name, text=text))
                 tracks += _crossings(result, stands, one, axis_point, hour)
-        planes.append(Plane(views.heliostat_text(result, {**stands, **one}), tracks, (), _aperture(result, stands)))
+        planes.append(Plane(wording.heliostat_text(result, {**stands, **one}), tracks, (), _aperture(result, stands)))
     if not _any(planes):
         return
     values = np.sort(result[error].to_numpy())
-    unit = views.label(result, error)
+    unit = wording.label(result, error)
     ends = " to ".join(number_text(float(value), 1).removesuffix(".0") for value in (values[0], values[-1]))
-    what = "each line an hour, written at its positive end" if line else "each line one instant"
+    what = f"each line for the {wording.title(result, line)} at its positive end" if line else "each line one instant"
     caption = (
-        f"Where the beam meets the receiver plane while {unit} runs from {ends}: {what}; "
-        f"seen from the field. {_seen(planes)}"
+        f"Where the beam meets the receiver plane while the {unit} runs from {ends}: {what}; "
+        f"{wording.seen(result)}. {_seen(planes)}"
     )
     held = {dim: index for dim, index in stands.items() if dim != SIZE}
-    caption += views.note(result, held, (HELIOSTAT, shown), (line, lines))
+    caption += wording.note(result, held, (HELIOSTAT, shown), (line, lines))
     looks = {**{name: _look(name) for name, _ in axes}, **_LOOKS}
-    words = Words(legend="axis of the error" if axis else "")
+    words = wording.around(result, legend="axis of the error" if axis else "")
     yield NamedFigure("deviation_curves", caption.replace("  ", " "), plane_figure(planes, looks, words=words))
 
 
@@ -108,7 +122,7 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     error, axis = error_dim(result), AXIS if AXIS in result["spot_y"].dims else None
     stands = views.fixed(result, "spot_y", error, HOUR, axis, HELIOSTAT)
-    shown, sizes = _heliostats(result, stands), views.chosen(result, error, MOST_SIZES)
+    shown, sizes = views.heliostats(result, "spot_y", stands), views.chosen(result, error, MOST_SIZES)
     if error:
         sizes = [size for size in sizes if float(result[error].isel(size))] or sizes  # without error: the aim
     order = views.ordered(result, HOUR)
@@ -121,16 +135,16 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
                 y, z = (values[order] for values in _spots(result, stands, one, axis_point, size))
                 text = _size_text(result, error, size)
                 tracks.append(Track(y, z, "", numbers=hours, text=text))
-            title = views.heliostat_text(result, {**stands, **one})
+            title = wording.heliostat_text(result, {**stands, **one})
             planes.append(Plane(title, tracks, (), _aperture(result, stands)))
         if not _any(planes):
             continue
         of = f"an error about the {name.replace('_', ' ')} axis" if axis else "the errors"
-        written = f", each line for the {views.label(result, error)} at its end" if error else ""
-        caption = f"Drift of the spot with {of} over the day{written}; seen from the field. {_seen(planes)}"
-        caption += views.note(result, {**stands, **axis_point}, (HELIOSTAT, shown), (error, sizes))
-        scale = Scale(views.label(result, HOUR), *_ends(planes))
-        figure = plane_figure(planes, {"": _PATH, **_LOOKS}, words=Words(silent=("",)), scale=scale)
+        written = f", each line for the {wording.label(result, error)} at its end" if error else ""
+        caption = f"Drift of the spot with {of} over the day{written}; {wording.seen(result)}. {_seen(planes)}"
+        caption += wording.note(result, {**stands, **axis_point}, (HELIOSTAT, shown), (error, sizes))
+        scale = Scale(wording.label(result, HOUR), *_ends(planes))
+        figure = plane_figure(planes, {"": _PATH, **_LOOKS}, words=wording.around(result, silent=("",)), scale=scale)
         suffix = f"_{name}" if axis and result.sizes[axis] > 1 else ""
         yield NamedFigure(f"spot_drift{suffix}", caption.replace("  ", " "), figure)
 
@@ -146,8 +160,12 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
     run = next((dim for dim in suns if dim.startswith("sun_") and views.several(result, dim)), None)
     if HELIOSTAT not in result["conic"].dims or result.sizes[HELIOSTAT] > views.MOST_PANELS:
         return
+    if SIZE in result.coords and result[SIZE].ndim and np.ptp(result[SIZE].to_numpy()) < CURVED:
+        return
     stands = views.fixed(result, "conic", run, axis, HELIOSTAT, "conic_coefficient")
-    each = views.heliostats(result, stands)
+    each = views.heliostats(result, "conic", stands)
+    if not each:
+        return
     moments = views.chosen(result, run, max(1, views.MOST_PANELS // len(each)))
     axes = axes_of(result, axis)
     looks = {_part_name(name, part): _part(name, part) for name, _ in axes for part in PARTS}
@@ -157,6 +175,7 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
             tracks, shapes = [], []
             for name, axis_point in axes:
                 points = (stands, one, moment, axis_point)
+                about = f" ({name.replace('_', ' ')})" if name else ""
                 coefficients = at(result["conic"], *points).to_numpy()
                 if coefficients.shape != (6,) or not np.isfinite(coefficients).all():
                     continue
@@ -169,24 +188,26 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
                     tracks.append(Track(y, z, _part_name(name, "traced")))
                 tracks.append(Track(focus[:1], focus[1:], _part_name(name, "focus")))
                 tracks.append(Track(other[:1], other[1:], _part_name(name, "other focus"), framed=False))
-                shapes.append(f"{name.replace('_', ' ')} {float(at(result['eccentricity'], *points)):.4g}")
+                shapes.append(f"{float(at(result['eccentricity'], *points)):.5g}{about}".replace(" ", NBSP))
             if tracks:
-                where = views.heliostat_text(result, {**stands, **one})
-                sun = f"{run.replace('_', ' ')} {views.short(result, run, moment[run])}" if run else ""
-                about = textwrap.wrap(f"eccentricity: {', '.join(shapes)}", TITLE)
-                title = "\n".join(filter(None, [where, sun, *about]))
+                where = wording.heliostat_text(result, {**stands, **one})
+                sun = f"{run.replace('_', ' ')} {wording.short(result, run, moment[run])}" if run else ""
+                wide = TITLES[len(each) * len(moments) > 4]
+                shape = textwrap.wrap(f"e = {', '.join(shapes)}".replace("= ", f"={NBSP}"), wide)
+                title = "\n".join(filter(None, [where, sun, *shape]))
                 planes.append(Plane(title, [*tracks, _aim()], (), _aperture(result, stands)))
     if not planes:
         return
     caption = (
         "Conics that a mirror's rays trace on the receiver plane as it turns about each axis: thick where the errors "
-        "of the study are, dotted beyond, on both branches; full diamonds: focus of the branch of the rays. "
-        f"Seen from the field. {_seen(planes)}"
+        "of the study are, dotted beyond, on both branches; full diamonds: focus of the branch of the "
+        "rays; e: eccentricity. "
+        f"{wording.seen(result).capitalize()}. {_seen(planes)}"
     )
-    caption += views.note(result, stands, (run, moments))
+    caption += wording.note(result, stands, (run, moments))
     said = [_part_name(name, "traced" if spots else "conic") for name, _ in axes]
-    words = Words(silent=[name for name in looks if name not in said])
-    figure = plane_figure(planes, {**looks, **_LOOKS}, words=words, columns=3 if len(planes) > 4 else 2)
+    words = wording.around(result, silent=[name for name in looks if name not in said])
+    figure = plane_figure(planes, {**looks, **_LOOKS}, words=words, columns=3 if len(each) * len(moments) > 4 else 2)
     yield NamedFigure("conics", caption.replace("  ", " "), figure)
 
 
@@ -218,10 +239,6 @@ def _part(name: str, part: str) -> Look:
         "other focus": Look(colour, "", "D", size=4.2, open=True),
     }
     return parts[part]
-
-
-def _heliostats(result: xr.Dataset, stands: Point) -> list[Point]:
-    return views.heliostats(result, stands)
 
 
 def _aperture(result: xr.Dataset, stands: Point) -> tuple[float, float] | None:

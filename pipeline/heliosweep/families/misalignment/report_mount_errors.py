@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment import report_views as views
+from heliosweep.families.misalignment import report_words as wording
 from heliosweep.families.misalignment.report_tolerances import symbols
 from heliosweep.families.misalignment.report_views import FIELD, HELIOSTAT, HOUR, at, needs
 from heliosweep.families.registry import NamedFigure
@@ -15,7 +16,7 @@ from heliosweep.report import maps
 from heliosweep.report.curves import Panel, curve_figure
 from heliosweep.report.labels import number_text
 from heliosweep.report.planes import plane_figure
-from heliosweep.report.shapes import Ellipse, Look, Plane, Scale, Track, Words
+from heliosweep.report.shapes import Ellipse, Look, Plane, Scale, Track
 from heliosweep.report.style import VALUES
 
 #: Hours of which ellipses are drawn.
@@ -55,7 +56,7 @@ def _spread(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     hour = HOUR if HOUR in first.dims else None
     stands = views.fixed(result, _MOMENTS[0], hour, HELIOSTAT)
-    shown, hours = views.heliostats(result, stands), views.chosen(result, hour, MOST_HOURS)
+    shown, hours = views.heliostats(result, _MOMENTS[0], stands), views.chosen(result, hour, MOST_HOURS)
     planes = []
     for one in shown:
         tracks, ellipses = [Track(np.zeros(1), np.zeros(1), _AIM)], []
@@ -67,19 +68,21 @@ def _spread(result: xr.Dataset) -> Iterator[NamedFigure]:
                 ellipses.append(ellipse)
                 numbers = None if number is None else np.array([number])
                 tracks.append(Track(np.array([y]), np.array([z]), _MEAN, numbers=numbers))
-        title = views.heliostat_text(result, {**stands, **one})
+        title = wording.heliostat_text(result, {**stands, **one})
         planes.append(Plane(title, tracks, ellipses, views.aperture(result, stands)))
     drawn = [ellipse.number for plane in planes for ellipse in plane.ellipses]
     if not drawn:
         return
     known = [number for number in drawn if number is not None]
-    scale = Scale(views.label(result, HOUR), min(known), max(known)) if known and views.several(result, HOUR) else None
+    scale = (
+        Scale(wording.label(result, HOUR), min(known), max(known)) if known and views.several(result, HOUR) else None
+    )
     caption = (
         "Spread of the centre of the beam over the draws of the mount errors, on the receiver plane: the ellipse of a "
-        "normal distribution with the mean and covariance of the draws that holds 95 %; seen from the field."
-        f"{views.note(result, stands, (HELIOSTAT, shown), (hour, hours))}"
+        f"normal distribution with the mean and covariance of the draws that holds 95 %; {wording.seen(result)}."
+        f"{wording.note(result, stands, (HELIOSTAT, shown), (hour, hours))}"
     )
-    yield NamedFigure("spot_spread", caption, plane_figure(planes, _LOOKS, words=Words(), scale=scale))
+    yield NamedFigure("spot_spread", caption, plane_figure(planes, _LOOKS, words=wording.around(result), scale=scale))
 
 
 @needs(_HITS)
@@ -100,13 +103,13 @@ def _hits_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
         Panel(
             "spots inside (%)",
             {
-                views.short(result, line, one[line]) if line else "": (
+                wording.short(result, line, one[line]) if line else "": (
                     x,
                     100 * at(array, stands, one, where).to_numpy()[order],
                 )
                 for one in lines
             },
-            views.full(result, panel, where[panel]) if panel else "",
+            wording.full(result, panel, where[panel]) if panel else "",
         )
         for where in panels
     ]
@@ -115,15 +118,15 @@ def _hits_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
     of = f"{result.sizes[HELIOSTAT]} heliostats" if result.sizes.get(HELIOSTAT, 1) > 1 else "the heliostat"
     caption = (
         f"Part of all draws in which the centre of the beam is inside the aperture, {of}."
-        f"{views.note(result, stands, (line, lines), (panel, panels))}"
+        f"{wording.note(result, stands, (line, lines), (panel, panels))}"
     )
     figure = curve_figure(
         drawn,
-        views.label(result, HOUR),
+        wording.label(result, HOUR),
         same_scale=True,
-        step=views.hour_step(result),
-        legend=views.heading(result, line),
-        ordered=bool(views.heading(result, line)),
+        step=wording.hour_step(result),
+        legend=wording.heading(result, line),
+        ordered=bool(wording.heading(result, line)),
         least_span=1.0,
     )
     yield NamedFigure("hits_over_day", caption, figure)
@@ -143,7 +146,7 @@ def _hits_over_sweep(result: xr.Dataset) -> Iterator[NamedFigure]:
         lines: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for one in days:
             values = 100 * at(array, stands, one).transpose(dim, HELIOSTAT).to_numpy()[order]
-            name = views.full(result, day, one[day]) if day and len(days) > 1 else ""
+            name = wording.full(result, day, one[day]) if day and len(days) > 1 else ""
             parts = {"mean": _mean(values)}
             if values.shape[1] > 1:
                 parts["worst heliostat"] = np.fmin.reduce(values, axis=1)
@@ -154,9 +157,9 @@ def _hits_over_sweep(result: xr.Dataset) -> Iterator[NamedFigure]:
             continue
         caption = (
             "Part of all draws and hours with sun in which the centre of the beam is inside the aperture."
-            f"{views.note(result, stands, (day, days))}"
+            f"{wording.note(result, stands, (day, days))}"
         )
-        figure = curve_figure([Panel("spots inside (%)", lines)], views.label(result, dim), least_span=1.0)
+        figure = curve_figure([Panel("spots inside (%)", lines)], wording.label(result, dim), least_span=1.0)
         yield NamedFigure(f"hits_over_{dim}", caption, figure)
 
 
@@ -175,7 +178,7 @@ def _hit_map(result: xr.Dataset) -> Iterator[NamedFigure]:
         values = 100 * at(result[name], stands, one).to_numpy()
         finite = values[np.isfinite(values)]
         mean = f"mean {number_text(float(finite.mean()), 1)} %" if finite.size else "no value"
-        title = f"{views.full(result, run, one[run])}\n{mean}" if run else mean
+        title = f"{wording.full(result, run, one[run])}\n{mean}" if run else mean
         field = views.field_map(result, values, {**stands, **one}, title)
         if field is None:
             return
@@ -184,7 +187,7 @@ def _hit_map(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     caption = (
         "Part of all draws and hours with sun in which the centre of each heliostat's beam is inside the aperture. "
-        f"{symbols(drawn)}{views.note(result, stands, (run, shown))}"
+        f"{symbols(drawn)}{wording.note(result, stands, (run, shown))}"
     )
     figure = maps.map_figure(views.rows_of(drawn), _percent(drawn), "spots inside (%)", VALUES)
     yield NamedFigure("hit_map", caption, figure)
@@ -198,7 +201,9 @@ def _remaining_tolerance(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     axis = "tolerance_axis" if "tolerance_axis" in array.dims else None
     stands = views.fixed(result, "remaining_tolerance", HOUR, "percentile", axis, HELIOSTAT)
-    among = views.heliostats(result, stands, 3)
+    among = views.heliostats(result, "remaining_tolerance", stands, 3)
+    if not among:
+        return
     one = among[len(among) // 2]
     percentiles, order = views.chosen(result, "percentile", views.MOST_LINES), views.ordered(result, HOUR)
     x = result[HOUR].to_numpy()[order]
@@ -212,20 +217,20 @@ def _remaining_tolerance(result: xr.Dataset) -> Iterator[NamedFigure]:
             for part in percentiles
         }
         lines = {name: (x, np.where(np.isfinite(y), y, np.nan)) for name, (x, y) in lines.items()}
-        title = f"{views.short(result, axis, point[axis])} axis" if axis else ""
+        title = f"{wording.short(result, axis, point[axis])} axis" if axis else ""
         panels.append(Panel("remaining tolerance (mrad)", lines, title))
     if not any(np.isfinite(y).any() for panel in panels for _, y in panel.lines.values()):
         return
-    where = views.heliostat_text(result, {**stands, **one})
+    where = wording.heliostat_text(result, {**stands, **one})
     caption = (
         "Smallest further error with which the centre of the beam leaves the aperture, 0 where it is outside already: "
-        f"percentiles over the draws{f', {where}' if where else ''}.{views.note(result, stands)}"
+        f"percentiles over the draws{f', {where}' if where else ''}.{wording.note(result, stands)}"
     )
     figure = curve_figure(
         panels,
-        views.label(result, HOUR),
+        wording.label(result, HOUR),
         same_scale=True,
-        step=views.hour_step(result),
+        step=wording.hour_step(result),
         legend="percentile",
         ordered=True,
     )

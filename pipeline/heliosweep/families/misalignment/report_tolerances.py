@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment import report_views as views
+from heliosweep.families.misalignment import report_words as wording
 from heliosweep.families.misalignment.report_curves import AXIS, axes_of, error_dim
 from heliosweep.families.misalignment.report_views import FIELD, HELIOSTAT, HOUR, Point, at, needs
 from heliosweep.families.registry import NamedFigure
@@ -55,9 +56,9 @@ def _tolerance_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
     caption = "Tolerance: smallest error, of either sign, with which the centre of the beam leaves the aperture."
     if field:
         caption += f" Least, 5 % point and median of {result.sizes[HELIOSTAT]} heliostats."
-    caption += views.note(result, stands)
+    caption += wording.note(result, stands)
     figure = curve_figure(
-        panels, views.label(result, HOUR), same_scale=True, step=views.hour_step(result), columns=2, ordered=False
+        panels, wording.label(result, HOUR), same_scale=True, step=wording.hour_step(result), columns=2, ordered=False
     )
     yield NamedFigure("tolerance_over_day", caption, figure)
 
@@ -93,7 +94,7 @@ def _tolerance_map(result: xr.Dataset) -> Iterator[NamedFigure]:
     low, high = capped(drawn["tolerance_map"])
     caption = (
         "Least tolerance of each heliostat over all days and hours: the smallest error, of either sign, with which the "
-        f"centre of its beam leaves the aperture. {symbols(drawn['tolerance_map'], high)}{views.note(result, stands)}"
+        f"centre of its beam leaves the aperture. {symbols(drawn['tolerance_map'], high)}{wording.note(result, stands)}"
     )
     figure = maps.map_figure([drawn["tolerance_map"]], (low, high), "least tolerance (mrad)", VALUES)
     yield NamedFigure("tolerance_map", caption, figure)
@@ -101,9 +102,9 @@ def _tolerance_map(result: xr.Dataset) -> Iterator[NamedFigure]:
         when = drawn["tolerance_hour_map"]
         caption = (
             "Hour in which the tolerance of each heliostat is least, of all days and hours. "
-            f"{symbols(when)}{views.note(result, stands)}"
+            f"{symbols(when)}{wording.note(result, stands)}"
         )
-        figure = maps.map_figure([when], maps.value_scale(when), views.label(result, HOUR), VALUES)
+        figure = maps.map_figure([when], maps.value_scale(when), wording.label(result, HOUR), VALUES)
         yield NamedFigure("tolerance_hour_map", caption, figure)
 
 
@@ -129,8 +130,8 @@ def hits_over_error(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     mean = f", mean of {result.sizes[HELIOSTAT]} heliostats" if field else ""
     caption = f"Part of the hours with sun in which the centre of the beam is inside the aperture{mean}."
-    caption += views.note(result, stands)
-    figure = curve_figure(panels, views.label(result, error), same_scale=True, columns=2, least_span=5.0)
+    caption += wording.note(result, stands)
+    figure = curve_figure(panels, wording.label(result, error), same_scale=True, columns=2, least_span=5.0)
     yield NamedFigure("hits_over_error", caption, figure)
 
 
@@ -166,4 +167,4 @@ def _mean(values: np.ndarray) -> np.ndarray:
 
 
 def _each(result: xr.Dataset, stands: Point, values: np.ndarray) -> dict[str, np.ndarray]:
-    return {views.heliostat_text(result, {**stands, HELIOSTAT: i}): line for i, line in enumerate(values)}
+    return {wording.heliostat_text(result, {**stands, HELIOSTAT: i}): line for i, line in enumerate(values)}

@@ -1,4 +1,4 @@
-"""What the figures of the family share: which points of a result are shown, and how they are called."""
+"""What the figures of the family share: which points of a result are shown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import xarray as xr
 
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import maps
-from heliosweep.report.labels import axis_label, coordinate_text, title_of, value_text
 from heliosweep.report.selection import evenly
 from heliosweep.report.shapes import Look
 
@@ -20,6 +19,9 @@ from heliosweep.report.shapes import Look
 DAYS = ("day", "declination", "date")
 HOUR = "hour"
 HELIOSTAT = "heliostat"
+
+#: All of them.
+INSTANTS = (*DAYS, HOUR)
 
 #: Dimensions that are neither swept nor instants.
 NOT_SWEPT = {*DAYS, HOUR, HELIOSTAT, "parameter", "parameter_2", "spot", "percentile", "tolerance_axis", "detector"}
@@ -53,9 +55,6 @@ AXES = {
     "azimuth": Look("#0072B2"),
     "encoder_azimuth": Look("#009E73", (0, (4, 1.4))),
 }
-
-#: What the hour is called on an axis.
-HOURS = {"day": "solar time (h)", "declination": "solar time (h)", "date": "time of day (h)"}
 
 Point = dict[str, int]
 Draw = Callable[[xr.Dataset], Iterable[NamedFigure]]
@@ -97,7 +96,7 @@ def several(result: xr.Dataset, dim: str | None) -> bool:
 
 
 def typical(result: xr.Dataset, dim: str) -> int:
-    """Where a dimension stands that is not shown: noon, no error, drawn ones as they are, the middle of other numbers, the first word."""
+    """Where a dimension stands that is not shown: the middle of numbers but for `TYPICAL`, the first of words."""
     if dim not in result.coords or result[dim].dtype.kind not in "fiuM" or result[dim].ndim != 1:
         return 0
     values = result[dim].to_numpy()
@@ -133,18 +132,16 @@ def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
     return array.isel({dim: index for dim, index in everything.items() if dim in array.dims})
 
 
-def heliostats(result: xr.Dataset, point: Point, most: int = MOST_PANELS) -> list[Point]:
-    """Heliostats that are shown: all of a few, of a field some from the tower outwards."""
-    size = result.sizes.get(HELIOSTAT, 1)
-    if HELIOSTAT not in result.sizes:
-        return [{}]
-    order = np.arange(size)
-    if size > most:
-        place = places(result, point)
+def heliostats(result: xr.Dataset, quantity: str, stands: Point, most: int = MOST_PANELS) -> list[Point]:
+    """Heliostats that are shown: of those with values all of a few, of a field some from the tower outwards."""
+    array = at(result[quantity], {dim: index for dim, index in stands.items() if dim not in INSTANTS})
+    others = [dim for dim in array.dims if dim != HELIOSTAT]
+    order = np.flatnonzero(array.notnull().any(others).to_numpy())
+    if order.size > most:
+        place = places(result, stands)
         if place is not None:
-            far = np.hypot(place[0], place[1])
-            order = np.argsort(far, kind="stable")[: max(1, int(np.isfinite(far).sum()))]
-    return [{HELIOSTAT: int(order[index])} for index in evenly(order.size, most)]
+            order = order[np.argsort(np.hypot(place[0], place[1])[order], kind="stable")]
+    return [{HELIOSTAT: int(order[index])} for index in evenly(order.size, most)] if order.size else []
 
 
 def places(result: xr.Dataset, point: Point) -> tuple[np.ndarray, np.ndarray] | None:
@@ -155,20 +152,6 @@ def places(result: xr.Dataset, point: Point) -> tuple[np.ndarray, np.ndarray] | 
     if x.dims != (HELIOSTAT,) or y.dims != (HELIOSTAT,):
         return None
     return x.to_numpy().astype(float), y.to_numpy().astype(float)
-
-
-def heliostat_text(result: xr.Dataset, point: Point) -> str:
-    """A heliostat by its name and place."""
-    if HELIOSTAT not in point:
-        return ""
-    index = point[HELIOSTAT]
-    label = result[HELIOSTAT].to_numpy()[index] if HELIOSTAT in result.coords else index
-    name = str(label) if isinstance(label, str) else f"heliostat {label}"
-    parts = [at(result[axis], point) for axis in "xyz" if axis in result.coords]
-    if len(parts) == 3 and not any(part.ndim for part in parts):
-        where = ", ".join(f"{round(float(part), 1) + 0.0:g}" for part in parts).replace("-", "\N{MINUS SIGN}")
-        return f"{name}: ({where}) m"
-    return name
 
 
 def aperture(result: xr.Dataset, *points: Point) -> tuple[float, float] | None:
@@ -191,74 +174,6 @@ def study(result: xr.Dataset) -> dict[str, Any]:
     """The study file of a result, where it is told."""
     found = json.loads(result.attrs.get("study", "{}"))
     return found if isinstance(found, dict) else {}
-
-
-def short(result: xr.Dataset, dim: str, index: int) -> str:
-    """One value with its unit."""
-    if dim not in result.coords:
-        return f"{dim.replace('_', ' ')} {index + 1}"
-    value = result[dim].isel({dim: index})
-    if value.dtype.kind == "M":
-        return str(value.to_numpy().astype("datetime64[D]"))
-    return value_text(value).replace("_", " ")
-
-
-def full(result: xr.Dataset, dim: str, index: int) -> str:
-    """One value with what it is."""
-    if dim == HELIOSTAT:
-        return heliostat_text(result, {dim: index})
-    if dim not in result.coords or result[dim].dtype.kind == "M":
-        return short(result, dim, index)
-    if result[dim].dtype.kind in "OU":
-        return f"{title_of(result[dim])} {short(result, dim, index)}"
-    return coordinate_text(result[dim].isel({dim: index}))
-
-
-def note(result: xr.Dataset, stands: Point, *shown: tuple[str | None, Sequence[Point]]) -> str:
-    """Sentences for a caption: which of many values are shown, and where the rest stands."""
-    parts = [
-        f"{len(points)} of {result.sizes[dim]} {plural(result, dim)}"
-        for dim, points in shown
-        if dim and dim in result.sizes and len(points) < result.sizes[dim]
-    ]
-    said = [f"Shown are {' and '.join(parts)}."] if parts else []
-    held = [
-        full(result, dim, index) + (f" (one of {result.sizes[dim]})" if result.sizes[dim] > 1 else "")
-        for dim, index in stands.items()
-    ]
-    for name in ("latitude", "mount_kind", "kind", "receiver_width"):
-        if name in result.coords and not result[name].ndim:
-            held.append(coordinate_text(result[name]).replace("_", " "))
-    said += [f"Fixed: {', '.join(held)}."] if held else []
-    return "".join(f" {sentence}" for sentence in said)
-
-
-def plural(result: xr.Dataset, dim: str) -> str:
-    """What several values of a dimension are called."""
-    if dim in (HELIOSTAT, HOUR, *DAYS):
-        return f"{dim}s"
-    return f"values of {title_of(result[dim]) if dim in result.coords else dim.replace('_', ' ')}"
-
-
-def label(result: xr.Dataset, dim: str) -> str:
-    """Label of an axis, always with a unit."""
-    if dim == HOUR:
-        return HOURS[day_of(result)]
-    words = axis_label(result[dim])
-    return words if words.endswith(")") else f"{words} (1)"
-
-
-def hour_step(result: xr.Dataset) -> float | None:
-    """Distance of ticks along the hours. [h]"""
-    span = float(np.ptp(result[HOUR].to_numpy()))
-    return next((step for step in (0.25, 0.5, 1.0, 2.0, 3.0) if span <= 8 * step), 4.0) if span else None
-
-
-def heading(result: xr.Dataset, dim: str | None) -> str:
-    """What distinguishes lines, above a legend; empty for words."""
-    if dim is None or dim not in result.coords or result[dim].dtype.kind not in "fiu":
-        return ""
-    return "solar hour" if dim == HOUR and day_of(result) != "date" else title_of(result[dim])
 
 
 def field_map(result: xr.Dataset, values: np.ndarray, point: Point, title: str) -> maps.FieldMap | None:
