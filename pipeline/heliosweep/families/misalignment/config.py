@@ -41,16 +41,8 @@ class MisalignmentStudy(Study):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "allOf": [
-                {"oneOf": [{"required": ["time"]}, {"required": ["sun"]}]},
-                {
-                    "oneOf": [
-                        {"required": ["heliostats"]},
-                        {"required": ["layout"]},
-                        {"required": ["heliostats", "layout"]},
-                    ]
-                },
-            ]
+            "oneOf": [{"required": ["time"]}, {"required": ["sun"]}],
+            "anyOf": [{"required": ["heliostats"]}, {"required": ["layout"]}],
         }
     )
 

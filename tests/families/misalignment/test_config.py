@@ -1,0 +1,130 @@
+"""What a study file of the family may say, and what is said of a bad one."""
+
+from __future__ import annotations
+
+import copy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from heliosweep import workflow
+from heliosweep.config.identity import resolved_yaml
+from heliosweep.config.load import load
+from heliosweep.config.schema import json_schema
+from heliosweep.errors import StudyError
+from heliosweep.families.misalignment.config import MisalignmentStudy
+
+from .bad_studies import BAD, BAD_MOUNTS, LINES
+
+REGISTRY = {"misalignment": MisalignmentStudy}
+
+
+def said_of(folder: Path, lines: dict[str, str]) -> list[str]:
+    path = folder / "study.yaml"
+    path.write_text("\n".join([*lines.values(), ""]), encoding="utf-8")
+    with pytest.raises(StudyError) as error:
+        load("study.yaml", REGISTRY)
+    assert error.value.exit_code == 2
+    return [line.removeprefix("study.yaml:") for line in str(error.value).split("\n")]
+
+
+@pytest.mark.parametrize(("block", "text", "said"), BAD, ids=[text[:60] or f"no {block}" for block, text, _ in BAD])
+def test_bad_study(block: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said_of(tmp_path, LINES | {block: text}) == said
+
+
+@pytest.mark.parametrize(("mode", "text", "said"), BAD_MOUNTS, ids=[text[:60] for _, text, _ in BAD_MOUNTS])
+def test_bad_mount_errors(mode: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said_of(tmp_path, LINES | {"mode": f"mode: {mode}", "error": text}) == said
+
+
+SMALL: dict[str, Any] = {
+    "family": "misalignment",
+    "site": {"latitude": 37.4},
+    "time": {"clock": "solar", "days": [172], "hours": [8, 12]},
+    "receiver": {"height": 143, "width": 9, "height_extent": 9},
+    "heliostats": {"positions": [[-16, 150, 0], [10, -20, 3]]},
+    "error": {"axis": ["elevation", "azimuth"], "size": [0, 1]},
+}
+
+
+def study(**blocks: Any) -> Any:
+    content = {**copy.deepcopy(SMALL), **blocks}
+    return workflow.load({key: value for key, value in content.items() if value is not None})
+
+
+def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():
+    sun = {"azimuth": 101, "elevation": 50}
+    assert study(time=None, site=None, sun=sun).notes()
+    with pytest.raises(StudyError, match="a polar mount depends on the latitude"):
+        study(time=None, site=None, sun=sun, mount={"kind": ["azimuth_elevation", "polar"]})
+
+
+def test_columns_of_layouts_must_not_hide_coordinates(tmp_path):
+    (tmp_path / "layout.csv").write_text("x,y,hour\n1,60,3\n", encoding="utf-8")
+    with pytest.raises(StudyError, match="hour"):
+        study(heliostats={"pivot_height": 3}, layout={"file": str(tmp_path / "layout.csv")})
+
+
+def test_notes_of_heliostats_behind_the_face_and_of_dark_latitudes():
+    assert study().notes() == ["1 of 2 heliostats stand on the plane of the receiver or behind it: they have no spots"]
+    assert study(receiver={**SMALL["receiver"], "azimuth": [0, 180]}).notes() == []
+    dark = study(site={"latitude": [-80, 37.4]}, heliostats={"positions": [[0, 9, 0]]})
+    assert dark.notes() == ["the sun never rises at latitude -80 deg: there are no spots (NaN) there"]
+
+
+def test_a_swept_offset_is_an_error_only_where_all_of_it_is_too_large():
+    assert study(mount={"mirror_offset": [0.5, 300]}).dimensions()[0].name == "mirror_offset"
+    with pytest.raises(StudyError, match="smaller than the distance"):
+        study(mount={"mirror_offset": {"start": 300, "stop": 400, "num": 3}})
+
+
+def test_a_resolved_study_is_the_same_study(tmp_path):
+    for one in (
+        study(detectors={"lines": [[1, 0, "60 cm"]]}),
+        study(time=None, sun={"azimuth": [101, 260], "elevation": [50, 48]}, zip=[["sun.azimuth", "sun.elevation"]]),
+        study(
+            mode="mount_errors",
+            error=None,
+            mount_errors={"azimuth_reference": {"normal": [0, "0.1 deg"]}, "scale": [0, 1], "samples": 9, "seed": 3},
+            statistics={"percentiles": [5, 95]},
+        ),
+        study(
+            mode="calibration",
+            error=None,
+            mount_errors={"azimuth_reference": 1},
+            calibration={"parameters": [2, 4], "loss": ["squared", "huber"]},
+        ),
+    ):
+        path = tmp_path / "resolved.yaml"
+        path.write_text(resolved_yaml(one), encoding="utf-8")
+        assert workflow.load(path) == one
+        assert workflow.load(path).study_id == one.study_id
+
+
+def test_the_schema_takes_what_the_model_takes():
+    validator = jsonschema.Draft202012Validator(json_schema(MisalignmentStudy))
+    validator.validate(SMALL)
+    validator.validate({**SMALL, "heliostats": {"pivot_height": 3}, "layout": {"file": "x.csv"}})
+    validator.validate(
+        {**{key: value for key, value in SMALL.items() if key != "time"}, "sun": {"azimuth": [1, 2], "elevation": 3}}
+    )
+    assert not validator.is_valid({**SMALL, "sun": {"azimuth": 1, "elevation": 3}})
+    assert not validator.is_valid({**SMALL, "heliostats": {"positions": [[1, 2]]}})
+    assert not validator.is_valid({**SMALL, "mode": "calibration", "calibration": {"parameters": 3}})
+
+
+def test_validation_imports_nothing_heavy():
+    code = (
+        "import sys, heliosweep\n"
+        f"assert heliosweep.load({SMALL!r}).dimensions()\n"
+        "print(*{name.partition('.')[0] for name in sys.modules})"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4"} & set(loaded)

@@ -1,0 +1,303 @@
+"""Mode curves: from the study file to the numbers, whatever the clock, the sweep, the chunks and the scheduler."""
+
+from __future__ import annotations
+
+import copy
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heliosweep import workflow
+from heliosweep.families.misalignment.instants import instant_sizes, wall_clock
+from heliosweep.families.misalignment.model import remarks
+from heliosweep.families.misalignment.variables import NO_HELIOSTAT
+from heliosweep.kernels.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
+from heliosweep.store.digest import file_digest
+
+ORACLE = Path(__file__).parents[2] / "data" / "misalignment_oracle.csv"
+SMALL: dict[str, Any] = {
+    "family": "misalignment",
+    "site": {"latitude": 37.4},
+    "time": {"clock": "solar", "declination": [23.45], "hours": [8]},
+    "receiver": {"height": 143, "azimuth": 0, "tilt": 0, "width": 9, "height_extent": 9},
+    "heliostats": {"positions": [[-16, 150, 0], [-120, 600, 0]]},
+    "error": {
+        "source": ["canting", "encoder", "tilt"],
+        "axis": ["elevation", "azimuth", "encoder_azimuth"],
+        "size": [-12, 0, 12],
+    },
+}
+
+
+def study(**blocks: Any) -> Any:
+    content = {**copy.deepcopy(SMALL), **blocks}
+    return workflow.load({key: value for key, value in content.items() if value is not None})
+
+
+def computed(**blocks: Any) -> Any:
+    return workflow.build(study(**blocks)).compute()
+
+
+def solar(*days: int, hours: Any = (8, 10, 12, 14, 16)) -> dict[str, Any]:
+    return {"clock": "solar", "days": list(days), "hours": hours if isinstance(hours, dict) else list(hours)}
+
+
+def error(**keys: Any) -> dict[str, Any]:
+    return {"source": "canting", "axis": "elevation", "size": [-3, 0, 3], **keys}
+
+
+def test_numbers_of_the_oracle():
+    with ORACLE.open(newline="") as file:
+        rows = [tuple(row) for row in csv.reader(file)][1:]
+    oracle = {(case, quantity): float(value) for case, quantity, value in rows}
+    result = computed(mount={"mirror_offset": [0, 0.5]}).isel(heliostat=0, hour=0, declination=0)
+    for axis in ("elevation", "azimuth", "encoder_azimuth"):
+        spot = result.sel(mirror_offset=0, source="canting", axis=axis, error_size=12)
+        for side in "yz":
+            assert float(spot[f"spot_{side}"]) == pytest.approx(
+                oracle[f"{axis} +12 mrad, r=0", f"spot_{side}_m"], abs=1e-9
+            )
+    spot = result.sel(mirror_offset=0.5, source="encoder", axis="elevation", error_size=12)
+    for side in "yz":
+        case = "elevation +12 mrad, r=0.5 about the pivot"
+        assert float(spot[f"spot_{side}"]) == pytest.approx(oracle[case, f"spot_{side}_m"], abs=1e-9)
+    curve = result.sel(mirror_offset=0, source="canting", axis="elevation")
+    for name in "CDE":
+        assert float(curve["conic"].sel(conic_coefficient=name)) == pytest.approx(
+            oracle["elevation curve conic, A=1", name], abs=1e-7
+        )
+    assert float(curve["eccentricity"]) == pytest.approx(oracle["elevation curve", "eccentricity"], abs=1e-9)
+
+
+def test_no_error_is_a_point_and_all_else_lies_on_the_conic():
+    result = computed(time=solar(80, 172, 355), mount={"mirror_offset": 0.5}, error=error(size=[-20, 0, 20]))
+    y, z = result["spot_y"], result["spot_z"]
+    assert float(np.hypot(y, z).sel(error_size=0).max()) < 1e-12
+    a, b, c, d, e, f = (result["conic"].sel(conic_coefficient=name) for name in "ABCDEF")
+    size = abs(a * y * y) + abs(b * y * z) + abs(c * z * z) + abs(d * y) + abs(e * z) + abs(f)
+    residual = (a * y * y + b * y * z + c * z * z + d * y + e * z + f) / size
+    assert float(abs(residual.sel(error_size=[-20, 20])).max()) < 1e-11
+
+
+def test_tolerance_lands_on_the_edge():
+    blocks = {
+        "time": solar(172, hours=[9]),
+        "heliostats": {"positions": [[-16, 150, 0]]},
+        "mount": {"mirror_offset": 0.5},
+    }
+    for source in ("canting", "encoder", "tilt"):
+        for axis in ("elevation", "azimuth", "encoder_azimuth"):
+            tolerance = float(computed(**blocks, error=error(source=source, axis=axis))["tolerance"].squeeze())
+            sizes = [-tolerance * 1.0001, -tolerance * 0.9999, tolerance * 0.9999, tolerance * 1.0001]
+            inside = computed(**blocks, error=error(source=source, axis=axis, size=sizes))["inside"].squeeze()
+            assert inside.values.tolist()[1:3] == [1, 1]
+            assert 0 in inside.values.tolist()
+
+
+def test_hit_fractions_and_the_least_tolerance():
+    result = computed(time=solar(80, 172, hours={"start": 4, "stop": 20, "step": 0.5}), error=error(size=[0, 8]))
+    sun = (result["spot_status"] != NO_SUN).sel(error_size=0).isel(heliostat=0)
+    assert sun.sum("hour").values.tolist() == [23, 29]
+    expected = (result["inside"].sum("hour") / sun.sum("hour")).transpose(*result["hit_fraction"].dims)
+    np.testing.assert_array_equal(result["hit_fraction"], expected)
+    least = result["tolerance"].min(("day", "hour"))
+    np.testing.assert_array_equal(result["least_tolerance"], least)
+    for number in range(2):
+        one = result.isel(heliostat=number)
+        when = {"day": one["day_of_least_tolerance"], "hour": one["hour_of_least_tolerance"]}
+        assert float(one["tolerance"].sel(when)) == float(one["least_tolerance"])
+
+
+def test_days_without_sun_have_no_hits_and_no_least_tolerance():
+    result = computed(site={"latitude": [70, 37.4]}, time=solar(355, hours=[10, 12]))
+    dark = result.sel(latitude=70)
+    assert (dark["spot_status"] == NO_SUN).all()
+    for name in ("hit_fraction", "tolerance", "least_tolerance", "day_of_least_tolerance", "conic", "spot_y"):
+        assert bool(dark[name].isnull().all()), name
+    assert bool(result.sel(latitude=37.4)["least_tolerance"].notnull().all())
+    assert list(remarks(result.assign_attrs(mode="curves"))) == [
+        "the sun is down at 2 of 4 instants: no spot (spot_status 3)"
+    ]
+
+
+def test_heliostats_that_cannot_hit_are_flagged_and_counted():
+    positions = [[-16, 150, 0], [0, 0, 0], [30, -80, 0], [0, 0.2, 143], [5, 0, 143]]
+    result = computed(
+        time=solar(172), heliostats={"positions": positions}, mount={"mirror_offset": [0.1, 0.3]}, error=error(size=0)
+    )
+    status = result["spot_status"]
+    assert (status.isel(heliostat=0) == REACHES).all()
+    assert (status.isel(heliostat=2) == BEHIND_FACE).all()
+    assert (status.sel(mirror_offset=0.3).isel(heliostat=3) == TOO_NEAR).all()
+    flagged = status != REACHES
+    assert bool(flagged.isel(heliostat=2).all())
+    for name in ("inside", "is_real"):
+        assert int(result[name].where(flagged, 0).sum()) == 0
+    assert bool(result["spot_y"].isnull().where(flagged, True).all())
+    assert bool(result["tolerance"].isnull().where(flagged, True).all())
+    said = list(remarks(result.assign_attrs(mode="curves")))
+    assert any("heliostats, counted at every point of the sweep, stand on the plane" in line for line in said)
+    assert any("1 of 10 heliostats" in line and "nearer to the aim point" in line for line in said)
+
+
+def test_rays_that_miss_are_counted():
+    result = computed(error=error(size=[0, 1500]))
+    assert (result["spot_status"].sel(error_size=1500) == MISSES).any()
+    assert any("go away from the plane" in line for line in remarks(result.assign_attrs(mode="curves")))
+
+
+def test_a_sun_that_stands_still():
+    sun = {"azimuth": [101, 260], "elevation": [50, 48]}
+    result = computed(
+        time=None, site=None, sun=sun, zip=[["sun.azimuth", "sun.elevation"]], error=error(axis=["elevation"])
+    )
+    assert result["spot_y"].dims == ("sun_azimuth", "axis", "error_size", "heliostat", "day", "hour")
+    assert result.sizes["day"] == result.sizes["hour"] == 1
+    assert "day" not in result.coords
+    assert "hour" not in result.coords
+    assert "hour_of_least_tolerance" not in result
+    np.testing.assert_array_equal(result["sun_elevation"], [50, 48])
+    np.testing.assert_array_equal(result["least_tolerance"], result["tolerance"].squeeze(("day", "hour")))
+
+
+CIVIL = {
+    "clock": "civil",
+    "dates": ["2024-03-30", "2024-03-31", "2024-10-27"],
+    "window": {"start": "00:00", "stop": "24:00", "step": "1 h"},
+    "sampling": "left",
+}
+BERLIN = {"latitude": 52.5, "longitude": 13.4, "timezone": "Europe/Berlin"}
+
+
+def test_the_civil_clock_counts_wall_hours():
+    one = study(site=BERLIN, time=CIVIL)
+    table = wall_clock(one.time, "Europe/Berlin")
+    assert table.shape == (3, 24)
+    assert table[0, 12] == np.datetime64("2024-03-30T11:00")
+    assert np.isnat(table[1]).tolist() == [hour == 2 for hour in range(24)]
+    assert table[1, 12] == np.datetime64("2024-03-31T10:00")
+    assert table[2, 2] == np.datetime64("2024-10-27T00:00")  # the first of two
+    assert table[2, 3] == np.datetime64("2024-10-27T02:00")
+    for sampling, first, count in (("inclusive", 0.0, 25), ("midpoint", 0.5, 24), ("left", 0.0, 24)):
+        sampled = study(site=BERLIN, time={**CIVIL, "sampling": sampling})
+        result = workflow.build(sampled)
+        assert (
+            instant_sizes(sampled) == {"date": 3, "hour": count} == {dim: result.sizes[dim] for dim in ("date", "hour")}
+        )
+        assert float(result["hour"][0]) == first
+
+
+def test_the_civil_clock_agrees_with_the_solar_clock_at_the_sun_s_place():
+    result = computed(site=BERLIN, time={**CIVIL, "dates": ["2024-06-21"]}, error=error(size=3))
+    assert result["spot_y"].dims == ("heliostat", "date", "hour")
+    assert result["date_of_least_tolerance"].dtype.kind == "M"
+    # Culmination at Berlin on that day is at 13:08; noon of the sun is near the spot at 13 h.
+    noon = computed(site={"latitude": 52.5}, time=solar(173, hours=[12 - 8.2 / 60]), error=error(size=3))
+    for name in ("spot_y", "spot_z", "tolerance"):
+        np.testing.assert_allclose(result[name].isel(date=0, hour=13), noon[name].isel(day=0, hour=0), atol=5e-3)
+
+
+def test_clocks_of_sites_may_differ():
+    sites = [{"name": "berlin", **BERLIN}, {"name": "utc", **BERLIN, "timezone": "+00:00"}]
+    result = computed(site=None, sites=sites, time=CIVIL)
+    assert result["utc"].dims == ("site", "date", "hour")
+    assert (result["spot_status"].sel(site="berlin").isel(date=1, hour=2) == NO_SUN).all()
+    a = result.sel(site="berlin").isel(date=0, hour=slice(8, 15))
+    b = result.sel(site="utc").isel(date=0, hour=slice(7, 14))
+    np.testing.assert_array_equal(a["spot_y"], b["spot_y"])
+
+
+def test_layouts_are_padded_with_heliostats_that_are_not_there(tmp_path):
+    for name, rows in (("a.csv", ["0,60,1", "20,90,2", "-30,80,0"]), ("b.csv", ["0,60,1"])):
+        (tmp_path / name).write_text("\n".join(["x,y,z", *rows, ""]), encoding="utf-8")
+    layout = {"file": [str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]}
+    result = computed(layout=layout, heliostats={"pivot_height": [3, 5]}, error=error())
+    padded = result.sel(layout="b.csv").isel(heliostat=slice(1, None))
+    assert (padded["spot_status"] == NO_HELIOSTAT).all()
+    for name in ("spot_y", "tolerance", "hit_fraction", "least_tolerance"):
+        assert bool(padded[name].isnull().all()), name
+    assert not padded["inside"].any()
+    same = computed(heliostats={"positions": [[0, 60, 6], [20, 90, 7], [-30, 80, 5]]}, error=error())
+    np.testing.assert_array_equal(result["spot_y"].sel(layout="a.csv", pivot_height=5), same["spot_y"])
+
+
+def test_sizes_tied_to_another_key_stay_a_dimension_of_the_curves():
+    tied = {"zip": [["error.size", "error.axis"]], "error": error(axis=["elevation", "azimuth"], size=[2, 3])}
+    result = computed(**tied)
+    assert result["tolerance"].dims == ("error_size", "heliostat", "declination", "hour")
+    each = computed(error=error(axis=["elevation", "azimuth"], size=[2, 3]))
+    np.testing.assert_array_equal(result["tolerance"], each["tolerance"])
+    for place, (axis, size) in enumerate((("elevation", 2), ("azimuth", 3))):
+        np.testing.assert_array_equal(result["spot_z"][place], each["spot_z"].sel(axis=axis, error_size=size))
+
+
+def test_single_values_are_no_dimensions_but_labels():
+    result = computed(error={"size": 3})
+    assert result["spot_y"].dims == ("heliostat", "declination", "hour")
+    assert str(result["axis"].item()) == "elevation"
+    assert float(result["error_size"]) == 3.0
+    assert float(result["receiver_width"]) == 9.0
+
+
+def test_detectors():
+    lines = [[1, 0, 2], [0, 1, -3], [1, 1, 500]]
+    result = computed(
+        detectors={"lines": lines}, error=error(axis=["elevation", "azimuth"]), mount={"mirror_offset": 0.5}
+    )
+    assert result["crossing_y"].dims[-1] == "detector"
+    met = result["crossing_error"].notnull()
+    assert bool(met.isel(detector=slice(0, 2)).all())
+    on_line = result["l0"] * result["crossing_y"] + result["l1"] * result["crossing_z"] - result["l2"]
+    assert float(abs(on_line).max()) < 1e-9
+    one = result.sel(axis="azimuth").isel(heliostat=0, detector=0).squeeze()
+    spot = (
+        computed(error=error(axis="azimuth", size=float(one["crossing_error"])), mount={"mirror_offset": 0.5})
+        .isel(heliostat=0)
+        .squeeze()
+    )
+    for side in "yz":
+        assert float(spot[f"spot_{side}"]) == pytest.approx(float(one[f"crossing_{side}"]), abs=1e-9)
+
+
+SWEPT: dict[str, Any] = {
+    "time": solar(80, 172),
+    "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": [0, 0.5]},
+    "receiver": {**SMALL["receiver"], "azimuth": [0, 30]},
+    "heliostats": {"positions": [[10 * k - 40, 100 + 7 * k, k] for k in range(9)]},
+    "detectors": {"lines": [[1, 0, 2]]},
+    "error": error(axis=["elevation", "azimuth"], source=["canting", "tilt"]),
+}
+EXECUTIONS: list[dict[str, Any]] = [
+    {"scheduler": "synchronous", "workers": 1},
+    {"scheduler": "threads", "workers": 3, "chunks": {"heliostat": 2, "error_size": 1}},
+    {"scheduler": "processes", "workers": 2, "chunks": {"heliostat": 4, "mirror_offset": 1, "source": 1}},
+]
+
+
+def test_same_bytes_however_it_is_cut(tmp_path):
+    digests = [
+        file_digest(workflow.run(study(**SWEPT, execution=how), tmp_path / str(number), report=False).path)
+        for number, how in enumerate(EXECUTIONS)
+    ]
+    assert len(set(digests)) == 1
+
+
+def test_points_of_a_sweep_are_those_of_single_studies():
+    result = computed(**SWEPT)
+    single = computed(
+        **{
+            **SWEPT,
+            "mount": {"kind": "target_aligned", "mirror_offset": 0.5},
+            "receiver": {**SMALL["receiver"], "azimuth": 30},
+            "error": error(axis="azimuth", source="tilt", size=-3),
+        }
+    )
+    here = result.sel(
+        mount_kind="target_aligned", mirror_offset=0.5, receiver_azimuth=30, axis="azimuth", source="tilt"
+    )
+    for name in single.data_vars:
+        array = here[name].sel(error_size=-3) if "error_size" in here[name].dims else here[name]
+        np.testing.assert_array_equal(array, single[name], err_msg=str(name))
