@@ -191,7 +191,7 @@ def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats) -
         rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k] = dx, dy, dz
         rows[6 * PACKET + k], rows[7 * PACKET + k] = ce, se
         rows[8 * PACKET + k], rows[9 * PACKET + k] = cm, sm
-        rows[10 * PACKET + k] = 1.0 if sz > 0.0 else 0.0
+        rows[10 * PACKET + k] = 1.0 if (sz > 0.0 and sx + sy == sx + sy) else 0.0
 
 
 @inline

@@ -59,8 +59,9 @@ def sample_record(
     """
     for m in range(3):
         record[m], record[3 + m], record[6 + m] = back(frame, 0, terms[8 + m], terms[11 + m], terms[14 + m])
-        record[9 + m] = (record[3 * m + 2] - frame[6 + m]) * pedestal
-    record[9], record[10], record[11] = record[9] - dx, record[10] - dy, record[11] - dz
+    record[9] = (record[2] - frame[6]) * pedestal - dx
+    record[10] = (record[5] - frame[7]) * pedestal - dy
+    record[11] = (record[8] - frame[8]) * pedestal - dz
     record[12] = terms[2] * known[2] + terms[3] * known[3]
     record[13] = terms[3] * known[2] - terms[2] * known[3]
     record[14] = terms[0] * known[0] + terms[1] * known[1]
