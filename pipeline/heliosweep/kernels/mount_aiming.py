@@ -137,7 +137,7 @@ def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_off
     return steps
 
 
-@kernel
+@inline
 def known_record(
     dx: float, dy: float, dz: float, frame: Floats, terms: Floats, pedestal: float, record: Floats
 ) -> None:

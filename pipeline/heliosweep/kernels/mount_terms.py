@@ -31,7 +31,7 @@ TERMS = 35
 16) and its derivatives by te (17 to 25) and by tn (26 to 34)."""
 
 
-@kernel
+@inline
 def mount_frame(
     kind: int, latitude: float, axis_azimuth: float, dx: float, dy: float, dz: float, frame: Floats
 ) -> None:
@@ -74,13 +74,12 @@ def error_terms(errors: Floats, terms: Floats) -> None:
     e, n = errors[2], errors[3]
     square = e * e + n * n
     if square < 0.04:
-        # The series of u and v in w^2, and their derivatives du and dv by w^2, from the smallest terms on.
-        u, v, du, dv = 1.0, 1.0, 0.0, 0.0
-        for k in range(7, -1, -1):
-            step, other = 1.0 / ((2 * k + 2) * (2 * k + 3)), 1.0 / ((2 * k + 3) * (2 * k + 4))
-            u, du = 1.0 - square * u * step, -(u + square * du) * step
-            v, dv = 1.0 - square * v * other, -(v + square * dv) * other
-        v, dv = 0.5 * v, 0.5 * dv
+        # Series in w^2: u, v and their derivatives du, dv by w^2.
+        t = square
+        u = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800 + t * t / 6227020800))))
+        du = -1 / 6 + t * (1 / 60 + t * (-1 / 1680 + t * (1 / 90720 + t * (-1 / 7983360 + t / 1037836800))))
+        v = 1 / 2 + t * (-1 / 24 + t * (1 / 720 + t * (-1 / 40320 + t * (1 / 3628800 - t / 479001600))))
+        dv = -1 / 24 + t * (1 / 360 + t * (-1 / 13440 + t * (1 / 907200 - t / 95800320)))
     else:
         w = math.sqrt(square)
         u, v = math.sin(w) / w, 2.0 * math.sin(0.5 * w) ** 2 / square

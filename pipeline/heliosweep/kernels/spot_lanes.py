@@ -7,7 +7,7 @@ vectors with copies of their last lane.
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mount_aiming import STATE_ROWS, known_record
 from heliosweep.kernels.mount_terms import back, bore, error_terms, mount_frame, turn
 from heliosweep.kernels.packets import PACKET
@@ -36,7 +36,7 @@ VECTOR = 8
 """Lanes that packets are filled up to a multiple of."""
 
 
-@kernel
+@inline
 def sample_record(
     dx: float, dy: float, dz: float, frame: Floats, terms: Floats, known: Floats, pedestal: float, record: Floats
 ) -> None:
@@ -145,7 +145,7 @@ def sun_rows(sun: Floats, first: int, count: int, rows: Floats) -> None:
             rows[k] = rows[c * PACKET + lanes - 1]
 
 
-@kernel
+@inline
 def mount_records(
     setting: Setting,
     p: int,
