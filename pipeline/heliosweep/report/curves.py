@@ -122,7 +122,7 @@ def curve_figure(
         hspace=0.2 if any(panel.title for panel in panels) else 0.1,
     )
     for index, (axes, panel) in enumerate(zip(grid, panels, strict=False)):
-        _draw(axes, panel, _looks(names, ordered), 0.0 if logarithmic_values else least_span)
+        _draw(axes, panel, _looks(names, ordered))
         if logarithmic_values:
             _logarithmic(axes)
         if step:
@@ -140,6 +140,10 @@ def curve_figure(
         if index + columns >= len(panels):
             axes.set_xlabel(x_label)
             axes.tick_params(labelbottom=True)
+    together = {True: len(panels), "row": columns, False: 1}[same_scale]
+    for start in range(0, 0 if logarithmic_values else len(panels), together):
+        part = slice(start, min(start + together, len(panels)))
+        _heighten(list(grid[part]), panels[part], least_span)
     for axes in grid[len(panels) :]:
         axes.remove()
     handles = {name: line for axes in grid[::-1] for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
@@ -177,7 +181,7 @@ def _looks(names: Sequence[str], ordered: bool) -> dict[str, dict[str, Any]]:
     }
 
 
-def _draw(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]], least_span: float) -> None:
+def _draw(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]]) -> None:
     axes.grid(True)
     for name, (x, y) in panel.lines.items():
         look = {**looks[name], "markeredgewidth": 0, "label": name}
@@ -201,11 +205,19 @@ def _draw(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]], least_s
     for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
         if values.dtype.kind == "M":
             _date_ticks(axis)
-    values = np.concatenate([y for _, y in panel.lines.values()])
+
+
+def _heighten(group: Sequence[Axes], panels: Sequence[Panel], least_span: float) -> None:
+    """Give value axes with the same ends at least a height, about all of their values."""
+    lines = [y for panel in panels for _, y in panel.lines.values()]
+    if any(y.dtype.kind == "M" for y in lines):
+        return
+    values = np.concatenate(lines)
     values = values[np.isfinite(values)]
-    if y.dtype.kind != "M" and values.size and np.ptp(values) < least_span:
+    if values.size and np.ptp(values) < least_span:
         middle = (values.min() + values.max()) / 2
-        axes.set_ylim(middle - least_span, middle + least_span)
+        for axes in group:
+            axes.set_ylim(middle - least_span, middle + least_span)
 
 
 def _logarithmic(axes: Axes) -> None:

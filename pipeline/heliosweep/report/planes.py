@@ -24,7 +24,7 @@ from heliosweep.report.style import PAGE_WIDTH, new_figure, styled
 COLUMNS = 3
 
 #: Largest panels over smallest up to which all have one scale.
-SIMILAR = 2.5
+SIMILAR = 1.6
 
 #: More points than this have no edges.
 CROWD = 20

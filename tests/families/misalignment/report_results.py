@@ -127,9 +127,9 @@ def curves(
         "spot_status": xr.where(np.isfinite(y), 0, 3).astype(np.int8),
         "is_real": np.isfinite(y).astype(np.int8),
         "inside": inside.astype(np.int8),
-        "hit_fraction": (xr.where(inside, 1.0, 0.0).sum("hour") / np.isfinite(y).sum("hour").clip(1)).assign_attrs(
-            units="1", valid_range=[0.0, 1.0]
-        ),
+        "hit_fraction": (
+            xr.where(inside, 1.0, 0.0).sum("hour") / xr.where(np.isfinite(y), 1.0, 0.0).sum("hour").clip(1)
+        ).assign_attrs(units="1", valid_range=[0.0, 1.0]),
         "tolerance": tolerance.assign_attrs(units="mrad"),
         "conic": ((*small, "conic_coefficient"), conic),
         "eccentricity": (small, np.full(shape, 1.8)),

@@ -141,8 +141,7 @@ def test_nothing_is_cut_off(case):
         ("standing sun", "deviation_curves conics"),
         (
             "field",
-            "deviation_curves spot_drift_elevation spot_drift_azimuth tolerance_over_day tolerance_map "
-            "tolerance_hour_map hits_over_error",
+            "tolerance_map tolerance_hour_map tolerance_over_day spot_drift_elevation spot_drift_azimuth",
         ),
         ("swept mount errors", "deviation_curves spot_drift hits_over_error"),
         ("draws", "spot_spread hits_over_day remaining_tolerance"),

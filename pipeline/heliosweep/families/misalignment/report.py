@@ -12,6 +12,7 @@ from itertools import chain, islice
 import xarray as xr
 
 from heliosweep.families.misalignment import report_calibration, report_curves, report_mount_errors, report_tolerances
+from heliosweep.families.misalignment.report_views import FIELD, HELIOSTAT
 from heliosweep.families.registry import NamedFigure
 
 #: Figures of one result.
@@ -30,5 +31,7 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     ------
     NamedFigure
     """
-    parts = (report_curves, report_tolerances, report_mount_errors, report_calibration)
+    parts = [report_curves, report_tolerances, report_mount_errors, report_calibration]
+    if result.sizes.get(HELIOSTAT, 0) >= FIELD:
+        parts[:2] = reversed(parts[:2])
     return islice(chain.from_iterable(part.figures(result) for part in parts), MOST_FIGURES)

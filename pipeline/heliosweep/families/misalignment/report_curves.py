@@ -34,6 +34,9 @@ CURVED = 50.0
 #: What is drawn of a conic.
 PARTS = ("conic", "traced", "focus", "other focus")
 
+#: Sizes of error from which on there are curves.
+LEAST_SIZES = 3
+
 #: Hours from which on there is a drift.
 LEAST_HOURS = 3
 
@@ -75,7 +78,7 @@ def error_dim(result: xr.Dataset) -> str | None:
 def deviation_curves(result: xr.Dataset) -> Iterator[NamedFigure]:
     """Curves on the receiver plane over the error, a panel for each heliostat, a line for each hour."""
     error = error_dim(result)
-    if error is None or HELIOSTAT not in result["spot_y"].dims:
+    if error is None or HELIOSTAT not in result["spot_y"].dims or result.sizes[error] < LEAST_SIZES:
         return
     day = views.day_of(result)
     axis = AXIS if AXIS in result["spot_y"].dims else None
@@ -139,13 +142,13 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
             planes.append(Plane(title, tracks, (), _aperture(result, stands)))
         if not _any(planes):
             continue
-        of = f"an error about the {name.replace('_', ' ')} axis" if axis else "the errors"
+        of = f"an error about the {name} axis" if axis else "the errors"
         written = f", each line for the {wording.label(result, error)} at its end" if error else ""
         caption = f"Drift of the spot with {of} over the day{written}; {wording.seen(result)}. {_seen(planes)}"
         caption += wording.note(result, {**stands, **axis_point}, (HELIOSTAT, shown), (error, sizes))
         scale = Scale(wording.label(result, HOUR), *_ends(planes))
         figure = plane_figure(planes, {"": _PATH, **_LOOKS}, words=wording.around(result, silent=("",)), scale=scale)
-        suffix = f"_{name}" if axis and result.sizes[axis] > 1 else ""
+        suffix = f"_{name.replace(' ', '_')}" if axis and result.sizes[axis] > 1 else ""
         yield NamedFigure(f"spot_drift{suffix}", caption.replace("  ", " "), figure)
 
 
@@ -175,7 +178,7 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
             tracks, shapes = [], []
             for name, axis_point in axes:
                 points = (stands, one, moment, axis_point)
-                about = f" ({name.replace('_', ' ')})" if name else ""
+                about = f" ({name})" if name else ""
                 coefficients = at(result["conic"], *points).to_numpy()
                 if coefficients.shape != (6,) or not np.isfinite(coefficients).all():
                     continue
@@ -214,11 +217,15 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
 def axes_of(result: xr.Dataset, axis: str | None) -> list[tuple[str, Point]]:
     """Axes of the error by name, in the order of their looks; one without a name where there are none."""
     if axis is None:
-        name = str(result[AXIS].item()) if AXIS in result.coords and not result[AXIS].ndim else ""
+        name = _spaced(result[AXIS].item()) if AXIS in result.coords and not result[AXIS].ndim else ""
         return [(name, {})]
-    names = [str(name) for name in result[axis].to_numpy()]
+    names = [_spaced(name) for name in result[axis].to_numpy()]
     known = {name: {axis: index} for index, name in enumerate(names)}
     return sorted(known.items(), key=lambda item: list(AXES).index(item[0]) if item[0] in AXES else len(AXES))
+
+
+def _spaced(name: object) -> str:
+    return str(name).replace("_", " ")
 
 
 def _look(name: str) -> Look:
@@ -226,7 +233,7 @@ def _look(name: str) -> Look:
 
 
 def _part_name(name: str, part: str) -> str:
-    axis = f"{name.replace('_', ' ')} axis".strip() if name else "curve"
+    axis = f"{name} axis".strip() if name else "curve"
     return axis if part == "traced" else f"{axis}: {part}"
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 from heliosweep.families.misalignment import report_views as views
 from heliosweep.families.misalignment import report_words as wording
-from heliosweep.families.misalignment.report_curves import AXIS, axes_of, error_dim
+from heliosweep.families.misalignment.report_curves import AXIS, LEAST_SIZES, axes_of, error_dim
 from heliosweep.families.misalignment.report_views import FIELD, HELIOSTAT, HOUR, Point, at, needs
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import maps
@@ -30,7 +30,7 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     ------
     NamedFigure
     """
-    for draw in (_tolerance_over_day, _tolerance_map, hits_over_error):
+    for draw in (_tolerance_map, _tolerance_over_day, hits_over_error):
         yield from draw(result)
 
 
@@ -49,7 +49,7 @@ def _tolerance_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
         values = np.where(np.isfinite(values), values, np.nan)
         lines = _spread(values) if field else _each(result, stands, values)
         if any(np.isfinite(line).any() for line in lines.values()):
-            title = f"{name.replace('_', ' ')} axis" if axis else ""
+            title = f"{name} axis" if axis else ""
             panels.append(Panel("tolerance (mrad)", {name: (x, line) for name, line in lines.items()}, title))
     if not panels:
         return
@@ -58,7 +58,12 @@ def _tolerance_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
         caption += f" Least, 5 % point and median of {result.sizes[HELIOSTAT]} heliostats."
     caption += wording.note(result, stands)
     figure = curve_figure(
-        panels, wording.label(result, HOUR), same_scale=True, step=wording.hour_step(result), columns=2, ordered=False
+        panels,
+        wording.label(result, HOUR),
+        same_scale=True,
+        step=wording.hour_step(result),
+        columns=3 if len(panels) == 3 else 2,
+        ordered=False,
     )
     yield NamedFigure("tolerance_over_day", caption, figure)
 
@@ -77,7 +82,7 @@ def _tolerance_map(result: xr.Dataset) -> Iterator[NamedFigure]:
         finite = values[np.isfinite(values)]
         if not finite.size:
             continue
-        about = f"{axis_name.replace('_', ' ')} axis\n" if axis else ""
+        about = f"{axis_name} axis\n" if axis else ""
         title = f"{about}least {number_text(float(finite.min()))}, median {number_text(float(np.median(finite)))} mrad"
         one = views.field_map(result, values, stands, title)
         if one is None:
@@ -114,7 +119,11 @@ def hits_over_error(result: xr.Dataset) -> Iterator[NamedFigure]:
     error = error_dim(result) if "spot_y" in result else None
     if error is None or error not in result["hit_fraction"].dims or HOUR in result["hit_fraction"].dims:
         return
-    if HELIOSTAT not in result["hit_fraction"].dims or not views.several(result, HOUR):
+    if (
+        HELIOSTAT not in result["hit_fraction"].dims
+        or result.sizes[error] < LEAST_SIZES
+        or not views.several(result, HOUR)
+    ):
         return
     axis, order = AXIS if AXIS in result["hit_fraction"].dims else None, views.ordered(result, error)
     stands = views.fixed(result, "hit_fraction", error, axis, HELIOSTAT)
@@ -124,14 +133,16 @@ def hits_over_error(result: xr.Dataset) -> Iterator[NamedFigure]:
     for name, point in axes_of(result, axis):
         values = 100 * at(result["hit_fraction"], stands, point).transpose(HELIOSTAT, error).to_numpy()[:, order]
         lines = {"": _mean(values)} if field else _each(result, stands, values)
-        title = f"{name.replace('_', ' ')} axis" if axis else ""
+        title = f"{name} axis" if axis else ""
         panels.append(Panel("hours inside (%)", {line: (x, y) for line, y in lines.items()}, title))
     if not any(np.isfinite(y).any() for panel in panels for _, y in panel.lines.values()):
         return
     mean = f", mean of {result.sizes[HELIOSTAT]} heliostats" if field else ""
     caption = f"Part of the hours with sun in which the centre of the beam is inside the aperture{mean}."
     caption += wording.note(result, stands)
-    figure = curve_figure(panels, wording.label(result, error), same_scale=True, columns=2, least_span=5.0)
+    figure = curve_figure(
+        panels, wording.label(result, error), same_scale=True, columns=3 if len(panels) == 3 else 2, least_span=5.0
+    )
     yield NamedFigure("hits_over_error", caption, figure)
 
 
