@@ -204,13 +204,18 @@ def _minimise(
                 tried[j] -= right[j, k] * projected[k] * part / values[k]
         for j in range(parameters):
             largest = max(largest, abs(tried[j] - x[j]))
-        dull = gain <= 1e-12 * cost + 100.0 * floor
-        still = damping == 0.0 and (largest <= STILL or shift <= floor or (dull and shift > 0.25 * last))
-        last = shift if dull else np.inf
+        # What rounding of the spots does to the cost: steps that gain less are not judged by it.
+        noise = 100.0 * floor + 2.0 * math.sqrt(2.0 * cost * floor) + 1e-15 * cost
+        dull = gain <= noise
+        still = damping == 0.0 and (largest <= STILL or shift <= floor)
+        if dull and not still and shift > 0.01 * last:
+            still, patience, last = evaluation >= patience, min(patience, evaluation), np.inf
+        else:
+            last = shift if dull else np.inf
         _predict(scene, tried, parameters, trial)
         evaluation += 1
         new_cost = _weigh(trial, parameters, counted, loss, loss_scale, weighted)
-        accepted = new_cost < cost or (dull and new_cost <= cost * (1.0 + 1e-12) + 100.0 * floor)
+        accepted = new_cost < cost or (dull and new_cost <= cost + noise)
         if accepted:
             x[:] = tried
             rows[:] = trial
