@@ -107,22 +107,28 @@ def warm_misalignment() -> tuple[float, bool]:
     """Make the kernels of misaligned heliostats ready; returns what `warm` does."""
     import numpy as np
 
-    from heliosweep.kernels import conics, detectors, deviation, tolerances
-    from heliosweep.kernels.receiver import Setting
+    from heliosweep.kernels import conics, detectors, deviation, mount_fit, mount_spots, spot_statistics, tolerances
+    from heliosweep.kernels.calibration import Spots, calibrate
+    from heliosweep.kernels.receiver import Setting, face_axes
 
     number = np.ones(1)
     setting = Setting(*(number,) * 5, np.zeros(1, np.int64), *(number,) * 3, np.zeros(1), number)
-    case = setting, [0], [0]
+    curve = setting, [0], [0]
+    mount = setting, np.zeros((1, 1, 1, 6)), np.zeros((1, 1, 6))
     sky = np.array([[[0.0, 0.0, 1.0]]]), np.array([[[0.0, 9.0, 0.0]]])
+    spots = Spots(np.array([0, 1]), sky[0][0], np.zeros((1, 2)), np.zeros((1, 2)), number)
 
     def work() -> None:
-        deviation.deviation_spots(*case, [0.0], *sky)
-        conics.conics(*case, *sky)
-        tolerances.tolerances(*case, *sky)
-        detectors.crossings(*case, [[1.0, 0.0, 1.0]], *sky)
+        deviation.deviation_spots(*curve, [0.0], *sky)
+        conics.conics(*curve, *sky)
+        tolerances.tolerances(*curve, *sky)
+        detectors.crossings(*curve, [[1.0, 0.0, 1.0]], *sky)
+        mount_spots.mount_spots(*mount, *sky)
+        spot_statistics.spot_statistics(*mount, *sky)
+        calibrate(spots, np.eye(3)[np.newaxis], sky[1][0], face_axes(0.0, 0.0), np.zeros(3))
 
-    fills = (deviation.fill_spots, conics._fill_conics, tolerances._fill_tolerances, detectors._fill_crossings)
-    return _timed(work, fills)
+    curves = (deviation.fill_spots, conics._fill_conics, tolerances._fill_tolerances, detectors._fill_crossings)
+    return _timed(work, (*curves, mount_spots._sweep, spot_statistics._sweep, mount_fit.fit_all))
 
 
 def _timed(work: Callable[[], object], kernels: tuple[Any, ...]) -> tuple[float, bool]:
