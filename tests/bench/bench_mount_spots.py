@@ -1,0 +1,171 @@
+"""Speed of the spots of mounts with errors on one core. Run it: `python -m tests.bench.bench_mount_spots`.
+
+Prints nanoseconds for each spot (general mount, six errors, mirror and axis offsets, exact aiming), beside the same
+computation in plain NumPy, and for each sample of the statistics. Nothing is asserted: times depend on the machine and
+on its other work; each is the best of a few runs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.mount_spots import mount_spots
+from heliosweep.kernels.receiver import AZIMUTH_ELEVATION, Setting, face_axes
+from heliosweep.kernels.spot_statistics import spot_statistics
+
+Floats = NDArray[np.float64]
+
+OFFSET, AXIS_OFFSET, PEDESTAL, HEIGHT = 0.5, 0.2, 4.0, 143.0
+ROUNDS = 6
+"""Of the fixed point in plain NumPy: enough for all but mounts that look straight up."""
+ONE = np.ones(1)
+SETTING = Setting(
+    0.1 * ONE,
+    -0.2 * ONE,
+    4.5 * ONE,
+    4.5 * ONE,
+    HEIGHT * ONE,
+    np.array([AZIMUTH_ELEVATION]),
+    0.65 * ONE,
+    0.0 * ONE,
+    OFFSET * ONE,
+    AXIS_OFFSET * ONE,
+    PEDESTAL * ONE,
+)
+
+
+def best(work: Callable[[], object], times: int = 4) -> float:
+    """Shortest time of a few runs after a first one, in seconds."""
+    seconds = []
+    work()
+    for _ in range(times):
+        began = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - began)
+    return min(seconds)
+
+
+def scene(heliostats: int, instants: int, samples: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Errors of each heliostat, actual and known, sun vectors and pivots."""
+    rng = np.random.default_rng(0)
+    sun = rng.normal(size=(1, instants, 3)) + np.array([0.0, -1.0, 0.0])
+    sun[..., 2] = np.abs(sun[..., 2]) + 0.2
+    sun /= np.linalg.norm(sun, axis=-1, keepdims=True)
+    places = (rng.uniform(-200, 200, heliostats), rng.uniform(80, 400, heliostats), np.full(heliostats, 5.0))
+    actual = rng.normal(0.0, 1e-3, (1, heliostats, samples, 6))
+    return actual, rng.normal(0.0, 1e-3, (1, heliostats, 6)), sun, np.stack(places, axis=1)[None]
+
+
+def turned(x: Floats | float, y: Floats | float, angle: Floats) -> tuple[Floats, Floats]:
+    """Two components turned from the first towards the second."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return cosine * x - sine * y, sine * x + cosine * y
+
+
+def stand(angles: tuple[Floats, Floats], errors: Floats) -> tuple[Floats, Floats]:
+    """Normals and centres of azimuth-elevation mounts in NumPy."""
+    g0, a0, east, north, eta, mu = np.moveaxis(errors, -1, 0)
+    g, a = np.broadcast_arrays(angles[0] + g0, angles[1] + a0)
+    axis = np.stack((east, north, 0.0 * east), axis=-1)
+    w = np.linalg.norm(axis, axis=-1, keepdims=True)
+    made = []
+    for x, along, q, h in ((np.sin(mu), np.cos(mu), 0.0, 0.0), (0.0 * mu, OFFSET, AXIS_OFFSET, PEDESTAL)):
+        y, z = turned(along, 0.0, a)
+        z, x = turned(z, x, eta)
+        x, y = turned(x, y + q, -g)
+        v = np.stack((x, y, z + h), axis=-1)
+        # Rodrigues
+        v = (
+            v
+            + np.sinc(w / np.pi) * np.cross(axis, v)
+            + 0.5 * np.sinc(w / np.pi / 2) ** 2 * np.cross(axis, np.cross(axis, v))
+        )
+        made.append(v - np.array([0.0, 0.0, h]))
+    return made[0], made[1]
+
+
+def plain(actual: Floats, known: Floats, sun: Floats, pivots: Floats) -> tuple[Floats, Floats]:
+    """Spots (H, T, K) in plain NumPy: fixed point of the mirror centre, then the spots of all samples."""
+    to_target = (np.array([0.0, 0.0, HEIGHT]) - pivots[0])[:, None]
+    known, actual, s = known[0][:, None], actual[0][:, None], sun[0]
+    g0, a0, east, north, eta, mu = np.moveaxis(known, -1, 0)
+    axis = np.stack((east, north, 0.0 * east), axis=-1)
+    w = np.linalg.norm(axis, axis=-1, keepdims=True)
+    centre, angles = np.zeros((1, 1, 3)), (g0, a0)
+    for _ in range(ROUNDS):
+        t = to_target - centre
+        n = s + t / np.linalg.norm(t, axis=-1, keepdims=True)
+        n /= np.linalg.norm(n, axis=-1, keepdims=True)
+        n = (
+            n
+            - np.sinc(w / np.pi) * np.cross(axis, n)
+            + 0.5 * np.sinc(w / np.pi / 2) ** 2 * np.cross(axis, np.cross(axis, n))
+        )
+        a = np.arcsin((n[..., 2] + np.sin(eta) * np.sin(mu)) / (np.cos(eta) * np.cos(mu)))
+        x = np.sin(mu) * np.cos(eta) + np.cos(mu) * np.sin(a) * np.sin(eta)
+        g = np.arctan2(n[..., 0], n[..., 1]) - np.arctan2(x, np.cos(mu) * np.cos(a))
+        angles = (g - g0, a - a0)
+        centre = stand(angles, known)[1]
+    normal, centre = stand((angles[0][..., None], angles[1][..., None]), actual)
+    s = s[:, None]
+    ray = 2.0 * np.sum(normal * s, axis=-1, keepdims=True) * normal - s
+    before = centre - to_target[:, None]
+    out, right, up = face_axes(0.1, -0.2)
+    point = before - (before @ out / (ray @ out))[..., None] * ray
+    return point @ right, point @ up
+
+
+def row(name: str, seconds: float, work: int, note: str = "") -> None:
+    """Print one line of the table."""
+    print(f"{name:<62} {seconds / work * 1e9:>10.1f} {work / seconds / 1e6:>10.1f}  {note}")
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'':<62} {'ns each':>10} {'million/s':>10}")
+    for heliostats, instants, samples in ((317, 1000, 1), (3170, 15, 1), (200_000, 1, 1), (317, 15, 4), (50, 15, 1000)):
+        arguments, spots = scene(heliostats, instants, samples), heliostats * instants * samples
+        spent = best(partial(mount_spots, SETTING, *arguments))
+        # In NumPy as many heliostats at a time as is best for its caches.
+        part = max(1, 20_000 // (instants * samples))
+        few = (arguments[0][:, :part], arguments[1][:, :part], arguments[2], arguments[3][:, :part])
+        made = mount_spots(SETTING, *few)
+        y, z = plain(*few)
+        apart = np.nanmax(np.abs(np.where(np.hypot(y, z) < 20.0, made[:2, 0] - np.stack((y, z)), 0.0)))
+        slow = best(partial(plain, *few), 3) / (part * instants * samples)
+        note = f"plain NumPy {slow / spent * spots:,.0f} times slower, {apart:.0e} m apart"
+        row(f"spots, {heliostats} heliostats, {instants} instants, {samples} samples", spent, spots, note)
+
+    arguments, spots = scene(317, 15, 1000), 317 * 15 * 1000
+    for chosen in ((), (5.0, 50.0, 95.0), tuple(range(1, 100))):
+        spent = best(partial(spot_statistics, SETTING, *arguments, chosen), 3)
+        row(f"statistics, 317 x 15 x 1000, {len(chosen)} percentiles", spent, spots, f"{spent:.2f} s")
+
+    def halves(workers: int) -> None:
+        with ThreadPoolExecutor(workers) as pool:
+            list(
+                pool.map(
+                    lambda a: spot_statistics(
+                        SETTING,
+                        arguments[0][:, a : a + 80],
+                        arguments[1][:, a : a + 80],
+                        arguments[2],
+                        arguments[3][:, a : a + 80],
+                    ),
+                    range(0, 317, 80),
+                )
+            )
+
+    one, two = best(partial(halves, 1), 3), best(partial(halves, 2), 3)
+    row("statistics, 4 blocks, 1 thread", one, spots, f"{one:.2f} s")
+    row("statistics, 4 blocks, 2 threads", two, spots, f"{two:.2f} s, {one / two:.2f} times faster")
+
+
+if __name__ == "__main__":
+    main()
