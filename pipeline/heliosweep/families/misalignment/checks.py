@@ -14,6 +14,7 @@ from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import SolarTime
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.daylight import dark_latitudes
+from heliosweep.families.misalignment.measured import spot_problems
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import Layouts
 
@@ -57,7 +58,7 @@ def check(study: MisalignmentStudy) -> tuple[list[Problem], list[str]]:
     """
     problems: list[Problem] = []
     notes: list[str] = []
-    for find in (_sun, _days_used, _distances):
+    for find in (_sun, _days_used, _distances, spot_problems):
         try:
             problems += find(study, notes)
         except StudyError as error:
