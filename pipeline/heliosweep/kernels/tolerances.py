@@ -43,6 +43,8 @@ _STEPS = 10_000
 """More than any march was seen to take."""
 _LAST_STEP = 1e-9
 """Step after which the error, of the order of its square, is below rounding. [rad]"""
+_PARALLEL = 1e-12
+"""Sine of the angle to the plane below which a ray runs along it: what it would hit is rounding. [1]"""
 _EDGE_ON = 1e-12
 """Cosine of incidence at which a mirror counts as turned away from the sun."""
 
@@ -154,7 +156,7 @@ def crossing_cotangent(
         towards = 1.0 if lit * cotangent + lit_side > 0.0 else -1.0
         square = cotangent * cotangent
         real = w0 * (square + 1.0) + w1 * (square - 1.0) + 2.0 * w2 * cotangent
-        if discriminant >= 0.0 and real > 0.0 and towards * cotangent > best:
+        if discriminant >= 0.0 and real > _PARALLEL * (square + 1.0) and towards * cotangent > best:
             best, side = towards * cotangent, towards
     return best, side
 
@@ -217,7 +219,7 @@ def first_crossing(curve: Curve, face: Face, lines: tuple[Line, ...], side: floa
             if earliest < to_root:
                 to_root, past_root = earliest, abs(slope) / bound
         if to_root < _LAST_STEP:
-            if w > 0.0:
+            if w > _PARALLEL:
                 return error + to_root if error + to_root <= limit else math.inf
             # a crossing of the virtual branch: no other lies within 2 |g'| / M beyond it
             sign = -sign
