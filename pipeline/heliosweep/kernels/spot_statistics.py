@@ -114,7 +114,7 @@ def _sweep(
     rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(4 * PACKET)
     suns, one_sun, one_state = np.empty(3 * PACKET), np.empty(3 * PACKET), np.empty(STATE_ROWS * PACKET)
     table, out = np.empty((blocks, SAMPLE * PACKET)), np.empty(SPOT_ROWS * PACKET)
-    spots, keys = np.empty((blocks, 2 * PACKET)), np.empty(2 * blocks * PACKET)
+    spots, keys = np.empty((blocks, 2 * PACKET)), np.empty((2, blocks * PACKET))
     sums, bounds = np.empty(4 * PACKET), np.empty((64, 4), np.int64)
     for p in range(len(faces)):
         a, n = min(p, len(actual) - 1), min(p, len(known) - 1)
@@ -148,14 +148,13 @@ def _sweep(
                         spots[b] = out[: 2 * PACKET]
                         for m in range(2):
                             spots[b, m * PACKET + lanes : (m + 1) * PACKET] = math.nan
-                        _turns(out, one_sun, frame, face, width, height, keys, b * PACKET, blocks * PACKET, full)
+                        if len(lower) > 0:
+                            at = b * PACKET
+                            _turns(out, one_sun, frame, face, width, height, keys[0, at:], keys[1, at:], full)
                     _moments(spots, samples, width, height, sums, moments[:, p, h, t])
                     moments[7, p, h, t] = status
                     for axis in range(2):
-                        first = axis * blocks * PACKET
-                        percentiles_of(
-                            keys[first : first + samples], lower, part, ranks, bounds, tolerance[p, h, t, :, axis]
-                        )
+                        percentiles_of(keys[axis, :samples], lower, part, ranks, bounds, tolerance[p, h, t, :, axis])
 
 
 @kernel
@@ -175,12 +174,11 @@ def _turns(
     face: Floats,
     width: float,
     height: float,
-    keys: Floats,
-    first: int,
-    stride: int,
+    elevation: Floats,
+    azimuth: Floats,
     lanes: int,
 ) -> None:
-    """Write -cot of the remaining tolerance about both axes, which rises with it, from keys[first] on.
+    """Write -cot of the remaining tolerance about the elevation and the azimuth axis, which rises with it.
 
     Infinity where the spot does not leave the aperture, -infinity where it is not in it.
     """
@@ -205,9 +203,9 @@ def _turns(
         )
         inside = abs(out[k]) <= width and abs(out[PACKET + k]) <= height
         cotangent = _least(s, n, e, p, axes, width, height)
-        keys[first + k] = -cotangent if inside else -math.inf
+        elevation[k] = -cotangent if inside else -math.inf
         cotangent = _least(s, n, cross(e, n), p, axes, width, height)
-        keys[first + stride + k] = -cotangent if inside else -math.inf
+        azimuth[k] = -cotangent if inside else -math.inf
 
 
 @inline
