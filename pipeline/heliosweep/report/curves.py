@@ -227,7 +227,7 @@ def _logarithmic(axes: Axes) -> None:
     if high < 4 * low:
         middle = (low * high) ** 0.5
         axes.set_ylim(middle / 2, middle * 2)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100 * low else (1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 2000 * low else (1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
 

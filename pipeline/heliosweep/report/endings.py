@@ -32,8 +32,8 @@ def write_texts(axes: Axes, plane: Plane, looks: Mapping[str, Look], points: flo
         Length of a side. [point]
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    grow = points / (right - left)
-    everything = (np.concatenate([[track.x, track.y] for track in plane.tracks], axis=1).T - [left, bottom]) * grow
+    corner, grow = np.array([left, bottom]), points / np.array([right - left, top - bottom])
+    everything = (np.concatenate([[track.x, track.y] for track in plane.tracks], axis=1).T - corner) * grow
     taken: list[Box] = []
     for track in plane.tracks:
         inside = (track.x > left) & (track.x < right) & (track.y > bottom) & (track.y < top)
@@ -41,8 +41,8 @@ def write_texts(axes: Axes, plane: Plane, looks: Mapping[str, Look], points: flo
         if not track.text or not seen.size:
             continue
         last, before = seen[-1], seen[-2] if seen.size > 1 else seen[-1]
-        at = np.array([track.x[last] - left, track.y[last] - bottom]) * grow
-        onward = math.atan2(track.y[last] - track.y[before], track.x[last] - track.x[before])
+        at, way = ((np.array([track.x[i], track.y[i]]) - corner) * grow for i in (last, before))
+        onward = math.atan2(*(at - way)[::-1])
         boxes = [
             box
             for box in _around(at, onward, 4.0 * len(track.text), 7.0)
@@ -52,9 +52,10 @@ def write_texts(axes: Axes, plane: Plane, looks: Mapping[str, Look], points: flo
             continue
         box = min(boxes, key=lambda box: _covered(box, everything))
         taken.append(box)
+        x, y = corner + np.array([box[0] + box[2], box[1] + box[3]]) / 2 / grow
         axes.text(
-            left + (box[0] + box[2]) / 2 / grow,
-            bottom + (box[1] + box[3]) / 2 / grow,
+            x,
+            y,
             track.text,
             ha="center",
             va="center_baseline",

@@ -1,4 +1,4 @@
-"""Square frames about points, which single far points do not blow up."""
+"""Frames about points, which single far points do not blow up."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ LEAST = 1e-6
 Ends = tuple[tuple[float, float], tuple[float, float]]
 
 
-def span(points: np.ndarray, aperture: tuple[float, float] | None = None) -> Ends:
-    """Square with a rim about points and a rectangle at the origin.
+def span(points: np.ndarray, aperture: tuple[float, float] | None = None, square: bool = True) -> Ends:
+    """Frame with a rim about points and a rectangle at the origin.
 
     Parameters
     ----------
@@ -28,6 +28,8 @@ def span(points: np.ndarray, aperture: tuple[float, float] | None = None) -> End
         Finite. [m]
     aperture : tuple of float, optional
         Width and height of the rectangle. [m]
+    square : bool
+        Whether both sides have the same length.
 
     Returns
     -------
@@ -41,20 +43,21 @@ def span(points: np.ndarray, aperture: tuple[float, float] | None = None) -> End
     kept = np.concatenate([near, [-corner, corner]]) if aperture else near
     if not kept.size:
         kept = np.array([[-1.0, -1.0], [1.0, 1.0]])
-    return _square(kept.min(axis=0), kept.max(axis=0), RIM)
+    return _frame(kept.min(axis=0), kept.max(axis=0), RIM, square)
 
 
 def common(ends: Sequence[Ends]) -> Ends:
     """Square about squares."""
     low = np.min([[x[0], y[0]] for x, y in ends], axis=0)
     high = np.max([[x[1], y[1]] for x, y in ends], axis=0)
-    return _square(low, high, 0.0)
+    return _frame(low, high, 0.0, True)
 
 
-def _square(low: np.ndarray, high: np.ndarray, rim: float) -> Ends:
+def _frame(low: np.ndarray, high: np.ndarray, rim: float, square: bool) -> Ends:
     middle = (low + high) / 2
     least = max(LEAST, 1e-3 * float(np.abs(middle).max()))
-    half = max(float((high - low).max()), least) / 2 * (1 + 2 * rim)
+    sides = np.maximum(high - low, least)
+    half = (np.full(2, sides.max()) if square else sides) / 2 * (1 + 2 * rim)
     (left, bottom), (right, top) = middle - half, middle + half
     return (float(left), float(right)), (float(bottom), float(top))
 

@@ -29,9 +29,6 @@ SIMILAR = 1.6
 #: More points than this have no edges.
 CROWD = 20
 
-#: Ticks along each side at least.
-LEAST_TICKS = 4
-
 #: Name of the aperture in the legend.
 APERTURE = "aperture"
 
@@ -54,13 +51,13 @@ def frames(planes: Sequence[Plane]) -> list[Ends]:
     list of ((left, right), (bottom, top))
         Squares. [m]
     """
-    ends = [span(plane.points(), plane.aperture) for plane in planes]
-    together = [end for end, plane in zip(ends, planes, strict=True) if not plane.alone]
+    ends = [span(plane.points(), plane.aperture, plane.square) for plane in planes]
+    together = [end for end, plane in zip(ends, planes, strict=True) if plane.square and not plane.alone]
     if together:
         sizes = [end[0][1] - end[0][0] for end in together]
         if max(sizes) <= SIMILAR * min(sizes):
             one = common(together)
-            ends = [end if plane.alone else one for end, plane in zip(ends, planes, strict=True)]
+            ends = [one if plane.square and not plane.alone else end for end, plane in zip(ends, planes, strict=True)]
     return ends
 
 
@@ -193,23 +190,27 @@ def _label_sides(axes: Axes, left: bool, bottom: bool, own: bool) -> None:
 
 
 def _ticks(ends: tuple[float, float], rim: float) -> np.ndarray:
+    """At least four ticks, or three or two where their numbers are long."""
     low, high = ends
     margin = rim * (high - low)
-    for most in range(4, 10):
+    for most in range(3, 10):
         ticks = np.asarray(MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high))
         ticks = ticks[(ticks > low + margin) & (ticks < high - margin)]
-        if ticks.size >= LEAST_TICKS:
+        if ticks.size >= max(2, min(4, 8 - _digits(ticks))):
             break
     return ticks
 
 
-def _room(ends: Ends) -> float:
-    """Room that the ticks of the vertical axis need beyond that of short ones. [inch]"""
-    ticks = _ticks(ends[1], 0.02)
+def _digits(ticks: np.ndarray) -> int:
+    """Letters of the longest number beside ticks."""
     step = float(np.diff(ticks).min()) if ticks.size > 1 else 1.0
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
-    longest = max((len(f"{tick:.{decimals}f}") for tick in ticks), default=0)
-    return _DIGIT * max(0, longest - _SHORT)
+    return max((len(f"{tick:.{decimals}f}") for tick in ticks), default=0)
+
+
+def _room(ends: Ends) -> float:
+    """Room that the ticks of the vertical axis need beyond that of short ones. [inch]"""
+    return _DIGIT * max(0, _digits(_ticks(ends[1], 0.02)) - _SHORT)
 
 
 def _draw(axes: Axes, plane: Plane, looks: Mapping[str, Look], scale: Scale | None, points: float) -> None:

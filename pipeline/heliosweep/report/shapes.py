@@ -138,6 +138,8 @@ class Plane:
         Width and height of the rectangle about the origin. [m]
     alone : bool
         Whether it has a frame of its own whatever the others are like.
+    square : bool
+        Whether a metre is as long along both axes; else it has a frame of its own.
     """
 
     title: str
@@ -145,6 +147,7 @@ class Plane:
     ellipses: Sequence[Ellipse] = ()
     aperture: tuple[float, float] | None = None
     alone: bool = False
+    square: bool = True
 
     def points(self) -> np.ndarray:
         """Everything that the frame is made for, shape (n, 2). [m]"""

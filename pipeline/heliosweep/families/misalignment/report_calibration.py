@@ -133,7 +133,7 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
                 _EQUAL,
                 framed=False,
             )
-            planes.append(Plane(_parameter(result, index), [line, *tracks], alone=True))
+            planes.append(Plane(_parameter(result, index), [line, *tracks], square=False))
     if not planes:
         return
     caption = (
@@ -158,15 +158,21 @@ def _knowledge(result: xr.Dataset) -> Iterator[NamedFigure]:
     stands = {**views.fixed(result, "standard_error", run, PARAMETER, *many), **_best(result, "standard_error", run)}
     errors = at(array, stands)
     errors = errors.transpose(run, PARAMETER, ...).to_numpy()[order].reshape(x.size, result.sizes[PARAMETER], -1)
-    conditions = at(result["condition_number"], stands).transpose(run, ...).to_numpy()[order].reshape(x.size, -1)
+    conditions = {}
+    each = "parameters" if "parameters" in stands and run != "parameters" else None
+    for one in views.chosen(result, each, views.MOST_LINES):
+        values = at(result["condition_number"], {**stands, **one}).transpose(run, ...).to_numpy()[order]
+        condition = _median(values.reshape(x.size, -1))
+        if (condition > 0).any():
+            of = f" of {wording.short(result, each, one[each])} parameters" if each else ""
+            conditions[f"condition{of}"] = (x, condition)
     lines = {_parameter(result, i): (x, _median(errors[:, i])) for i in range(errors.shape[1])}
     lines = {name: (x, y) for name, (x, y) in lines.items() if (y > 0).any()}
-    condition = _median(conditions)
-    if not lines or not (condition > 0).any():
+    if not lines or not conditions:
         return
     panels = [
         Panel("standard error (mrad)", {name: (x, np.where(y > 0, y, np.nan)) for name, (x, y) in lines.items()}),
-        Panel("condition number (1)", {"condition number": (x, condition)}),
+        Panel("condition number (1)", conditions),
     ]
     over = " and ".join(
         filter(None, ["heliostats" if result.sizes.get(HELIOSTAT, 1) > 1 else "", "draws" if "sample" in many else ""])
@@ -176,7 +182,7 @@ def _knowledge(result: xr.Dataset) -> Iterator[NamedFigure]:
         f"Standard errors of the parameters, and condition number of the least-squares problem, against the {title}"
         f"{f'; medians over the {over}' if over else ''}.{wording.note(result, stands)}"
     )
-    step = 1.0 if result[run].dtype.kind in "iu" and np.ptp(x) <= 10 else None
+    step = 1.0 if not np.any(x % 1) and np.ptp(x) <= 10 else None
     figure = curve_figure(panels, wording.label(result, run), step=step, logarithmic_values=True)
     yield NamedFigure(f"knowledge_over_{run}", caption, figure)
 
@@ -220,8 +226,12 @@ def _best(result: xr.Dataset, quantity: str, *shown: str | None) -> Point:
 
 def _parameter(result: xr.Dataset, index: int) -> str:
     if PARAMETER in result.coords:
-        return str(result[PARAMETER].to_numpy()[index]).replace("_", " ")
-    return views.MOUNT_ERRORS[index].replace("_", " ") if index < len(views.MOUNT_ERRORS) else f"parameter {index + 1}"
+        name = str(result[PARAMETER].to_numpy()[index])
+    elif index < len(views.MOUNT_ERRORS):
+        name = views.MOUNT_ERRORS[index]
+    else:
+        name = f"parameter {index + 1}"
+    return name.replace("non_", "non-").replace("_", " ")
 
 
 def _scatter(y: np.ndarray, z: np.ndarray) -> Iterator[tuple[tuple[float, float], np.ndarray]]:

@@ -201,7 +201,7 @@ def _remaining_tolerance(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     axis = "tolerance_axis" if "tolerance_axis" in array.dims else None
     stands = views.fixed(result, "remaining_tolerance", HOUR, "percentile", axis, HELIOSTAT)
-    among = views.heliostats(result, "remaining_tolerance", stands, 3)
+    among = views.heliostats(result, _real(result), stands, 3)
     if not among:
         return
     one = among[len(among) // 2]
@@ -233,8 +233,14 @@ def _remaining_tolerance(result: xr.Dataset) -> Iterator[NamedFigure]:
         step=wording.hour_step(result),
         legend="percentile",
         ordered=True,
+        least_span=1.0,
     )
     yield NamedFigure("remaining_tolerance", caption, figure)
+
+
+def _real(result: xr.Dataset) -> str:
+    """Variable that only heliostats with spots have."""
+    return _MOMENTS[0] if _MOMENTS[0] in result else "remaining_tolerance"
 
 
 def _percent(drawn: list[maps.FieldMap]) -> tuple[float, float]:
