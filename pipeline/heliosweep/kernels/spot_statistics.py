@@ -231,7 +231,8 @@ def _moments(spots: Floats, samples: int, width: float, height: float, sums: Flo
             sums[2 * PACKET + k] += y if real else 0.0
             sums[3 * PACKET + k] += z if real else 0.0
     count = _sum(sums, 0)
-    mean_y, mean_z = _sum(sums, 2) / count, _sum(sums, 3) / count
+    mean_y = _sum(sums, 2) / count if count > 0.0 else math.nan
+    mean_z = _sum(sums, 3) / count if count > 0.0 else math.nan
     moments[0], moments[1] = mean_y, mean_z
     moments[5], moments[6] = count / samples, _sum(sums, 1) / samples
     sums[:] = 0.0
