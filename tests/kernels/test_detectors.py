@@ -71,7 +71,8 @@ def misaligned(sun, pivot, errors, sizes, face=(0.0, 0.0)):
         normal = turned(n, size * axis)
         ray = 2.0 * np.sum(sun * normal) * normal - sun
         place = pivot - target
-        place = place - np.sum(place * axes[0]) / np.sum(ray * axes[0]) * ray
+        length = -np.sum(place * axes[0]) / np.sum(ray * axes[0])
+        place = place + (length if length > 0.0 < np.sum(sun * normal) else np.nan) * ray
         points.append([np.sum(axes[1] * place), np.sum(axes[2] * place)])
     return axes, points, azimuth, elevation
 
@@ -99,7 +100,7 @@ def test_inversion_anywhere(place, above, planted, along):
     s[2] = np.sin(above[1])
     pivot = np.array(place)
     axes, points, azimuth, elevation = misaligned(s, pivot, planted, along, face=(0.1, -0.2))
-    if np.max(np.abs(points)) > 1e3 or not 0.2 < elevation < 1.4:
+    if not (np.max(np.abs(points)) < 1e3 and 0.2 < elevation < 1.4):  # a ray that misses, or far out
         return
     found = detector_inversion(s, pivot - [0.0, 0.0, 143.0], axes, *points)
     assert abs(np.angle(np.exp(1j * (found[0] - azimuth)))) < 1e-13

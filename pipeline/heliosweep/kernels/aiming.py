@@ -53,27 +53,28 @@ def offset_normal(
         Unit normal; NaN where |r| is not smaller than the distance, or the sun stands opposite to the aim point. [1]
     """
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    wx, wy, wz = dx / distance, dy / distance, dz / distance
+    near = 1.0 / distance if distance > 0.0 else math.nan
+    wx, wy, wz = near * dx, near * dy, near * dz
     hx, hy, hz = wx + sx, wy + sy, wz + sz
     kx, ky, kz = wx - sx, wy - sy, wz - sz
     sum_length = math.sqrt(hx * hx + hy * hy + hz * hz)
     difference = math.sqrt(kx * kx + ky * ky + kz * kz)
-    rho = r / distance
+    rho = r * near
     across, along = 0.5 * rho * difference, 0.5 * rho * sum_length  # rho sin(psi / 2), rho cos(psi / 2)
     c, s = 1.0, 0.0
-    for _ in range(_STEPS):
+    for _ in range(_STEPS if rho != 0.0 else 0):
         f = 2.0 * s * c - (across * c + along * s)
         step = f / ((along * c - across * s) - 2.0 * (c * c - s * s))
         c, s = c - step * s, s + step * c
-        length = math.sqrt(c * c + s * s)
-        c, s = c / length, s / length
+        scale = 1.0 / math.sqrt(c * c + s * s)
+        c, s = scale * c, scale * s
         if not abs(step) > _LAST_STEP:
             break
     c = c / sum_length if abs(rho) < 1.0 else math.nan
     s = s / difference if difference > 0.0 else 0.0
     nx, ny, nz = c * hx + s * kx, c * hy + s * ky, c * hz + s * kz
-    length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx / length, ny / length, nz / length
+    scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    return scale * nx, scale * ny, scale * nz
 
 
 def aim_normals(sun: ArrayLike, to_target: ArrayLike, mirror_offset: ArrayLike = 0.0) -> Floats:
