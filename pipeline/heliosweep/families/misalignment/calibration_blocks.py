@@ -146,7 +146,8 @@ def synthetic_block(
     for i in range(scale.size):
         point, count = Point.of(block, i), block.numbers.size
         mean = np.array([values[i] for values in means])
-        actual = (mean + (scale[i] * width) * deviates) * 1e-3
+        drawn = mean + (scale[i] * width) * deviates
+        actual = drawn * 1e-3
         true = mount_spots(point.setting, actual[np.newaxis], _NONE[np.newaxis, np.newaxis], *_sky(point))[:2, 0]
         before = np.transpose(true, (1, 3, 2, 0))
         taken = slice(0, int(days[i]) * hours)
@@ -167,7 +168,7 @@ def synthetic_block(
         after = _after(point, actual, known)
         values = _estimates(found, spots, point, samples) | _pairs("residual_{}", residual)
         values |= _pairs("spot_{}_before", before) | _pairs("spot_{}_after", after)
-        values |= {"true_error": actual * 1e3} | _commands(point.commands(known))
+        values |= {"true_error": drawn} | _commands(point.commands(known))
         row.write(rows[i], values)
     return rows.reshape(1, *block.lead, *rows.shape[1:])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -150,7 +151,7 @@ class _Reader:
         self.numbers = {text: number for number, text in reversed(list(enumerate(names)))}
         self.shared = {text for number, text in enumerate(names) if self.numbers[text] != number}
         self.problems: list[Problem] = []
-        self.unlisted = 0
+        self.unlisted, self.added = 0, Counter[int | None]()
 
     def read(self, path: Path) -> MeasuredSpots:
         """Return the spots, or raise with all that is wrong."""
@@ -303,7 +304,9 @@ class _Reader:
 
     def _add(self, message: str, line: int | None = None, index: int | None = None) -> None:
         """Note a problem, at a field of a line that holds something."""
-        if len(self.problems) >= MAX_LISTED * 10:
+        # Of every column the first ones: the first ones of the file are among them.
+        self.added[index] += 1
+        if self.added[index] > MAX_LISTED:
             self.unlisted += 1
             return
         column = None

@@ -1,0 +1,342 @@
+"""Mode calibration: what comes out of studies with synthetic and with measured spots, cut in every way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import dask
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import t as student
+
+from heliosweep import workflow
+from heliosweep.config.load import load_mapping
+from heliosweep.errors import StudyError
+from heliosweep.families.misalignment import calibration
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.config import MisalignmentStudy
+from heliosweep.kernels.calibration import DEPENDENT, ESTIMATED, INDISTINCT, TOO_FEW
+from heliosweep.store.digest import file_digest
+from tests.conftest import STUDIES
+
+from .mount_twin import Twin, solar_vector
+
+POSITIONS = [[-16.0, 150.0, 0.0], [120.0, 300.0, 5.0], [-60.0, 300.0, 2.0]]
+DAYS, HOURS = [81, 172, 355], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0]
+TRUE = dict(zip(ERRORS, (1.5, -0.8, 0.9, -1.2, 0.6, -0.7), strict=True))
+DRAWN = {name: {"normal": [0.0, 1.0]} for name in ERRORS}
+
+
+def study_data(calibration: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """A small study, blocks replaced; None removes one."""
+    base: dict[str, Any] = {
+        "family": "misalignment",
+        "mode": "calibration",
+        "site": {"latitude": 37.4},
+        "time": {"clock": "solar", "days": DAYS, "hours": HOURS},
+        "receiver": {"height": 143, "width": 9, "height_extent": 9},
+        "heliostats": {"positions": POSITIONS},
+        "mount": {"mirror_offset": 0.5, "axis_offset": 0.2, "pedestal_height": 4, "axis_azimuth": 20},
+        "mount_errors": TRUE,
+        "calibration": calibration,
+    }
+    return {key: value for key, value in (base | changes).items() if value is not None}
+
+
+def study(calibration: dict[str, Any], **changes: Any) -> MisalignmentStudy:
+    return load_mapping(study_data(calibration, **changes), {"misalignment": MisalignmentStudy})
+
+
+def computed(made: MisalignmentStudy, **chunks: int) -> xr.Dataset:
+    with dask.config.set(scheduler="synchronous"):
+        return calibration.build(made, chunks).compute()
+
+
+@pytest.mark.parametrize("kind", ["azimuth_elevation", "target_aligned", "polar", "tilt_roll"])
+def test_clean_spots_give_the_truth_and_commands_that_hit(kind):
+    mount = {"kind": kind, "mirror_offset": 0.5, "axis_offset": 0.2, "pedestal_height": 4, "axis_azimuth": 20}
+    result = computed(study({"parameters": 6}, mount=mount))
+    assert (result.calibration_status == ESTIMATED).all()
+    assert (result.spots_used == 27).all()
+    assert float(np.abs(result.estimated_error - result.true_error).max()) < 1e-9
+    assert np.array_equal(result.true_error[0], list(TRUE.values()))
+    assert float(np.abs(result.residual_y).max()) < 1e-10
+    assert float(np.abs(result.spot_y_before).min("heliostat").max()) > 0.05
+    for side in "yz":
+        assert float(np.abs(result[f"spot_{side}_after"]).max()) < 1e-9
+
+
+def test_spots_and_commands_are_those_of_a_second_model():
+    result = computed(study({"parameters": 6}))
+    for h, (x, y, z) in enumerate(POSITIONS):
+        twin = Twin((x, y, z), 143.0, offsets=(0.5, 0.2, 4.0), latitude=37.4)
+        for d, t in ((0, 0), (1, 4), (2, 7)):
+            sun, here = solar_vector(37.4, DAYS[d], HOURS[t]), {"heliostat": h, "day": d, "hour": t}
+            one, angles = result.isel(here), twin.aim(sun)
+            np.testing.assert_allclose([one.nominal_azimuth, one.nominal_elevation], np.degrees(angles), atol=1e-11)
+            spot = twin.spots(*twin.mirror(angles, np.array([*TRUE.values()]) * 1e-3), sun)[0][0]
+            np.testing.assert_allclose([one.spot_y_before, one.spot_z_before], spot, atol=1e-10)
+            command = np.radians([one.corrected_azimuth, one.corrected_elevation])
+            spot = twin.spots(*twin.mirror(command, np.array([*TRUE.values()]) * 1e-3), sun)[0][0]
+            np.testing.assert_allclose(spot, 0.0, atol=1e-9)
+
+
+def test_swept_parameters_days_and_losses():
+    # A draw that leaves out the errors that four parameters do not know.
+    result = computed(
+        study(
+            {"parameters": [2, 4, 6], "days_used": [1, 3], "noise": 0.01, "loss": ["squared", "cauchy"]},
+            mount_errors={**TRUE, "non_orthogonality": 0, "collimation": 0, "seed": 3},
+        )
+    )
+    assert result.estimated_error.dims == ("parameters", "days_used", "loss", "heliostat", "parameter")
+    known = np.isfinite(result.estimated_error).all(["days_used", "loss", "heliostat"]).sum("parameter")
+    assert known.to_numpy().tolist() == [2, 4, 6]
+    used = result.isel(parameters=1, loss=0)
+    assert used.spots_used.to_numpy().tolist() == [[9] * 3, [27] * 3]
+    assert np.isfinite(used.residual_y).all("hour").all("heliostat").to_numpy().tolist() == [
+        [True, False, False],
+        [True, True, True],
+    ]
+    assert (used.standard_error.isel(days_used=1) < used.standard_error.isel(days_used=0))[:, :4].all()
+    six = result.sel(parameters=6).isel(loss=0)
+    assert (six.condition_number.isel(days_used=0) > 4 * six.condition_number.isel(days_used=1)).all()
+    four = result.sel(parameters=4).isel(days_used=1)
+    assert float(np.abs(four.estimated_error - four.true_error)[..., :4].max()) < 0.2
+    # Without the tilts two parameters fit badly, with four the noise remains.
+    assert (result.residual_rms.sel(parameters=2) > 3 * result.residual_rms.sel(parameters=4)).isel(days_used=1).all()
+    np.testing.assert_allclose(four.residual_rms, 0.01, rtol=0.35)
+
+
+def test_intervals_cover_the_truth_of_a_thousand_draws():
+    made = study(
+        {"parameters": 6, "noise": 0.02},
+        mount_errors={**DRAWN, "samples": 1000, "seed": 5},
+        heliostats={"positions": POSITIONS[:1]},
+    )
+    result = computed(made).isel(heliostat=0)
+    most = student.ppf(0.975, 2 * result.spots_used - 6)[:, np.newaxis] * result.standard_error
+    covered = (np.abs(result.estimated_error - result.true_error) <= most).mean("sample")
+    assert ((covered >= 0.93) & (covered <= 0.97)).all()
+    variances = np.diagonal(result.covariance, axis1=1, axis2=2)
+    np.testing.assert_allclose(np.sqrt(variances), result.standard_error, rtol=1e-12)
+
+
+def test_draws_do_not_depend_on_their_number_nor_on_other_heliostats():
+    options = {"parameters": 4, "noise": 0.02}
+    many = computed(study(options, mount_errors={**DRAWN, "samples": 6, "seed": 5}))
+    few = computed(study(options, mount_errors={**DRAWN, "samples": 2, "seed": 5}))
+    alone = computed(
+        study(
+            options,
+            mount_errors={**DRAWN, "samples": 6, "seed": 5},
+            heliostats={"positions": POSITIONS[:1]},
+            time={"clock": "solar", "days": DAYS[:1], "hours": HOURS},
+        )
+    )
+    used = computed(study({**options, "days_used": 1}, mount_errors={**DRAWN, "samples": 6, "seed": 5}))
+    for name in ("estimated_error", "residual_y", "spot_z_after", "corrected_azimuth"):
+        assert np.array_equal(many[name].isel(sample=slice(2)), few[name], equal_nan=True), name
+    assert np.array_equal(used.estimated_error.isel(heliostat=[0]), alone.estimated_error, equal_nan=True)
+    assert np.array_equal(used.residual_y.isel(heliostat=[0], day=[0]), alone.residual_y)
+
+
+def test_same_bytes_however_it_is_cut(tmp_path):
+    data = study_data(
+        {"parameters": [4, 6], "noise": 0.02, "days_used": [1, 2]},
+        mount_errors={**DRAWN, "samples": 3, "seed": 5, "scale": [0.5, 1.0]},
+    )
+    digests = set()
+    for number, execution in enumerate(
+        (
+            {"scheduler": "synchronous"},
+            {"scheduler": "threads", "workers": 2, "chunks": {"heliostat": 1, "parameters": 1}},
+            {"scheduler": "threads", "workers": 2, "chunks": {"heliostat": 2, "days_used": 1}},
+        )
+    ):
+        made = load_mapping({**data, "execution": execution}, {"misalignment": MisalignmentStudy})
+        digests.add(file_digest(workflow.run(made, tmp_path / str(number), report=False).path))
+    assert len(digests) == 1
+
+
+def test_plan_foresees_the_result():
+    for made in (
+        study({"noise": 0.02}, mount_errors={**DRAWN, "samples": 3}),
+        study({"noise": 0.02, "days_used": [1, 2]}),
+        workflow.load(STUDIES / "calibration_measured.yaml"),
+    ):
+        planned, result = workflow.plan(made).workload, workflow.build(made)
+        assert dict(result.sizes) == planned.sizes
+        assert {str(name): array.dims for name, array in result.data_vars.items()} == dict(planned.variables)
+        assert sum(array.nbytes for array in result.data_vars.values()) == planned.bytes_of(planned.sizes)
+
+
+def test_heliostats_that_are_not_there_or_see_nothing():
+    result = computed(study({"parameters": 4}, heliostats={"positions": [POSITIONS[0], [10.0, -150.0, 0.0]]}))
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW]
+    assert result.spots_used.to_numpy().tolist() == [27, 0]
+    behind = result.isel(heliostat=1)
+    for name in ("estimated_error", "standard_error", "condition_number", "residual_rms", "corrected_azimuth"):
+        assert np.isnan(behind[name]).all()
+    assert behind.least_known_direction == -1
+    assert any("fewer spots than the errors need" in said for said in calibration.remarks(result))
+
+
+def test_shorter_layouts_are_padded():
+    layout = {"radial_stagger": {"clearance": 12, "inner_radius": 60, "heliostats": [3, 5]}}
+    made = study({"parameters": 4, "noise": 0.01}, heliostats=None, layout=layout, receiver={
+        "height": 143, "tilt": -60, "width": 9, "height_extent": 9})  # fmt: skip
+    result = computed(made)
+    assert (result.calibration_status[0] == [ESTIMATED] * 3 + [-1] * 2).all()
+    assert (result.calibration_status[1] == ESTIMATED).all()
+    assert np.isnan(result.nominal_azimuth[0, 3:]).all()
+    assert np.isnan(result.spot_y_before[0, 3:]).all()
+
+
+def test_remarks_of_what_spots_cannot_tell():
+    one = computed(study({"parameters": [4, 6], "days_used": 1, "noise": 0.001}))
+    assert (one.calibration_status.sel(parameters=6).to_numpy() == [INDISTINCT, ESTIMATED, INDISTINCT]).all()
+    (said,) = calibration.remarks(one)
+    assert said.startswith("2 of 6 calibrations have a condition number above 1000 (up to 17")
+    assert "collimation the least" in said
+    instant = {"clock": "solar", "days": [81], "hours": [12]}
+    none = computed(study({"parameters": 6, "noise": 0.001}, time=instant))
+    assert (none.calibration_status == TOO_FEW).all()
+    again = computed(study({"parameters": 2, "noise": 0.001}, time=instant))
+    assert (again.calibration_status == ESTIMATED).all()
+    assert np.isnan(again.standard_error).all()
+
+
+# Measured spots.
+
+SITE = {"latitude": 37.4, "longitude": -2.0, "altitude": 100}
+HEADER = "heliostat,y,z,sun_x,sun_y,sun_z"
+
+
+def table(folder: Path, rows: list[str], header: str = HEADER) -> str:
+    path = folder / "spots.csv"
+    path.write_text("\n".join([header, *rows, ""]), encoding="utf-8")
+    return str(path)
+
+
+def spot_rows(heliostat: int, days: Any = (81, 172), hours: Any = HOURS, angles: bool = False) -> list[str]:
+    """Rows of clean spots by the second model, with the suns of the solar clock."""
+    x, y, z = POSITIONS[heliostat]
+    twin = Twin((x, y, z), 143.0, offsets=(0.5, 0.2, 4.0), latitude=37.4)
+    rows = []
+    for day in days:
+        for hour in hours:
+            sun = solar_vector(37.4, day, hour)
+            command = twin.aim(sun) + (np.array([2e-3, -1e-3]) if angles else 0.0)
+            spot = twin.spots(*twin.mirror(command, np.array([*TRUE.values()]) * 1e-3), sun)[0][0]
+            numbers = [*spot, *sun, *(np.degrees(command) if angles else ())]
+            rows.append(",".join([str(heliostat), *map(repr, map(float, numbers))]))
+    return rows
+
+
+def measured(folder: Path, rows: list[str], header: str = HEADER, **options: Any) -> MisalignmentStudy:
+    return study(
+        {"parameters": 6, **options, "spots": table(folder, rows, header)},
+        mount_errors=None,
+        time={"clock": "solar", "days": [200], "hours": [9, 12]},
+    )
+
+
+def test_measured_spots_give_the_truth(tmp_path):
+    rows = [*spot_rows(2), *spot_rows(0, days=DAYS)]
+    result = computed(measured(tmp_path, rows))
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, ESTIMATED]
+    assert result.spots_used.to_numpy().tolist() == [27, 0, 18]
+    truth = np.array([*TRUE.values()])
+    np.testing.assert_allclose(result.estimated_error[[0, 2]], np.stack([truth, truth]), rtol=0, atol=1e-8)
+    assert result.sizes["spot"] == 27
+    assert np.isfinite(result.residual_y).sum("spot").to_numpy().tolist() == [27, 0, 18]
+    first = float(rows[18].split(",")[1])
+    assert float(result.spot_y_before[0, 0]) == first  # in the order of the file
+    twin = Twin((-16.0, 150.0, 0.0), 143.0, offsets=(0.5, 0.2, 4.0), latitude=37.4)
+    sun = solar_vector(37.4, 200, 12)
+    one = result.isel(heliostat=0, day=0, hour=1)
+    command = np.radians([one.corrected_azimuth, one.corrected_elevation])
+    np.testing.assert_allclose(twin.spots(*twin.mirror(command, truth * 1e-3), sun)[0][0], 0.0, atol=1e-8)
+    assert np.isnan(result.corrected_azimuth[1]).all()
+
+
+def test_the_order_of_the_table_does_not_matter_but_for_rounding(tmp_path):
+    rows = [*spot_rows(2), *spot_rows(0)]
+    straight = computed(measured(tmp_path, rows))
+    mixed = [rows[i] for i in np.random.default_rng(1).permutation(len(rows))]
+    shuffled = computed(measured(tmp_path, mixed))
+    np.testing.assert_allclose(shuffled.estimated_error, straight.estimated_error, atol=1e-9)
+    chunked = computed(measured(tmp_path, mixed), heliostat=1)
+    for name in shuffled.data_vars:
+        assert np.array_equal(shuffled[name], chunked[name], equal_nan=True), name
+
+
+def test_commanded_angles_are_taken_as_they_are_given(tmp_path):
+    header = f"{HEADER},azimuth,elevation"
+    result = computed(measured(tmp_path, spot_rows(0, days=DAYS, angles=True), header))
+    np.testing.assert_allclose(result.estimated_error[0], [*TRUE.values()], rtol=0, atol=1e-8)
+    ideal = computed(measured(tmp_path, [",".join(row.split(",")[:6]) for row in spot_rows(0, DAYS, HOURS, True)]))
+    np.testing.assert_allclose(ideal.estimated_error[0, :2] - [2.0, -1.0], [*TRUE.values()][:2], rtol=0, atol=0.02)
+
+
+def test_times_give_the_sun_of_the_site():
+    result = computed(workflow.load(STUDIES / "calibration_measured.yaml"))
+    truth = np.array(
+        [[1.8, -0.9, 0.6, -0.4], [-2.1, 0.7, -0.8, 0.5], [0.9, 1.6, 0.3, 0.9], [-0.6, -1.4, 1.1, -0.2]]
+    )  # as the table says
+    for loss in ("huber", "cauchy"):
+        found = result.sel(loss=loss)
+        away = np.abs(found.estimated_error[:, :4] - truth) / found.standard_error[:, :4]
+        assert float(away.max()) < 3.5
+    assert float(np.abs(result.sel(loss="squared").estimated_error[:, :4] - truth).max()) > 0.5  # outliers
+    assert result.name.to_numpy().tolist() == ["A1", "A2", "B1", "B2"]
+
+
+def problems(folder: Path, rows: list[str], header: str = HEADER, **changes: Any) -> str:
+    options = {"parameters": 6, **changes.pop("calibration", {}), "spots": table(folder, rows, header)}
+    with pytest.raises(StudyError) as caught:
+        study(options, **{"mount_errors": None, **changes})
+    return str(caught.value)
+
+
+def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
+    good = spot_rows(0)
+    assert "heliostat is unknown" in problems(tmp_path, [*good, good[0].replace("0,", "7,", 1)])
+    assert "calibration.noise: is for synthetic spots" in problems(tmp_path, good, calibration={"noise": 0.1})
+    assert "calibration.days_used: is for synthetic" in problems(tmp_path, good, calibration={"days_used": 2})
+    assert "mount_errors: is the truth of synthetic spots" in problems(tmp_path, good, mount_errors=TRUE)
+    assert "belong to one site" in problems(tmp_path, good, site={"latitude": [30, 40]})
+    assert "6 errors need 3 spots of a heliostat" in problems(tmp_path, good[:2])
+    timed = ["0,0.1,0.1,2024-06-21T12:00:00Z"] * 3
+    said = problems(tmp_path, timed, "heliostat,y,z,time")
+    assert "site.longitude: is missing: the sun at the times of the spots depends on it" in said
+    night = ["0,0.1,0.1,2024-06-21T00:00:00Z"]
+    said = problems(tmp_path, [*timed, *night], "heliostat,y,z,time", site=SITE)
+    assert "spots.csv:5: the sun is not above the horizon" in said
+
+
+def test_a_heliostat_with_too_few_spots_is_a_note(tmp_path):
+    made = measured(tmp_path, [*spot_rows(0), *spot_rows(1)[:2]])
+    (note,) = made.notes()
+    assert note == "heliostat 1: fewer spots than 6 errors need; nothing is estimated there"
+    result = computed(made)
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, TOO_FEW]
+
+
+def test_all_spots_at_one_instant_are_flagged(tmp_path):
+    result = computed(measured(tmp_path, [spot_rows(0)[3]] * 20, parameters=4))
+    assert result.calibration_status[0] == DEPENDENT
+    assert np.isnan(result.estimated_error).all()
+    assert np.isnan(result.corrected_azimuth).all()
+    assert any("cannot tell the errors apart at all" in said for said in calibration.remarks(result))
+
+
+def test_weightless_spots_are_predicted_but_not_used(tmp_path):
+    rows = [f"{row},{0 if i % 4 == 1 else 2}" for i, row in enumerate(spot_rows(0, days=DAYS))]
+    result = computed(measured(tmp_path, rows, f"{HEADER},weight", parameters=6))
+    assert result.spots_used[0] == 20
+    assert np.isfinite(result.residual_y[0]).all()
+    np.testing.assert_allclose(result.estimated_error[0], [*TRUE.values()], rtol=0, atol=1e-8)

@@ -1,0 +1,200 @@
+"""Tables of measured spots: what is read, and that everything wrong is said with its line, column and remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from heliosweep.errors import StudyError
+from heliosweep.families.misalignment import spots_file
+from heliosweep.families.misalignment.spots_file import read_spots
+
+NAMES = ("A1", "A2", "B1", "B1")
+TIME = "2024-06-21T09:30:00+02:00"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a table from its text."""
+
+    def reader(text, heliostats=4, names=NAMES):
+        path = tmp_path / "spots.csv"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_spots(path, heliostats, names, name="spots.csv")
+
+    return reader
+
+
+@pytest.fixture
+def wrong(read):
+    """Problems of a table, in words."""
+
+    def problems(text, **options):
+        with pytest.raises(StudyError) as caught:
+            read(text, **options)
+        return [str(problem) for problem in caught.value.problems]
+
+    return problems
+
+
+def test_times_names_weights_and_angles(read):
+    table = read(
+        "\ufeff# a comment\n"
+        "heliostat,time,y,z,weight,azimuth,elevation,comment\n"
+        f"A2,{TIME},0.25,-1.5,2,170.5,45,windy\n"
+        "\n"
+        '0,2024-06-21T07:30:00Z,1e-1,+0.5,0,-10,30.25,"clouds, some"\n'
+    )
+    assert table.heliostat.tolist() == [1, 0]
+    assert table.utc[0] == table.utc[1] == np.datetime64("2024-06-21T07:30", "ns")
+    assert table.position.tolist() == [[0.25, -1.5], [0.1, 0.5]]
+    assert table.weight.tolist() == [2.0, 0.0]
+    np.testing.assert_allclose(np.degrees(table.angles), [[170.5, 45], [-10, 30.25]], rtol=1e-15)
+    assert table.lines.tolist() == [3, 5]
+    assert table.timed
+    assert np.isnan(table.sun).all()
+    assert len(table) == 2
+
+
+def test_sun_vectors_are_normalised(read):
+    table = read("heliostat,y,z,sun_x,sun_y,sun_z\n3,0,0,0,-0.6004,0.8004\n")
+    assert not table.timed
+    np.testing.assert_allclose(np.linalg.norm(table.sun, axis=1), 1.0, rtol=1e-15)
+    assert np.isnat(table.utc).all()
+    assert table.weight.tolist() == [1.0]
+    assert np.isnan(table.angles).all()
+
+
+def test_a_name_that_is_a_number_is_a_name(read):
+    table = read(f"heliostat,time,y,z\n2,{TIME},0,0\n0,{TIME},0,0\n", names=("2", "1", "3", "4"))
+    assert table.heliostat.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        (f"B11,{TIME},0,0", "spots.csv:3:1: heliostat is unknown; did you mean 'B1'? (got 'B11')"),
+        (f"Xylophone,{TIME},0,0", "heliostat is unknown; they are numbered from 0 to 3, or named as in the layout"),
+        (f"4,{TIME},0,0", "heliostat is unknown"),
+        (f"-1,{TIME},0,0", "heliostat is unknown"),
+        (f"1.0,{TIME},0,0", "heliostat is unknown"),
+        (f"B1,{TIME},0,0", "'B1' is the name of several heliostats; give its number"),
+        (f",{TIME},0,0", "spots.csv:3:1: heliostat is empty"),
+        (f"A1,{TIME},nan,0", "y must be a finite number (got 'nan')"),
+        (f"A1,{TIME},0,inf", "z must be a finite number (got 'inf')"),
+        (f"A1,{TIME},0,abc", "z must be a finite number (got 'abc')"),
+        (f"A1,{TIME},1e999,0", "y must be a finite number"),
+        (f"A1,{TIME},,0", "y is empty"),
+        ("A1,2024-06-21T09:30:00,0,0", "spots.csv:3:4: time needs an offset from UTC, such as +02:00 or Z"),
+        ("A1,21.06.2024 09:30,0,0", "time must be a time as ISO 8601 has it"),
+        ("A1,2024-13-21T09:30Z,0,0", "time must be a time as ISO 8601 has it"),
+        ("A1,1024-06-21T09:30Z,0,0", "time must be of the years 1700 to 2200"),
+        ("A1,0,0", "has 3 fields, but the header has 4"),
+        (f"A1,{TIME},0,0,0", "has 5 fields, but the header has 4"),
+    ],
+)
+def test_wrong_rows(wrong, row, said):
+    (problem,) = wrong(f"heliostat,time,y,z\nA1,{TIME},0,0\n{row}\n")
+    assert problem.startswith("spots.csv:3")
+    assert said in problem
+
+
+@pytest.mark.parametrize(
+    ("sun", "said"),
+    [
+        (
+            "0,0,1.0011",
+            "the sun vector has the length 1.0011, which must be 1 to within 0.001: divide it by its length",
+        ),
+        ("0,0,0", "the sun vector has the length 0,"),
+        ("0.6,0,-0.8", "the sun is not above the horizon (elevation -53.13 deg); sun_z is positive up"),
+        ("1,0,0", "the sun is not above the horizon (elevation 0.00 deg)"),
+        ("x,0,1", "sun_x must be a finite number (got 'x')"),
+    ],
+)
+def test_wrong_suns(wrong, sun, said):
+    (problem,) = wrong(f"heliostat,y,z,sun_x,sun_y,sun_z\nA1,0,0,{sun}\n")
+    assert problem.startswith("spots.csv:2:")
+    assert said in problem
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("time,y,z", "needs a column heliostat: number of the heliostat"),
+        ("heliostat,time,z", "needs a column y:"),
+        ("heliostat,time,y", "needs a column z:"),
+        ("heliostat,y,z", "needs a column time, or sun_x, sun_y, sun_z: the sun that made the spot"),
+        ("heliostat,y,z,sun_x,sun_z", "needs the columns sun_y beside sun_x, sun_z"),
+        ("heliostat,y,z,time,sun_x,sun_y,sun_z", "has both time and sun_x; remove one"),
+        ("heliostat,y,z,time,azimuth", "needs a column elevation beside azimuth, or neither"),
+        ("heliostat,y,z,time,y", "spots.csv:1:20: has two columns 'y'; remove one"),
+        ("heliostat,y,z,time,wieght", "spots.csv:1:20: unknown column 'wieght'; did you mean 'weight'?"),
+        ("heliostat,y,z,time,foo", "unknown column 'foo'; remove it: the columns are heliostat, y, z"),
+        ("heliostat;y;z;time", "is separated by semicolons; use commas"),
+        ("heliostat\ty\tz\ttime", "is separated by tabs; use commas"),
+    ],
+)
+def test_wrong_headers(wrong, header, said):
+    problems = wrong(f"{header}\n{','.join(['1'] * len(header.split(',')))}\n")
+    assert len(problems) == 1
+    assert said in problems[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "spots.csv: is empty: it needs a header"),
+        ("# nothing\n\n", "is empty"),
+        ("heliostat,time,y,z\n", "has a header but no spots"),
+        (b"PK\x03\x04rest", "is a spreadsheet"),
+        (b"heliostat,time\n\xff\xfe\n", "spots.csv:2: is not UTF-8"),
+        (b"helio\0stat", "is a binary file"),
+        (f'heliostat,time,y,z\nA1,{TIME},0,"0\n0"\n', "spots.csv:2: opens a quoted text"),
+        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n', "spots.csv:2: is not CSV"),
+    ],
+)
+def test_what_is_no_table(wrong, text, said):
+    (problem,) = wrong(text)
+    assert said in problem
+
+
+def test_negative_weights(wrong):
+    (problem,) = wrong(f"heliostat,time,y,z,weight\nA1,{TIME},0,0,-0.5\n")
+    assert "spots.csv:2:34: weight must be at least 0: it is an inverse variance (got '-0.5')" in problem
+
+
+def test_angles_in_other_units(wrong):
+    (problem,) = wrong(f"heliostat,time,y,z,azimuth,elevation\nA1,{TIME},0,0,0,3000\n")
+    assert "elevation must be between -720 and 720 deg" in problem
+
+
+def test_all_wrong_rows_at_once_and_long_lists_are_cut(wrong):
+    problems = wrong("heliostat,time,y,z\n" + f"A1,{TIME},x,y\n" * 500)
+    assert len(problems) == spots_file.MAX_LISTED + 1
+    assert problems[0].startswith("spots.csv:2:30: y must be")
+    assert problems[1].startswith("spots.csv:2:32: z must be")
+    assert problems[-1] == "spots.csv: and 980 more problems"
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    for path, said in ((tmp_path / "none.csv", "no such file"), (tmp_path, "is a folder")):
+        with pytest.raises(StudyError, match=said):
+            read_spots(path, 4)
+
+
+def test_too_long_files_are_refused(wrong, monkeypatch):
+    monkeypatch.setattr(spots_file, "MAX_SPOTS", 2)
+    assert "more than 2 spots" in wrong("heliostat,time,y,z\n" + f"A1,{TIME},0,0\n" * 3)[0]
+    monkeypatch.setattr(spots_file, "MAX_BYTES", 2**20)
+    assert "is larger than 1 MiB" in wrong("#" * 2**21)[0]
+
+
+def test_suns_below_the_horizon_are_found_with_their_lines(read):
+    table = read(f"# first\nheliostat,time,y,z\nA1,{TIME},0,0\nA2,2024-06-21T01:30:00+02:00,0,0\n")
+    with pytest.raises(StudyError) as caught:
+        table.under(np.array([[0.0, 0.6, 0.8], [0.0, 0.8, -0.6]]))
+    (problem,) = caught.value.problems
+    assert str(problem).startswith("spots.csv:4: the sun is not above the horizon (elevation -36.87 deg)")
+    assert "offset" in str(problem)
+    assert not table.under(np.array([[0.0, 0.6, 0.8]] * 2)).timed
