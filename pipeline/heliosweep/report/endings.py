@@ -31,6 +31,8 @@ def write_texts(axes: Axes, plane: Plane, looks: Mapping[str, Look], points: flo
     points : float
         Length of a side. [point]
     """
+    if not plane.tracks:
+        return
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     corner, grow = np.array([left, bottom]), points / np.array([right - left, top - bottom])
     everything = (np.concatenate([[track.x, track.y] for track in plane.tracks], axis=1).T - corner) * grow

@@ -23,7 +23,7 @@ _UNITS = {
 }
 
 #: Dimensions whose values are words of the program, written with underscores there.
-_ENUMERATIONS = ("tracking", "model")
+_ENUMERATIONS = ("tracking", "model", "mount_kind", "source", "axis", "loss")
 
 
 def unit_of(array: xr.DataArray) -> str:

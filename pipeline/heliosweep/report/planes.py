@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,8 @@ def frames(planes: Sequence[Plane]) -> list[Ends]:
 
 def cut(planes: Sequence[Plane]) -> int:
     """How many points of tracks lie outside of the panels."""
-    return sum(beyond(plane.points(), ends) for plane, ends in zip(planes, frames(planes), strict=True))
+    bare = [Plane("", [replace(track, half=None) for track in plane.tracks]) for plane in planes]
+    return sum(beyond(plane.points(), ends) for plane, ends in zip(bare, frames(planes), strict=True))
 
 
 @styled

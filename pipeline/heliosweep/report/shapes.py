@@ -154,8 +154,9 @@ class Plane:
         pieces: list[Any] = [np.empty((0, 2))]
         for track in self.tracks:
             if track.framed:
-                half = 0.0 if track.half is None else np.nan_to_num(track.half)
-                pieces += [np.stack([track.x, track.y + sign * half], axis=-1) for sign in (-1, 1)]
+                pieces.append(np.stack([track.x, track.y], axis=-1))
+                if track.half is not None:
+                    pieces += [np.stack([track.x, track.y + sign * track.half], axis=-1) for sign in (-1, 1)]
         for one in self.ellipses:
             if one.known:
                 wide, high = one.reach

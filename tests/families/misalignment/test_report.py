@@ -220,6 +220,14 @@ def test_recovered_errors_have_95_percent_bars_about_the_estimate():
     np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, 1.959964 * one["standard_error"], rtol=1e-6)
 
 
+def test_bars_of_few_spots_are_those_of_the_t_distribution():
+    dataset = results.calibration(pivots=results.POSITIONS[:2], parameters=2).assign(spots_used=("heliostat", [3, 4]))
+    (bars,) = drawn(dataset)["recovered_errors"].figure.axes[0].containers
+    ends = np.array(bars.lines[2][0].get_segments())[:, :, 1]
+    quantiles = np.array([2.776445, 2.446912])  # of 4 and 6 degrees of freedom
+    np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, quantiles * dataset["standard_error"][:, 0], rtol=1e-6)
+
+
 def test_captions_say_where_the_rest_stands():
     dataset = results.curves(days=(80, 172, 355), hours=HOURS)
     caption = drawn(dataset)["deviation_curves"].caption

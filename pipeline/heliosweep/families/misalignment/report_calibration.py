@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
+from scipy.special import ndtri, stdtrit
 
 from heliosweep.families.misalignment import report_views as views
 from heliosweep.families.misalignment import report_words as wording
@@ -19,8 +20,8 @@ from heliosweep.report.planes import plane_figure
 from heliosweep.report.shapes import Ellipse, Look, Plane, Track, Words
 from heliosweep.report.style import COLOURS, MARKERS, VALUES
 
-#: Two-sided 95 % point of the normal distribution.
-NORMAL_95 = 1.959963984540054
+#: Quantile at the upper end of a two-sided 95 % interval.
+UPPER = 0.975
 
 #: Heliostats whose spots are drawn; series of recovered errors.
 MOST_HELIOSTATS, MOST_SERIES = 3, 3
@@ -114,15 +115,13 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
         for name, one in zip(names, series, strict=True):
             points = (stands, one, {PARAMETER: index})
             found = at(array, *points)
-            true, half = (
-                at(result[other], *points).broadcast_like(found).transpose(*found.dims).to_numpy().ravel()
-                if other in result
-                else np.full(found.size, np.nan)
-                for other in ("true_error", "standard_error")
-            )
+            true = _like(found, result["true_error"], *points)
+            half = np.full(found.size, np.nan)
+            if "standard_error" in result:
+                half = _like(found, result["standard_error"], *points) * _quantile(result, found, stands, one)
             values = found.to_numpy().ravel()
             thin = np.unique(np.linspace(0, values.size - 1, min(values.size, MOST_POINTS)).astype(int))
-            tracks.append(Track(true[thin], values[thin], name, half=NORMAL_95 * half[thin]))
+            tracks.append(Track(true[thin], values[thin], name, half=half[thin]))
         both = np.concatenate([np.stack([track.x, track.y]) for track in tracks], axis=1)
         both = both[:, np.isfinite(both).all(axis=0)]
         if both.size:
@@ -207,6 +206,20 @@ def _residual_map(result: xr.Dataset) -> Iterator[NamedFigure]:
     )
     figure = maps.map_figure([[one]], maps.value_scale([one]), "residual (m)", VALUES)
     yield NamedFigure("residual_map", caption, figure)
+
+
+def _like(found: xr.DataArray, array: xr.DataArray, *points: Point) -> np.ndarray:
+    """Values of another variable beside those of one, in one row."""
+    return at(array, *points).broadcast_like(found).transpose(*found.dims).to_numpy().astype(float).ravel()
+
+
+def _quantile(result: xr.Dataset, found: xr.DataArray, *points: Point) -> np.ndarray:
+    """Half-width of 95 % intervals over the standard error, by the t distribution where the spots are counted."""
+    if "spots_used" not in result:
+        return np.full(found.size, float(ndtri(UPPER)))
+    estimated = at(result["estimated_error"], *points).notnull().sum(PARAMETER)
+    freedom = 2 * _like(found, result["spots_used"], *points) - _like(found, estimated)
+    return np.asarray(stdtrit(np.where(freedom > 0, freedom, np.nan), UPPER))
 
 
 def _run(result: xr.Dataset) -> str | None:

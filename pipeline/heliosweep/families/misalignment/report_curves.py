@@ -148,7 +148,7 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
         caption += wording.note(result, {**stands, **axis_point}, (HELIOSTAT, shown), (error, sizes))
         scale = Scale(wording.label(result, HOUR), *_ends(planes))
         figure = plane_figure(planes, {"": _PATH, **_LOOKS}, words=wording.around(result, silent=("",)), scale=scale)
-        suffix = f"_{name.replace(' ', '_')}" if axis and result.sizes[axis] > 1 else ""
+        suffix = f"_{name.replace('-', '_')}" if axis and result.sizes[axis] > 1 else ""
         yield NamedFigure(f"spot_drift{suffix}", caption.replace("  ", " "), figure)
 
 
@@ -217,15 +217,15 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
 def axes_of(result: xr.Dataset, axis: str | None) -> list[tuple[str, Point]]:
     """Axes of the error by name, in the order of their looks; one without a name where there are none."""
     if axis is None:
-        name = _spaced(result[AXIS].item()) if AXIS in result.coords and not result[AXIS].ndim else ""
+        name = _hyphened(result[AXIS].item()) if AXIS in result.coords and not result[AXIS].ndim else ""
         return [(name, {})]
-    names = [_spaced(name) for name in result[axis].to_numpy()]
+    names = [_hyphened(name) for name in result[axis].to_numpy()]
     known = {name: {axis: index} for index, name in enumerate(names)}
     return sorted(known.items(), key=lambda item: list(AXES).index(item[0]) if item[0] in AXES else len(AXES))
 
 
-def _spaced(name: object) -> str:
-    return str(name).replace("_", " ")
+def _hyphened(name: object) -> str:
+    return str(name).replace("_", "-")
 
 
 def _look(name: str) -> Look:

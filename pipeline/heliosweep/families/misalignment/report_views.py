@@ -53,7 +53,7 @@ FIELD = 7
 AXES = {
     "elevation": Look("#D55E00"),
     "azimuth": Look("#0072B2"),
-    "encoder azimuth": Look("#009E73", (0, (4, 1.4))),
+    "encoder-azimuth": Look("#009E73", (0, (4, 1.4))),
 }
 
 Point = dict[str, int]
