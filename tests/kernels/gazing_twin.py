@@ -105,20 +105,18 @@ def modelled(layout, y, z, p):
     return images(layout, *series(y, z, layout.focal_length, p))
 
 
-def gauss_newton(images, layout, y, z, start, gain=False, steps=12):
+def gauss_newton(images, layout, y, z, start, gain=False, steps=8):
     """Slopes that fit the images best at each pixel, with a gain where asked; derivatives by differences."""
-    p, step = np.array(start, float), 1e-8
+    p, step, scale = np.array(start, float), 1e-8, np.ones(y.size)
     for _ in range(steps):
         value = modelled(layout, y, z, p)
-        slope = [
-            (modelled(layout, y, z, p + step * e) - modelled(layout, y, z, p - step * e)) / (2 * step)
-            for e in np.eye(2)[:, :, np.newaxis]
+        ways = step * np.eye(2)[:, :, np.newaxis]
+        columns = [
+            scale * (modelled(layout, y, z, p + way) - modelled(layout, y, z, p - way)) / (2 * step) for way in ways
         ]
-        scale = np.sum(value * images, axis=0) / np.sum(value**2, axis=0) if gain else np.ones(y.size)
-        columns = [scale * s for s in slope] + ([value] if gain else [])
-        matrix = np.moveaxis(np.stack(columns, axis=-1), 1, 0)
-        p = p + np.stack(
-            [np.linalg.lstsq(m, r, rcond=None)[0][:2] for m, r in zip(matrix, (images - scale * value).T, strict=True)],
-            axis=1,
-        )
+        matrix = np.stack([*columns, value] if gain else columns, axis=-1).swapaxes(0, 1)
+        rest = (images - scale * value).T[..., np.newaxis]
+        change = np.linalg.solve(matrix.swapaxes(1, 2) @ matrix, matrix.swapaxes(1, 2) @ rest)[..., 0].T
+        p = p + change[:2]
+        scale = scale + change[2] if gain else scale
     return p
