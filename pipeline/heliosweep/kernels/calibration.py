@@ -30,17 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.mount_fit import (
-    CAUCHY,
     DEPENDENT,
     ESTIMATED,
-    HUBER,
     INDISTINCT,
     NOT_CONVERGED,
     PARAMETERS,
-    SQUARED,
     TOO_FEW,
     fit_all,
 )
+from heliosweep.kernels.robust import CAUCHY, HUBER, SQUARED
 
 __all__ = [
     "CAUCHY",
@@ -55,7 +53,6 @@ __all__ = [
     "Calibration",
     "Spots",
     "calibrate",
-    "fit_all",
 ]
 
 Floats = NDArray[np.float64]

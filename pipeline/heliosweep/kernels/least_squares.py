@@ -45,21 +45,40 @@ def orthogonalise(rows: Floats, columns: int, upper: Floats) -> None:
         Row j is zero where column j depends on those before it.
     """
     upper[:] = 0.0
-    products = np.empty(LANES)
+    factors = np.empty(LANES)
     for j in range(columns):
-        products[:] = 0.0
+        # Written out, so that sums and factors stay in registers; loops over an array go through memory.
+        a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(len(rows)):
-            for k in range(LANES):
-                products[k] += rows[i, j] * rows[i, k]
-        square = products[j]
+            own = rows[i, j]
+            a += own * rows[i, 0]
+            b += own * rows[i, 1]
+            c += own * rows[i, 2]
+            d += own * rows[i, 3]
+            e += own * rows[i, 4]
+            f += own * rows[i, 5]
+            g += own * rows[i, 6]
+            h += own * rows[i, 7]
+        factors[0], factors[1], factors[2], factors[3] = a, b, c, d
+        factors[4], factors[5], factors[6], factors[7] = e, f, g, h
+        square = factors[j]
         length = math.sqrt(square)
         for k in range(LANES):
-            below = k < j or square <= 0.0
-            upper[j, k] = 0.0 if below else products[k] / length
-            products[k] = 0.0 if below or k == j else products[k] / square
+            done = k < j or square <= 0.0
+            upper[j, k] = 0.0 if done else factors[k] / length
+            factors[k] = 0.0 if done or k == j else factors[k] / square
+        a, b, c, d = factors[0], factors[1], factors[2], factors[3]
+        e, f, g, h = factors[4], factors[5], factors[6], factors[7]
         for i in range(len(rows)):
-            for k in range(LANES):
-                rows[i, k] -= rows[i, j] * products[k]
+            own = rows[i, j]
+            rows[i, 0] -= own * a
+            rows[i, 1] -= own * b
+            rows[i, 2] -= own * c
+            rows[i, 3] -= own * d
+            rows[i, 4] -= own * e
+            rows[i, 5] -= own * f
+            rows[i, 6] -= own * g
+            rows[i, 7] -= own * h
 
 
 @kernel

@@ -8,23 +8,19 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.least_squares import LANES, orthogonalise, singular_values
+from heliosweep.kernels.robust import CAUCHY, HUBER, SQUARED, gradient, residuals, variance_factor, weigh
 from heliosweep.kernels.two_axis import TERMS, error_terms, spot_and_jacobian
 
 __all__ = [
-    "CAUCHY",
     "DEPENDENT",
     "ESTIMATED",
-    "HUBER",
     "INDISTINCT",
     "NOT_CONVERGED",
     "PARAMETERS",
-    "SQUARED",
     "TOO_FEW",
     "fit_all",
+    "predict",
 ]
-
-SQUARED, HUBER, CAUCHY = 0, 1, 2
-"""Losses."""
 
 ESTIMATED = 0
 """The errors are estimated."""
@@ -98,7 +94,7 @@ def fit_all(
         scene = (sun[a:b], turns[a:b], position[a:b], frames[f], pivots[f], face, offsets)
         rows, other, w = now[:n], trial[:n], weighted[: 2 * n]
         x[:] = 0.0
-        _predict(scene, x, parameters, rows)
+        predict(scene, x, parameters, rows)
         used = 0
         for i in range(n):
             seen = math.isfinite(rows[i, 0, parameters]) and math.isfinite(rows[i, 1, parameters])
@@ -122,7 +118,7 @@ def fit_all(
             if status == DEPENDENT:
                 break
         if status != DEPENDENT:
-            _weigh(rows, parameters, counted, SQUARED, loss_scale, w)
+            weigh(rows, parameters, counted, SQUARED, loss_scale, w)
             orthogonalise(w, parameters, upper)
             singular_values(upper, parameters, values, right, projected)
             if not values[parameters - 1] > INDEPENDENT * values[0]:
@@ -133,7 +129,7 @@ def fit_all(
         result.condition[f] = values[0] / values[parameters - 1]
         if status == ESTIMATED and result.condition[f] > condition_limit:
             result.status[f] = INDISTINCT
-        variance = _variance(rows, parameters, used, counted, loss, loss_scale)
+        variance = variance_factor(rows, parameters, used, counted, loss, loss_scale)
         least = 0
         for j in range(parameters):
             result.estimate[f, j] = x[j]
@@ -146,10 +142,10 @@ def fit_all(
                 result.covariance[f, j, k] = variance * total
         result.least_known[f] = least
         if loss != SQUARED:
-            _weigh(rows, parameters, counted, loss, loss_scale, w)
+            weigh(rows, parameters, counted, loss, loss_scale, w)
             orthogonalise(w, parameters, upper)
             singular_values(upper, parameters, values, right, projected)
-        _residuals(
+        residuals(
             rows, parameters, counted, loss, loss_scale, values, right, result.residual[a:b], result.left_out[a:b]
         )
 
@@ -180,7 +176,7 @@ def _minimise(
     are taken until they are rounding themselves.
     """
     damping, growth, fresh = 0.0, 2.0, True
-    cost = _weigh(rows, parameters, counted, loss, loss_scale, weighted)
+    cost = weigh(rows, parameters, counted, loss, loss_scale, weighted)
     tried = np.empty(PARAMETERS)
     evaluation, patience, last = evaluations, evaluations + PATIENCE, np.inf
     while evaluation < MOST:
@@ -212,9 +208,9 @@ def _minimise(
             still, patience, last = evaluation >= patience, min(patience, evaluation), np.inf
         else:
             last = shift if dull else np.inf
-        _predict(scene, tried, parameters, trial)
+        predict(scene, tried, parameters, trial)
         evaluation += 1
-        new_cost = _weigh(trial, parameters, counted, loss, loss_scale, weighted)
+        new_cost = weigh(trial, parameters, counted, loss, loss_scale, weighted)
         accepted = new_cost < cost or (dull and new_cost <= cost + noise)
         if accepted:
             x[:] = tried
@@ -249,13 +245,13 @@ def _curvature(
     """
     here, there = np.empty(PARAMETERS), np.empty(PARAMETERS)
     hessian = np.zeros((LANES, LANES))
-    _gradient(rows, parameters, counted, loss, loss_scale, here)
+    gradient(rows, parameters, counted, loss, loss_scale, here)
     near = np.empty(PARAMETERS)
     for k in range(parameters):
         near[:] = x
         near[k] += DIFFERENCE
-        _predict(scene, near, parameters, trial)
-        _gradient(trial, parameters, counted, loss, loss_scale, there)
+        predict(scene, near, parameters, trial)
+        gradient(trial, parameters, counted, loss, loss_scale, there)
         for j in range(parameters):
             change = 0.5 * (there[j] - here[j]) / (near[k] - x[k])
             hessian[j, k] += change
@@ -270,72 +266,7 @@ def _curvature(
 
 
 @kernel
-def _gradient(rows: Floats, parameters: int, counted: Floats, loss: int, loss_scale: float, slope: Floats) -> None:
-    """Derivative of the cost by the errors."""
-    slope[:] = 0.0
-    for i in range(len(rows)):
-        if counted[i] == 0.0:
-            continue
-        y, z = rows[i, 0, parameters], rows[i, 1, parameters]
-        _, share, _ = _bend(counted[i] * (y * y + z * z) / loss_scale**2, loss)
-        for k in range(parameters):
-            slope[k] += counted[i] * share * (rows[i, 0, k] * y + rows[i, 1, k] * z)
-
-
-@kernel
-def _bend(square: float, loss: int) -> tuple[float, float, float]:
-    """rho, its derivative rho' and rho' + 2 u rho'' at u = `square`: loss, weight and stiffness along a residual."""
-    if loss == SQUARED or (loss == HUBER and square <= 1.0):
-        return square, 1.0, 1.0
-    if loss == HUBER:
-        root = math.sqrt(square)
-        return 2.0 * root - 1.0, 1.0 / root, 0.0
-    return math.log1p(square), 1.0 / (1.0 + square), (1.0 - square) / (1.0 + square) ** 2
-
-
-@kernel
-def _weigh(rows: Floats, parameters: int, counted: Floats, loss: int, loss_scale: float, weighted: Floats) -> float:
-    """Fill the weighted rows of the next step; returns the cost, infinite where a spot misses the receiver."""
-    cost = 0.0
-    for i in range(len(rows)):
-        y, z = rows[i, 0, parameters], rows[i, 1, parameters]
-        if counted[i] == 0.0:
-            for k in range(LANES):
-                weighted[2 * i, k], weighted[2 * i + 1, k] = 0.0, 0.0
-            continue
-        if not math.isfinite(y):
-            return np.inf
-        value, slope, _ = _bend(counted[i] * (y * y + z * z) / loss_scale**2, loss)
-        cost += 0.5 * loss_scale**2 * value
-        root = math.sqrt(counted[i] * slope)
-        for k in range(LANES):
-            weighted[2 * i, k], weighted[2 * i + 1, k] = root * rows[i, 0, k], root * rows[i, 1, k]
-    return cost
-
-
-@kernel
-def _variance(rows: Floats, parameters: int, used: int, counted: Floats, loss: int, loss_scale: float) -> float:
-    """Factor of (J^T W J)^-1 in the covariance, W without the weights of the loss; NaN without a degree of freedom."""
-    equations = 2.0 * used
-    influence, stiffness, stiffness_square = 0.0, 0.0, 0.0
-    for i in range(len(rows)):
-        if counted[i] == 0.0:
-            continue
-        square = counted[i] * (rows[i, 0, parameters] ** 2 + rows[i, 1, parameters] ** 2)
-        _, across, along = _bend(square / loss_scale**2, loss)
-        influence += across * across * square
-        stiffness += across + along
-        stiffness_square += across * across + along * along
-    mean = stiffness / equations
-    spread = stiffness_square / equations - mean * mean
-    if equations <= parameters or mean <= 0.0:
-        return np.nan
-    correction = 1.0 + parameters / equations * spread / (mean * mean)
-    return correction * correction * influence / (equations - parameters) / (mean * mean)
-
-
-@kernel
-def _predict(scene: Any, x: Floats, parameters: int, rows: Floats) -> None:
+def predict(scene: Any, x: Floats, parameters: int, rows: Floats) -> None:
     """Fill the rows of every spot: derivatives of y and of z by the errors, behind them predicted - measured."""
     sun, turns, position, frame, pivot, face, offsets = scene
     terms, jacobian = np.empty(TERMS), np.empty(2 * PARAMETERS)
@@ -350,36 +281,3 @@ def _predict(scene: Any, x: Floats, parameters: int, rows: Floats) -> None:
             rows[i, 1, k] = jacobian[PARAMETERS + k] if k < parameters else 0.0
         rows[i, 0, parameters] = y - position[i, 0]
         rows[i, 1, parameters] = z - position[i, 1]
-
-
-@kernel
-def _residuals(
-    rows: Floats, parameters: int, counted: Floats, loss: int, loss_scale: float, values: Floats,
-    right: Floats, residual: Floats, left_out: Floats,
-) -> None:  # fmt: skip
-    """Residuals (measured - predicted), and those by (I - H)^-1 where each prediction leaves its spot out.
-
-    H is the spot's 2 x 2 block of the hat matrix, from the singular values of the weighted rows.
-    """
-    half = np.empty((2, PARAMETERS))
-    for i in range(len(rows)):
-        y, z = -rows[i, 0, parameters], -rows[i, 1, parameters]
-        residual[i, 0], residual[i, 1] = y, z
-        _, slope, _ = _bend(counted[i] * (y * y + z * z) / loss_scale**2, loss)
-        for m in range(2):
-            for k in range(parameters):
-                total = 0.0
-                for j in range(parameters):
-                    total += rows[i, m, j] * right[j, k]
-                half[m, k] = total / values[k]
-        a, b, c = 0.0, 0.0, 0.0
-        for k in range(parameters):
-            a += half[0, k] * half[0, k]
-            b += half[0, k] * half[1, k]
-            c += half[1, k] * half[1, k]
-        share = counted[i] * slope
-        a, b, c = 1.0 - share * a, -share * b, 1.0 - share * c
-        determinant = a * c - b * b
-        known = a > 1e-9 and determinant > 1e-9 * a  # else the spot alone determines a direction of the errors
-        left_out[i, 0] = (c * y - b * z) / determinant if known else np.nan
-        left_out[i, 1] = (a * z - b * y) / determinant if known else np.nan

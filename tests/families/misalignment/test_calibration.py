@@ -283,7 +283,7 @@ def test_commanded_angles_are_taken_as_they_are_given(tmp_path):
 
 
 def test_times_give_the_sun_of_the_site():
-    result = computed(workflow.load(STUDIES / "calibration_measured.yaml"))
+    result = workflow.build(workflow.load(STUDIES / "calibration_measured.yaml")).compute()
     truth = np.array(
         [[1.8, -0.9, 0.6, -0.4], [-2.1, 0.7, -0.8, 0.5], [0.9, 1.6, 0.3, 0.9], [-0.6, -1.4, 1.1, -0.2]]
     )  # as the table says

@@ -1,0 +1,120 @@
+"""Speed of the calibration on one core. Run it: `python -m tests.bench.bench_calibration`.
+
+Prints seconds for 1,000 heliostats with 60 spots each, by number of errors and loss function, beside SciPy's
+`least_squares`, heliostat by heliostat, with the same spots and derivatives by the same kernel (so that SciPy pays for
+its steps and not for the model), and by differences of the plain NumPy model. Nothing is asserted: times depend on the
+machine and on its other work; each is the best of a few runs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from heliosweep.kernels.calibration import CAUCHY, HUBER, SQUARED, Spots, calibrate
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.mount_fit import predict
+from heliosweep.kernels.receiver import face_axes
+from heliosweep.kernels.sun import declination_cooper, solar_clock
+from heliosweep.kernels.two_axis import aim, mount_frames, normal_and_centre
+from tests.bench.bench_dish import best
+
+Floats = NDArray[np.float64]
+
+HELIOSTATS, SPOTS, SAMPLE = 1000, 60, 20
+OFFSETS = (0.5, 0.1, 3.0)
+FACE = face_axes(0.0, 0.0)
+
+
+def field() -> tuple[Spots, Floats, Floats]:
+    """Spots of three days with 2 cm of noise and 5 % outliers; frames and pivots."""
+    rng = np.random.default_rng(3)
+    around, far = rng.uniform(-1.0, 1.0, HELIOSTATS), rng.uniform(150.0, 600.0, HELIOSTATS)
+    pivots = np.stack([far * np.sin(around), far * np.cos(around), np.full(HELIOSTATS, -143.0)], axis=1)
+    days = np.repeat([81.0, 172.0, 355.0], SPOTS // 3)
+    sun = solar_clock(np.radians(37.4), declination_cooper(days), np.tile(np.linspace(8.0, 16.0, SPOTS // 3), 3))
+    frames = mount_frames(0, 0.0, 0.0, -pivots)
+    angles = aim(frames[:, np.newaxis], sun, -pivots[:, np.newaxis], np.zeros(6), OFFSETS)
+    errors = rng.normal(0.0, 1e-3, (HELIOSTATS, 1, 6))
+    position = model(frames[:, np.newaxis], pivots[:, np.newaxis], angles, errors, sun)
+    position += 0.02 * rng.standard_normal(position.shape)
+    position[rng.random(position.shape[:2]) < 0.05] += 0.5
+    first = np.arange(HELIOSTATS + 1) * SPOTS
+    suns = np.tile(sun, (HELIOSTATS, 1))
+    spots = Spots(first, suns, angles.reshape(-1, 2), position.reshape(-1, 2), np.ones(HELIOSTATS * SPOTS))
+    return spots, frames, pivots
+
+
+def model(frames: Floats, pivots: Floats, angles: Floats, errors: Floats, sun: Floats) -> Floats:
+    """Spots in plain NumPy around the kernel's mirror."""
+    normal, centre = normal_and_centre(frames, angles, errors, OFFSETS)
+    point = pivots + centre
+    ray = 2.0 * np.sum(normal * sun, axis=-1, keepdims=True) * normal - sun
+    on_plane = point - (point @ FACE[0] / (ray @ FACE[0]))[..., np.newaxis] * ray
+    return on_plane @ FACE[1:].T
+
+
+@kernel
+def rows_of(sun, turns, position, frame, pivot, face, offsets, x, parameters, rows):
+    """Residuals and derivatives of one heliostat, as the calibration has them."""
+    predict((sun, turns, position, frame, pivot, face, offsets), x, parameters, rows)
+
+
+def theirs(spots: Spots, frames: Floats, pivots: Floats, parameters: int, loss: str, exact: bool) -> None:
+    """SciPy on the first heliostats; derivatives by the kernel, or by differences of the NumPy model."""
+    for h in range(SAMPLE):
+        part = slice(spots.first[h], spots.first[h + 1])
+        sun, angles, position = spots.sun[part], spots.angles[part], spots.position[part]
+        turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(-1, 4)
+        rows, full = np.empty((SPOTS, 2, 8)), np.zeros(6)
+        fixed = (frames[h].ravel(), pivots[h], FACE.ravel(), np.array(OFFSETS))
+
+        def filled(x: Floats) -> Floats:
+            full[:parameters] = x  # noqa: B023
+            rows_of(sun, turns, position, *fixed, full, parameters, rows)  # noqa: B023
+            return rows  # noqa: B023
+
+        def residuals(x: Floats) -> Floats:
+            if exact:
+                return filled(x)[:, :, parameters].ravel()
+            full[:parameters] = x  # noqa: B023
+            return (model(frames[h], pivots[h], angles, full, sun) - position).ravel()  # noqa: B023
+
+        def jacobian(x: Floats) -> Floats:
+            return filled(x)[:, :, :parameters].reshape(-1, parameters)
+
+        options = {"jac": jacobian if exact else "2-point", "loss": loss, "f_scale": 0.05}
+        least_squares(residuals, np.zeros(parameters), x_scale=1e-3, **options)
+
+
+def main() -> None:
+    """Print the table."""
+    spots, frames, pivots = field()
+    title = f"{HELIOSTATS:,} heliostats x {SPOTS} spots"
+    print(f"{title:<40} {'s':>8} {'us/heliostat':>14} {'ratio':>10} {'to NumPy':>10}")
+    names = {SQUARED: "linear", HUBER: "huber", CAUCHY: "cauchy"}
+    for loss, name in names.items():
+        for parameters in (2, 4, 6):
+
+            def ours(parameters: int = parameters, loss: int = loss) -> None:
+                options = {"parameters": parameters, "loss": loss, "loss_scale": 0.05}
+                calibrate(spots, frames, pivots, FACE, np.array(OFFSETS), **options)  # type: ignore[arg-type]
+
+            seconds = best(ours, 3)
+            ratios = []
+            for exact in (True, False):
+
+                def scipy(exact: bool = exact, parameters: int = parameters, name: str = name) -> None:
+                    theirs(spots, frames, pivots, parameters, name, exact)
+
+                ratios.append(best(scipy, 1) / SAMPLE * HELIOSTATS / seconds)
+            label = f"{parameters} errors, loss {'squared' if name == 'linear' else name}"
+            print(
+                f"{label:<40} {seconds:>8.3f} {seconds / HELIOSTATS * 1e6:>14.1f} {ratios[0]:>10.0f} {ratios[1]:>10.0f}"
+            )
+    print("ratio: SciPy's least_squares with the kernel's spots and derivatives; to NumPy: with differences of NumPy's")
+
+
+if __name__ == "__main__":
+    main()
