@@ -144,7 +144,7 @@ def module_estimates(
     bend, bend_error = _pooled(fit[:, :, 1], variance[:, np.newaxis] * fit[:, :, 3])
     with np.errstate(all="ignore"):
         length = 1.0 / (1.0 / focal_length - 2.0 * bend) if math.isfinite(bend) else math.nan
-        left = np.where(seen, (scatter - known) / np.maximum(number - 3, 1), math.nan)
+        left = np.where(seen, scatter / np.maximum(number - 3, 1) - known / np.maximum(number, 1), math.nan)
     return ModuleEstimates(
         level - pointing[:, np.newaxis],
         np.sqrt(own**2 + pointing_error[:, np.newaxis] ** 2),
