@@ -1,6 +1,7 @@
 """Speed of backward gazing on one core: images and method A. Run it: `python -m tests.bench.bench_gazing`.
 
-Prints millions of pixels per second, a pixel being what all four cameras see of it, beside plain NumPy. Nothing is asserted: times depend on the machine and on its other work; each is the best of many runs.
+Prints millions of pixels per second, a pixel being what all four cameras see of it, beside plain NumPy. Nothing is
+asserted: times depend on the machine and on its other work; each is the best of many runs.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def plain_images() -> float:
             y, z = grid.pixel_y[here], grid.pixel_z[here]
             twin.images(layout, *twin.surface(y, z, modules.centre[number], 120.0, canting[number], (0.0, 0.0)))
 
-    return best(work, 5) / len(grid.place)
+    return best(work) / len(grid.place)
 
 
 def plain_method_a(images: np.ndarray) -> float:
@@ -64,7 +65,7 @@ def plain_method_a(images: np.ndarray) -> float:
         square = twin.EPS_MAX**2 * np.maximum(1.0 - c**2, 0.0) ** (2.0 / twin.POWER)
         return 0.5 * (solution @ (square - ideal))
 
-    return best(work, 5) / len(grid.place)
+    return best(work) / len(grid.place)
 
 
 def main() -> None:
