@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.gazing_geometry import camera_ray, ideal_mirror
+from heliosweep.kernels.gazing_geometry import ideal_mirror
 
 __all__ = [
     "BY_A",
     "BY_B",
     "CAMERA_ROWS",
+    "CHUNK",
     "FIRST_CAMERA",
     "GAIN",
     "LANES",
@@ -38,7 +39,9 @@ __all__ = [
     "place_wavefront",
     "power",
     "project",
+    "rays_size",
     "reflect",
+    "trace_back",
     "weigh",
 ]
 
@@ -46,6 +49,9 @@ Floats = NDArray[np.float64]
 
 LANES = 32
 """Pixels in a block: the rows of four cameras fit into the nearest cache."""
+
+CHUNK = 1000
+"""Pixels whose rays are traced at a time. (Rows a power of 2 apart would share the same few places of a cache.)"""
 
 A, B, GAIN, MERIT = range(4)
 """Rows of the trial point [rad], the gain there, and the sum of squares."""
@@ -104,34 +110,65 @@ def power(base, exponent):
     return e * np.int64((np.int64(whole) + _BIAS) << _BITS).view(np.float64)
 
 
-@inline
-def place_pixel(lanes, k, layout, images, pixel, y, z, threshold):
-    """Put a pixel into lane k: its rays, brightnesses and lit cameras.
+@kernel
+def rays_size(cameras: int) -> int:
+    """Numbers that the rays of a chunk take."""
+    return (2 + 5 * cameras) * CHUNK
 
-    Returns
-    -------
-    a, b : float
-        Slopes of the ideal mirror there. [rad]
-    lit : int
-        Cameras in which the pixel reaches the threshold; others count in no merit.
+
+@kernel
+def trace_back(rays, cameras, layout, place, first):
+    """Trace the rays from all cameras to the chunk of pixels that begins with `first`; returns where it ends.
+
+    Row r of pixel n is `rays[r * CHUNK + n - first]`: slopes of the ideal mirror [rad], then for each camera R in the
+    mirror frame, and R.e for the 2nd and 3rd rows e of B_S [1]; none of it changes with the trial slopes.
     """
-    x, a, b = ideal_mirror(layout.focal_length, y, z)
-    sy, sz = layout.sun_y, layout.sun_z
-    for camera in range(images.shape[0]):
-        n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES + k
-        rx, ry, rz = camera_ray(layout.eyes, camera, x, y, z)
-        lanes[n + _RX * LANES], lanes[n + _RY * LANES], lanes[n + _RZ * LANES] = rx, ry, rz
-        lanes[n + _RV * LANES] = rx * sy[0] + ry * sy[1] + rz * sy[2]
-        lanes[n + _RW * LANES] = rx * sz[0] + ry * sz[1] + rz * sz[2]
-    return a, b, _place_images(lanes, k, images, pixel, threshold)
+    count, focal_length = min(CHUNK, place.shape[1] - first), layout.focal_length
+    sy0, sy1, sy2 = layout.sun_y[0], layout.sun_y[1], layout.sun_y[2]
+    sz0, sz1, sz2 = layout.sun_z[0], layout.sun_z[1], layout.sun_z[2]
+    y, z = place[0, first : first + count], place[1, first : first + count]
+    for n in range(count):
+        _, rays[n], rays[CHUNK + n] = ideal_mirror(focal_length, y[n], z[n])
+    for camera in range(cameras):
+        row = (2 + 5 * camera) * CHUNK
+        ex, ey, ez = layout.eyes[camera, 0], layout.eyes[camera, 1], layout.eyes[camera, 2]
+        for n in range(count):
+            x, _, _ = ideal_mirror(focal_length, y[n], z[n])
+            rx, ry, rz = _unit(ex - x, ey - y[n], ez - z[n])
+            rays[np.uint64(row + n)] = rx
+            rays[np.uint64(row + CHUNK + n)] = ry
+            rays[np.uint64(row + 2 * CHUNK + n)] = rz
+            rays[np.uint64(row + 3 * CHUNK + n)] = rx * sy0 + ry * sy1 + rz * sy2
+            rays[np.uint64(row + 4 * CHUNK + n)] = rx * sz0 + ry * sz1 + rz * sz2
+    return first + count
 
 
 @inline
-def place_wavefront(lanes, k, layout, images, pixel, threshold):
-    """Put a pixel into lane k for a search among wavefront slopes w; returns the number of lit cameras."""
+def _unit(x, y, z):
+    scale = 1.0 / math.sqrt(x * x + y * y + z * z)
+    return x * scale, y * scale, z * scale
+
+
+@inline
+def place_pixel(lanes, k, rays, n, images, pixel, threshold):
+    """Put a pixel, the nth of the chunk in `rays`, into lane k; returns its number of lit cameras.
+
+    Other cameras count in no merit. (Whatever is called for every pixel takes no scene: a tuple of arrays costs
+    reference counting.)
+    """
+    for camera in range(images.shape[0]):
+        to = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES + k
+        for row in range(5):
+            lanes[to + row * LANES] = rays[(2 + 5 * camera + row) * CHUNK + n]
+    return _place_images(lanes, k, images, pixel, threshold)
+
+
+@inline
+def place_wavefront(lanes, k, gaze, images, pixel, threshold):
+    """Put a pixel into lane k for a search among wavefront slopes w, with `gaze` of the scene; returns the same."""
     for camera in range(images.shape[0]):
         n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES + k
-        lanes[n], lanes[n + LANES] = layout.gaze[camera, 0], layout.gaze[camera, 1]
+        lanes[n], lanes[n + LANES] = gaze[camera, 0], gaze[camera, 1]
     return _place_images(lanes, k, images, pixel, threshold)
 
 
@@ -223,7 +260,8 @@ def _brighten_table(lanes, cameras, profile):
     for camera in range(cameras):
         n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
         for k in range(LANES):
-            square = max(lanes[at(n, SQUARE, k)], _TINY)
+            square = lanes[at(n, SQUARE, k)]
+            square = square if square > _TINY else _TINY  # for NaN too: a cell beyond the table would be read
             angle = math.sqrt(square)
             place = min(angle, edge) * each
             cell = min(np.int64(place), last)

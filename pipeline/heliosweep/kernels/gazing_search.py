@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing_geometry import Scene
 from heliosweep.kernels.gazing_lanes import (
+    CHUNK,
     GAIN,
     LANES,
     MERIT,
@@ -29,7 +30,9 @@ from heliosweep.kernels.gazing_lanes import (
     place_pixel,
     place_wavefront,
     project,
+    rays_size,
     reflect,
+    trace_back,
     weigh,
 )
 from heliosweep.kernels.nelder_mead import COUNTS, EVALUATIONS, ITERATIONS, POINT, STATE, VALUE, advance, corner_simplex
@@ -101,7 +104,7 @@ def search_slopes(
     y, z : array_like, shape (N,)
         Pixels, from the mirror centre. [m]
     start : array_like, shape (2, N)
-        First guess of p, from method A. [rad]
+        First guess of p, from method A; 0 where it is not finite. [rad]
     threshold : float
         Least brightness of a lit camera; darker ones, and NaN, do not count. [1]
     fit_gain : bool
@@ -128,14 +131,13 @@ def search_wavefronts(
     Mirror slopes are T (w - w_ideal) with T of `gazing_geometry.transfers` and w_ideal of
     `gazing_linear.ideal_wavefront`.
     """
-    place = np.zeros_like(np.asarray(start, np.float64))
-    return _searched(True, layout, profile, images, place, start, threshold, fit_gain)
+    return _searched(True, layout, profile, images, np.zeros_like(start), start, threshold, fit_gain)
 
 
 def _searched(wavefront, layout, profile, images, place, start, threshold, fit_gain):
-    seen, where = np.array(images, np.float64, ndmin=2), np.array(place, np.float64)
+    seen, where = np.array(images, np.float64), np.array(place, np.float64)
     found, counts = np.empty((4, seen.shape[1])), np.zeros((2, seen.shape[1]), np.int64)
-    found[:2] = start
+    found[:2] = np.where(np.isfinite(start), start, 0.0)
     search(wavefront, layout, profile, seen, where, threshold, fit_gain, found, counts)
     converged = (counts[1] > 0) & (counts[0] < LIMIT) & (counts[1] < LIMIT)
     return SlopeSearch(found[:2], found[2], found[3], counts[1], converged)
@@ -154,15 +156,21 @@ def merits(
 ) -> Floats:
     """Sums of squares, shape (N,), of the slopes w of a wavefront, or p, shape (2, N) [rad]; else as `search`."""
     cameras, pixels = images.shape[0], images.shape[1]
-    lanes, out = np.zeros(block_size(cameras)), np.empty(pixels)
-    for first in range(0, pixels, LANES):
-        for k in range(min(LANES, pixels - first)):
-            _place(lanes, k, wavefront, layout, images, place, first + k, threshold)
-            lanes[A * LANES + k] = lanes[_FROM_A * LANES + k] + slopes[0, first + k]
-            lanes[B * LANES + k] = lanes[_FROM_B * LANES + k] + slopes[1, first + k]
+    lanes, rays, out = np.zeros(block_size(cameras)), np.empty(rays_size(cameras)), np.empty(pixels)
+    following, first, end = 0, 0, 0
+    while following < pixels:
+        if following >= end:
+            first, end = following, trace_back(rays, cameras, layout, place, following)
+        count = min(LANES, end - following)
+        for k in range(count):
+            pixel = following + k
+            _place(lanes, k, wavefront, layout.gaze, rays, pixel - first, images, pixel, threshold)
+            lanes[A * LANES + k] = lanes[_FROM_A * LANES + k] + slopes[0, pixel]
+            lanes[B * LANES + k] = lanes[_FROM_B * LANES + k] + slopes[1, pixel]
         _evaluate(lanes, cameras, wavefront, layout, profile, fit_gain)
-        for k in range(min(LANES, pixels - first)):
-            out[first + k] = lanes[MERIT * LANES + k]
+        for k in range(count):
+            out[following + k] = lanes[MERIT * LANES + k]
+        following += count
     return out
 
 
@@ -191,19 +199,26 @@ def search(
     found : ndarray, shape (4, N)
         On entry the first guess in rows 0 and 1; on return slopes [rad], merit and gain.
     numbers : ndarray of int64, shape (2, N)
-        Filled with iterations and evaluations.
+        0 on entry; filled with iterations and evaluations.
     """
-    cameras = images.shape[0]
+    cameras, pixels = images.shape[0], images.shape[1]
     lanes, pixel_of = np.zeros(block_size(cameras)), np.full(LANES, -1)
     state, counts = np.zeros((LANES, STATE)), np.zeros((LANES, COUNTS), np.int64)
-    following, busy = 0, 0
-    for k in range(LANES):
-        following, pixel_of[k] = _next(
-            lanes, k, wavefront, layout, images, place, threshold, following, found, numbers, state, counts
-        )
-        busy += 1 if pixel_of[k] >= 0 else 0
-    while busy > 0:
+    rays, gaze = np.empty(rays_size(cameras)), layout.gaze
+    following, first, end, busy = 0, 0, 0, 0
+    while busy > 0 or following < pixels:
+        if end < pixels and following + LANES > end:
+            first, end = following, trace_back(rays, cameras, layout, place, following)
         for k in range(LANES):
+            while pixel_of[k] < 0 and following < end:
+                pixel = following
+                following += 1
+                if _place(lanes, k, wavefront, gaze, rays, pixel - first, images, pixel, threshold) >= 3:
+                    corner_simplex(state, counts, k, found[0, pixel], found[1, pixel], SIMPLEX)
+                    pixel_of[k] = pixel
+                    busy += 1
+                    continue
+                found[0, pixel], found[1, pixel], found[2, pixel], found[3, pixel] = np.nan, np.nan, np.nan, np.nan
             lanes[A * LANES + k] = lanes[_FROM_A * LANES + k] + state[k, POINT]
             lanes[B * LANES + k] = lanes[_FROM_B * LANES + k] + state[k, POINT + 1]
         _evaluate(lanes, cameras, wavefront, layout, profile, fit_gain)
@@ -214,34 +229,17 @@ def search(
             found[0, pixel], found[1, pixel], found[2, pixel] = state[k, 0], state[k, 1], state[k, VALUE]
             found[3, pixel] = lanes[GAIN * LANES + k]  # of the last simplex, which is as small as its tolerances
             numbers[0, pixel], numbers[1, pixel] = counts[k, ITERATIONS], counts[k, EVALUATIONS]
-            following, pixel_of[k] = _next(
-                lanes, k, wavefront, layout, images, place, threshold, following, found, numbers, state, counts
-            )
-            busy -= 1 if pixel_of[k] < 0 else 0
+            pixel_of[k] = -1
+            busy -= 1
 
 
 @inline
-def _next(lanes, k, wavefront, layout, images, place, threshold, following, found, numbers, state, counts):
-    """Begin the search of the next pixel with 3 lit cameras; returns what comes after it, and the pixel or -1."""
-    while following < images.shape[1]:
-        pixel = following
-        following += 1
-        if _place(lanes, k, wavefront, layout, images, place, pixel, threshold) >= 3:
-            corner_simplex(state, counts, k, found[0, pixel], found[1, pixel], SIMPLEX)
-            return following, pixel
-        found[0, pixel], found[1, pixel], found[2, pixel], found[3, pixel] = np.nan, np.nan, np.nan, np.nan
-        numbers[0, pixel], numbers[1, pixel] = 0, 0
-    return following, -1
-
-
-@inline
-def _place(lanes, k, wavefront, layout, images, place, pixel, threshold):
-    """Put a pixel into a lane; returns the number of lit cameras."""
+def _place(lanes, k, wavefront, gaze, rays, n, images, pixel, threshold):
+    """Put a pixel, the nth of its chunk, into a lane; returns the number of lit cameras."""
     if wavefront:
-        return place_wavefront(lanes, k, layout, images, pixel, threshold)
-    a, b, lit = place_pixel(lanes, k, layout, images, pixel, place[0, pixel], place[1, pixel], threshold)
-    lanes[_FROM_A * LANES + k], lanes[_FROM_B * LANES + k] = a, b
-    return lit
+        return place_wavefront(lanes, k, gaze, images, pixel, threshold)
+    lanes[_FROM_A * LANES + k], lanes[_FROM_B * LANES + k] = rays[n], rays[CHUNK + n]
+    return place_pixel(lanes, k, rays, n, images, pixel, threshold)
 
 
 @inline
