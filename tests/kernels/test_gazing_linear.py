@@ -61,7 +61,11 @@ def test_method_a_of_the_paper():
 
 
 def test_method_a_with_noisy_profiles():
-    """Medians of 32 seeds near the trial's 13.4/10.5 and 10.6/10.2 %; the paper's single ones lie within the spread."""
+    """The paper's single errors lie within the spread of 32 seeds.
+
+    A trial had medians of 13.4/10.5 and 10.6/10.2 % with 16 seeds of its own. Here they are 13.5/11.4 and 13.9/12.8 %
+    with 32, and move by 2 % from one set of seeds to another, hence the tolerance. The envelope was chosen to agree.
+    """
     layout, grid = twin.paper_scene(), twin.paper_grid()
     errors = np.abs([table_errors(layout, grid, noisy(jose(), 0.012, seed=seed))[NONE] for seed in range(32)])
     np.testing.assert_allclose(np.median(errors, axis=0), [[13.4, 10.5], [10.6, 10.2]], atol=4.0)

@@ -313,8 +313,9 @@ def table_profile(values: Floats, radius: float) -> Profile:
 def falling_envelope(values: Floats) -> Floats:
     """The least falling curve that lies nowhere below a table.
 
-    Method A inverts noisy tables through it, as the published errors ask for: the brightest of a table's bumps hide
-    what lies inside them. The curve midway to the greatest falling one below the table would cost it less.
+    Method A inverts noisy tables through it. Of the envelopes tried it comes nearest to the published errors of method
+    A (medians of 14 / 11 % at 1.2 % noise), which is why it was chosen; the curve midway to the greatest falling one
+    below the table is more accurate (15 / 3 %).
     """
     return np.ascontiguousarray(np.maximum.accumulate(values[::-1])[::-1])
 
