@@ -34,7 +34,7 @@ CROWD = 20
 APERTURE = "aperture"
 
 _LEFT, _RIGHT, _FOOT, _BAR, _GAP, _OWN_GAP, _BETWEEN = 0.55, 0.1, 0.45, 0.52, 0.1, 0.45, 0.28
-_WIDEST = {1: 4.0, 2: 3.0}
+_WIDEST = {1: 4.0, 2: 3.1}
 _LETTER, _DIGIT, _SHORT = 0.068, 0.06, 4
 _APERTURE_LOOK: dict[str, Any] = {"facecolor": "#ededed", "edgecolor": "#333333", "linewidth": 0.9}
 
@@ -105,7 +105,7 @@ def plane_figure(
     room = max(map(_room, ends))
     start, gap = _LEFT + room, gap + (0.0 if shared else room)
     side = (PAGE_WIDTH - start - _RIGHT - gap * (columns - 1)) / columns
-    side = min(side, _WIDEST.get(columns, side))
+    side = min(side, _WIDEST.get(max(rows, columns), side))
     width = start + columns * side + (columns - 1) * gap + _RIGHT
     handles = _handles(planes, looks, words.silent)
     width = max(width, min(PAGE_WIDTH, 0.3 + _LETTER * max(map(len, [*handles, words.legend]), default=0)))

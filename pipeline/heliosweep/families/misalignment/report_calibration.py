@@ -26,6 +26,9 @@ UPPER = 0.975
 #: Heliostats whose spots are drawn; series of recovered errors.
 MOST_HELIOSTATS, MOST_SERIES = 3, 3
 
+#: Least side of a panel of errors. [mrad]
+LEAST_SPAN = 0.2
+
 #: Points of one series.
 MOST_POINTS = 60
 
@@ -39,7 +42,7 @@ _ELLIPSES = {
     "before: 95 % ellipse": Look("#D55E00", (0, (4, 1.4)), width=1.1),
     "after: 95 % ellipse": Look("#0072B2", "-", width=1.1),
 }
-_AIM, _EQUAL = "aim", "equal"
+_AIM, _EQUAL, _ROOM = "aim", "equal", "room"
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -122,25 +125,20 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
             values = found.to_numpy().ravel()
             thin = np.unique(np.linspace(0, values.size - 1, min(values.size, MOST_POINTS)).astype(int))
             tracks.append(Track(true[thin], values[thin], name, half=half[thin]))
-        both = np.concatenate([np.stack([track.x, track.y]) for track in tracks], axis=1)
-        both = both[:, np.isfinite(both).all(axis=0)]
-        if both.size:
-            ends = np.array([both.min(), both.max()])
-            line = Track(
-                ends + np.array([-1, 1]) * (np.ptp(ends) + 1),
-                ends + np.array([-1, 1]) * (np.ptp(ends) + 1),
-                _EQUAL,
-                framed=False,
-            )
-            planes.append(Plane(_parameter(result, index), [line, *tracks], square=False))
+        plane = _against(_parameter(result, index), tracks)
+        planes += [plane] if plane else []
     if not planes:
         return
     caption = (
         "Errors that the calibration finds against those with which the spots were made; bars: 95 % intervals from its "
         f"standard errors; line: both equal.{wording.note(result, stands, (run, series))}"
     )
-    words = Words("true error (mrad)", "error found (mrad)", silent=(_EQUAL, *(names if len(names) == 1 else ())))
-    figure = plane_figure(planes, {_EQUAL: Look("#888888", "-", width=0.7), **looks}, words=words)
+    words = Words(
+        "true error (mrad)", "error found (mrad)", silent=(_EQUAL, _ROOM, *(names if len(names) == 1 else ()))
+    )
+    figure = plane_figure(
+        planes, {_ROOM: Look("none", ""), _EQUAL: Look("#888888", "-", width=0.7), **looks}, words=words
+    )
     yield NamedFigure("recovered_errors", caption, figure)
 
 
@@ -208,6 +206,21 @@ def _residual_map(result: xr.Dataset) -> Iterator[NamedFigure]:
     yield NamedFigure("residual_map", caption, figure)
 
 
+def _against(title: str, tracks: list[Track]) -> Plane | None:
+    """Errors found against true ones, with the line on which both are equal; none where nothing is known."""
+    bare = Plane("", tracks).points()
+    if not bare.size:
+        return None
+    low, high = bare.min(axis=0), bare.max(axis=0)
+    middle, spans = (low + high) / 2, high - low
+    # Of a single true value the panel would have no width.
+    least = np.maximum(spans, [max(LEAST_SPAN, 0.05 * spans[1]), LEAST_SPAN]) / 2
+    across, upwards = np.stack([middle - least, middle + least], axis=1)
+    room = Track(across, upwards, _ROOM)
+    ends = np.array([low.min() - np.ptp(bare) - 1, high.max() + np.ptp(bare) + 1])
+    return Plane(title, [room, Track(ends, ends, _EQUAL, framed=False), *tracks], square=False)
+
+
 def _like(found: xr.DataArray, array: xr.DataArray, *points: Point) -> np.ndarray:
     """Values of another variable beside those of one, in one row."""
     return at(array, *points).broadcast_like(found).transpose(*found.dims).to_numpy().astype(float).ravel()
@@ -225,7 +238,8 @@ def _quantile(result: xr.Dataset, found: xr.DataArray, *points: Point) -> np.nda
 def _run(result: xr.Dataset) -> str | None:
     """Swept number that figures run along, days used first."""
     dims = views.numbers(result, views.swept(result, "estimated_error"))
-    return next((dim for dim in ["days_used", *dims] if dim in dims), None)
+    dims.sort(key=lambda dim: (dim != "days_used", dim == "parameters"))
+    return dims[0] if dims else None
 
 
 def _best(result: xr.Dataset, quantity: str, *shown: str | None) -> Point:

@@ -29,7 +29,7 @@ MOST_HOURS, MOST_SIZES = 3, 7
 TITLES = (52, 34)
 
 #: Range of errors from which on a curve is more than a line. [mrad]
-CURVED = 50.0
+CURVED = 200.0
 
 #: What is drawn of a conic.
 PARTS = ("conic", "traced", "focus", "other focus")

@@ -14,7 +14,7 @@ from heliosweep.families.misalignment.report_views import FIELD, HELIOSTAT, HOUR
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import maps
 from heliosweep.report.curves import Panel, curve_figure
-from heliosweep.report.labels import number_text
+from heliosweep.report.labels import is_latitude, number_text
 from heliosweep.report.planes import plane_figure
 from heliosweep.report.shapes import Ellipse, Look, Plane, Scale, Track
 from heliosweep.report.style import VALUES
@@ -127,7 +127,8 @@ def _hits_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
         step=wording.hour_step(result),
         legend=wording.heading(result, line),
         ordered=bool(wording.heading(result, line)),
-        least_span=1.0,
+        columns=3 if len(drawn) == 3 else 2,
+        least_span=5.0,
     )
     yield NamedFigure("hits_over_day", caption, figure)
 
@@ -159,7 +160,12 @@ def _hits_over_sweep(result: xr.Dataset) -> Iterator[NamedFigure]:
             "Part of all draws and hours with sun in which the centre of the beam is inside the aperture."
             f"{wording.note(result, stands, (day, days))}"
         )
-        figure = curve_figure([Panel("spots inside (%)", lines)], wording.label(result, dim), least_span=1.0)
+        figure = curve_figure(
+            [Panel("spots inside (%)", lines)],
+            wording.label(result, dim),
+            latitude=is_latitude(result[dim]),
+            least_span=5.0,
+        )
         yield NamedFigure(f"hits_over_{dim}", caption, figure)
 
 

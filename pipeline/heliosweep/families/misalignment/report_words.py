@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.report_views import DAYS, HELIOSTAT, HOUR, Point, at, day_of
-from heliosweep.report.labels import axis_label, title_of, value_text
+from heliosweep.report.labels import DEGREE, axis_label, is_latitude, title_of, value_text
 from heliosweep.report.shapes import UP, Words
 
 #: Dimensions in few words; titles of more letters are not for panels.
@@ -106,6 +106,8 @@ def label(result: xr.Dataset, dim: str) -> str:
     """Label of an axis, always with a unit."""
     if dim == HOUR:
         return HOURS[day_of(result)]
+    if is_latitude(result[dim]):
+        return f"{title_of(result[dim])} ({DEGREE})"
     words = axis_label(result[dim])
     return words if words.endswith(")") else f"{words} (1)"
 
