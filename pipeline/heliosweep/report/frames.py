@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-#: Points farther from the origin than so many times the median, or the aperture's half diagonal, are not framed.
-FAR = 8.0
+#: Points farther from the origin than so many times the median, the 90 % point, and the aperture's half diagonal are
+#: not framed.
+FAR, FAR_90 = 8.0, 3.0
 
 #: Empty rim, as a part of the side.
 RIM = 0.07
@@ -38,8 +39,8 @@ def span(points: np.ndarray, aperture: tuple[float, float] | None = None, square
     """
     corner = np.array(aperture or (0.0, 0.0)) / 2
     far = np.hypot(points[:, 0], points[:, 1])
-    limit = FAR * max(float(np.hypot(*corner)), float(np.median(far)) if far.size else 0.0)
-    near = points[far <= limit]
+    middle, most = np.quantile(far, [0.5, 0.9]) if far.size else (0.0, 0.0)
+    near = points[far <= max(FAR * float(np.hypot(*corner)), FAR * float(middle), FAR_90 * float(most))]
     kept = np.concatenate([near, [-corner, corner]]) if aperture else near
     if not kept.size:
         kept = np.array([[-1.0, -1.0], [1.0, 1.0]])

@@ -42,9 +42,10 @@ LEAST_HOURS = 3
 
 NBSP = "\N{NO-BREAK SPACE}"
 
-_AIM, _DETECTOR, _CROSSING = "no error", "line of detectors", "crossing"
+_AIM, _TARGET, _DETECTOR, _CROSSING = "no error", "aim", "line of detectors", "crossing"
 _LOOKS = {
     _AIM: Look("#000000", "", "+", size=6),
+    _TARGET: Look("#000000", "", "+", size=6),
     _DETECTOR: Look("#777777", (0, (6, 1.5, 1, 1.5)), width=0.9),
     _CROSSING: Look("#000000", "", "x", size=3.6),
 }
@@ -87,20 +88,22 @@ def deviation_curves(result: xr.Dataset) -> Iterator[NamedFigure]:
     stands = views.fixed(result, "spot_y", error, line, axis, HELIOSTAT)
     shown, lines, axes = (
         views.heliostats(result, "spot_y", stands),
-        views.chosen(result, line, MOST_HOURS),
+        views.chosen(result, line, MOST_HOURS, at(result["spot_y"], stands)),
         axes_of(result, axis),
     )
     order = views.ordered(result, error)
     planes = []
     for one in shown:
-        tracks = [_aim(), *_detectors(result)]
+        tracks = [_aim(result), *_detectors(result)]
         for name, axis_point in axes:
             for hour in lines:
                 y, z = _spots(result, stands, one, axis_point, hour)
                 text = wording.short(result, line, hour[line]) if line and views.several(result, line) else ""
                 tracks.append(Track(y[order], z[order], name, text=text))
                 tracks += _crossings(result, stands, one, axis_point, hour)
-        planes.append(Plane(wording.heliostat_text(result, {**stands, **one}), tracks, (), _aperture(result, stands)))
+        planes.append(
+            Plane(wording.heliostat_text(result, {**stands, **one}), tracks, (), views.aperture(result, stands))
+        )
     if not _any(planes):
         return
     values = np.sort(result[error].to_numpy())
@@ -114,7 +117,7 @@ def deviation_curves(result: xr.Dataset) -> Iterator[NamedFigure]:
     held = {dim: index for dim, index in stands.items() if dim != SIZE}
     caption += wording.note(result, held, (HELIOSTAT, shown), (line, lines))
     looks = {**{name: _look(name) for name, _ in axes}, **_LOOKS}
-    words = wording.around(result, legend="axis of the error" if axis else "")
+    words = wording.around(result, legend="axis of the error" if axis else "", silent=("",))
     yield NamedFigure("deviation_curves", caption.replace("  ", " "), plane_figure(planes, looks, words=words))
 
 
@@ -133,13 +136,13 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
     for name, axis_point in axes_of(result, axis):
         planes = []
         for one in shown:
-            tracks = [_aim()]
+            tracks = [_aim(result)]
             for size in sizes:
                 y, z = (values[order] for values in _spots(result, stands, one, axis_point, size))
                 text = _size_text(result, error, size)
                 tracks.append(Track(y, z, "", numbers=hours, text=text))
             title = wording.heliostat_text(result, {**stands, **one})
-            planes.append(Plane(title, tracks, (), _aperture(result, stands)))
+            planes.append(Plane(title, tracks, (), views.aperture(result, stands)))
         if not _any(planes):
             continue
         of = f"an error about the {name} axis" if axis else "the errors"
@@ -198,7 +201,7 @@ def _conics(result: xr.Dataset) -> Iterator[NamedFigure]:
                 wide = TITLES[len(each) * len(moments) > 4]
                 shape = textwrap.wrap(f"e = {', '.join(shapes)}".replace("= ", f"={NBSP}"), wide)
                 title = "\n".join(filter(None, [where, sun, *shape]))
-                planes.append(Plane(title, [*tracks, _aim()], (), _aperture(result, stands)))
+                planes.append(Plane(title, [*tracks, _aim(result)], (), views.aperture(result, stands)))
     if not planes:
         return
     caption = (
@@ -248,18 +251,14 @@ def _part(name: str, part: str) -> Look:
     return parts[part]
 
 
-def _aperture(result: xr.Dataset, stands: Point) -> tuple[float, float] | None:
-    return views.aperture(result, stands)
-
-
 def _spots(result: xr.Dataset, *points: Point) -> tuple[np.ndarray, np.ndarray]:
     """Spots along the one dimension that the points leave. [m]"""
     y, z = (at(result[f"spot_{side}"], *points).to_numpy().astype(float) for side in "yz")
     return np.atleast_1d(y), np.atleast_1d(z)
 
 
-def _aim() -> Track:
-    return Track(_ZERO, _ZERO, _AIM)
+def _aim(result: xr.Dataset) -> Track:
+    return Track(_ZERO, _ZERO, _AIM if "tolerance" in result or SIZE in result.coords else _TARGET)
 
 
 def _detectors(result: xr.Dataset) -> Iterator[Track]:
@@ -292,7 +291,10 @@ def _size_text(result: xr.Dataset, error: str | None, point: Point) -> str:
 def _any(planes: Sequence[Plane]) -> bool:
     """Whether there is anything but the aim."""
     return any(
-        np.isfinite(track.x).any() for plane in planes for track in plane.tracks if track.framed and track.name != _AIM
+        np.isfinite(track.x).any()
+        for plane in planes
+        for track in plane.tracks
+        if track.framed and track.name not in (_AIM, _TARGET)
     )
 
 

@@ -56,7 +56,10 @@ def _spread(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     hour = HOUR if HOUR in first.dims else None
     stands = views.fixed(result, _MOMENTS[0], hour, HELIOSTAT)
-    shown, hours = views.heliostats(result, _MOMENTS[0], stands), views.chosen(result, hour, MOST_HOURS)
+    shown, hours = (
+        views.heliostats(result, _MOMENTS[0], stands),
+        views.chosen(result, hour, MOST_HOURS, at(first, stands)),
+    )
     planes = []
     for one in shown:
         tracks, ellipses = [Track(np.zeros(1), np.zeros(1), _AIM)], []

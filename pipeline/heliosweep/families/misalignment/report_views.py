@@ -110,15 +110,19 @@ def fixed(result: xr.Dataset, quantity: str, *shown: str | None) -> Point:
     return {str(dim): typical(result, str(dim)) for dim in result[quantity].dims if dim not in shown}
 
 
-def chosen(result: xr.Dataset, dim: str | None, most: int) -> list[Point]:
-    """At most so many positions along a dimension, in the order of its values; one empty point without it."""
+def chosen(result: xr.Dataset, dim: str | None, most: int, known: xr.DataArray | None = None) -> list[Point]:
+    """At most so many positions along a dimension, in the order of its values; one empty point without it.
+
+    With `known`, only positions are chosen where it has a value.
+    """
     if dim is None or dim not in result.sizes:
         return [{}]
-    size = result.sizes[dim]
-    order = np.arange(size)
+    order = np.arange(result.sizes[dim])
     if dim in result.coords and result[dim].dtype.kind in "fiuM":
         order = np.argsort(result[dim].to_numpy(), kind="stable")
-    return [{dim: int(order[index])} for index in evenly(size, most)]
+    if known is not None and dim in known.dims:
+        order = order[known.notnull().any([other for other in known.dims if other != dim]).to_numpy()[order]]
+    return [{dim: int(order[index])} for index in evenly(order.size, most)] if order.size else []
 
 
 def ordered(result: xr.Dataset, dim: str) -> np.ndarray:
