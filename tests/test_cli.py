@@ -238,13 +238,14 @@ def test_in_a_thread(folder, capsys):
 
 def test_the_first_run_tells_of_the_compilation_also_without_logging_set_up(monkeypatch, caplog):
     class Slow:
-        def prepare(self) -> tuple[float, bool]:
+        def prepare(self, study: object) -> tuple[float, bool]:
             return 12.0, True
 
+    monkeypatch.setattr(workflow, "family_of", lambda study: Slow())
     monkeypatch.setattr(compiled, "UNCACHED", [])
-    workflow._prepare_kernels(Slow())  # type: ignore[arg-type]
+    workflow._prepare_kernels(object())  # type: ignore[arg-type]
     monkeypatch.setattr(compiled, "UNCACHED", ["sweep"])
-    workflow._prepare_kernels(Slow())  # type: ignore[arg-type]
+    workflow._prepare_kernels(object())  # type: ignore[arg-type]
     cached, uncached = caplog.records
     assert "compiled the kernels in 12 s; later runs find them" in cached.getMessage()
     assert "NUMBA_CACHE_DIR" in uncached.getMessage()

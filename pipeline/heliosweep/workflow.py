@@ -222,7 +222,7 @@ def run(
             with stages("prepare"):
                 if report:
                     _check_published(study)
-                _prepare_kernels(family_of(study))
+                _prepare_kernels(study)
             with stages("compute"):
                 execute(family_of(study), study, planned, folder / "result.nc", progress)
             with stages("record"):
@@ -300,7 +300,7 @@ def _made(folder: Path) -> Iterator[None]:
         raise
 
 
-def _prepare_kernels(family: Family[Any]) -> None:
+def _prepare_kernels(study: Study) -> None:
     """Load the kernels, and tell a user who waits that the first run compiles them.
 
     Logged as warnings, which Python shows also where nobody set up logging.
@@ -310,7 +310,7 @@ def _prepare_kernels(family: Family[Any]) -> None:
     waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])
     waiting.start()
     try:
-        seconds, fresh = family.prepare()
+        seconds, fresh = family_of(study).prepare(study)
     finally:
         waiting.cancel()
     if fresh and compiled.UNCACHED:

@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 
-from heliosweep.kernels.compiled import warm
 from heliosweep.kernels.field import aimed, field_sums
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors
 from heliosweep.kernels.sun import declination_cooper, solar_clock
+from heliosweep.kernels.warm import warm_field
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
 from tests.kernels.fields import Field, chong2012
@@ -68,7 +68,7 @@ def row(name, seconds, work, note=""):
 
 def main():
     """Print the table."""
-    seconds, fresh = warm()
+    seconds, fresh = warm_field()
     print(f"kernels ready in {seconds:.2f} s ({'compiled' if fresh else 'from the cache'})\n")
     print(f"{'':<58} {'ns each':>10} {'million/s':>10}")
     field = chong2012()

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.kernels import compiled
+from heliosweep.kernels import compiled, warm
 from heliosweep.kernels.field import field_sums, sweep
 from heliosweep.kernels.packets import packet_order
 
 
 def test_warm_makes_the_one_signature_ready():
-    compiled.warm()
+    warm.warm_field()
     for count in (1, 2):  # arrays of one element are of any memory order, arrays of a user may be read-only
         place, sun = np.arange(20.0, 20.0 + 20 * count, 20.0), np.array([[0.0, 0.6, 0.8]])
         place.flags.writeable = sun.flags.writeable = False
@@ -21,7 +21,7 @@ def test_warm_makes_the_one_signature_ready():
         field_sums(place, place, place, side, side, 60.0, 0, sun, 0, count)
     assert len(sweep.signatures) == 1
     assert len(packet_order.signatures) == 1
-    seconds, fresh = compiled.warm()
+    seconds, fresh = warm.warm_field()
     assert seconds < 0.1
     assert not fresh
 
@@ -36,7 +36,7 @@ def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(mo
 
 def test_each_family_warms_its_own_kernels():
     program = (
-        "import sys; from heliosweep.kernels.compiled import warm_dish; warm_dish()\n"
+        "import sys; from heliosweep.kernels.warm import warm_dish; warm_dish()\n"
         "print('heliosweep.kernels.tracking' in sys.modules, 'heliosweep.kernels.field' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.special import ellipe
 
 from heliosweep.families.fast_sun import sun_vectors
-from heliosweep.kernels import compiled
+from heliosweep.kernels import warm
 from heliosweep.kernels.ephemeris import daily_splines, sun_at_sites
 from heliosweep.kernels.sun import solar_clock
 from heliosweep.kernels.tracking import (
@@ -272,13 +272,13 @@ def test_an_unknown_sun_that_counts_makes_its_window_unknown(model):
 
 
 def test_warm_makes_the_one_signature_ready():
-    compiled.warm_dish()
+    warm.warm_dish()
     sun_vectors(np.array(["2021-06-21"], "datetime64[ns]"), 40.0, 10.0)
     windows = pack_windows(np.asfortranarray(suns(10)), np.array([0, 3, 10], np.int32), np.ones(10, bool))
     window_errors(UNTILTED_HOME_AXES, windows, [0.01, 1.0], 0, 1e-3, tolerance=1e-3)
     for dispatcher in (sweep, pack, sun_at_sites, daily_splines):
         assert len(dispatcher.signatures) == 1
-    seconds, fresh = compiled.warm_dish()
+    seconds, fresh = warm.warm_dish()
     assert seconds < 0.1
     assert not fresh
 

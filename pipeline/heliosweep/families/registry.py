@@ -49,8 +49,8 @@ class Family(Protocol[StudyT]):
         """Sizes and cost, for the plan."""
         ...
 
-    def prepare(self) -> tuple[float, bool]:
-        """Load or compile the kernels; seconds it took, and whether something was compiled."""
+    def prepare(self, study: StudyT) -> tuple[float, bool]:
+        """Load or compile the kernels that a study calls; seconds it took, and whether something was compiled."""
         ...
 
     def build(self, study: StudyT, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:

@@ -46,12 +46,12 @@ def conics(setting: Setting, source: ArrayLike, axis: ArrayLike, sun: ArrayLike,
     """
     settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
     out = np.full((9, len(sources), places.shape[1], suns.shape[1]), np.nan)
-    _fill_conics(settings, sources, axes, suns, places, out)
+    fill_conics(settings, sources, axes, suns, places, out)
     return out
 
 
 @kernel
-def _fill_conics(
+def fill_conics(
     setting: Setting,
     source: NDArray[np.int64],
     axis: NDArray[np.int64],

@@ -54,12 +54,12 @@ def crossings(
     if detectors.ndim != 2 or detectors.shape[1] != 3 or not np.all(np.any(detectors[:, :2] != 0.0, axis=1)):
         raise ValueError("lines must have the shape (number, 3), with l0 and l1 not both 0")
     out = np.full((3, len(sources), places.shape[1], suns.shape[1], len(detectors)), np.nan)
-    _fill_crossings(settings, sources, axes, detectors, suns, places, out)
+    fill_crossings(settings, sources, axes, detectors, suns, places, out)
     return out
 
 
 @kernel
-def _fill_crossings(
+def fill_crossings(
     setting: Setting,
     source: NDArray[np.int64],
     axis: NDArray[np.int64],

@@ -65,7 +65,7 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
     shape = (len(faces), places.shape[1], suns.shape[2], samples.shape[2])
     spots = np.empty((3, *shape))
     if spots.size:
-        _sweep(vectors(setting), faces, samples, corrected, suns, places, spots)
+        fill_spots(vectors(setting), faces, samples, corrected, suns, places, spots)
     return spots
 
 
@@ -110,7 +110,7 @@ def vectors(setting: Setting) -> Setting:
 
 
 @kernel
-def _sweep(
+def fill_spots(
     setting: Setting, faces: Floats, actual: Floats, known: Floats, sun: Floats, pivots: Floats, spots: Floats
 ) -> None:
     """Spots of all parameter combinations, see `mount_spots`."""

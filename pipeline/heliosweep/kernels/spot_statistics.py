@@ -88,12 +88,14 @@ def spot_statistics(
     shape = (len(faces), places.shape[1], suns.shape[2])
     moments, tolerance = np.empty((len(MOMENTS), *shape)), np.empty((*shape, len(lower), 2))
     if moments.size:
-        _sweep(vectors(setting), faces, samples, corrected, suns, places, lower, part, ranks, moments, tolerance)
+        fill_statistics(
+            vectors(setting), faces, samples, corrected, suns, places, lower, part, ranks, moments, tolerance
+        )
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
 
 
 @kernel
-def _sweep(
+def fill_statistics(
     setting: Setting,
     faces: Floats,
     actual: Floats,

@@ -60,12 +60,12 @@ def tolerances(setting: Setting, source: ArrayLike, axis: ArrayLike, sun: ArrayL
     """
     settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
     out = np.full((len(sources), places.shape[1], suns.shape[1]), np.nan)
-    _fill_tolerances(settings, sources, axes, suns, places, out)
+    fill_tolerances(settings, sources, axes, suns, places, out)
     return out
 
 
 @kernel
-def _fill_tolerances(
+def fill_tolerances(
     setting: Setting,
     source: NDArray[np.int64],
     axis: NDArray[np.int64],

@@ -40,9 +40,9 @@ class DishTracking:
 
         return model.workload(study)
 
-    def prepare(self) -> tuple[float, bool]:
+    def prepare(self, study: DishTrackingStudy) -> tuple[float, bool]:
         """Load or compile the kernels; seconds it took, and whether something was compiled."""
-        from heliosweep.kernels.compiled import warm_dish
+        from heliosweep.kernels.warm import warm_dish
 
         return warm_dish()
 

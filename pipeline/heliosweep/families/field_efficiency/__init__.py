@@ -40,11 +40,11 @@ class FieldEfficiency:
 
         return model.workload(study)
 
-    def prepare(self) -> tuple[float, bool]:
+    def prepare(self, study: FieldEfficiencyStudy) -> tuple[float, bool]:
         """Load or compile the kernels; seconds it took, and whether something was compiled."""
-        from heliosweep.kernels.compiled import warm
+        from heliosweep.kernels.warm import warm_field
 
-        return warm()
+        return warm_field()
 
     def build(self, study: FieldEfficiencyStudy, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
         """Lazy result over a part of the parameter grid."""

@@ -44,11 +44,17 @@ class Misalignment:
 
         return model.workload(study)
 
-    def prepare(self) -> tuple[float, bool]:
-        """Load or compile the kernels; seconds it took, and whether something was compiled."""
-        from heliosweep.kernels.compiled import warm_misalignment
+    def prepare(self, study: MisalignmentStudy) -> tuple[float, bool]:
+        """Load or compile the kernels of the study's mode; seconds it took, and whether something was compiled."""
+        from heliosweep.kernels import warm
 
-        return warm_misalignment()
+        if study.mode == "curves":
+            return warm.warm_curves(study.detectors is not None)
+        if study.mode == "mount_errors":
+            from heliosweep.families.misalignment.mount_errors import is_drawn
+
+            return warm.warm_mount_errors(is_drawn(study))
+        return warm.warm_calibration()
 
     def build(self, study: MisalignmentStudy, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
         """Lazy result over a part of the parameter grid."""
