@@ -46,7 +46,7 @@ class SlopeFit(NamedTuple):
     """p relative to the ideal mirror, horizontal and vertical, shape (2, N). [rad]"""
     deviation: Floats
     """Standard deviation of the slopes for camera noise of standard deviation 1, shape (2, N): the Cramer-Rao bound at
-    the slopes found. [rad]"""
+    the slopes found, for a table at those that its smooth fit finds. [rad]"""
     gain: Floats
     """g, 1 where it is not fitted. [1]"""
     merit: Floats
@@ -117,11 +117,10 @@ def fit_slopes(
     number = seen.shape[1]
     found, flags = np.zeros((7, number)), np.zeros(number, np.uint8)
     found[:2] = np.where(np.isfinite(start), start, 0.0)
-    for stage in stages:
-        enough = _PASSING_STEP if stage is not stages[-1] else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
+    deviation = np.empty((2, number))
+    for n, stage in enumerate(stages):
+        enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
         levenberg_marquardt(layout, stage, seen, place, threshold, fit_gain, enough, limit, found, flags)
-    about = found
-    if len(stages) > 1:  # the steepness of a noisy table says little about that of the sun's disc
-        about, nothing = found.copy(), flags.copy()
-        levenberg_marquardt(layout, stages[0], seen, place, threshold, fit_gain, np.inf, 1, about, nothing)
-    return SlopeFit(found[:2], about[2:4], found[4], found[5], found[6].astype(np.int64), flags)
+        if n == 0:  # the steepness of a noisy table says little about that of the sun's disc
+            deviation[:] = found[2:4]
+    return SlopeFit(found[:2], deviation, found[4], found[5], found[6].astype(np.int64), flags)
