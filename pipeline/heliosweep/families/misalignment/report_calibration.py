@@ -29,6 +29,9 @@ MOST_HELIOSTATS, MOST_SERIES = 3, 3
 #: Least side of a panel of errors. [mrad]
 LEAST_SPAN = 0.2
 
+#: Standard errors below this part of the largest are none.
+LEAST_PART = 1e-6
+
 #: Points of one series.
 MOST_POINTS = 60
 
@@ -164,11 +167,13 @@ def _knowledge(result: xr.Dataset) -> Iterator[NamedFigure]:
             of = f" of {wording.short(result, each, one[each])} parameters" if each else ""
             conditions[f"condition{of}"] = (x, condition)
     lines = {_parameter(result, i): (x, _median(errors[:, i])) for i in range(errors.shape[1])}
-    lines = {name: (x, y) for name, (x, y) in lines.items() if (y > 0).any()}
+    # Without noise standard errors are nothing but rounding, far below all others.
+    least = LEAST_PART * max((np.nanmax(y) for _, y in lines.values() if np.isfinite(y).any()), default=0.0)
+    lines = {name: (x, np.where(y > least, y, np.nan)) for name, (x, y) in lines.items() if (y > least).any()}
     if not lines or not conditions:
         return
     panels = [
-        Panel("standard error (mrad)", {name: (x, np.where(y > 0, y, np.nan)) for name, (x, y) in lines.items()}),
+        Panel("standard error (mrad)", lines),
         Panel("condition number (1)", conditions),
     ]
     over = " and ".join(

@@ -129,7 +129,7 @@ def spot_drift(result: xr.Dataset) -> Iterator[NamedFigure]:
     error, axis = error_dim(result), AXIS if AXIS in result["spot_y"].dims else None
     stands = views.fixed(result, "spot_y", error, HOUR, axis, HELIOSTAT)
     shown, sizes = views.heliostats(result, "spot_y", stands), views.chosen(result, error, MOST_SIZES)
-    if error:
+    if error == SIZE:
         sizes = [size for size in sizes if float(result[error].isel(size))] or sizes  # without error: the aim
     order = views.ordered(result, HOUR)
     hours = result[HOUR].to_numpy().astype(float)[order]
@@ -285,7 +285,7 @@ def _size_text(result: xr.Dataset, error: str | None, point: Point) -> str:
     if error is None or not views.several(result, error):
         return ""
     value = float(result[error].isel(point))
-    return f"{value:+g}".replace("-", MINUS) if value else ""
+    return f"{value:+g}".replace("-", MINUS) if value else "0"
 
 
 def _any(planes: Sequence[Plane]) -> bool:
@@ -304,5 +304,7 @@ def _seen(planes: Sequence[Plane]) -> str:
 
 
 def _ends(planes: Sequence[Plane]) -> tuple[float, float]:
-    hours = [track.numbers for plane in planes for track in plane.tracks if track.numbers is not None]
-    return float(np.min(hours)), float(np.max(hours))
+    """First and last hour of all spots."""
+    tracks = [track for plane in planes for track in plane.tracks if track.numbers is not None]
+    hours = np.concatenate([track.numbers[np.isfinite(track.x)] for track in tracks if track.numbers is not None])
+    return float(hours.min()), float(hours.max())
