@@ -7,14 +7,14 @@ Each function calls the faces of some kernels with the smallest input that compi
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from heliosweep.kernels.compiled import PURE_PYTHON
 
-__all__ = ["warm_calibration", "warm_curves", "warm_dish", "warm_field", "warm_mount_errors"]
+__all__ = ["warm_calibration", "warm_curves", "warm_dish", "warm_field", "warm_gazing", "warm_mount_errors"]
 
 
 def warm_field() -> tuple[float, bool]:
@@ -88,6 +88,41 @@ def warm_calibration() -> tuple[float, bool]:
         calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
 
     return _timed(work, (fill_spots, fit_all))
+
+
+def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM")) -> tuple[float, bool]:
+    """Make the kernels of backward gazing ready, of the methods O1, O2 and LM those that are asked for."""
+    from heliosweep.kernels.gazing_descent import levenberg_marquardt
+    from heliosweep.kernels.gazing_geometry import camera_square, scene, transfers
+    from heliosweep.kernels.gazing_grid import Modules, mirror_grid
+    from heliosweep.kernels.gazing_images import image_set, module_spheres, trace
+    from heliosweep.kernels.gazing_linear import method_a, slope_bound, wavefront_departures
+    from heliosweep.kernels.gazing_lm import fit_slopes
+    from heliosweep.kernels.gazing_modules import module_estimates, module_statistics
+    from heliosweep.kernels.gazing_search import search, search_slopes, search_wavefronts
+    from heliosweep.kernels.sun_profiles import jose, render
+
+    layout = scene((0.5, 1.0), (0.0, 0.8), camera_square(0.24))
+    modules, profile = Modules(np.zeros((1, 2)), np.ones((1, 2))), jose()
+    grid = mirror_grid(modules, 0.5)
+    y, z = grid.pixel_y, grid.pixel_z
+
+    def work() -> None:
+        render(profile, 0.0)  # of the nodes of noisy tables
+        images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
+        slopes, _ = method_a(images, layout, profile, y, z, transfers(layout))
+        slope_bound(layout, profile, y, z, true, 0.01, False)
+        module_estimates(slopes[0], grid, modules, y > -9.0, 120.0)
+        module_statistics(slopes[0], grid.pixel_module, y > -9.0, 1)
+        if "O1" in methods:
+            search_wavefronts(layout, profile, images, true)
+        if "O2" in methods:
+            search_slopes(layout, profile, images, y, z, true)
+        if "LM" in methods:
+            fit_slopes(layout, profile, images, y, z, true)
+
+    kernels = (trace, wavefront_departures, slope_bound, module_statistics, search, levenberg_marquardt)
+    return _timed(work, kernels)
 
 
 def _setting() -> Any:

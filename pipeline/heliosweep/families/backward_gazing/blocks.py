@@ -1,0 +1,337 @@
+"""Blocks of the study file of the family `backward_gazing`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag
+
+from heliosweep.config.block import Block
+from heliosweep.config.blocks import Layout
+from heliosweep.config.blocks import Output as StoredOutput
+from heliosweep.config.faults import Fault
+from heliosweep.config.names import Choice, FileName, Flag
+from heliosweep.config.quantity import Quantity, Samples
+from heliosweep.config.sweep import Sweep
+from heliosweep.families.backward_gazing.values import Pair, Pairs, Two, with_file
+
+#: Seeds are whole numbers that a float holds exactly, since swept ones are floats.
+MAX_SEED = 2**53
+
+METHODS = {
+    "A": "analytic: linear least squares for the slopes of the wavefront",
+    "O1": "optimised: the slopes of the wavefront by Nelder-Mead",
+    "O2": "optimised with rays traced back: the slopes of the mirror by Nelder-Mead",
+    "LM": "the merit of O2 by Levenberg-Marquardt",
+}
+REFERENTIALS = {
+    "none": "slopes of the wavefront halved, without rotation of the field: the paper's table",
+    "roll": "with the rotation between the axes of mirror and target",
+    "exact": "with the exact Jacobian",
+}
+PROFILES = {
+    "jose": "the generalised formula of Jose",
+    "noisy": "that formula in a table with noise, see profile_noise",
+    "table": "the table that sun.profile names",
+}
+LAYOUTS = {"themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns, gaps of 5 cm; 1 to 4 left from the top, 5 to 8 right"}
+ARRANGEMENTS = {
+    "square": "upper left, upper right, lower left, lower right of a square",
+    "cross": "above, left, right and below",
+}
+IMAGES = {
+    "mirror_grid": "brightness on the grid of the mirror, as a perfect camera would give it",
+    "camera": "images of pinhole cameras, put back on the grid of the mirror",
+}
+FACINGS = {
+    "heliostat": "the target is turned about the vertical to face each heliostat",
+    "fixed": "the target keeps its face; heliostats behind it are not seen",
+}
+
+
+def _seed(description: str, dimension: str, title: str) -> Quantity:
+    return Quantity(description, "1", ge=0, le=MAX_SEED, integer=True, dimension=dimension, title=title)
+
+
+class Module(Block):
+    """One module of a heliostat."""
+
+    centre: Annotated[
+        Two, Pair("Centre of the module from the heliostat's centre, to the right as seen from the target and up",
+                  "m", ("y", "z"))
+    ]  # fmt: skip
+    size: Annotated[Two, Pair("Width and height of the module", "m", ("width", "height"), gt=0)]
+
+
+def _modules_form(raw: Any) -> str:
+    return "list" if isinstance(raw, list | tuple) else "name"
+
+
+Modules = Annotated[
+    Annotated[str, Choice("A heliostat with known modules", LAYOUTS, sweep=False), Tag("name")]
+    | Annotated[tuple[Module, ...], Field(min_length=1, max_length=100), Tag("list")],
+    Discriminator(_modules_form),
+    Field(description="Modules of the heliostat: a name, or a list of {centre: [y, z], size: [width, height]}"),
+]
+
+
+class Heliostat(Block):
+    """The heliostat that is looked at."""
+
+    focal_length: Annotated[
+        float | Sweep | None,
+        Quantity("Focal length of the ideal heliostat; the distance where left out", "m", gt=0, title="focal length"),
+    ] = None
+    distance: Annotated[
+        float | Sweep | None,
+        Quantity("Distance of the heliostat's centre from the target's; not with a field", "m", gt=0,
+                 title="distance of heliostat and target"),
+    ] = None  # fmt: skip
+    modules: Modules = "themis_8"
+    pixel: Annotated[
+        float | Sweep, Quantity("Side of a pixel on the mirror", "m", gt=0, title="side of a pixel on the mirror")
+    ] = 0.05
+
+
+class Target(Block):
+    """The target with the cameras around its centre."""
+
+    azimuth: Annotated[
+        float | Sweep | None,
+        Quantity("Azimuth of the target seen from the heliostat, from south towards east; not with a field",
+                 "deg", ge=-360, le=360, dimension="target_azimuth",
+                 title="azimuth of the target seen from the heliostat, from south towards east"),
+    ] = None  # fmt: skip
+    elevation: Annotated[
+        float | Sweep | None,
+        Quantity("Elevation of the target seen from the heliostat; not with a field", "deg", gt=-90, lt=90,
+                 dimension="target_elevation", title="elevation of the target seen from the heliostat"),
+    ] = None  # fmt: skip
+    tilt: Annotated[
+        float | Sweep,
+        Quantity("Tilt of the target against the vertical; positive faces down to the heliostats", "deg", gt=-90, lt=90,
+                 dimension="target_tilt", title="tilt of the target against the vertical"),
+    ] = 30.0  # fmt: skip
+    face: Annotated[
+        float | Sweep,
+        Quantity("Turn of the target about the vertical, from south towards east; 0 faces heliostats in the north",
+                 "deg", ge=-360, le=360, dimension="target_face", title="turn of the target about the vertical"),
+    ] = 0.0  # fmt: skip
+
+
+class Sun(Block):
+    """Where the sun stands, and what was measured of it."""
+
+    azimuth: Annotated[
+        float | Sweep | None,
+        Quantity("Azimuth of the sun, from south towards east; not with a field", "deg", ge=-360, le=360,
+                 dimension="sun_azimuth", title="azimuth of the sun, from south towards east"),
+    ] = None  # fmt: skip
+    elevation: Annotated[
+        float | Sweep | None,
+        Quantity("Elevation of the sun; not with a field", "deg", gt=0, le=90, dimension="sun_elevation",
+                 title="elevation of the sun", standard_name="solar_elevation_angle"),
+    ] = None  # fmt: skip
+    profile: Annotated[
+        str | None,
+        FileName("CSV table of the sun's profile, columns angle [mrad] and brightness; for sun_profile: table",
+                 sweep=False),
+    ] = None  # fmt: skip
+    image: Annotated[
+        str | None, FileName("Image of the sun, NPY, TIFF, PNG or FITS; mode: measured only", sweep=False)
+    ] = None
+    pixel_angle: Annotated[
+        float | None,
+        Quantity("Angle of a pixel of the sun's image; fitted to the angular radius of 4.36 mrad where left out",
+                 "mrad", gt=0, sweep=False),
+    ] = None  # fmt: skip
+
+
+class Cameras(Block):
+    """Four cameras around the target's centre."""
+
+    arrangement: Annotated[
+        str | Sweep, Choice("How the cameras stand", ARRANGEMENTS, title="arrangement of the cameras")
+    ] = "square"
+    radius: Annotated[
+        float | Sweep,
+        Quantity("Distance of each camera from the target's centre", "m", gt=0, dimension="camera_radius",
+                 title="distance of the cameras from the target's centre"),
+    ] = 0.24  # fmt: skip
+    positions: Annotated[
+        tuple[Two, ...] | None,
+        Pairs("Places of the four cameras in the target's plane instead of arrangement and radius, to the east of a "
+              "target that faces north, and up", "m", ("y", "z")),
+    ] = None  # fmt: skip
+    noise: Annotated[
+        float | Sweep,
+        Quantity("Standard deviation of the noise of each pixel, relative to the sun's centre", "1", ge=0, le=1,
+                 dimension="camera_noise", title="noise of the cameras relative to the sun's centre"),
+    ] = 0.0  # fmt: skip
+    gain_error: Annotated[
+        float | Sweep,
+        Quantity("Relative error of the brightness that all cameras share", "1", gt=-1, le=1,
+                 title="relative error of gain of all cameras"),
+    ] = 0.0  # fmt: skip
+    bits: Annotated[
+        int | Sweep,
+        Quantity("Levels are 2^bits, up to 1.25 of the sun's centre; 0 for none", "1", ge=0, le=24, integer=True,
+                 title="bits of a pixel"),
+    ] = 0  # fmt: skip
+    images: Annotated[
+        str | Sweep, Choice("What the cameras' images are", IMAGES, dimension="image_level", title="kind of images")
+    ] = "mirror_grid"
+    supersampling: Annotated[
+        int | Sweep,
+        Quantity("Rays along each side of a camera's pixel; images: camera only", "1", ge=1, le=15, integer=True,
+                 title="rays along each side of a camera's pixel"),
+    ] = 3  # fmt: skip
+    threshold: Annotated[
+        float | Sweep,
+        Quantity("Least brightness of a lit camera, relative to the sun's centre", "1", gt=0, lt=1,
+                 title="least brightness of a lit camera"),
+    ] = 0.3  # fmt: skip
+    seed: Annotated[
+        int | Sweep, _seed("What the noise of the cameras follows from", "camera_seed", "seed of the cameras' noise")
+    ] = 0
+
+
+class Defects(Block):
+    """What is wrong with the heliostat: the truth of a simulation."""
+
+    canting: Annotated[
+        dict[str, Annotated[Two, Pair("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
+        Field(
+            description="Canting of modules by their number from 1, [horizontal, vertical] slope of the normal, mrad"
+        ),
+    ] = Field(default_factory=dict)
+    canting_scale: Annotated[
+        float | Sweep, Quantity("Factor on all canting", "1", ge=-100, le=100, title="factor on the canting")
+    ] = 1.0
+    waviness: Annotated[
+        float | Sweep,
+        Quantity("Root mean square of the slopes of a random waviness", "mrad", ge=0, le=50,
+                 title="root mean square slope of the planted waviness"),
+    ] = 0.0  # fmt: skip
+    waviness_length: Annotated[
+        float | Sweep, Quantity("Wavelength of the waviness", "m", gt=0, title="wavelength of the planted waviness")
+    ] = 1.0
+    pointing: Annotated[
+        Two, Pair("Pointing error of the whole heliostat", "mrad", ("horizontal", "vertical"), ge=-100, le=100)
+    ] = (0.0, 0.0)
+    focal_length: Annotated[
+        float | Sweep | None,
+        Quantity("Focal length that the heliostat really has; that of the ideal one where left out", "m", gt=0,
+                 dimension="true_focal_length", title="focal length that the heliostat really has"),
+    ] = None  # fmt: skip
+    seed: Annotated[
+        int | Sweep, _seed("What the waviness follows from", "defect_seed", "seed of the planted waviness")
+    ] = 0
+
+
+class ProfileNoise(Block):
+    """The table that ``sun_profile: noisy`` stands for."""
+
+    noise: Annotated[
+        float | Sweep,
+        Quantity("Standard deviation of each node relative to the sun's centre", "1", ge=0, le=1,
+                 dimension="profile_noise", title="noise of the sun's profile relative to its centre"),
+    ] = 0.012  # fmt: skip
+    nodes: Annotated[
+        int | Sweep,
+        Quantity("Nodes of the table, uniform from the centre to the edge", "1", ge=4, le=4096, integer=True,
+                 title="nodes of the sun's profile"),
+    ] = 120  # fmt: skip
+    seed: Annotated[
+        int | Sweep, _seed("What the noise follows from", "profile_seed", "seed of the noise of the sun's profile")
+    ] = 0
+
+
+class HeliostatField(Block):
+    """Heliostats of a field under the sun of a day, each looked at by cameras on one tower."""
+
+    latitude: Annotated[
+        float | Sweep,
+        Quantity("Geographic latitude, positive north", "deg", ge=-90, le=90, title="latitude",
+                 standard_name="latitude"),
+    ]  # fmt: skip
+    day: Annotated[
+        int | Sweep, Quantity("Day of the year; declination by Cooper", "1", ge=1, le=366, integer=True,
+                              title="day of the year")
+    ]  # fmt: skip
+    hours: Annotated[Sweep, Samples("Solar hours, 12 is noon", "h", ge=0, le=24, title="solar hour")]
+    layout: Annotated[Layout, Field(description="Where the heliostats stand")]
+    receiver_height: Annotated[
+        float | Sweep, Quantity("Height of the target's centre above the tower's base", "m", gt=0,
+                                title="height of the target's centre")
+    ]  # fmt: skip
+    pivot_height: Annotated[
+        float | Sweep, Quantity("Height of the mirrors' centres above the heliostats' bases", "m", ge=0,
+                                title="height of the mirrors' centres above the heliostats' bases")
+    ] = 0.0  # fmt: skip
+    facing: Annotated[
+        str | Sweep, Choice("Which way the target faces", FACINGS, title="which way the target faces")
+    ] = "heliostat"
+
+
+class Image(Block):
+    """One of the four measured images."""
+
+    file: Annotated[str, FileName("Image of the heliostat, NPY, TIFF, PNG or FITS", sweep=False)]
+    camera: Annotated[
+        Two | None,
+        Pair("Place of the camera in the target's plane; from the image's metadata or 'cameras' where left out",
+             "m", ("y", "z")),
+    ] = None  # fmt: skip
+    corners: Annotated[
+        tuple[Two, ...] | None,
+        Pairs("Upper left, upper right, lower right and lower left corner of the heliostat in the image, pixel centres "
+              "at whole numbers from the first pixel of the file", "1", ("column", "row")),
+    ] = None  # fmt: skip
+
+
+ImageEntry = Annotated[Image, BeforeValidator(with_file)]
+
+
+class ImageGeometry(Block):
+    """How the pixels of measured images are to be read."""
+
+    rectified: Annotated[
+        bool | None,
+        Flag("Whether the images are on the grid of the mirror already, top row first; by default where no corners "
+             "are given"),
+    ] = None  # fmt: skip
+    dark: Annotated[float | None, Quantity("Level of a pixel without light; from metadata, or 0", "1", sweep=False)] = (
+        None
+    )
+    white: Annotated[
+        float | None,
+        Quantity("Level of the sun's centre seen in the mirror; from metadata, or the highest of the sun's image",
+                 "1", gt=0, sweep=False),
+    ] = None  # fmt: skip
+    saturation: Annotated[
+        float | None,
+        Quantity("Level from which a pixel counts as saturated; from metadata, or the highest of the file's type",
+                 "1", gt=0, sweep=False),
+    ] = None  # fmt: skip
+    noise: Annotated[
+        float | None,
+        Quantity("Standard deviation of a pixel relative to the sun's centre; from the residuals where left out",
+                 "1", ge=0, sweep=False),
+    ] = None  # fmt: skip
+
+
+class Output(StoredOutput):
+    """What is stored and how; not part of the study's identity."""
+
+    maps: Annotated[bool, Flag("Whether to store the images and the maps of the slopes too")] = False
+
+
+def positions_rules(cameras: Cameras) -> Iterator[Fault]:
+    """Positions take the place of arrangement and radius."""
+    if cameras.positions is None:
+        return
+    for key in ("arrangement", "radius"):
+        if isinstance(getattr(cameras, key), Sweep):
+            yield Fault("cannot be swept where 'positions' are given", ("cameras", key), show_value=False)
