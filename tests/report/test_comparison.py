@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.report.comparison import compare, comparison_csv, comparison_text, read_comparison, summary
+from heliosweep.report.comparison import (
+    compare,
+    comparison_csv,
+    comparison_text,
+    published_in,
+    read_comparison,
+    summary,
+    told,
+)
 from heliosweep.report.published import read_published
 from tests.conftest import STUDIES
 from tests.report.synthetic import BOTH, result
@@ -148,3 +156,22 @@ def test_table_2_of_chong_and_tan_is_complete():
     for value in table.values:
         tight = value.where["latitude"] == "0" or value.quantity == "field_blocking_efficiency"
         assert (value.unit, value.decimals, value.tolerance) == ("percent", 2, 0.02 if tight else 0.07)
+
+
+def test_numbers_in_percent_are_compared_as_they_are(dataset, table):
+    dataset = dataset.assign(relative_error=100 * dataset["field_cosine_efficiency"])
+    dataset["relative_error"].attrs["units"] = "percent"
+    rows = "azimuth_elevation,0,relative_error,84.9,percent,0.1\n"
+    [one] = compare(dataset, table(HEADER + rows))
+    assert one.computed == pytest.approx(84.99)
+    with pytest.raises(StudyError, match="cannot be compared"):
+        compare(dataset, table(HEADER + rows.replace("percent", "1")))
+
+
+def test_figures_can_read_what_was_published_from_the_result(dataset, table):
+    compared = compare(dataset, table(HEADER + "azimuth_elevation,0,field_cosine_efficiency,84.99,percent,0.02\n"))
+    assert published_in(dataset, "field_cosine_efficiency") == []
+    marked = told(dataset, compared)
+    assert published_in(marked, "field_cosine_efficiency") == compared
+    assert published_in(marked, "optical_efficiency") == []
+    assert "comparison" not in dataset.attrs

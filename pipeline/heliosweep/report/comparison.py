@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -25,6 +26,9 @@ SAME = 1e-9
 
 #: Rounding that a difference on the edge of its tolerance is forgiven. [unit of the number]
 _EDGE = 1e-9
+
+#: Attribute with which a result tells its figures what was published.
+_ATTRIBUTE = "comparison"
 
 _COMPUTED = ("computed", "difference", "verdict")
 #: Columns of the table after the quantity and its coordinates.
@@ -169,6 +173,8 @@ def _point(result: xr.Dataset, value: PublishedValue) -> dict[str, int]:
 def _factor(quantity: xr.DataArray, value: PublishedValue) -> float:
     """What the computed values are multiplied with to be in the unit of the published one."""
     unit = str(quantity.attrs.get("units", "1"))
+    if unit == value.unit:
+        return 1.0
     if unit != "1":
         raise ValueError(f"{value.quantity} is in {unit}, which cannot be compared with unit {value.unit!r}")
     return UNITS[value.unit]
@@ -202,6 +208,18 @@ def _values(coordinate: xr.DataArray, most: int = 8) -> str:
     values = [f"{value:g}" if numbers else str(value) for value in coordinate.to_numpy().ravel()[:most]]
     more = coordinate.size - len(values)
     return ", ".join(values) + (f" and {more} more" if more > 0 else "")
+
+
+def told(result: xr.Dataset, comparisons: Sequence[Comparison]) -> xr.Dataset:
+    """The same result, which also tells the published numbers; figures read them with `published_in`."""
+    keep = [asdict(one) for one in comparisons]
+    return result.assign_attrs({_ATTRIBUTE: json.dumps(keep)})
+
+
+def published_in(result: xr.Dataset, quantity: str) -> list[Comparison]:
+    """Published numbers of one quantity that a result was compared with; none where it was not."""
+    known = [Comparison(**one) for one in json.loads(result.attrs.get(_ATTRIBUTE, "[]"))]
+    return [one for one in known if one.quantity == quantity]
 
 
 def summary(comparisons: Sequence[Comparison]) -> str:

@@ -47,7 +47,8 @@ class Panel:
     title : str
         Above the panel, if any.
     bands : mapping of str to ndarray
-        Half-width of the band about a line, in the unit of the axis; error bars where the horizontal axis is words.
+        Half-width of the band about a line, in the unit of the axis, or those below and above it, shape (2, n); error
+        bars where the horizontal axis is words.
     """
 
     label: str
@@ -70,6 +71,7 @@ def curve_figure(
     ordered: bool = False,
     step: float | None = None,
     least_span: float = LEAST_SPAN,
+    looks: Mapping[str, dict[str, Any]] | None = None,
 ) -> Figure:
     """Draw panels in rows of at most `columns`, with one legend above them.
 
@@ -97,6 +99,8 @@ def curve_figure(
         Distance of the ticks of the horizontal axis; chosen by the range where left out.
     least_span : float
         Least height of a value axis. [unit of the axis]
+    looks : mapping of str to dict, optional
+        What is special in the look of some lines, as matplotlib's properties.
 
     Returns
     -------
@@ -122,7 +126,7 @@ def curve_figure(
         hspace=0.2 if any(panel.title for panel in panels) else 0.1,
     )
     for index, (axes, panel) in enumerate(zip(grid, panels, strict=False)):
-        _draw(axes, panel, _looks(names, ordered))
+        _draw(axes, panel, _looks(names, ordered, looks or {}))
         if logarithmic_values:
             _logarithmic(axes)
         if step:
@@ -171,12 +175,12 @@ def _abreast(names: Sequence[str], width: float) -> int:
     return -(-len(names) // -(-len(names) // fit))
 
 
-def _looks(names: Sequence[str], ordered: bool) -> dict[str, dict[str, Any]]:
+def _looks(names: Sequence[str], ordered: bool, special: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Colour, dashes and marker of each line."""
     colours = colormaps[VALUES](np.linspace(0.0, 0.85, len(names))) if ordered else COLOURS
     dashes = ("-",) if ordered else DASHES
     return {
-        name: {"color": colour, "linestyle": dash, "marker": marker}
+        name: {"color": colour, "linestyle": dash, "marker": marker, **special.get(name, {})}
         for name, colour, dash, marker in zip(names, cycle(colours), cycle(dashes), cycle(MARKERS), strict=False)
     }
 
@@ -197,7 +201,8 @@ def _draw(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]]) -> None
             axes.set_xlim(-0.5, len(x) - 0.5)
             continue
         if half is not None:
-            axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.2, linewidth=0)
+            below, above = np.broadcast_to(half, (2, len(y)))
+            axes.fill_between(x, y - below, y + above, color=look["color"], alpha=0.2, linewidth=0)
         if y.dtype.kind == "M":
             look |= {"linestyle": "", "marker": looks[name]["marker"]}
         axes.plot(x, y, **look)

@@ -64,7 +64,8 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
         raise StudyError(Problem("holds no result.nc; run the study first", file=str(place)))
     with open_result(place) as result:
         compared = _comparison(place, study, result)
-        drawings = list(_draw(place / FIGURES, _figures(result), vector))
+        marked = comparison.told(result, compared.values) if compared else result
+        drawings = list(_draw(place / FIGURES, _figures(marked), vector))
         body = [
             sections.header(result, compared),
             element(

@@ -1,0 +1,135 @@
+"""Pictures of maps: one scale, equal metres, outlines, grey for no value; nothing cut off whatever the shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.patches import Rectangle
+
+from heliosweep.report.images import (
+    Ground,
+    Kinds,
+    Outline,
+    Picture,
+    Row,
+    Shades,
+    about_zero,
+    from_zero,
+    picture_figure,
+)
+from heliosweep.report.style import NO_VALUE, image
+
+SHAPES = {"square": (7.0, 7.0), "tall": (1.0, 9.0), "flat": (15.0, 0.5), "single pixel": (0.05, 0.05)}
+
+
+def ground(wide=7.0, high=7.0, pixel=0.05, **others):
+    x, y = (
+        (np.arange(max(1, round(side / pixel))) - (max(1, round(side / pixel)) - 1) / 2) * pixel
+        for side in (wide, high)
+    )
+    outlines = [Outline(side * wide / 4, 0.0, 0.49 * wide, high, text) for side, text in ((-1, "1"), (1, "2"))]
+    return Ground(x, y, "to the right (m)", "up (m)", others.get("outlines", outlines))
+
+
+def values(plane, scale=1.0):
+    return scale * (plane.x + 2 * plane.y[:, np.newaxis])
+
+
+def inside(figure):
+    box = figure.get_tightbbox()
+    width, height = figure.get_size_inches()
+    return box.x0 >= -1e-9 and box.y0 >= -1e-9 and box.x1 <= width + 1e-9 and box.y1 <= height + 1e-9 and height < 10
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (1, 4), (2, 2), (4, 4), (4, 1)])
+def test_metres_are_equal_and_nothing_is_cut_off(shape, rows, columns):
+    plane = ground(*SHAPES[shape])
+    line = Row([Picture(values(plane), "LM")] * columns, "noisy\nhorizontal")
+    pictures = list(line.pictures)
+    figure = picture_figure([line] * rows, plane, about_zero("slope (mrad)", pictures))
+    assert len(figure.axes) == rows * columns + 1
+    width, height = figure.get_size_inches()
+    for axes in figure.axes[:-1]:
+        box = axes.get_position()
+        x, y = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+        assert box.width * width / x == pytest.approx(box.height * height / y)
+    assert inside(figure)
+    assert image(figure).startswith(b"\x89PNG")
+
+
+def test_all_pictures_have_one_scale_about_zero():
+    plane = ground()
+    pictures = [Picture(values(plane, scale)) for scale in (0.1, -0.1)]
+    shades = about_zero("slope (mrad)", pictures)
+    assert shades.low == -shades.high
+    assert 1.0 <= shades.high <= 1.05
+    figure = picture_figure([Row(pictures)], plane, shades)
+    assert {axes.images[0].get_clim() for axes in figure.axes[:2]} == {(shades.low, shades.high)}
+    assert figure.axes[-1].get_xlabel() == "slope (mrad)"
+    assert from_zero("error (mrad)", pictures).low == 0.0
+
+
+def test_wild_values_do_not_stretch_the_scale_and_the_bar_points_to_them():
+    plane = ground()
+    spread = values(plane)
+    spread[0, 0] = 1e6
+    shades = from_zero("error (mrad)", [Picture(spread)])
+    assert shades.high < 12
+    bars = {}
+    for name, high in (("within", 2e6), ("beyond", shades.high)):
+        figure = picture_figure([Row([Picture(np.abs(spread))])], plane, Shades("error (mrad)", 0.0, high))
+        bars[name] = figure.axes[-1].get_children()
+    assert len(bars["beyond"]) > len(bars["within"])
+
+
+def test_pixels_lie_where_they_are_whichever_way_the_sides_run():
+    plane = ground(2.0, 1.0, 0.5)
+    left, right, bottom, top = plane.extent()
+    assert (left, right, bottom, top) == pytest.approx((-1.0, 1.0, -0.5, 0.5))
+    turned = Ground(plane.x[::-1], plane.y[::-1], plane.x_label, plane.y_label)
+    shades = Shades("slope (mrad)", -2.0, 2.0)
+    first, second = (
+        picture_figure([Row([Picture(values(one))])], one, shades).axes[0].images[0] for one in (plane, turned)
+    )
+    np.testing.assert_array_equal(first.get_array(), second.get_array())
+    np.testing.assert_array_equal(first.get_array(), values(plane))
+    assert first.origin == "lower"
+    assert tuple(first.get_extent()) == pytest.approx((left, right, bottom, top))
+
+
+def test_no_value_is_grey_also_everywhere():
+    plane = ground()
+    nothing = np.full((plane.y.size, plane.x.size), np.nan)
+    for shades in (about_zero("slope (mrad)", [Picture(nothing)]), from_zero("slope (mrad)", [Picture(nothing)])):
+        figure = picture_figure([Row([Picture(nothing)])], plane, shades)
+        drawn = figure.axes[0].images[0]
+        assert np.ma.getmaskarray(drawn.get_array()).all()
+        assert tuple(drawn.get_cmap().get_bad()) == to_rgba(NO_VALUE)
+        assert inside(figure)
+
+
+def test_outlines_are_on_every_picture_and_named_on_the_first():
+    plane = ground()
+    figure = picture_figure([Row([Picture(values(plane))] * 2)], plane, Shades("slope (mrad)", -1.0, 1.0))
+    for axes in figure.axes[:2]:
+        boxes = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+        assert [box.get_x() for box in boxes] == pytest.approx([-3.465, 0.035])
+        assert [box.get_width() for box in boxes] == pytest.approx([3.43, 3.43])
+    assert [[text.get_text() for text in axes.texts] for axes in figure.axes[:2]] == [["1", "2"], []]
+
+
+def test_kinds_have_a_legend_of_those_that_there_are():
+    plane = ground(outlines=())
+    kinds = Kinds({0: ("usable", "#ffffff"), 1: ("dark", "#000000"), 4: ("saturated", "#D55E00")})
+    flags = np.where(plane.x + 0 * plane.y[:, np.newaxis] > 0, 4.0, 0.0)
+    figure = picture_figure([Row([Picture(flags)])], plane, kinds)
+    (drawn,) = figure.axes[0].images
+    colours = drawn.cmap(drawn.norm(drawn.get_array()))
+    assert tuple(colours[0, -1]) == to_rgba("#D55E00")
+    assert tuple(colours[0, 0]) == to_rgba("#ffffff")
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["usable", "saturated"]
+    assert inside(figure)
+    assert not picture_figure([Row([Picture(flags * np.nan)])], plane, kinds).legends
