@@ -1,0 +1,270 @@
+"""Mode mount_errors against a second model, by theory of small errors, and cut in every way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dask
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep import workflow
+from heliosweep.config.load import load_mapping
+from heliosweep.families.misalignment import mount_errors
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.config import MisalignmentStudy
+from heliosweep.families.misalignment.draws import drawn_errors, errors_of
+from heliosweep.store.digest import file_digest
+
+from .mount_twin import Twin, solar_vector
+
+POSITIONS = [[-16.0, 150.0, 7.0], [120.0, 90.0, 5.0], [-200.0, 60.0, 12.0]]
+HOURS, DAYS = [8.0, 12.5, 16.0], [80, 355]
+FIXED = dict(zip(ERRORS, (1.5, -0.8, 0.7, -1.1, 0.9, -0.6), strict=True))
+KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
+
+
+def study_data(**changes: Any) -> dict[str, Any]:
+    """A small study, blocks replaced."""
+    base: dict[str, Any] = {
+        "family": "misalignment",
+        "mode": "mount_errors",
+        "site": {"latitude": 37.4},
+        "time": {"clock": "solar", "days": DAYS, "hours": HOURS},
+        "receiver": {"height": 100, "azimuth": 5, "tilt": -10, "width": 3, "height_extent": 2},
+        "heliostats": {"positions": POSITIONS},
+        "mount": {"mirror_offset": 0.5, "axis_offset": 0.3, "pedestal_height": 4, "axis_azimuth": 20},
+        "mount_errors": FIXED,
+    }
+    return base | changes
+
+
+def study(**changes: Any) -> MisalignmentStudy:
+    return load_mapping(study_data(**changes), {"misalignment": MisalignmentStudy})
+
+
+def drawn(samples: int, seed: int = 7, **errors: Any) -> dict[str, Any]:
+    return {"samples": samples, "seed": seed, **errors}
+
+
+def computed(made: MisalignmentStudy, **chunks: int) -> xr.Dataset:
+    with dask.config.set(scheduler="synchronous"):
+        return mount_errors.build(made, chunks).compute()
+
+
+def twins(kind: str = "azimuth_elevation", offsets: tuple[float, float, float] = (0.5, 0.3, 4.0)) -> list[Twin]:
+    return [Twin((x, y, z), 100.0, (5.0, -10.0), (1.5, 1.0), kind, 37.4, 20.0, offsets) for x, y, z in POSITIONS]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.5, 0.3, 4.0)], ids=["no offsets", "offsets"])
+def test_fixed_errors_send_the_beam_where_the_twin_says(kind: str, offsets: tuple[float, float, float]) -> None:
+    names = ("mirror_offset", "axis_offset", "pedestal_height")
+    made = computed(study(mount={"kind": kind, "axis_azimuth": 20, **dict(zip(names, offsets, strict=True))}))
+    errors = np.array([list(FIXED.values())]) * 1e-3
+    for number, twin in enumerate(twins(kind, offsets)):
+        for i, day in enumerate(DAYS):
+            for j, hour in enumerate(HOURS):
+                sun = solar_vector(37.4, day, hour)
+                ((y, z),), (real,) = twin.spots(*twin.actual(sun, errors), sun)
+                there = made.isel(heliostat=number, day=i, hour=j)
+                assert bool(there.is_real) == real
+                if real:
+                    assert there.spot_y.item() == pytest.approx(y, abs=2e-10)
+                    assert there.spot_z.item() == pytest.approx(z, abs=2e-10)
+                    assert bool(there.inside) == twin.inside(np.array([y, z]))
+    assert made.is_real.sum() > 12
+    hits = made.inside.astype(float).where(made.spot_status != 3).mean("hour")
+    xr.testing.assert_allclose(made.hit_fraction, hits, rtol=1e-15)
+
+
+def test_without_errors_every_spot_is_on_the_aim_point() -> None:
+    made = computed(study(mount_errors={"collimation": 0}))
+    assert float(abs(made.spot_y).max()) < 1e-11
+    assert float(abs(made.spot_z).max()) < 1e-11
+    assert bool(made.inside.all())
+
+
+def test_swept_errors_are_dimensions() -> None:
+    made = computed(
+        study(mount_errors={"azimuth_reference": [0, 1], "collimation": {"start": -1, "stop": 1, "step": 1}})
+    )
+    assert made.spot_y.dims == ("azimuth_reference", "collimation", "heliostat", "day", "hour")
+    one = computed(study(mount_errors={"azimuth_reference": 1, "collimation": -1}))
+    same = made.spot_y.sel(azimuth_reference=1, collimation=-1)
+    np.testing.assert_array_equal(same, one.spot_y)
+    assert one.azimuth_reference.attrs["units"] == "mrad"
+
+
+DRAWN = {
+    "azimuth_reference": {"normal": [0.5, 3.0]},
+    "elevation_reference": {"uniform": [-4, 4]},
+    "tilt_about_east": {"normal": [0, 2]},
+    "tilt_about_north": 0.4,
+    "collimation": {"normal": [0, 3], "seed": 99},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_statistics_are_those_of_the_twin_with_the_same_draws(kind: str) -> None:
+    samples, percentiles = 40, [0, 30, 75]
+    offsets = {"mirror_offset": 0.5, "axis_offset": 0.3, "pedestal_height": 4}
+    drawing = study(
+        mount={"kind": kind, "axis_azimuth": 20, **offsets},
+        mount_errors=drawn(samples, **DRAWN, scale=1.5),
+        statistics={"percentiles": percentiles},
+        time={"clock": "solar", "days": [172], "hours": [9, 13.5, 23]},
+    )
+    assert drawing.mount_errors is not None
+    made = computed(drawing).squeeze("day")
+    draws = drawn_errors(errors_of(drawing.mount_errors), range(3), samples, 7, scale=1.5) * 1e-3  # type: ignore[arg-type]
+    for number, twin in enumerate(twins(kind)):
+        for j, hour in enumerate((9.0, 13.5)):
+            sun = solar_vector(37.4, 172, hour)
+            normals, centres = twin.actual(sun, draws[number])
+            spots, real = twin.spots(normals, centres, sun)
+            there = made.isel(heliostat=number, hour=j)
+            assert there.real_fraction.item() == real.mean()
+            assert there.hit_fraction.item() == twin.inside(spots).mean()
+            y, z = spots[real].T
+            covariance = np.cov(y, z)
+            found = [there[f"spot_{name}"].item() for name in ("y_mean", "z_mean")]
+            assert found == pytest.approx([y.mean(), z.mean()], abs=1e-9)
+            found = [there[f"spot_{name}"].item() for name in ("y_variance", "z_variance", "yz_covariance")]
+            assert found == pytest.approx([covariance[0, 0], covariance[1, 1], covariance[0, 1]], abs=1e-9)
+            for axis in range(2):
+                left = [twin.remaining(*pair, sun, axis) for pair in zip(normals, centres, strict=True)]
+                expected = np.percentile(np.array(left) * 1e3, percentiles)
+                np.testing.assert_allclose(there.remaining_tolerance[:, axis], expected, atol=1e-7)
+    dark = made.isel(hour=2)
+    assert all(bool(dark[name].isnull().all()) for name in dark.data_vars if "hour" in made[name].dims)
+    np.testing.assert_allclose(made.day_hit_fraction, made.hit_fraction[:, :2].mean("hour"), rtol=1e-14)
+    np.testing.assert_allclose(made.field_hit_fraction, made.hit_fraction.mean("heliostat"), rtol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_small_errors_spread_as_the_first_order_says(kind: str) -> None:
+    """Covariance J Sigma J^T with the Jacobian of the twin, within the statistical error of the draws."""
+    samples = 20_000
+    deviations = np.array([0.3, 0.2, 0.25, 0.15, 0.35, 0.1])
+    errors = {name: {"normal": [0, float(sd)]} for name, sd in zip(ERRORS, deviations, strict=True)}
+    made = computed(
+        study(mount={"kind": kind, "mirror_offset": 0.5, "axis_azimuth": 20}, mount_errors=drawn(samples, **errors))
+    )
+    step = 1e-6
+    checked = 0
+    for number, twin in enumerate(twins(kind, (0.5, 0.0, 0.0))):
+        for j, hour in enumerate(HOURS):
+            sun = solar_vector(37.4, DAYS[0], hour)
+            angles = twin.aim(sun)
+            ends = [twin.spots(*twin.mirror(angles, sign * step * np.eye(6)), sun)[0] for sign in (1, -1)]
+            jacobian = (ends[0] - ends[1]).T / (2 * step)
+            expected = jacobian @ np.diag((deviations * 1e-3) ** 2) @ jacobian.T
+            there = made.isel(heliostat=number, day=0, hour=j)
+            yy, zz, yz = (there[f"spot_{name}"].item() for name in ("y_variance", "z_variance", "yz_covariance"))
+            found = np.array([[yy, yz], [yz, zz]])
+            variance = (expected**2 + np.outer(np.diag(expected), np.diag(expected))) / (samples - 1)
+            assert np.all(np.abs(found - expected) < 4.5 * np.sqrt(variance))
+            means = np.array([there.spot_y_mean.item(), there.spot_z_mean.item()])
+            assert np.all(np.abs(means) < 4.5 * np.sqrt(np.diag(expected) / samples) + 1e-3)
+            checked += 1
+    assert checked == 9
+
+
+ALL_DRAWN = {name: {"normal": [0.1, 2.0]} for name in ERRORS}
+EXECUTIONS: list[dict[str, Any]] = [
+    {"scheduler": "synchronous", "workers": 1},
+    {"scheduler": "threads", "workers": 3},
+    {"scheduler": "processes", "workers": 2},
+    {"chunks": {"heliostat": 1}},
+    {"chunks": {"heliostat": 2, "error_scale": 1}},
+    {"chunks": {"error_scale": 2}},
+]
+
+
+@pytest.mark.parametrize("errors", [drawn(31, **ALL_DRAWN, scale=[0, 1, 2]), FIXED | {"collimation": [0, 1, 2]}])
+def test_same_bytes_however_the_work_is_cut(errors: dict[str, Any], tmp_path: Any) -> None:
+    digests = {}
+    for number, execution in enumerate(EXECUTIONS):
+        renamed = {key: value for key, value in execution.items() if "scale" in errors or key != "chunks"}
+        made = workflow.load(study_data(execution=renamed, mount_errors=errors))
+        digests[number] = file_digest(workflow.run(made, tmp_path / str(number), report=False).path)
+    assert len(set(digests.values())) == 1, digests
+
+
+def test_heliostats_at_a_time_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    from heliosweep.families.misalignment import mount_errors_blocks
+
+    drawing = study(mount_errors=drawn(25, **ALL_DRAWN, scale=[1, 2]))
+    whole = computed(drawing)
+    monkeypatch.setattr(mount_errors_blocks, "DRAWS_BYTES", 1)
+    xr.testing.assert_identical(whole, computed(drawing))
+
+
+def test_a_heliostat_keeps_its_draws_in_a_larger_field() -> None:
+    few = computed(study(mount_errors=drawn(25, **ALL_DRAWN), heliostats={"positions": POSITIONS[:2]}))
+    more = computed(study(mount_errors=drawn(25, **ALL_DRAWN)))
+    for name in few.data_vars:
+        if "heliostat" in few[name].dims:
+            np.testing.assert_array_equal(few[name], more[name].isel(heliostat=slice(2)))
+
+
+def test_scale_zero_is_the_mean_error_and_scale_two_doubles_small_deviations() -> None:
+    errors = {name: {"normal": [value, 0.01]} for name, value in FIXED.items()}
+    made = computed(study(mount_errors=drawn(200, **errors, scale=[0, 1, 2])))
+    spots = computed(study())
+    none = made.isel(error_scale=0)
+    np.testing.assert_allclose(none.spot_y_mean, spots.spot_y, atol=1e-10)
+    np.testing.assert_allclose(none.spot_z_mean, spots.spot_z, atol=1e-10)
+    np.testing.assert_allclose(none.spot_y_variance, 0.0, atol=1e-18)
+    np.testing.assert_array_equal(none.hit_fraction, spots.inside)
+    once, twice = (made.spot_y_variance.isel(error_scale=i) for i in (1, 2))
+    np.testing.assert_allclose(twice, 4 * once, rtol=2e-3)
+
+
+def test_behind_the_receiver_nothing_hits() -> None:
+    positions = [[0, 100, 5], [0, -100, 5], [10, 0, 5]]
+    face = {"height": 100, "width": 3, "height_extent": 3}
+    fixed = computed(study(heliostats={"positions": positions}, receiver=face, mount_errors={"collimation": 0}))
+    assert fixed.inside.any(["day", "hour"]).values.tolist() == [True, False, False]
+    made = computed(study(heliostats={"positions": positions}, receiver=face, mount_errors=drawn(9, **ALL_DRAWN)))
+    assert np.all(made.real_fraction.isel(heliostat=slice(1, None)) == 0)
+    assert np.all(made.hit_fraction.isel(heliostat=slice(1, None)) == 0)
+    assert np.all(made.remaining_tolerance.isel(heliostat=slice(1, None)) == 0)
+    assert bool(made.spot_y_mean.isel(heliostat=slice(1, None)).isnull().all())
+    assert any("no draw" in remark for remark in mount_errors.remarks(made))
+    assert any("behind" in remark for remark in mount_errors.remarks(fixed))
+
+
+def test_one_draw_has_no_variance() -> None:
+    made = computed(study(mount_errors=drawn(1, **ALL_DRAWN)))
+    assert bool(made.spot_y_variance.isnull().all())
+    assert not bool(made.spot_y_mean.isnull().all())
+    assert set(np.unique(made.hit_fraction)) <= {0.0, 1.0}
+
+
+def test_the_result_says_what_was_drawn() -> None:
+    made = computed(study(mount_errors=drawn(5, **DRAWN)))
+    said = made.attrs["mount_errors"]
+    assert "azimuth_reference normal (mean 0.5, standard deviation 3 mrad)" in said
+    assert "elevation_reference uniform (-4 to 4 mrad)" in said
+    assert "collimation normal (mean 0, standard deviation 3 mrad, seed 99)" in said
+    assert "5 draws" in said
+    assert made.tilt_about_north.item() == 0.4
+    assert "azimuth_reference" not in made.coords
+    assert made.percentile.values.tolist() == [5.0, 50.0, 95.0]
+    assert made.tolerance_axis.values.tolist() == ["elevation", "azimuth"]
+
+
+@pytest.mark.parametrize("errors", [FIXED | {"collimation": [0, 1]}, drawn(9, **DRAWN, scale=[1, 2])])
+def test_the_workload_foresees_the_result(errors: dict[str, Any]) -> None:
+    made = study(mount_errors=errors)
+    planned = mount_errors.workload(made)
+    built = mount_errors.build(made, {})
+    assert {name: array.dims for name, array in built.data_vars.items()} == planned.variables
+    assert dict(built.sizes) == planned.sizes
+    assert sum(array.nbytes for array in built.data_vars.values()) == planned.bytes_of(planned.sizes)
+    labels = mount_errors.coordinates(made)
+    assert labels.attrs == built.attrs
+    assert set(labels.coords) == set(built.coords)
