@@ -13,7 +13,7 @@ import numpy as np
 Entry = tuple[tuple[str, ...], dict[str, Any]]
 
 #: What becomes of a scene.
-SEEN, NOT_SEEN, NO_SUN, BEHIND, NOT_IDENTIFIABLE, NO_HELIOSTAT = 0, 1, 2, 3, 4, -1
+SEEN, NOT_SEEN, NO_SUN, BEHIND, NOT_IDENTIFIABLE, NO_PROFILE, NO_HELIOSTAT = 0, 1, 2, 3, 4, 5, -1
 _STATUS = {
     NO_HELIOSTAT: "no_heliostat",
     SEEN: "slopes_found",
@@ -21,6 +21,7 @@ _STATUS = {
     NO_SUN: "sun_below_the_horizon",
     BEHIND: "heliostat_behind_the_target",
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
+    NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
 
 #: Bits of `quality`; the first three are those of the kernels of Levenberg-Marquardt.
@@ -58,9 +59,9 @@ ERRORS: dict[str, Entry] = {
     **_both(
         "relative_error_%",
         _OF_MODULE,
-        "1",
+        "percent",
         "magnitude of the mean error of the % slopes relative to 1 mrad",
-        "as Table 1 of Defieux et al. (2020), which prints it in percent",
+        "as in Table 1 of Defieux et al. (2020)",
     ),
 }
 
@@ -124,12 +125,20 @@ SCENE: dict[str, Entry] = {
 
 #: Over the seeds, where one is swept.
 OVER_SEEDS: dict[str, Entry] = {
-    **_both("relative_error_%_median", _OF_MODULE, "1", "median over the seeds of the relative error of the % slopes"),
     **_both(
-        "relative_error_%_low", _OF_MODULE, "1", "5th percentile over the seeds of the relative error of the % slopes"
+        "relative_error_%_median", _OF_MODULE, "percent", "median over the seeds of the relative error of the % slopes"
     ),
     **_both(
-        "relative_error_%_high", _OF_MODULE, "1", "95th percentile over the seeds of the relative error of the % slopes"
+        "relative_error_%_low",
+        _OF_MODULE,
+        "percent",
+        "5th percentile over the seeds of the relative error of the % slopes",
+    ),
+    **_both(
+        "relative_error_%_high",
+        _OF_MODULE,
+        "percent",
+        "95th percentile over the seeds of the relative error of the % slopes",
     ),
 }
 #: Percentiles behind them, by ending.
