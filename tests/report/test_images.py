@@ -105,7 +105,7 @@ def test_no_value_is_grey_also_everywhere():
     for shades in (about_zero("slope (mrad)", [Picture(nothing)]), from_zero("slope (mrad)", [Picture(nothing)])):
         figure = picture_figure([Row([Picture(nothing)])], plane, shades)
         drawn = figure.axes[0].images[0]
-        assert np.ma.getmaskarray(drawn.get_array()).all()
+        assert np.ma.getmaskarray(np.ma.asarray(drawn.get_array())).all()
         assert tuple(drawn.get_cmap().get_bad()) == to_rgba(NO_VALUE)
         assert inside(figure)
 
@@ -126,7 +126,7 @@ def test_kinds_have_a_legend_of_those_that_there_are():
     flags = np.where(plane.x + 0 * plane.y[:, np.newaxis] > 0, 4.0, 0.0)
     figure = picture_figure([Row([Picture(flags)])], plane, kinds)
     (drawn,) = figure.axes[0].images
-    colours = drawn.cmap(drawn.norm(drawn.get_array()))
+    colours = np.asarray(drawn.cmap(drawn.norm(np.ma.asarray(drawn.get_array()))))
     assert tuple(colours[0, -1]) == to_rgba("#D55E00")
     assert tuple(colours[0, 0]) == to_rgba("#ffffff")
     (legend,) = figure.legends

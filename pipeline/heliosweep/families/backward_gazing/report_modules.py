@@ -1,0 +1,140 @@
+"""What a plant wants to know: canting of each module, pointing and focal length, with how well each is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+from scipy.special import ndtri
+
+from heliosweep.families.backward_gazing import report_views as views
+from heliosweep.families.backward_gazing.report_views import DIRECTIONS, METHOD, MODULE, PROFILE, REFERENTIAL, at, needs
+from heliosweep.families.registry import NamedFigure
+from heliosweep.report.intervals import Around, Beside, Interval, Strip, interval_figure
+from heliosweep.report.labels import number_text
+
+#: Half-width of a 95 % interval over the standard error.
+WIDE = float(ndtri(0.975))
+
+#: Modules of one figure.
+MOST = 16
+
+
+def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Canting of the modules.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        The result.
+
+    Yields
+    ------
+    NamedFigure
+    """
+    yield from _canting(result)
+
+
+@needs("canting_x", "canting_y")
+def _canting(result: xr.Dataset) -> Iterator[NamedFigure]:
+    """Canting of each module by each method, with 95 % intervals, against the one that was entered."""
+    array = result["canting_x"]
+    if MODULE not in array.dims:
+        return
+    stands = views.fixed(result, "canting_x", METHOD, REFERENTIAL, PROFILE, MODULE)
+    profiles = views.profiles(result, "canting_x")
+    places = np.unique(np.linspace(0, result.sizes[MODULE] - 1, min(result.sizes[MODULE], MOST)).round().astype(int))
+    names = [text.removeprefix("module ") for text, _ in views.all_modules(result)]
+    ways = _shown(views.ways(result, "canting_x"))
+    strips = []
+    for end, direction in DIRECTIONS.items():
+        panels = []
+        for profile, where in profiles:
+            series = {
+                way.name: Interval(*_interval(result, f"canting_{end}", places, stands, where, way.point))
+                for way in ways
+            }
+            marks = _entered(result, end, stands)
+            title = profile if end == "x" else ""
+            panels.append(Beside([names[i] for i in places], series, title, None if marks is None else marks[places]))
+        strips.append(Strip(f"{direction} canting\n(mrad)", panels))
+    parts = [one.value for strip in strips for panel in strip.panels for one in panel.series.values()]
+    if not np.isfinite(np.concatenate(parts)).any():
+        return
+    marked = any(panel.marks is not None for strip in strips for panel in strip.panels)
+    entered = " Black: entered." if marked else ""
+    single = f" Method {ways[0].name}." if len(ways) == 1 and ways[0].name else ""
+    caption = (
+        "Slope at the centre of each module less the pointing of the heliostat, which is the median over the modules; "
+        f"bars: 95 % intervals from the scatter of the pixels alone.{single}{entered}"
+        f"{_whole(result, {**stands, **profiles[0][1], **ways[-1].point}, ways[-1].name)}"
+        f"{views.note(result, stands, (PROFILE, profiles), (MODULE, list(places)))}"
+    )
+    colours = {way.name: str(way.look["color"]) for way in ways}
+    if len(ways) == 1:
+        strips = [
+            Strip(
+                s.label, [Beside(p.words, {"": one}, p.title, p.marks) for p in s.panels for one in p.series.values()]
+            )
+            for s in strips
+        ]
+        colours = {"": colours[ways[0].name]}
+    yield NamedFigure("canting", caption, interval_figure(strips, Around("module", "entered", "", colours)))
+
+
+def _shown(ways: list[views.Way]) -> list[views.Way]:
+    """Each method once, A and O1 with the best referential there is."""
+    found: dict[str, views.Way] = {}
+    for way in ways:
+        known = found.get(way.method)
+        if known is None or _rank(way) < _rank(known):
+            found[way.method] = way
+    return list(found.values())
+
+
+def _rank(way: views.Way) -> int:
+    return views.EXACT.index(way.referential) if way.referential in views.EXACT else len(views.EXACT)
+
+
+def _interval(result: xr.Dataset, name: str, places: np.ndarray, *points: views.Point) -> list[np.ndarray]:
+    """Estimate and both ends of its interval at some modules. [mrad]"""
+    value = at(result[name], *points).to_numpy().astype(float)[places]
+    error = f"{name}_standard_error"
+    if error not in result:
+        return [value]
+    half = WIDE * at(result[error], *points).to_numpy().astype(float)[places]
+    return [value, value - half, value + half]
+
+
+def _entered(result: xr.Dataset, end: str, stands: views.Point) -> np.ndarray | None:
+    """Canting that was entered less its median over the modules; none where the result does not tell. [mrad]"""
+    given = views.canting(result)
+    scale: object = views.study(result).get("defects", {}).get("canting_scale", 1.0)
+    if "canting_scale" in result.coords:
+        found = at(result["canting_scale"], stands)
+        scale = None if found.ndim else float(found)
+    true_focal = {"true_focal_length"} & set(result.coords)
+    if not given or not isinstance(scale, int | float) or true_focal:
+        return None
+    numbers = [int(text.removeprefix("module ")) for text, _ in views.all_modules(result)]
+    side = list(DIRECTIONS).index(end)
+    values = float(scale) * np.array([given.get(number, (0.0, 0.0))[side] for number in numbers])
+    return np.asarray(values - np.median(values))
+
+
+def _whole(result: xr.Dataset, point: views.Point, method: str) -> str:
+    """Pointing and focal length of the heliostat, as a sentence."""
+    said = []
+    for name, words, unit, decimals in (
+        ("pointing_x", "horizontal pointing", "mrad", 3),
+        ("pointing_y", "vertical pointing", "mrad", 3),
+        ("focal_length_estimate", "focal length", "m", 2),
+    ):
+        error = f"{name.removesuffix('_estimate')}_standard_error"
+        if name in result and error in result:
+            value, half = (float(at(result[one], point)) for one in (name, error))
+            if np.isfinite(value) and np.isfinite(half):
+                said.append(f"{words} {number_text(value, decimals)} ± {number_text(WIDE * half, decimals)} {unit}")
+    of = f" by {method}" if method else ""
+    return f" Of the whole heliostat{of}: {', '.join(said)}." if said else ""
