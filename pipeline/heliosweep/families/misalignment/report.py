@@ -1,4 +1,4 @@
-"""Figures of a finished result, after Figures 4, 5, 7 and 8 of Optics Express 27 (8), A257 (2019), by what the result holds.
+"""Figures of a finished result, by what it holds; after Figures 4, 5, 7 and 8 of Optics Express 27 (8), A257 (2019).
 
 Each figure takes from the sweep what it can show, and its caption says at which values the rest stands; one that needs
 what the result does not have is left out.
