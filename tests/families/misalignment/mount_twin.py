@@ -131,7 +131,7 @@ class Twin:
 
     def inside(self, spots: Floats) -> NDArray[np.bool_]:
         """Whether spots lie in the aperture."""
-        return (np.abs(spots) <= np.array(self.half)).all(axis=-1)
+        return np.asarray((np.abs(spots) <= np.array(self.half)).all(axis=-1))
 
     def remaining(self, normal: Floats, centre: Floats, sun: Floats, axis: int, most: float = 0.1) -> float:
         """Least angle by which one mirror must turn in place about an in-mirror axis for its spot to leave. [rad]

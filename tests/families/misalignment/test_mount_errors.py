@@ -44,8 +44,8 @@ def study(**changes: Any) -> MisalignmentStudy:
     return load_mapping(study_data(**changes), {"misalignment": MisalignmentStudy})
 
 
-def drawn(samples: int, seed: int = 7, **errors: Any) -> dict[str, Any]:
-    return {"samples": samples, "seed": seed, **errors}
+def drawn(samples: int, **errors: Any) -> dict[str, Any]:
+    return {"samples": samples, "seed": 7, **errors}
 
 
 def computed(made: MisalignmentStudy, **chunks: int) -> xr.Dataset:
@@ -97,7 +97,7 @@ def test_swept_errors_are_dimensions() -> None:
     assert one.azimuth_reference.attrs["units"] == "mrad"
 
 
-DRAWN = {
+DRAWN: dict[str, Any] = {
     "azimuth_reference": {"normal": [0.5, 3.0]},
     "elevation_reference": {"uniform": [-4, 4]},
     "tilt_about_east": {"normal": [0, 2]},
@@ -148,7 +148,7 @@ def test_small_errors_spread_as_the_first_order_says(kind: str) -> None:
     """Covariance J Sigma J^T with the Jacobian of the twin, within the statistical error of the draws."""
     samples = 20_000
     deviations = np.array([0.3, 0.2, 0.25, 0.15, 0.35, 0.1])
-    errors = {name: {"normal": [0, float(sd)]} for name, sd in zip(ERRORS, deviations, strict=True)}
+    errors: dict[str, Any] = {name: {"normal": [0, float(sd)]} for name, sd in zip(ERRORS, deviations, strict=True)}
     made = computed(
         study(mount={"kind": kind, "mirror_offset": 0.5, "axis_azimuth": 20}, mount_errors=drawn(samples, **errors))
     )
@@ -172,7 +172,7 @@ def test_small_errors_spread_as_the_first_order_says(kind: str) -> None:
     assert checked == 9
 
 
-ALL_DRAWN = {name: {"normal": [0.1, 2.0]} for name in ERRORS}
+ALL_DRAWN: dict[str, Any] = {name: {"normal": [0.1, 2.0]} for name in ERRORS}
 EXECUTIONS: list[dict[str, Any]] = [
     {"scheduler": "synchronous", "workers": 1},
     {"scheduler": "threads", "workers": 3},
@@ -211,7 +211,7 @@ def test_a_heliostat_keeps_its_draws_in_a_larger_field() -> None:
 
 
 def test_scale_zero_is_the_mean_error_and_scale_two_doubles_small_deviations() -> None:
-    errors = {name: {"normal": [value, 0.01]} for name, value in FIXED.items()}
+    errors: dict[str, Any] = {name: {"normal": [value, 0.01]} for name, value in FIXED.items()}
     made = computed(study(mount_errors=drawn(200, **errors, scale=[0, 1, 2])))
     spots = computed(study())
     none = made.isel(error_scale=0)
