@@ -69,7 +69,7 @@ _remembered = lru_cache(maxsize=4)(_results)
 
 def _errors(seen: Observation, given: Given) -> dict[str, Floats]:
     """Errors of the slopes of each module, shape (M, T, modules). [mrad], [percent]"""
-    mean, rms, _ = _over_modules(1e3 * (seen.net - seen.true), seen, given)
+    mean, rms, _ = over_modules(1e3 * (seen.net - seen.true), seen, given)
     made = {}
     for axis, name in enumerate("xy"):
         made[f"slope_bias_{name}"], made[f"slope_rms_{name}"] = mean[:, :, axis], rms[:, :, axis]
@@ -107,9 +107,9 @@ def _sight(seen: Observation, given: Given, least: Floats) -> dict[str, Floats]:
     """Usable pixels, lit cameras and the bound. [1], [mrad]"""
     count = len(given.sizes)
     kept = np.bincount(seen.mirror.pixel_module[seen.keep], minlength=count)
-    _, _, usable = _over_modules(seen.net[:, 0, 0], seen, given)
-    lit, _, _ = _over_modules(seen.lit / CAMERAS, seen, given)
-    _, square, _ = _over_modules(1e3 * least, seen, given)
+    _, _, usable = over_modules(seen.net[:, 0, 0], seen, given)
+    lit, _, _ = over_modules(seen.lit / CAMERAS, seen, given)
+    _, square, _ = over_modules(1e3 * least, seen, given)
     with np.errstate(invalid="ignore"):
         made = {"usable_fraction": usable / kept, "lit_cameras": lit}
     return made | {f"cramer_rao_bound_{name}": square[axis] for axis, name in enumerate("xy")}
@@ -128,7 +128,7 @@ def _maps(seen: Observation) -> dict[str, Any]:
     return made
 
 
-def _over_modules(values: Floats, seen: Observation, given: Given) -> tuple[Floats, Floats, NDArray[np.int64]]:
+def over_modules(values: Floats, seen: Observation, given: Given) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Mean, root mean square and number of values (..., N) over the eroded modules; each (..., modules)."""
     lead, count = values.shape[:-1], len(given.sizes)
     flat = np.ascontiguousarray(values, np.float64).reshape(-1, values.shape[-1])
