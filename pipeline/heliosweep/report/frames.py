@@ -56,7 +56,7 @@ def common(ends: Sequence[Ends]) -> Ends:
 
 def _frame(low: np.ndarray, high: np.ndarray, rim: float, square: bool) -> Ends:
     middle = (low + high) / 2
-    least = max(LEAST, 1e-3 * float(np.abs(middle).max()))
+    least = np.maximum(LEAST, 1e-3 * (np.abs(middle).max() if square else np.abs(middle)))
     sides = np.maximum(high - low, least)
     half = (np.full(2, sides.max()) if square else sides) / 2 * (1 + 2 * rim)
     (left, bottom), (right, top) = middle - half, middle + half

@@ -14,6 +14,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 from heliosweep.report.labels import latitude_text
 from heliosweep.report.style import NO_VALUE, PAGE_WIDTH, VALUES, new_figure, styled
 
+#: Least span of a colour scale as a part of the largest value.
+LEAST_PART = 0.01
+
 _LEFT, _RIGHT, _BETWEEN, _TOP, _BOTTOM, _UP, _WIDEST = 0.62, 0.15, 0.25, 0.1, 1.0, 2.5, 3.6
 
 
@@ -47,15 +50,30 @@ class Side:
         Distance of its ticks; chosen by the range where left out.
     latitude : bool
         Whether ticks are latitudes with their hemisphere.
+    logarithmic : bool
+        Whether the side is logarithmic; values must be positive.
     """
 
     label: str
     values: np.ndarray
     step: float | None = None
     latitude: bool = False
+    logarithmic: bool = False
+
+    def edges(self) -> np.ndarray:
+        """Between which numbers each value stands, in the middle of its neighbours."""
+        values = np.log(self.values) if self.logarithmic else self.values
+        if values.size < 2:
+            ends = np.array([values[0] - 0.5, values[0] + 0.5])
+        else:
+            middle = (values[1:] + values[:-1]) / 2
+            ends = np.array([2 * values[0] - middle[0], *middle, 2 * values[-1] - middle[-1]])
+        return np.exp(ends) if self.logarithmic else ends
 
     def tick(self, axis: Axis) -> None:
         """Place and word the ticks of an axis."""
+        if self.logarithmic:
+            return
         few = MaxNLocator(7, steps=[1, 1.5, 2, 2.5, 3, 5, 10])
         axis.set_major_locator(MultipleLocator(self.step) if self.step else few)
         if self.latitude:
@@ -87,7 +105,9 @@ def grid_figure(grids: Sequence[Grid], x: Side, y: Side) -> Figure:
         left = (_LEFT + index * (across + _BETWEEN)) / width
         axes = figure.add_axes((left, _BOTTOM / height, across / width, _UP / height))
         values = np.ma.masked_invalid(one.values)
-        mesh = axes.pcolormesh(x.values, y.values, values, cmap=palette, shading="nearest", rasterized=True)
+        mesh = axes.pcolormesh(x.edges(), y.edges(), values, cmap=palette, shading="flat", rasterized=True)
+        axes.set(xscale="log" if x.logarithmic else "linear", yscale="log" if y.logarithmic else "linear")
+        mesh.set_clim(*_ends(values))
         axes.set_facecolor(NO_VALUE)
         x.tick(axes.xaxis)
         y.tick(axes.yaxis)
@@ -100,3 +120,13 @@ def grid_figure(grids: Sequence[Grid], x: Side, y: Side) -> Figure:
         bar.set_xlabel(one.label, labelpad=2)
         bar.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
     return figure
+
+
+def _ends(values: np.ma.MaskedArray) -> tuple[float, float]:
+    """Ends of a colour scale, a little apart where all values are nearly the same."""
+    known = values.compressed()
+    if not known.size:
+        return 0.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    least = LEAST_PART * max(abs(low), abs(high)) or 1.0
+    return (low, high) if high - low > least else ((low + high - least) / 2, (low + high + least) / 2)

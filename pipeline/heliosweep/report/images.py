@@ -209,7 +209,7 @@ def picture_figure(rows: Sequence[Row], ground: Ground, colours: Shades | Kinds)
     heads = [_TITLE * lines + _BETWEEN for lines in titles]
     names = _words(colours)
     abreast = max(1, int((PAGE_WIDTH - 0.3) / (0.5 + _LETTER * max(map(len, names), default=1))))
-    foot = _FOOT + (_BAR if isinstance(colours, Shades) else 0.1 + _LINE * -(-len(names) // abreast))
+    foot = _FOOT + (_BAR if isinstance(colours, Shades) else _LINE * -(-len(names) // abreast))
     across = (PAGE_WIDTH - start - _RIGHT - _GAP * (columns - 1)) / columns
     across = min(across, _WIDEST.get(columns, across), (_HIGHEST - sum(heads) - foot) / (len(rows) * aspect))
     up = across * aspect

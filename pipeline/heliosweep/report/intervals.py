@@ -102,7 +102,9 @@ class Around:
 
 
 @styled
-def interval_figure(strips: Sequence[Strip], around: Around, *, floor: float | None = None) -> Figure:
+def interval_figure(
+    strips: Sequence[Strip], around: Around, *, floor: float | None = None, least_span: float = 0.0
+) -> Figure:
     """Draw panels in strips, with one legend above them.
 
     Parameters
@@ -113,6 +115,8 @@ def interval_figure(strips: Sequence[Strip], around: Around, *, floor: float | N
         Words of the figure.
     floor : float, optional
         Value axes are logarithmic, and values below this one are drawn there, without a filling.
+    least_span : float
+        Least height of a value axis that is not. [unit of the axis]
 
     Returns
     -------
@@ -161,7 +165,7 @@ def interval_figure(strips: Sequence[Strip], around: Around, *, floor: float | N
                 axes.set_xlabel(around.x_label, labelpad=2)
         if first is not None:
             first.set_ylabel(strip.label)
-            _ends(first, strip, floor)
+            _ends(first, strip, floor, least_span)
     if handles:
         figure.legend(
             list(handles.values()),
@@ -215,7 +219,7 @@ def _draw(axes: Axes, panel: Beside, looks: Mapping[str, tuple[str, str]], floor
             axes.plot([place - 0.4, place + 0.4], [panel.marks[place]] * 2, color="black", linewidth=1.8, zorder=2.5)
 
 
-def _ends(axes: Axes, strip: Strip, floor: float | None) -> None:
+def _ends(axes: Axes, strip: Strip, floor: float | None, least_span: float) -> None:
     """Value axis about all that is drawn; logarithmic from its floor."""
     parts = [part for panel in strip.panels for one in panel.series.values() for part in (one.value, one.low, one.high)]
     parts += [panel.marks for panel in strip.panels]
@@ -223,9 +227,9 @@ def _ends(axes: Axes, strip: Strip, floor: float | None) -> None:
     values = values[np.isfinite(values)]
     if floor is None:
         if values.size:
-            low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
-            rim = 0.08 * max(high - low, 1e-12)
-            axes.set_ylim(low - rim * (low < 0), high + rim * (high > 0) or 1.0)
+            low, high = float(values.min()), float(values.max())
+            half = max(1.16 * (high - low), least_span, 1e-12) / 2
+            axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)
         return
     axes.set_yscale("log")
     top = max(float(values.max()) if values.size else 0.0, 10 * floor) * 1.8

@@ -11,6 +11,7 @@ import xarray as xr
 DEGREE = "\N{DEGREE SIGN}"
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
+INFINITY = "\N{INFINITY}"
 
 #: CF spelling of units -> what is printed.
 _UNITS = {
@@ -92,7 +93,9 @@ def coordinate_text(coordinate: xr.DataArray) -> str:
 
 def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
     """Number with a true minus sign; a dash where there is none."""
-    if not math.isfinite(value):
+    if math.isinf(value):
+        return INFINITY if value > 0 else MINUS + INFINITY
+    if math.isnan(value):
         return NOTHING
     text = f"{value:+.{decimals}f}" if signed else f"{value:.{decimals}f}"
     if not text.strip("+-0."):

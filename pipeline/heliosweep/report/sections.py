@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import itertools
+import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -82,7 +83,7 @@ def headline(result: xr.Dataset) -> Html:
         return _NONE
     points = int(np.prod([result.sizes[dim] for dim in dims], dtype=np.int64))
     indices = list(itertools.islice(np.ndindex(*(result.sizes[dim] for dim in dims)), MOST_ROWS))
-    columns = [[number_text(value) for value in _leading(array.transpose(*dims), indices)] for array in shown]
+    columns = [_number_texts(_leading(array.transpose(*dims), indices)) for array in shown]
     names = [[_at(result, dim, index[i]) for index in indices] for i, dim in enumerate(dims)]
     head = [
         *(_dimension_title(result, dim) for dim in dims),
@@ -101,6 +102,15 @@ def headline(result: xr.Dataset) -> Html:
         element("p", more) if more else _NONE,
         element("details", element("summary", "What these numbers are"), definitions(notes)),
     )
+
+
+def _number_texts(values: np.ndarray) -> list[str]:
+    """Numbers of one column with the same decimals: none where all are whole, more than two where all are small."""
+    finite = values[np.isfinite(values)]
+    largest = float(np.abs(finite).max()) if finite.size else 0.0
+    decimals = 2 if largest == 0.0 else min(8, max(2, 2 - math.floor(math.log10(largest))))
+    whole = finite.size > 0 and largest >= 1.0 and bool(np.all(finite == np.round(finite)))
+    return [number_text(value, 0 if whole else decimals) for value in values]
 
 
 def _leading(array: xr.DataArray, indices: Sequence[tuple[int, ...]]) -> np.ndarray:

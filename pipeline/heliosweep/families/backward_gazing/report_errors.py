@@ -70,10 +70,12 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         if not values.size or not values.max() > 0:
             continue
         marked = any(panel.marks is not None and np.isfinite(panel.marks).any() for s in strips for panel in s.panels)
-        # Without an error of the whole module, numbers are rounding: there is nothing to tell methods apart.
         low = " Open symbols: below the scale." if (values < FLOOR).any() else ""
         bars = f" Symbols: median over {_seeds(result)}; bars: 5 to 95 %." if base[1] else ""
         published = " Black: published." if marked else ""
+        floor = FLOOR if values.max() > 10 * FLOOR else None
+        if floor is None:
+            low = ""
         caption = (
             "Mean error of the slopes of a module, less what the same method finds on the ideal heliostat, by method "
             f"and referential.{bars}{published}{low}"
@@ -81,7 +83,7 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         )
         around = Around("method", "published", "referential", _LOOKS)
         name = "errors" if together or not part[0][0] else f"errors_{part[0][0].replace(' ', '_')}"
-        yield NamedFigure(name, caption, interval_figure(strips, around, floor=FLOOR))
+        yield NamedFigure(name, caption, interval_figure(strips, around, floor=floor, least_span=FLOOR))
 
 
 def middle(result: xr.Dataset) -> tuple[str, str]:
@@ -98,7 +100,7 @@ def _panel(
     kinds = [f"{name}{kind}" for kind in ("_median", "_low", "_high")] if middle(result)[1] else [name]
     series: dict[str, list[np.ndarray]] = {}
     for way in views.ways(result, kinds[0]):
-        key = way.referential or (_DIRECT if REFERENTIAL in result[kinds[0]].dims else "")
+        key = way.referential or (_DIRECT if len(methods) > 1 else "")
         column = series.setdefault(key, [np.full(len(methods), np.nan) for _ in kinds])
         for kind, values in zip(kinds, column, strict=True):
             if kind in result:

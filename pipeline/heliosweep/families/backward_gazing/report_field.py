@@ -98,7 +98,7 @@ def _over_distance(result: xr.Dataset) -> Iterator[NamedFigure]:
     hours = views.chosen(result, HOUR, MOST_HOURS) if HOUR in array.dims else [{}]
     far = at(result["slant_range"], stands).to_numpy().astype(float)
     planes = []
-    for way in views.ways(result, "slope_rms_x", every=False):
+    for way in views.best_ways(result, "slope_rms_x"):
         tracks = []
         for one in hours:
             values = _both(result, "slope_rms_%", stands, one, way.point)

@@ -36,6 +36,8 @@ _QUALITY = {
     0: ("nothing doubtful", "#e8e4c9"),
 }
 _PLANE = ("z", "y")
+#: Value of the mask for pixels that too few cameras see, and bits of the quality that nothing else shows.
+_UNLIT, _GRAVE = 2, (1, 4, 16)
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -143,17 +145,24 @@ def _pixels(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     stands = views.fixed(result, "mask", *_PLANE)
     mask = _map(result["mask"], stands)
-    drawn = [("which_pixels_count", Kinds(_MASK), [Picture(mask)], "Which pixels count for the modules")]
+    measured = views.study(result).get("mode") == "measured"
+    drawn = []
+    if measured or (mask == _UNLIT).any():
+        drawn.append(("which_pixels_count", Kinds(_MASK), [Picture(mask)], "Which pixels count for the modules"))
     if "quality" in result:
         stands = {**views.fixed(result, "quality", *_PLANE, METHOD), **stands}
         methods = views.chosen(result, METHOD, COLUMNS) if METHOD in result["quality"].dims else [{}]
         kinds = Kinds(dict(enumerate(_QUALITY.values())))
-        pictures = []
+        pictures, grave = [], measured
         for one in methods:
             bits = _map(result["quality"], stands, one)
             name = views.short(result, METHOD, one[METHOD]) if one else ""
             pictures.append(Picture(np.where(mask > 0, _gravest(bits), np.nan), name))
-        drawn.append(("quality", kinds, pictures, "What is doubtful about the slope of each pixel, the gravest first"))
+            grave |= bool(np.isin(pictures[-1].values, [list(_QUALITY).index(bit) for bit in _GRAVE]).any())
+        if grave:
+            drawn.append(
+                ("quality", kinds, pictures, "What is doubtful about the slope of each pixel, the gravest first")
+            )
     for name, kinds, pictures, said in drawn:
         if _known(pictures):
             caption = f"{said}, {_SEEN}.{views.note(result, stands)}"

@@ -17,6 +17,9 @@ from heliosweep.report.labels import number_text
 #: Half-width of a 95 % interval over the standard error.
 WIDE = float(ndtri(0.975))
 
+#: Least height of the axis. [mrad]
+LEAST = 0.02
+
 #: Modules of one figure.
 MOST = 16
 
@@ -46,7 +49,7 @@ def _canting(result: xr.Dataset) -> Iterator[NamedFigure]:
     profiles = views.profiles(result, "canting_x")
     places = np.unique(np.linspace(0, result.sizes[MODULE] - 1, min(result.sizes[MODULE], MOST)).round().astype(int))
     names = [text.removeprefix("module ") for text, _ in views.all_modules(result)]
-    ways = _shown(views.ways(result, "canting_x"))
+    ways = views.best_ways(result, "canting_x")
     strips = []
     for end, direction in DIRECTIONS.items():
         panels = []
@@ -80,21 +83,8 @@ def _canting(result: xr.Dataset) -> Iterator[NamedFigure]:
             for s in strips
         ]
         colours = {"": colours[ways[0].name]}
-    yield NamedFigure("canting", caption, interval_figure(strips, Around("module", "entered", "", colours)))
-
-
-def _shown(ways: list[views.Way]) -> list[views.Way]:
-    """Each method once, A and O1 with the best referential there is."""
-    found: dict[str, views.Way] = {}
-    for way in ways:
-        known = found.get(way.method)
-        if known is None or _rank(way) < _rank(known):
-            found[way.method] = way
-    return list(found.values())
-
-
-def _rank(way: views.Way) -> int:
-    return views.EXACT.index(way.referential) if way.referential in views.EXACT else len(views.EXACT)
+    figure = interval_figure(strips, Around("module", "entered", "", colours), least_span=LEAST)
+    yield NamedFigure("canting", caption, figure)
 
 
 def _interval(result: xr.Dataset, name: str, places: np.ndarray, *points: views.Point) -> list[np.ndarray]:

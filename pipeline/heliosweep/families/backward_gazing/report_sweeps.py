@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import report_views as views
-from heliosweep.families.backward_gazing.report_errors import middle
+from heliosweep.families.backward_gazing.report_errors import FLOOR, middle
 from heliosweep.families.backward_gazing.report_views import (
     DIRECTIONS,
     HELIOSTAT,
@@ -36,6 +37,9 @@ LOGARITHMIC = 30.0
 
 #: Values below this are rounding and do not stand on logarithmic axes. [mrad]
 ROUNDING = 1e-7
+
+#: A line whose least value is a smaller part of its largest comes down to nothing.
+LEAST_PART = 0.01
 
 _BOUND = "Cramér-Rao bound"
 
@@ -86,13 +90,18 @@ def _relative_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
                         )
                         median = lines[way.name][1]
                         bands[way.name] = np.maximum(np.stack([median - low, high - median]), 0.0)
-                panels.append(Panel(f"error of {direction} slope (% of 1 mrad)", lines, profile, bands))
+                title = ", ".join(filter(None, [profile, direction]))
+                panels.append(Panel("error of the slope (% of 1 mrad)", lines, title, bands))
         if not _known(panels):
             continue
+        logarithmic = _many_decades(panels, FLOOR)
+        if logarithmic:
+            panels = [_floored(panel) for panel in panels]
+        floor = f" Less than {FLOOR:g} % is drawn there." if logarithmic else ""
         lines_are = " Lines: median over the seeds" + (", bands: 5 to 95 %." if panels[0].bands else ".")
         caption = (
             f"Mean error of the slopes of {module[0] or 'the module'} against the "
-            f"{views.title(result, run)}, by method and referential.{lines_are if end_of else ''}"
+            f"{views.title(result, run)}, by method and referential.{lines_are if end_of else ''}{floor}"
             f"{views.note(result, stands, (PROFILE, profiles))}"
         )
         figure = curve_figure(
@@ -100,8 +109,8 @@ def _relative_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
             views.label(result, run),
             latitude=is_latitude(result[run]),
             logarithmic=_is_logarithmic(x),
-            logarithmic_values=_many_decades(panels),
-            same_scale="row" if len(profiles) > 1 else False,
+            logarithmic_values=logarithmic,
+            same_scale="row",
             least_span=LEAST_PERCENT,
             looks=_looks(ways),
         )
@@ -127,7 +136,7 @@ def _rms_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
             lines = {way.name: (x, _line(result, f"slope_rms_{end}", order, run, *points, way.point)) for way in ways}
             least = _line(result, f"cramer_rao_bound_{end}", order, run, *points)
             lines[_BOUND] = (x, np.where(least > ROUNDING, least, np.nan))
-            panels.append(Panel(f"rms error of {direction} slope (mrad)", lines))
+            panels.append(Panel("rms error of the slope (mrad)", lines, direction))
         bounds = [panel.lines[_BOUND][1] for panel in panels]
         if not _known(panels) or not np.isfinite(bounds).any():
             continue
@@ -140,7 +149,7 @@ def _rms_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
             panels,
             views.label(result, run),
             logarithmic=_is_logarithmic(x),
-            logarithmic_values=_many_decades(panels) or _is_logarithmic(x),
+            logarithmic_values=_many_decades(panels, ROUNDING),
             same_scale=True,
             least_span=LEAST_MRAD,
             looks={**_looks(ways), _BOUND: {"color": "#000000", "linestyle": (0, (4, 1.6)), "marker": ""}},
@@ -162,8 +171,8 @@ def _sight(result: xr.Dataset) -> Iterator[NamedFigure]:
         x = result[run].to_numpy()[order].astype(float)
         shown = views.modules(result, "lit_cameras")
         panels = [
-            Panel(label, {text: (x, 100 * _line(result, name, order, run, stands, module)) for text, module in shown})
-            for name, label in (("usable_fraction", "pixels with slopes (%)"), ("lit_cameras", "lit cameras (%)"))
+            Panel("part (%)", {t: (x, 100 * _line(result, name, order, run, stands, one)) for t, one in shown}, title)
+            for name, title in (("usable_fraction", "pixels with slopes"), ("lit_cameras", "lit cameras"))
             if run in result[name].dims
         ]
         values = np.concatenate([y for panel in panels for _, y in panel.lines.values()])
@@ -208,7 +217,10 @@ def _grids(result: xr.Dataset) -> Iterator[NamedFigure]:
         f"Root mean square error of the slopes that {by} {module[0] or 'the module'}, and part of its pixels that have "
         f"slopes. Grey: none.{views.note(result, stands)}"
     )
-    sides = [Side(views.label(result, dim), result[dim].to_numpy()[orders[dim]].astype(float)) for dim in (across, up)]
+    sides = []
+    for dim in (across, up):
+        values = result[dim].to_numpy()[orders[dim]].astype(float)
+        sides.append(Side(views.label(result, dim), values, logarithmic=_is_logarithmic(values)))
     yield NamedFigure(f"accuracy_over_{across}_and_{up}", caption, grid_figure(grids, *sides))
 
 
@@ -233,7 +245,17 @@ def _is_logarithmic(x: np.ndarray) -> bool:
     return bool(x.size > 2 and x[0] > 0 and x[-1] >= LOGARITHMIC * x[0])
 
 
-def _many_decades(panels: Sequence[Panel]) -> bool:
-    """Whether all values are positive and far from each other."""
-    values = np.concatenate([y[np.isfinite(y)] for panel in panels for _, y in panel.lines.values()])
-    return bool(values.size and values.min() > 0 and values.max() > LOGARITHMIC**2 * values.min())
+def _many_decades(panels: Sequence[Panel], floor: float) -> bool:
+    """Whether lines are far from each other, and none comes down to nothing from far above."""
+    lines = [y[np.isfinite(y)] for panel in panels for _, y in panel.lines.values()]
+    lines = [y for y in lines if y.size]
+    if not lines or min(float(y.min()) for y in lines) < 0:
+        return False
+    spans = [(max(float(y.min()), floor), max(float(y.max()), floor)) for y in lines]
+    down = any(low < LEAST_PART * high for low, high in spans)
+    return not down and max(high for _, high in spans) > LOGARITHMIC * min(low for low, _ in spans)
+
+
+def _floored(panel: Panel) -> Panel:
+    lines = {name: (x, np.where(np.isfinite(y), np.maximum(y, FLOOR), y)) for name, (x, y) in panel.lines.items()}
+    return replace(panel, lines=lines, bands={})

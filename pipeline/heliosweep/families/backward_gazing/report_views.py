@@ -37,6 +37,21 @@ EXACT = ("exact", "roll", "none")
 #: Where some dimensions stand that are not shown, or the nearest to it there is.
 _TYPICAL = {"canting_scale": 1.0, "profile_error": 0.0, "gain_error": 0.0, HOUR: 12.0}
 
+#: Scalar coordinates that captions tell, but for these values.
+_TOLD = {
+    PROFILE: "",
+    "sun_azimuth": None,
+    "sun_elevation": None,
+    "camera_radius": None,
+    "camera_noise": 0.0,
+    "gain_error": 0.0,
+    "profile_error": 0.0,
+    "waviness": 0.0,
+    "canting_scale": 1.0,
+    "latitude": None,
+    "day": None,
+}
+
 #: Profiles of one figure, modules of one figure, modules of a table.
 MOST_PROFILES, MOST_MODULES = 2, 4
 
@@ -175,6 +190,20 @@ def ways(result: xr.Dataset, quantity: str, every: bool = True) -> list[Way]:
     return found
 
 
+def best_ways(result: xr.Dataset, quantity: str) -> list[Way]:
+    """Each method once, with the best referential there is."""
+    found: dict[str, Way] = {}
+    for way in ways(result, quantity):
+        known = found.get(way.method)
+        if known is None or _rank(way) < _rank(known):
+            found[way.method] = way
+    return list(found.values())
+
+
+def _rank(way: Way) -> int:
+    return EXACT.index(way.referential) if way.referential in EXACT else len(EXACT)
+
+
 def profiles(result: xr.Dataset, quantity: str) -> list[tuple[str, Point]]:
     """Profiles of the sun by name; one empty where they are not swept."""
     if PROFILE not in result[quantity].dims:
@@ -260,11 +289,15 @@ def note(result: xr.Dataset, stands: Point, *shown: tuple[str, Sequence[Any]]) -
         if dim in result.sizes and len(points) < result.sizes[dim]
     ]
     said = [f"Shown are {' and '.join(parts)}."] if parts else []
+    direct = METHOD in stands and short(result, METHOD, stands[METHOD]) in DIRECT
     held = [
         f"{title(result, dim)} {short(result, dim, index)} (one of {result.sizes[dim]})"
         for dim, index in stands.items()
-        if result.sizes[dim] > 1
+        if result.sizes[dim] > 1 and not (dim == REFERENTIAL and direct)
     ]
+    for name, plain in _TOLD.items():
+        if name in result.coords and not result[name].ndim and result[name].item() != plain:
+            held.append(f"{title(result, name)} {value_text(result[name]).replace('_', ' ')}")
     said += [f"Fixed: {', '.join(held)}."] if held else []
     return "".join(f" {sentence}" for sentence in said)
 
