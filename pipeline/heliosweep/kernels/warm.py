@@ -90,8 +90,9 @@ def warm_calibration() -> tuple[float, bool]:
     return _timed(work, (fill_spots, fit_all))
 
 
-def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM")) -> tuple[float, bool]:
-    """Make the kernels of backward gazing ready, of the methods O1, O2 and LM those that are asked for."""
+def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool = False) -> tuple[float, bool]:
+    """Make the kernels of backward gazing ready: of O1, O2 and LM, and of images of cameras, what is asked for."""
+    from heliosweep.kernels.camera_images import camera_set, heliostat, pinholes, render_cameras
     from heliosweep.kernels.gazing_descent import levenberg_marquardt
     from heliosweep.kernels.gazing_geometry import camera_square, scene, transfers
     from heliosweep.kernels.gazing_grid import Modules, mirror_grid
@@ -100,6 +101,7 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM")) -> tuple[float
     from heliosweep.kernels.gazing_lm import fit_slopes
     from heliosweep.kernels.gazing_modules import module_estimates, module_statistics
     from heliosweep.kernels.gazing_search import search, search_slopes, search_wavefronts
+    from heliosweep.kernels.rectification import rectify
     from heliosweep.kernels.sun_profiles import jose, render
 
     layout = scene((0.5, 1.0), (0.0, 0.8), camera_square(0.24))
@@ -120,8 +122,12 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM")) -> tuple[float
             search_slopes(layout, profile, images, y, z, true)
         if "LM" in methods:
             fit_slopes(layout, profile, images, y, z, true)
+        if cameras:
+            pictures = pinholes(layout, (8, 8), 240.0)
+            mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
+            rectify(camera_set(layout, pictures, (8, 8), profile, mirror), pictures, 120.0, modules, grid)
 
-    kernels = (trace, wavefront_departures, slope_bound, module_statistics, search, levenberg_marquardt)
+    kernels = (render_cameras, trace, wavefront_departures, slope_bound, module_statistics, search, levenberg_marquardt)
     return _timed(work, kernels)
 
 

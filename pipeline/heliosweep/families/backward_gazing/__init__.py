@@ -45,7 +45,9 @@ class BackwardGazing:
         """Load or compile the kernels of the study's methods; seconds it took, and whether something was compiled."""
         from heliosweep.kernels.warm import warm_gazing
 
-        return warm_gazing(study.method)
+        level = study.cameras.images
+        levels = (level,) if isinstance(level, str) else level.values()
+        return warm_gazing(study.method, cameras=study.mode == "measured" or "camera" in levels)
 
     def build(self, study: BackwardGazingStudy, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
         """Lazy result over a part of the parameter grid."""

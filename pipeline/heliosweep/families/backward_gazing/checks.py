@@ -51,7 +51,7 @@ def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
     """
     problems: list[Problem] = []
     notes: list[str] = []
-    for find in (_modules, _pixels, _canting, _cameras, _focal_length, _maps, _profile, _layout):
+    for find in (_modules, _pixels, _canting, _cameras, _focal_length, _maps, _profile, _layout, _views):
         try:
             problems += find(study, notes)
         except StudyError as error:
@@ -215,6 +215,14 @@ def _layout(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
         if near <= reach:
             yield study.problem("field.layout", f"{layout.where(row)} reaches to the target, {near:.3g} m away")
             return
+
+
+def _views(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
+    """Measured images must be images of the heliostat."""
+    if study.mode == "measured":
+        from heliosweep.families.backward_gazing.measured_checks import view_problems  # it needs the kernels
+
+        yield from view_problems(study, notes)
 
 
 def _ends(value: Any) -> tuple[Any, ...]:

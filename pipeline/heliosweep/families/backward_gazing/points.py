@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from heliosweep.families.backward_gazing.camera_level import camera_views
 from heliosweep.families.backward_gazing.checks import camera_places, modules_of
 from heliosweep.families.backward_gazing.profile_file import read_profile
 from heliosweep.families.backward_gazing.reconstruct import Found, reconstruct
@@ -173,6 +174,8 @@ class Observation(NamedTuple):
     found: Found
     net: Floats
     """Slopes found, less those found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
+    share: Floats
+    """Standard deviation of the images' values for camera pixels of standard deviation 1, shape (N,) or (1,). [1]"""
 
     @property
     def lit(self) -> NDArray[np.int64]:
@@ -236,10 +239,25 @@ def observed(point: Point, given: Given) -> Observation:
     canting = point.canting_scale * np.array(given.canting)
     spheres = module_spheres(given.modules, point.true_focal_length, canting, given.pointing)
     images, true = image_set(layout, mirror, profile, spheres, wavy)
-    images = expose(images, point.noise, point.gain_error, point.bits, point.camera_seed, FULL_SCALE)
+    shot: dict[str, Any] = {
+        "noise": point.noise,
+        "gain_error": point.gain_error,
+        "bits": point.bits,
+        "seed": point.camera_seed,
+    }
+    share = np.ones((1, 1))
+    if point.images == "camera":
+        images, share = camera_views(
+            layout, profile, given.modules, mirror, (point.true_focal_length, canting, given.pointing, wavy),
+            pixel=point.pixel, supersampling=point.supersampling, full_scale=FULL_SCALE, **shot,
+        )  # fmt: skip
+    else:
+        images = expose(images, full_scale=FULL_SCALE, **shot)
     found = _found(layout, known, images, mirror, point, given)
     ideal_found, ideal_true = _ideal(point.ideal, given)
-    return Observation(mirror, keep, layout, known, images, true - ideal_true, found, found.slopes - ideal_found.slopes)
+    net = found.slopes - ideal_found.slopes
+    rms_share = np.sqrt(np.mean(np.nan_to_num(share) ** 2, axis=0))
+    return Observation(mirror, keep, layout, known, images, true - ideal_true, found, net, rms_share)
 
 
 def bound(seen: Observation, point: Point, given: Given) -> Floats:
@@ -250,7 +268,7 @@ def bound(seen: Observation, point: Point, given: Given) -> Floats:
     else:
         true = np.ascontiguousarray(seen.true)
         least = slope_bound(seen.layout, seen.profile, *place, true, point.deviation, given.fit_gain)
-    return np.where(seen.lit >= NEEDED, least, np.nan)
+    return np.where(seen.lit >= NEEDED, least * seen.share, np.nan)
 
 
 def _found(layout: Scene, profile: Profile, images: Floats, mirror: MirrorGrid, point: Point, given: Given) -> Found:
