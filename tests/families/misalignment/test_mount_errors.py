@@ -268,3 +268,38 @@ def test_the_workload_foresees_the_result(errors: dict[str, Any]) -> None:
     labels = mount_errors.coordinates(made)
     assert labels.attrs == built.attrs
     assert set(labels.coords) == set(built.coords)
+
+
+@pytest.mark.parametrize("errors", [FIXED, drawn(9, **ALL_DRAWN)], ids=["fixed", "drawn"])
+def test_shorter_layouts_are_padded_and_change_nothing(errors: dict[str, Any]) -> None:
+    def field(rings: Any) -> xr.Dataset:
+        layout = {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": rings}}
+        base = study_data(layout=layout, heliostats={"pivot_height": 5}, mount_errors=errors)
+        base["receiver"] = base["receiver"] | {"tilt": -90}
+        return computed(load_mapping(base, {"misalignment": MisalignmentStudy}))
+
+    both, short = field([1, 2]), field(1)
+    count = short.sizes["heliostat"]
+    first = both.isel(rings=0)
+    assert both.sizes["heliostat"] > count
+    for name in short.data_vars:
+        if "heliostat" not in short[name].dims:
+            np.testing.assert_array_equal(first[name], short[name])
+            continue
+        np.testing.assert_array_equal(first[name].isel(heliostat=slice(count)), short[name])
+        padding = first[name].isel(heliostat=slice(count, None))
+        assert bool(padding.isnull().all() if padding.dtype.kind == "f" else (padding <= 0).all()), name
+
+
+def test_a_sun_that_stands_still_and_several_sites() -> None:
+    lamp = study_data(mount_errors=drawn(9, **ALL_DRAWN), sun={"azimuth": [90, 180], "elevation": 40})
+    made = computed(
+        load_mapping({key: lamp[key] for key in lamp if key != "time"}, {"misalignment": MisalignmentStudy})
+    )
+    assert made.hit_fraction.dims == ("sun_azimuth", "heliostat", "day", "hour")
+    assert not bool(made.spot_y_mean.isnull().any())
+    polar = {"kind": "polar"}
+    made = computed(study(mount=polar, site={"latitude": [20, 37.4]}, mount_errors=drawn(9, **ALL_DRAWN)))
+    one = computed(study(mount=polar, mount_errors=drawn(9, **ALL_DRAWN)))
+    for name in one.data_vars:
+        np.testing.assert_array_equal(made[name].sel(latitude=37.4), one[name])

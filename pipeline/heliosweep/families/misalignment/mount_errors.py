@@ -36,8 +36,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-#: Time of one spot on one core, and of one draw of one error. [s]
-SECONDS_PER_SPOT, SECONDS_PER_DRAW = 100e-9, 30e-9
+#: Time of one spot on one core, alone or within statistics. [s]
+SECONDS_PER_SPOT, SECONDS_WITHIN = 110e-9, 60e-9
+#: Time of one draw of one error, and of what all instants share of a draw of all errors. [s]
+SECONDS_PER_DRAW, SECONDS_PER_SAMPLE = 35e-9, 250e-9
+#: What the kernel holds of one draw of one heliostat. [bytes]
+KERNEL_BYTES = 640
 #: Percentiles of the remaining tolerance where the study names none.
 PERCENTILES = (5.0, 50.0, 95.0)
 
@@ -66,20 +70,20 @@ def workload(study: MisalignmentStudy) -> Workload:
     if samples:
         inner |= {"percentile": len(_percentiles(study)), "tolerance_axis": len(TOLERANCE_AXES)}
     drawn = sum(isinstance(error, Distribution) for error in errors_of(_block(study)))
+    shared = SECONDS_PER_SAMPLE + drawn * SECONDS_PER_DRAW
     stored = 8 * (len(STATISTICS) + 2 * inner["percentile"] if samples else 6)
 
     def block_bytes(points: int, length: int) -> int:
         held = min(length, blocks.at_a_time(samples)) if samples else 0
-        draws = held * samples * 8 * 3 * len(ERRORS)
-        # A spot and two tolerances of every draw at an instant, and the results, which are copied once.
-        return draws + 8 * 8 * samples + 2 * points * length * count * stored
+        # Deviates, scaled ones, errors and the kernel's copy of them; the results are copied once.
+        return held * samples * 8 * 4 * len(ERRORS) + samples * KERNEL_BYTES + 2 * points * length * count * stored
 
     return Workload(
         parameters=grid.sizes,
         inner=inner,
         evaluations=heliostats * count * max(samples, 1),
         unit="spots",
-        seconds=SECONDS_PER_SPOT + drawn * SECONDS_PER_DRAW / count,
+        seconds=SECONDS_WITHIN + shared / count if samples else SECONDS_PER_SPOT,
         splittable="heliostat",
         variables=_dims_of(study, tuple(grid.sizes)),
         itemsize=dict.fromkeys(FLAGS, 1),
