@@ -177,6 +177,17 @@ def from_zero(label: str, pictures: Sequence[Picture], least: float = 1e-12, pal
     return Shades(label, 0.0, _rounded(float(np.quantile(values, HELD)) if values.size else 1.0, least), palette)
 
 
+def within(label: str, pictures: Sequence[Picture], palette: str = VALUES) -> Shades:
+    """Scale from the least to the largest value but for single wild ones, rounded outwards."""
+    values = np.concatenate([one.values[np.isfinite(one.values)] for one in pictures])
+    if not values.size:
+        return Shades(label, 0.0, 1.0, palette)
+    low, high = (float(end) for end in np.quantile(values, [1 - HELD, HELD]))
+    step = 10.0 ** math.floor(math.log10(max(high - low, 1e-3 * abs(high), 1e-12))) / 2
+    low, high = math.floor(low / step + 1e-6) * step, math.ceil(high / step - 1e-6) * step
+    return Shades(label, low, max(high, low + step), palette)
+
+
 def _rounded(end: float, least: float) -> float:
     """End of a scale, rounded up to a quarter of its decade at most."""
     end = max(end, least)

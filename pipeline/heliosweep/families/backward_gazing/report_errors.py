@@ -50,8 +50,8 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
     array = result[f"{base[0]}x{base[1]}"]
     if MODULE not in array.dims or METHOD not in array.dims:
         return
-    stands = views.fixed(result, str(array.name), METHOD, REFERENTIAL, MODULE, PROFILE)
-    profiles, modules = views.profiles(result, str(array.name)), _modules(result, str(array.name))
+    stands = views.fixed(result, str(array.name), METHOD, REFERENTIAL, MODULE, views.sort_of(result, str(array.name)))
+    profiles, modules = views.sorts(result, str(array.name)), _modules(result, str(array.name))
     together = len(profiles) * len(modules) <= COLUMNS
     for part in [profiles] if together else [[one] for one in profiles]:
         strips = [
@@ -79,7 +79,7 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         caption = (
             "Mean error of the slopes of a module, less what the same method finds on the ideal heliostat, by method "
             f"and referential.{bars}{published}{low}"
-            f"{views.note(result, stands, (MODULE, modules), (PROFILE, profiles))}"
+            f"{views.note(result, stands, (MODULE, modules), (views.sort_of(result, str(array.name)), profiles))}"
         )
         around = Around("method", "published", "referential", _LOOKS)
         name = "errors" if together or not part[0][0] else f"errors_{part[0][0].replace(' ', '_')}"
@@ -89,6 +89,11 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
 def middle(result: xr.Dataset) -> tuple[str, str]:
     """Start and end of the name of the relative error: its median over the seeds where there is one."""
     return "relative_error_", "_median" if "relative_error_x_median" in result else ""
+
+
+def percent(result: xr.Dataset, name: str) -> float:
+    """What a variable is multiplied with to be in percent."""
+    return 1.0 if result[name].attrs.get("units") == "percent" else 100.0
 
 
 def _panel(
@@ -104,7 +109,9 @@ def _panel(
         column = series.setdefault(key, [np.full(len(methods), np.nan) for _ in kinds])
         for kind, values in zip(kinds, column, strict=True):
             if kind in result:
-                values[way.point[METHOD]] = 100 * float(at(result[kind], stands, where, module, way.point))
+                values[way.point[METHOD]] = percent(result, kind) * float(
+                    at(result[kind], stands, where, module, way.point)
+                )
     intervals = {key: Interval(*parts) for key, parts in series.items()}
     return Beside(methods, intervals, title, _marks(result, name, methods, where, module))
 

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import report_views as views
-from heliosweep.families.backward_gazing.report_views import CAMERA, DIRECTIONS, METHOD, PROFILE, REFERENTIAL, at, needs
+from heliosweep.families.backward_gazing.report_views import CAMERA, DIRECTIONS, METHOD, REFERENTIAL, at, needs
 from heliosweep.families.registry import NamedFigure
-from heliosweep.report.images import Kinds, Picture, Row, about_zero, from_zero, picture_figure
+from heliosweep.report.images import Kinds, Picture, Row, about_zero, from_zero, picture_figure, within
 from heliosweep.report.labels import MINUS, number_text
 
 #: Pictures beside each other.
@@ -29,6 +29,8 @@ _MASK = {
 #: Bits of the quality from the gravest to the least, and what they mean.
 _QUALITY = {
     16: ("saturated", "#000000"),
+    32: ("not a number", "#0072B2"),
+    64: ("out of frame", "#009E73"),
     1: ("not converged", "#CC79A7"),
     2: ("fewer than three cameras lit", "#D55E00"),
     4: ("beside the disc", "#E69F00"),
@@ -37,7 +39,7 @@ _QUALITY = {
 }
 _PLANE = ("z", "y")
 #: Value of the mask for pixels that too few cameras see, and bits of the quality that nothing else shows.
-_UNLIT, _GRAVE = 2, (1, 4, 16)
+_UNLIT, _GRAVE = 2, (1, 4, 16, 32, 64)
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -69,7 +71,7 @@ def _images(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     abreast = 2 if len(pictures) > 1 else 1
     rows = [Row(pictures[start : start + abreast]) for start in range(0, len(pictures), abreast)]
-    colours = from_zero("brightness relative to the centre of the sun (1)", pictures, palette=_BRIGHTNESS)
+    colours = within("brightness relative to the centre of the sun (1)", pictures, palette=_BRIGHTNESS)
     caption = (
         f"The sun in the mirror as each camera sees it, on the grid of the mirror, {_SEEN}; the numbers are those of "
         f"the modules.{views.note(result, stands, (CAMERA, cameras))}"
@@ -114,26 +116,22 @@ def _uncertainty(result: xr.Dataset) -> Iterator[NamedFigure]:
                        "Standard uncertainty of the slopes of each pixel", "slope_uncertainty_x")  # fmt: skip
 
 
-@needs("residual")
+@needs("residual_rms")
 def _residual(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """What the slopes leave of the images."""
-    array = result["residual"]
-    plane = views.ground(result, "residual")
+    """What the slopes by each method leave of the images."""
+    plane, ways = views.ground(result, "residual_rms"), views.best_ways(result, "residual_rms")
     if plane is None:
         return
-    shown = CAMERA if CAMERA in array.dims else None
-    stands = views.fixed(result, "residual", shown, *_PLANE)
-    points = views.chosen(result, CAMERA, 4) if shown else [{}]
-    pictures = [
-        Picture(100 * _map(array, stands, one), _camera(result, one[CAMERA]) if shown else "") for one in points
-    ]
+    stands = views.fixed(result, "residual_rms", METHOD, REFERENTIAL, *_PLANE)
+    pictures = [Picture(100 * _map(result["residual_rms"], stands, way.point), way.name) for way in ways]
     if not _known(pictures):
         return
-    signed = any((one.values < 0).any() for one in pictures)
-    colours = (about_zero if signed else from_zero)("residual (% of the centre of the sun)", pictures)
-    abreast = 2 if len(pictures) > 1 else 1
-    rows = [Row(pictures[start : start + abreast]) for start in range(0, len(pictures), abreast)]
-    caption = f"What the slopes found leave of the brightness, {_SEEN}.{views.note(result, stands)}"
+    colours = from_zero("residual (% of the brightness of the sun's centre)", pictures)
+    caption = (
+        "Root mean square over the lit cameras of the brightness seen less that of the slopes found, by each method, "
+        f"{_SEEN}.{_grey([Row(pictures)])}{views.note(result, stands)}"
+    )
+    rows = [Row(pictures[start : start + COLUMNS]) for start in range(0, len(pictures), COLUMNS)]
     yield NamedFigure("residuals", caption, picture_figure(rows, plane, colours))
 
 
@@ -183,8 +181,8 @@ def _by_method(
         return
     ways = views.ways(result, "slope_x", every=False)
     single = len(ways) == 1
-    stands = views.fixed(result, "slope_x", METHOD, REFERENTIAL, PROFILE, *_PLANE)
-    profiles = views.profiles(result, "slope_x")
+    stands = views.fixed(result, "slope_x", METHOD, REFERENTIAL, views.sort_of(result, "slope_x"), *_PLANE)
+    profiles = views.sorts(result, "slope_x")
     rows: list[tuple[str, list[Picture]]] = []
     for profile, where in profiles:
         for end, direction in DIRECTIONS.items():
@@ -210,7 +208,8 @@ def _by_method(
     colours = about_zero(label, [one for row in drawn for one in row.pictures])
     referential = _referential(result, ways)
     method = f" Method {ways[0].name}." if single and ways[0].name else ""
-    caption = f"{said}{method}{referential}{_grey(drawn)}{views.note(result, stands, (PROFILE, profiles))}"
+    note = views.note(result, stands, (views.sort_of(result, "slope_x"), profiles))
+    caption = f"{said}{method}{referential}{_grey(drawn)}{note}"
     yield NamedFigure(name, caption, picture_figure(drawn, plane, colours))
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from scipy.special import ndtri
 
 from heliosweep.families.backward_gazing import report_views as views
-from heliosweep.families.backward_gazing.report_views import DIRECTIONS, METHOD, MODULE, PROFILE, REFERENTIAL, at, needs
+from heliosweep.families.backward_gazing.report_views import DIRECTIONS, METHOD, MODULE, REFERENTIAL, at, needs
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report.intervals import Around, Beside, Interval, Strip, interval_figure
 from heliosweep.report.labels import number_text
@@ -41,55 +41,56 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
 
 @needs("canting_x", "canting_y")
 def _canting(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Canting of each module by each method, with 95 % intervals, against the one that was entered."""
+    """Canting of each module by each method, with 95 % intervals; its error where the true one is known."""
     array = result["canting_x"]
     if MODULE not in array.dims:
         return
-    stands = views.fixed(result, "canting_x", METHOD, REFERENTIAL, PROFILE, MODULE)
-    profiles = views.profiles(result, "canting_x")
+    stands = views.fixed(result, "canting_x", METHOD, REFERENTIAL, views.sort_of(result, "canting_x"), MODULE)
+    profiles = views.sorts(result, "canting_x")
     places = np.unique(np.linspace(0, result.sizes[MODULE] - 1, min(result.sizes[MODULE], MOST)).round().astype(int))
     names = [text.removeprefix("module ") for text, _ in views.all_modules(result)]
     ways = views.best_ways(result, "canting_x")
+    true = {end: _entered(result, end, stands) for end in DIRECTIONS}
+    known = all(values is not None for values in true.values())
+    entered = {end: np.zeros(result.sizes[MODULE]) if values is None else values for end, values in true.items()}
     strips = []
     for end, direction in DIRECTIONS.items():
         panels = []
         for profile, where in profiles:
             series = {
-                way.name: Interval(*_interval(result, f"canting_{end}", places, stands, where, way.point))
+                way.name: Interval(*_interval(result, f"canting_{end}", places, entered[end], stands, where, way.point))
                 for way in ways
             }
-            marks = _entered(result, end, stands)
-            title = profile if end == "x" else ""
-            panels.append(Beside([names[i] for i in places], series, title, None if marks is None else marks[places]))
-        strips.append(Strip(f"{direction} canting\n(mrad)", panels))
+            panels.append(Beside([names[i] for i in places], series, profile if end == "x" else ""))
+        label = f"error of {direction}\ncanting (mrad)" if known else f"{direction} canting\n(mrad)"
+        strips.append(Strip(label, panels))
     parts = [one.value for strip in strips for panel in strip.panels for one in panel.series.values()]
     if not np.isfinite(np.concatenate(parts)).any():
         return
-    marked = any(panel.marks is not None for strip in strips for panel in strip.panels)
-    entered = " Black: entered." if marked else ""
+    less = ", less the one that was entered" if known else ""
     single = f" Method {ways[0].name}." if len(ways) == 1 and ways[0].name else ""
     caption = (
-        "Slope at the centre of each module less the pointing of the heliostat, which is the median over the modules; "
-        f"bars: 95 % intervals from the scatter of the pixels alone.{single}{entered}"
+        "Canting: slope at the centre of each module less the pointing of the heliostat, which is the median over the "
+        f"modules{less}; bars: 95 % intervals from the scatter of the pixels alone.{single}"
         f"{_whole(result, {**stands, **profiles[0][1], **ways[-1].point}, ways[-1].name)}"
-        f"{views.note(result, stands, (PROFILE, profiles), (MODULE, list(places)))}"
+        f"{views.note(result, stands, (views.sort_of(result, 'canting_x'), profiles), (MODULE, list(places)))}"
     )
     colours = {way.name: str(way.look["color"]) for way in ways}
     if len(ways) == 1:
         strips = [
-            Strip(
-                s.label, [Beside(p.words, {"": one}, p.title, p.marks) for p in s.panels for one in p.series.values()]
-            )
+            Strip(s.label, [Beside(p.words, {"": one}, p.title) for p in s.panels for one in p.series.values()])
             for s in strips
         ]
         colours = {"": colours[ways[0].name]}
-    figure = interval_figure(strips, Around("module", "entered", "", colours), least_span=LEAST)
+    figure = interval_figure(strips, Around("module", colours=colours), least_span=LEAST)
     yield NamedFigure("canting", caption, figure)
 
 
-def _interval(result: xr.Dataset, name: str, places: np.ndarray, *points: views.Point) -> list[np.ndarray]:
-    """Estimate and both ends of its interval at some modules. [mrad]"""
-    value = at(result[name], *points).to_numpy().astype(float)[places]
+def _interval(
+    result: xr.Dataset, name: str, places: np.ndarray, entered: np.ndarray, *points: views.Point
+) -> list[np.ndarray]:
+    """Estimate less what was entered, and both ends of its interval, at some modules. [mrad]"""
+    value = (at(result[name], *points).to_numpy().astype(float) - entered)[places]
     error = f"{name}_standard_error"
     if error not in result:
         return [value]

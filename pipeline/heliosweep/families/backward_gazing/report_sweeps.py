@@ -9,13 +9,12 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import report_views as views
-from heliosweep.families.backward_gazing.report_errors import FLOOR, middle
+from heliosweep.families.backward_gazing.report_errors import FLOOR, middle, percent
 from heliosweep.families.backward_gazing.report_views import (
     DIRECTIONS,
     HELIOSTAT,
     METHOD,
     MODULE,
-    PROFILE,
     REFERENTIAL,
     Way,
     at,
@@ -67,10 +66,11 @@ def _relative_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
     name = f"{start}x{end_of}"
     if HELIOSTAT in result[name].dims:
         return
+    factor = percent(result, name)
     for run in views.swept(result, name)[:MOST_RUNS]:
-        stands = views.fixed(result, name, run, METHOD, REFERENTIAL, PROFILE, MODULE)
+        stands = views.fixed(result, name, run, METHOD, REFERENTIAL, views.sort_of(result, name), MODULE)
         module = views.modules(result, name, most=1)[0]
-        ways, profiles = views.ways(result, name), views.profiles(result, name)
+        ways, profiles = views.ways(result, name), views.sorts(result, name)
         order = views.ordered(result, run)
         x = result[run].to_numpy()[order].astype(float)
         panels = []
@@ -78,14 +78,14 @@ def _relative_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
             for end, direction in DIRECTIONS.items():
                 points = (stands, module[1], where)
                 lines = {
-                    way.name: (x, 100 * _line(result, f"{start}{end}{end_of}", order, run, *points, way.point))
+                    way.name: (x, factor * _line(result, f"{start}{end}{end_of}", order, run, *points, way.point))
                     for way in ways
                 }
                 bands = {}
                 if end_of and len(ways) <= MOST_BANDS:
                     for way in ways:
                         low, high = (
-                            100 * _line(result, f"{start}{end}_{kind}", order, run, *points, way.point)
+                            factor * _line(result, f"{start}{end}_{kind}", order, run, *points, way.point)
                             for kind in ("low", "high")
                         )
                         median = lines[way.name][1]
@@ -102,7 +102,7 @@ def _relative_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         caption = (
             f"Mean error of the slopes of {module[0] or 'the module'} against the "
             f"{views.title(result, run)}, by method and referential.{lines_are if end_of else ''}{floor}"
-            f"{views.note(result, stands, (PROFILE, profiles))}"
+            f"{views.note(result, stands, (views.sort_of(result, name), profiles))}"
         )
         figure = curve_figure(
             panels,

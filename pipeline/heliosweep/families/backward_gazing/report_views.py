@@ -53,7 +53,7 @@ _TOLD = {
 }
 
 #: Profiles of one figure, modules of one figure, modules of a table.
-MOST_PROFILES, MOST_MODULES = 2, 4
+MOST_SORTS, MOST_MODULES = 2, 4
 
 #: Dimensions in few words; titles of more letters are not for captions.
 _TITLES = {
@@ -204,11 +204,19 @@ def _rank(way: Way) -> int:
     return EXACT.index(way.referential) if way.referential in EXACT else len(EXACT)
 
 
-def profiles(result: xr.Dataset, quantity: str) -> list[tuple[str, Point]]:
-    """Profiles of the sun by name; one empty where they are not swept."""
-    if PROFILE not in result[quantity].dims:
+def sort_of(result: xr.Dataset, quantity: str) -> str:
+    """Dimension of words that figures compare: the sun's profile, else another swept one, such as the arrangement."""
+    dims = [str(dim) for dim in result[quantity].dims]
+    words = [dim for dim in dims if dim not in _NOT_SWEPT and dim in result.coords and result[dim].dtype.kind in "OU"]
+    return PROFILE if PROFILE in dims or not words else words[0]
+
+
+def sorts(result: xr.Dataset, quantity: str) -> list[tuple[str, Point]]:
+    """Values along `sort_of` by name; one empty where there is none."""
+    dim = sort_of(result, quantity)
+    if dim not in result[quantity].dims:
         return [("", {})]
-    return [(short(result, PROFILE, point[PROFILE]), point) for point in chosen(result, PROFILE, MOST_PROFILES)]
+    return [(short(result, dim, point[dim]), point) for point in chosen(result, dim, MOST_SORTS)]
 
 
 def modules(result: xr.Dataset, quantity: str, most: int = MOST_MODULES) -> list[tuple[str, Point]]:
