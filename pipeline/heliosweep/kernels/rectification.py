@@ -6,7 +6,8 @@ to those marked: it takes up how the camera was really pointed, rolled and focus
 sag, which no homography of a plane would. The level there is interpolated by the cubic of Keys [1]_ over 4 x 4 pixels.
 
 A mirror's pixel is used if all these 16 lie within the picture and on the same module, and none is saturated or not a
-number. Interpolation reduces noise between pixels: by the root of the sum of squared weights, from 1 to 0.41.
+number; nor may some be lit and others dark, where the sun's limb crosses them or dirt lies. Interpolation reduces noise
+between pixels: by the root of the sum of squared weights, from 1 to 0.41.
 
 References
 ----------
@@ -25,6 +26,7 @@ from heliosweep.kernels.gazing_grid import MirrorGrid, Modules
 
 __all__ = [
     "AT_EDGE",
+    "AT_LIMB",
     "NOT_A_NUMBER",
     "OUT_OF_FRAME",
     "SATURATED",
@@ -37,7 +39,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER = 1, 2, 4, 8
+OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 1, 2, 4, 8, 16
 """Why a camera's value is not used at a pixel of the mirror; the sum where there are several reasons."""
 
 
@@ -131,6 +133,7 @@ def rectify(
     *,
     corners: ArrayLike | None = None,
     saturation: ArrayLike = math.inf,
+    threshold: float = -math.inf,
     margin: float = 0.1,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Images on the pixels of a mirror.
@@ -151,6 +154,8 @@ def rectify(
         counts. [pixels]
     saturation : array_like, shape () or (K,)
         Value from which on a pixel is saturated.
+    threshold : float
+        Least value of a lit pixel.
     margin : float
         Room between the pixels used and the edge of the module, for what registration leaves. [pixels]
 
@@ -159,7 +164,7 @@ def rectify(
     values : ndarray, shape (K, N)
         Interpolated; NaN where `flags` is not 0.
     flags : ndarray of int64, shape (K, N)
-        Sums of `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED` and `NOT_A_NUMBER`.
+        Sums of `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED`, `NOT_A_NUMBER` and `AT_LIMB`.
     noise : ndarray, shape (K, N)
         Root of the sum of squared weights: standard deviation of the value for pixels of standard deviation 1.
 
@@ -188,7 +193,7 @@ def rectify(
             places[i], quads[i] = moved(found, places[i].T).T, moved(found, quads[i].T).T
     limits = np.array(np.broadcast_to(np.asarray(saturation, np.float64), (count,)))
     sides = _sides(quads.reshape(count, 2, len(edges), 4))
-    return _rectified(pictures, places, sides, grid.pixel_module, limits, float(margin))
+    return _rectified(pictures, places, sides, grid.pixel_module, limits, float(threshold), float(margin))
 
 
 def _module_corners(modules: Modules) -> Floats:
@@ -236,7 +241,13 @@ def _weight(distance: float) -> float:
 
 @kernel
 def _rectified(
-    images: Floats, places: Floats, sides: Floats, module: NDArray[np.int64], limits: Floats, margin: float
+    images: Floats,
+    places: Floats,
+    sides: Floats,
+    module: NDArray[np.int64],
+    limits: Floats,
+    threshold: float,
+    margin: float,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """`rectify` with places and sides known."""
     count, rows, columns = images.shape
@@ -257,7 +268,7 @@ def _rectified(
                 far = n_u * (column + 0.5) + n_v * (row + 0.5) + sides[i, module[k], side, 2]
                 if not far - 2.0 * (abs(n_u) + abs(n_v)) >= margin:
                     flags[i, k] |= AT_EDGE
-            total, square = 0.0, 0.0
+            total, square, dark = 0.0, 0.0, 0
             for n in range(16):
                 here_u, here_v = column - 1 + n % 4, row - 1 + n // 4
                 weight = _weight(u - here_u) * _weight(v - here_v)
@@ -266,8 +277,12 @@ def _rectified(
                     flags[i, k] |= NOT_A_NUMBER
                 elif value >= limits[i]:
                     flags[i, k] |= SATURATED
+                elif value < threshold:
+                    dark += 1
                 total += weight * value
                 square += weight * weight
+            if 0 < dark < 16:
+                flags[i, k] |= AT_LIMB
             if flags[i, k] == 0:
                 values[i, k], noise[i, k] = total, math.sqrt(square)
     return values, flags, noise

@@ -13,9 +13,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing import labels, points
 from heliosweep.families.backward_gazing import measured_variables as named
 from heliosweep.families.backward_gazing import variables as common
+from heliosweep.families.backward_gazing.measured_checks import view_problems
 from heliosweep.families.backward_gazing.measured_images import GEOMETRY, views
 from heliosweep.families.backward_gazing.measured_points import block, given
 from heliosweep.families.backward_gazing.measured_remarks import remarks
@@ -46,7 +48,14 @@ def workload(study: BackwardGazingStudy) -> Workload:
     Returns
     -------
     Workload
+
+    Raises
+    ------
+    StudyError
+        If the images cannot be used.
     """
+    if problems := list(view_problems(study, [])):
+        raise StudyError(problems)
     grid, mapped = Grid(study), _mapped(study)
     sizes = labels.sizes_of(mapped)
     pixels, row = labels.most_pixels(study), Row(named.MEASURED, sizes).length

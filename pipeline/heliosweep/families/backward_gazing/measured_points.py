@@ -44,6 +44,7 @@ _REASONS = {
     bits.SATURATED: common.SATURATED,
     bits.NOT_A_NUMBER: named.NOT_A_NUMBER,
     bits.OUT_OF_FRAME: named.OUT_OF_FRAME,
+    bits.AT_LIMB: common.OUTSIDE,
 }
 
 
@@ -163,6 +164,7 @@ def _on_mirror(layout: Scene, grid: MirrorGrid, point: points.Point, given: Give
                 grid,
                 corners=corners,
                 saturation=shots.saturation,
+                threshold=point.threshold,
             )
         )
     images = shots.images[:, ::-1].reshape(4, -1)[:, grid.place]  # rows of the grid rise

@@ -45,7 +45,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     found = result["slope_x"].notnull().any(dim="referential")
     flagged = ((result["quality"] & NOT_CONVERGED) > 0) & found
     for method in result["method"].to_numpy():
-        part = float(flagged.sel(method=method).sum()) / max(1.0, float(found.sel(method=method).sum()))
+        part = float(flagged.sel({"method": method}).sum()) / max(1.0, float(found.sel({"method": method}).sum()))
         if part > 0.01:
             yield f"{100 * part:.2g} % of the slopes of {method} did not converge (quality {NOT_CONVERGED})"
 

@@ -122,7 +122,8 @@ _MAPS: dict[str, Entry] = {
         {
             "units": "1",
             "long_name": "what is doubtful about a slope",
-            "comment": "a camera that is saturated, not a number, out of frame or at an edge is left out at the pixel",
+            "comment": "a camera that is saturated, not a number, out of frame, at an edge or at the limb of the disc is "
+            "left out at the pixel",
             "flag_masks": np.array(list(_QUALITY), np.int8),
             "flag_meanings": " ".join(_QUALITY.values()),
         },
