@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
@@ -10,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from heliosweep.report.style import COLOURS, MARKERS, PAGE_WIDTH, new_figure, styled
 
@@ -21,6 +22,8 @@ COLUMNS = 4
 _LETTERS = 13.0
 
 _LEFT, _RIGHT, _GAP, _FOOT, _UP, _TITLE, _LETTER = 0.7, 0.1, 0.1, 0.24, 1.75, 0.24, 0.068
+_DIGIT, _SHORT = 0.06, 4
+_STEPS = MaxNLocator(6, steps=[1, 2, 5, 10])
 _WIDEST = {1: 4.2, 2: 3.2}
 
 
@@ -125,7 +128,9 @@ def interval_figure(
     columns = max(len(strip.panels) for strip in strips)
     panels = [panel for strip in strips for panel in strip.panels]
     names = list(dict.fromkeys(name for panel in panels for name in panel.series))
-    across = (PAGE_WIDTH - _LEFT - _RIGHT - _GAP * (columns - 1)) / columns
+    ends = [_ends(strip, floor, least_span) for strip in strips]
+    start = _LEFT + _DIGIT * max(0, *(_digits(end) - _SHORT for end in ends))
+    across = (PAGE_WIDTH - start - _RIGHT - _GAP * (columns - 1)) / columns
     across = min(across, _WIDEST.get(columns, across))
     most = max(sum(map(len, panel.words)) + 2 * len(panel.words) for panel in panels)
     upright = most > _LETTERS * across * 1.2
@@ -137,7 +142,7 @@ def interval_figure(
     handles = {name: _handle(*looks[name]) for name in names if name}
     if marked:
         handles[around.mark] = Line2D([], [], color="black", linewidth=2.0)
-    width = _LEFT + columns * across + (columns - 1) * _GAP + _RIGHT
+    width = start + columns * across + (columns - 1) * _GAP + _RIGHT
     width = max(width, min(PAGE_WIDTH, 0.7 + _LETTER * max(map(len, [*handles, around.legend]), default=0)))
     abreast = max(1, int(width / (0.55 + _LETTER * max(map(len, handles), default=1))))
     lines = (-(-len(handles) // abreast) + bool(around.legend)) if handles else 0
@@ -150,7 +155,7 @@ def interval_figure(
         bottom -= titles[index] + _UP
         first: Axes | None = None
         for column, panel in enumerate(strip.panels):
-            place = (_LEFT + column * (across + _GAP)) / width, bottom / height, across / width, _UP / height
+            place = (start + column * (across + _GAP)) / width, bottom / height, across / width, _UP / height
             axes = figure.add_axes(place, sharey=first)
             first = first or axes
             axes.set_title(panel.title, pad=3)
@@ -165,7 +170,7 @@ def interval_figure(
                 axes.set_xlabel(around.x_label, labelpad=2)
         if first is not None:
             first.set_ylabel(strip.label)
-            _ends(first, strip, floor, least_span)
+            _scale(first, ends[index], floor is not None)
     if handles:
         figure.legend(
             list(handles.values()),
@@ -219,22 +224,33 @@ def _draw(axes: Axes, panel: Beside, looks: Mapping[str, tuple[str, str]], floor
             axes.plot([place - 0.4, place + 0.4], [panel.marks[place]] * 2, color="black", linewidth=1.8, zorder=2.5)
 
 
-def _ends(axes: Axes, strip: Strip, floor: float | None, least_span: float) -> None:
-    """Value axis about all that is drawn; logarithmic from its floor."""
+def _ends(strip: Strip, floor: float | None, least_span: float) -> tuple[float, float]:
+    """Ends of a value axis about all that is drawn; from its floor where there is one."""
     parts = [part for panel in strip.panels for one in panel.series.values() for part in (one.value, one.low, one.high)]
     parts += [panel.marks for panel in strip.panels]
     values = np.concatenate([np.ravel(part) for part in parts if part is not None] or [np.empty(0)])
     values = values[np.isfinite(values)]
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     if floor is None:
-        if values.size:
-            low, high = float(values.min()), float(values.max())
-            half = max(1.16 * (high - low), least_span, 1e-12) / 2
-            axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)
-        return
-    axes.set_yscale("log")
-    top = max(float(values.max()) if values.size else 0.0, 10 * floor) * 1.8
-    bottom = max(floor, float(values.min()) / 1.8) if values.size and values.min() > floor else floor
-    axes.set_ylim(bottom, top)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if top > 300 * bottom else (1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+        half = max(1.16 * (high - low), least_span) / 2 or 0.5
+        return (low + high) / 2 - half, (low + high) / 2 + half
+    return max(floor, low / 1.8), 1.8 * max(high, 10 * floor)
+
+
+def _digits(ends: tuple[float, float]) -> int:
+    """Letters of the longest number beside the ticks of an axis."""
+    ticks = _STEPS.tick_values(*ends)
+    decimals = max(0, -math.floor(math.log10(float(np.diff(ticks).min())) + 1e-9))
+    return max(len(f"{tick:.{decimals}f}") for tick in ticks)
+
+
+def _scale(axes: Axes, ends: tuple[float, float], logarithmic: bool) -> None:
+    """Ticks of a value axis at round numbers, written plainly."""
+    if logarithmic:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if ends[1] > 300 * ends[0] else (1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    axes.set_ylim(*ends)

@@ -58,7 +58,8 @@ def _accuracy_map(result: xr.Dataset) -> Iterator[NamedFigure]:
         "accuracy_map",
         [one for one in drawn if one],
         "rms error of the slopes (mrad)",
-        f"Root mean square error of the slopes of each heliostat by {_way(result, stands)}, larger direction.",
+        f"Root mean square error of the slopes of each heliostat by {_way(result, stands)}, larger direction, over the "
+        "pixels that have slopes.",
         stands,
         hours,
     )
@@ -117,7 +118,7 @@ def _over_distance(result: xr.Dataset) -> Iterator[NamedFigure]:
         "Root mean square error of the slopes of each heliostat, larger direction, against its distance from the "
         f"target, by each method.{views.note(result, stands, (HOUR, hours))}"
     )
-    figure = plane_figure(planes, looks, words=words, scale=scale, columns=2)
+    figure = plane_figure(planes, looks, words=words, scale=scale, columns=len(planes) if len(planes) <= 3 else 2)
     yield NamedFigure("accuracy_over_distance", caption, figure)
 
 

@@ -32,9 +32,9 @@ _QUALITY = {
     32: ("not a number", "#0072B2"),
     64: ("out of frame", "#009E73"),
     1: ("not converged", "#CC79A7"),
-    2: ("fewer than three cameras lit", "#D55E00"),
     4: ("beside the disc", "#E69F00"),
     8: ("at the edge of a module", "#56B4E9"),
+    2: ("fewer than three cameras lit", "#D55E00"),
     0: ("nothing doubtful", "#e8e4c9"),
 }
 _PLANE = ("z", "y")

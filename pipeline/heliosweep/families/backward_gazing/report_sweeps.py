@@ -37,6 +37,9 @@ LOGARITHMIC = 30.0
 #: Values below this are rounding and do not stand on logarithmic axes. [mrad]
 ROUNDING = 1e-7
 
+#: Parts of pixels and cameras that change less than this are not shown. [%]
+LEAST_CHANGE = 0.1
+
 #: A line whose least value is a smaller part of its largest comes down to nothing.
 LEAST_PART = 0.01
 
@@ -125,7 +128,7 @@ def _rms_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
     if MODULE not in result[name].dims or not bound:
         return
     for run in views.swept(result, name)[:MOST_RUNS]:
-        stands = views.fixed(result, name, run, METHOD, REFERENTIAL, MODULE)
+        stands = views.fixed(result, name, run, METHOD, REFERENTIAL, MODULE, *views.SEEDS)
         module = views.modules(result, name, most=1)[0]
         ways = [way for way in views.ways(result, name) if way.referential in ("", "exact")] or views.ways(result, name)
         order = views.ordered(result, run)
@@ -133,8 +136,11 @@ def _rms_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         panels = []
         for end, direction in DIRECTIONS.items():
             points = (stands, module[1])
-            lines = {way.name: (x, _line(result, f"slope_rms_{end}", order, run, *points, way.point)) for way in ways}
-            least = _line(result, f"cramer_rao_bound_{end}", order, run, *points)
+            lines = {
+                way.name: (x, _line(result, f"slope_rms_{end}", order, run, *points, way.point, seeds=True))
+                for way in ways
+            }
+            least = _line(result, f"cramer_rao_bound_{end}", order, run, *points, seeds=True)
             lines[_BOUND] = (x, np.where(least > ROUNDING, least, np.nan))
             panels.append(Panel("rms error of the slope (mrad)", lines, direction))
         bounds = [panel.lines[_BOUND][1] for panel in panels]
@@ -143,6 +149,7 @@ def _rms_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         caption = (
             f"Root mean square error of the slopes of the pixels of {module[0] or 'the module'} against the "
             f"{views.title(result, run)}; bound: least standard deviation that noise and levels of the cameras leave."
+            f"{_over_seeds(result, name)}"
             f"{views.note(result, stands)}"
         )
         figure = curve_figure(
@@ -177,7 +184,7 @@ def _sight(result: xr.Dataset) -> Iterator[NamedFigure]:
         ]
         values = np.concatenate([y for panel in panels for _, y in panel.lines.values()])
         values = values[np.isfinite(values)]
-        if not values.size or np.ptp(values) < 0.1:
+        if not values.size or np.ptp(values) < LEAST_CHANGE:
             continue
         caption = (
             "Part of the pixels of a module that have slopes, and part of the cameras that see the sun in it, "
@@ -197,36 +204,57 @@ def _grids(result: xr.Dataset) -> Iterator[NamedFigure]:
     if len(dims) < 2 or MODULE not in result[name].dims:
         return
     across, up = dims[:2]
-    stands = views.fixed(result, name, across, up, MODULE)
+    stands = views.fixed(result, name, across, up, MODULE, *views.SEEDS)
     module = views.modules(result, name, most=1)[0]
     orders = {dim: views.ordered(result, dim) for dim in (across, up)}
 
     def grid(variable: str, factor: float = 1.0) -> np.ndarray:
-        array = at(result[variable], stands, module[1]).isel(orders).transpose(up, across)
+        array = _rms(at(result[variable], stands, module[1])).isel(orders).transpose(up, across)
         return factor * array.to_numpy().astype(float)
 
     if not {across, up} <= set(result["usable_fraction"].dims):
         return
     grids = [Grid(f"rms error of {word} slope (mrad)", grid(f"slope_rms_{end}")) for end, word in DIRECTIONS.items()]
-    grids.append(Grid("pixels with slopes (%)", grid("usable_fraction", 100.0)))
+    usable = grid("usable_fraction", 100.0)
+    known = usable[np.isfinite(usable)]
+    seen = bool(known.size and np.ptp(known) > LEAST_CHANGE)
+    grids += [Grid("pixels with slopes (%)", usable)] if seen else []
     if not any(np.isfinite(one.values).any() for one in grids[:2]):
         return
     method = views.short(result, METHOD, stands[METHOD]) if METHOD in stands else ""
     by = f"{method} finds for" if method else "are found for"
     caption = (
-        f"Root mean square error of the slopes that {by} {module[0] or 'the module'}, and part of its pixels that have "
-        f"slopes. Grey: none.{views.note(result, stands)}"
+        f"Root mean square error of the slopes that {by} {module[0] or 'the module'}"
+        f"{', and part of its pixels that have slopes. Grey: none' if seen else ''}.{_over_seeds(result, name)}"
+        f"{views.note(result, stands)}"
     )
     sides = []
     for dim in (across, up):
         values = result[dim].to_numpy()[orders[dim]].astype(float)
-        sides.append(Side(views.label(result, dim), values, logarithmic=_is_logarithmic(values)))
+        sides.append(Side(views.short_label(result, dim), values, logarithmic=_is_logarithmic(values)))
     yield NamedFigure(f"accuracy_over_{across}_and_{up}", caption, grid_figure(grids, *sides))
 
 
-def _line(result: xr.Dataset, name: str, order: np.ndarray, run: str, *points: views.Point) -> np.ndarray:
-    """Values along one dimension, in its order; constant where the variable does not have it."""
+def _over_seeds(result: xr.Dataset, quantity: str) -> str:
+    seeds = [result.sizes[dim] for dim in views.SEEDS if dim in result[quantity].dims]
+    return f" Over {int(np.prod(seeds))} seeds." if seeds else ""
+
+
+def _rms(array: xr.DataArray) -> xr.DataArray:
+    """Root mean square over the seeds."""
+    seeds = [dim for dim in views.SEEDS if dim in array.dims]
+    return np.sqrt((array**2).mean(seeds)) if seeds else array
+
+
+def _line(
+    result: xr.Dataset, name: str, order: np.ndarray, run: str, *points: views.Point, seeds: bool = False
+) -> np.ndarray:
+    """Values along one dimension, in its order; constant where the variable does not have it.
+
+    With `seeds`, the points leave the seeds, and values are root mean squares over them.
+    """
     array = at(result[name], *points)
+    array = _rms(array) if seeds else array
     if run not in array.dims:
         return np.full(order.size, float(array))
     return array.to_numpy().astype(float)[order]

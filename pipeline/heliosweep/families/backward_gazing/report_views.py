@@ -13,7 +13,7 @@ import xarray as xr
 
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report.images import Ground, Outline
-from heliosweep.report.labels import axis_label, is_latitude, title_of, value_text
+from heliosweep.report.labels import axis_label, is_latitude, title_of, unit_of, value_text
 from heliosweep.report.selection import evenly
 from heliosweep.report.style import COLOURS, DASHES, MARKERS
 
@@ -35,7 +35,15 @@ DIRECT = ("O2", "LM")
 EXACT = ("exact", "roll", "none")
 
 #: Where some dimensions stand that are not shown, or the nearest to it there is.
-_TYPICAL = {"canting_scale": 1.0, "profile_error": 0.0, "gain_error": 0.0, HOUR: 12.0}
+_TYPICAL = {
+    "sun_azimuth": 30.0,
+    "sun_elevation": 60.0,
+    "camera_radius": 0.24,
+    "canting_scale": 1.0,
+    "profile_error": 0.0,
+    "gain_error": 0.0,
+    HOUR: 12.0,
+}
 
 #: Scalar coordinates that captions tell, but for these values.
 _TOLD = {
@@ -287,6 +295,12 @@ def label(result: xr.Dataset, dim: str) -> str:
         return axis_label(result[dim])
     words = axis_label(result[dim])
     return words if words.endswith(")") else f"{words} (1)"
+
+
+def short_label(result: xr.Dataset, dim: str) -> str:
+    """Label of an axis in few words, with the unit."""
+    unit = unit_of(result[dim])
+    return f"{title(result, dim)} ({unit or '1'})"
 
 
 def note(result: xr.Dataset, stands: Point, *shown: tuple[str, Sequence[Any]]) -> str:
