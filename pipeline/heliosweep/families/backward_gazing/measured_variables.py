@@ -107,7 +107,8 @@ _MAPS: dict[str, Entry] = {
         _PLANE,
         "standard uncertainty of the % slope of a pixel",
         "from the noise of the images alone, by the derivatives at the slopes that LM finds: an error of the sun's "
-        "profile, of the geometry, or of one camera's gain against another's does not show in it",
+        "profile, of the geometry, or of one camera's gain against another's does not show in it (the last shifts all "
+        "slopes alike, as a pointing error would)",
     ),
     "residual_rms": (
         (*_OF_METHOD, *_PLANE),
@@ -122,8 +123,8 @@ _MAPS: dict[str, Entry] = {
         {
             "units": "1",
             "long_name": "what is doubtful about a slope",
-            "comment": "a camera that is saturated, not a number, out of frame, at an edge or at the limb of the disc is "
-            "left out at the pixel",
+            "comment": "a camera that is saturated, not a number, out of frame, at an edge or at the limb of the disc "
+            "is left out at the pixel",
             "flag_masks": np.array(list(_QUALITY), np.int8),
             "flag_meanings": " ".join(_QUALITY.values()),
         },
