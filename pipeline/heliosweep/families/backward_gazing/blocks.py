@@ -291,7 +291,7 @@ class Image(Block):
     ] = None  # fmt: skip
 
 
-ImageEntry = Annotated[Image, BeforeValidator(with_file)]
+ImageEntry = Annotated[Image, BeforeValidator(with_file, json_schema_input_type=str | Image)]
 
 
 class ImageGeometry(Block):

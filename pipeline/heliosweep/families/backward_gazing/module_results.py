@@ -81,11 +81,10 @@ def _estimates(seen: Observation, point: Point, given: Given, least: Floats) -> 
     """Canting, waviness, pointing and focal length with standard errors. [mrad], [m]"""
     methods, frames = seen.net.shape[:2]
     modules = given.modules
-    shapes = {"canting": (2, len(modules.size)), "waviness": (2, len(modules.size)), "pointing": (2,)}
+    lead, count = (methods, frames, 2), len(modules.size)
     pairs = {
-        f"{name}_%{ending}": np.empty((methods, frames, *shape))
-        for name, shape in shapes.items()
-        for ending in ("", "_standard_error")
+        **{name: np.empty((*lead, count)) for name in ("canting_%", "canting_%_standard_error", "waviness_%")},
+        **{name: np.empty(lead) for name in ("pointing_%", "pointing_%_standard_error")},
     }
     focal, focal_error = np.empty((methods, frames)), np.empty((methods, frames))
     noise = np.nan_to_num(least) if np.any(least > 0.0) else None

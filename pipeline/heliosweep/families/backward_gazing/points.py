@@ -20,6 +20,7 @@ from heliosweep.kernels.gazing_geometry import REFERENTIALS, Scene, scene
 from heliosweep.kernels.gazing_grid import MirrorGrid, Modules, eroded, mirror_grid
 from heliosweep.kernels.gazing_images import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.gazing_linear import lit_counts, slope_bound
+from heliosweep.kernels.gazing_lm import graduated
 from heliosweep.kernels.sun_profiles import Profile, jose, tabulated
 from heliosweep.kernels.sun_tables import noisy, scaled
 
@@ -315,6 +316,8 @@ def _profile(point: Point, given: Given) -> Profile:
     if point.sun_profile == "jose":
         return jose()
     try:
-        return noisy(jose(), point.profile_noise, point.nodes, point.profile_seed)
+        table = noisy(jose(), point.profile_noise, point.nodes, point.profile_seed)
+        graduated(table)  # noise may make a smoothed table useless where the table itself is not
+        return table
     except ValueError:
         raise Failure(NO_PROFILE) from None

@@ -54,7 +54,7 @@ class Pair(Parameter):
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of the pair."""
         one = self._number.json_schema()
-        return {"type": "array", "items": one, "minItems": 2, "maxItems": 2, "description": self.form}
+        return {"type": "array", "items": one, "minItems": 2, "maxItems": 2}
 
     @property
     def _number(self) -> Quantity:
@@ -109,7 +109,8 @@ class Pairs(Pair):
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of the list."""
-        return {"type": "array", "items": super().json_schema(), "minItems": self.number, "maxItems": self.number}
+        pair = super().json_schema() | {"description": self.form}
+        return {"type": "array", "items": pair, "minItems": self.number, "maxItems": self.number}
 
 
 @dataclass(frozen=True)

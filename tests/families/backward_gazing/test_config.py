@@ -1,0 +1,132 @@
+"""What a study file of the family may say, and what is said of a bad one."""
+
+from __future__ import annotations
+
+import copy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from heliosweep import workflow
+from heliosweep.config.identity import resolved_yaml
+from heliosweep.config.load import load
+from heliosweep.config.schema import json_schema
+from heliosweep.errors import PlanError, StudyError
+from heliosweep.families.backward_gazing.config import BackwardGazingStudy
+
+from .bad_studies import BAD, BAD_FIELDS, FIELD_LINES, FILES, LINES
+
+REGISTRY = {"backward_gazing": BackwardGazingStudy}
+SMALL: dict[str, Any] = {
+    "family": "backward_gazing",
+    "heliostat": {"distance": 120, "pixel": 0.3},
+    "target": {"azimuth": 0, "elevation": 44},
+    "sun": {"azimuth": 30, "elevation": 60},
+    "defects": {"canting": {"2": [0, -1], "3": [0, 1]}},
+    "erosion": 1,
+}
+
+
+def study(**blocks: Any) -> Any:
+    content = {**copy.deepcopy(SMALL), **blocks}
+    return workflow.load({key: value for key, value in content.items() if value is not None})
+
+
+def said_of(folder: Path, lines: dict[str, str]) -> list[str]:
+    for name, text in FILES.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "study.yaml").write_text("\n".join([*lines.values(), ""]), encoding="utf-8")
+    with pytest.raises(StudyError) as error:
+        load("study.yaml", REGISTRY)
+    assert error.value.exit_code == 2
+    return [line.removeprefix("study.yaml:") for line in str(error.value).split("\n")]
+
+
+@pytest.mark.parametrize(("block", "text", "said"), BAD, ids=[text[:60] or f"no {block}" for block, text, _ in BAD])
+def test_bad_study(block: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said_of(tmp_path, LINES | {block: text}) == said
+
+
+@pytest.mark.parametrize(("block", "text", "said"), BAD_FIELDS, ids=[text[40:100] for _, text, _ in BAD_FIELDS])
+def test_bad_field(block: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said_of(tmp_path, FIELD_LINES | {block: text}) == said
+
+
+def test_keys_of_canting_are_numbers_in_the_file():
+    lines = dict(LINES)
+    assert "{2:" in lines["defects"]
+    assert study().defects.canting == {"2": (0.0, -1.0), "3": (0.0, 1.0)}
+    assert study(defects={"canting": {"2": ["1 mrad", "0.1 deg"]}}).defects.canting["2"][1] == pytest.approx(1.74532925)
+
+
+def test_resolved_study_loads_to_the_same_study(tmp_path):
+    modules = [{"centre": [-1, 0], "size": [1.9, 1.9]}, {"centre": [1, 0], "size": [1.9, 1.9]}]
+    one = study(
+        heliostat={"distance": [60, 120], "modules": modules, "pixel": 0.2},
+        defects={"canting": {"2": [0, -1]}},
+        method="LM",
+        sun_profile=["jose", "noisy"],
+        profile_noise={"seed": {"start": 0, "stop": 3, "step": 1}},
+        output={"maps": True},
+    )
+    path = tmp_path / "again.yaml"
+    path.write_text(resolved_yaml(one), encoding="utf-8")
+    again = load(path, REGISTRY)
+    assert again == one
+    assert again.study_id == one.study_id
+    assert again.method == ("LM",)
+
+
+def test_schema_knows_units_and_the_modules():
+    schema = json_schema(BackwardGazingStudy)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    validator.validate(SMALL)
+    validator.validate({**SMALL, "method": ["A", "LM"], "sun_profile": ["jose", "noisy"]})
+    validator.validate({**SMALL, "images": ["a.npy", {"file": "b.npy", "camera": [0, 1]}]})
+    assert not validator.is_valid({**SMALL, "method": ["B"]})
+    assert not validator.is_valid({**SMALL, "heliostat": {"distance": 120, "modules": [{"centre": [0]}]}})
+    assert schema["$defs"]["Cameras"]["properties"]["radius"]["description"].endswith("[m]")
+
+
+def test_profile_that_rises_is_used_with_a_warning(tmp_path):
+    path = tmp_path / "rising.csv"
+    path.write_text("# measured\nangle,brightness\n0,1\n1,0.95\n2,0.97\n3,0.9\n4.36,0.7\n", encoding="utf-8")
+    sun = {**SMALL["sun"], "profile": str(path)}
+    said = study(sun=sun, sun_profile="table").notes()
+    assert len(said) == 1
+    assert said[0].endswith(
+        "the brightness rises in 1 of 4 steps from the centre to the edge; method A inverts it through the least "
+        "falling curve above it"
+    )
+    before = study(sun=sun, sun_profile="table").study_id
+    assert "is not used" in study(sun=sun).notes()[0]
+    path.write_text("angle,brightness\n0,1\n1,0.96\n2,0.95\n3,0.9\n4.36,0.7\n", encoding="utf-8")
+    assert study(sun=sun, sun_profile="table").notes() == []
+    assert study(sun=sun, sun_profile="table").study_id != before  # the contents count
+
+
+def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
+    with pytest.raises(PlanError, match="refused: the smallest block of work would take"):
+        workflow.plan(study(heliostat={"distance": 120, "pixel": 0.005}, execution={"memory": "1 GB"}))
+
+
+def test_maps_of_swept_pixels_are_refused():
+    with pytest.raises(StudyError, match=r"output\.maps: must be false where heliostat\.pixel is swept"):
+        study(heliostat={"distance": 120, "pixel": [0.2, 0.3]}, output={"maps": True})
+
+
+def test_validating_imports_no_compiler(tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text("\n".join(LINES.values()), encoding="utf-8")
+    code = (
+        f"import sys, heliosweep; heliosweep.load({str(path)!r}); print(*{{n.partition('.')[0] for n in sys.modules}})"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"numba", "xarray", "dask", "scipy", "matplotlib"} & set(loaded)

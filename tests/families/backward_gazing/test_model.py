@@ -1,0 +1,256 @@
+"""Simulated heliostats: from the study file to the numbers, whatever the sweep, the chunks and the scheduler."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heliosweep import workflow
+from heliosweep.families.backward_gazing import module_results, points
+from heliosweep.families.backward_gazing.model import coordinates, remarks
+from heliosweep.families.backward_gazing.seeds import mixed_seed
+from heliosweep.families.backward_gazing.variables import MAPS, NO_PROFILE, NOT_SEEN, SEEN, SIMULATED
+from heliosweep.grid.axes import Grid
+from heliosweep.kernels.gazing_geometry import camera_square, scene
+from heliosweep.kernels.gazing_grid import eroded, mirror_grid, themis_8
+from heliosweep.kernels.gazing_images import expose, image_set, module_spheres
+from heliosweep.kernels.gazing_lm import fit_slopes
+from heliosweep.kernels.sun_profiles import jose
+from heliosweep.store.digest import file_digest
+
+from .test_config import study
+
+
+def computed(**blocks: Any) -> Any:
+    return workflow.build(study(**blocks)).compute()
+
+
+def at(result: Any, **labels: Any) -> Any:
+    return result.sel(labels)  # a keyword `method` means something else to xarray
+
+
+def told(one: Any) -> list[str]:
+    """Remarks of a study's result."""
+    result = workflow.build(one).compute()
+    return list(remarks(result.assign_attrs(coordinates(one).attrs)))
+
+
+def test_results_are_those_of_the_kernels():
+    result = computed(cameras={"noise": 0.004, "bits": 12, "seed": 5}, method="LM", output={"maps": True})
+    layout = scene((np.radians(30), np.radians(60)), (0.0, np.radians(44)), camera_square(0.24))
+    mirror = mirror_grid(themis_8(), 0.3)
+    canting = np.zeros((8, 2))
+    canting[1:3, 1] = -1e-3, 1e-3
+    place = mirror.pixel_y, mirror.pixel_z
+    found = []
+    for defects, noise in ((canting, 0.004), (0 * canting, 0.0)):
+        images, true = image_set(layout, mirror, jose(), module_spheres(themis_8(), 120.0, defects))
+        images = expose(images, noise, 0.0, 12 if noise else 0, 5) if noise else images
+        found.append((fit_slopes(layout, jose(), images, *place, np.zeros((2, len(place[0])))).slopes, true, images))
+    net = found[0][0] - found[1][0]
+    error = 1e3 * (net - found[0][1] + found[1][1])
+    keep = eroded(mirror, 1)
+    for axis, name in enumerate("xy"):
+        for module in (1, 2, 8):
+            here = keep & (mirror.pixel_module == module - 1)
+            one = result.isel({"method": 0, "referential": 2}).sel(module=module)
+            assert float(one[f"slope_bias_{name}"]) == pytest.approx(error[axis, here].mean(), abs=1e-8)
+            assert float(one[f"slope_rms_{name}"]) == pytest.approx(np.sqrt(np.mean(error[axis, here] ** 2)), abs=1e-8)
+            assert float(one[f"relative_error_{name}"]) == pytest.approx(100 * abs(error[axis, here].mean()), abs=1e-6)
+        slopes = result[f"slope_{name}"].isel({"method": 0, "referential": 0}).to_numpy()
+        np.testing.assert_allclose(slopes.ravel()[mirror.place], 1e3 * net[axis], atol=1e-6)
+    np.testing.assert_array_equal(result["image"].to_numpy().reshape(4, -1)[:, mirror.place], found[0][2])
+    assert np.isnan(result["image"].to_numpy().reshape(4, -1)[:, mirror.module.ravel() == 0]).all()
+
+
+def test_o2_and_lm_need_no_referential():
+    result = computed(defects={"canting": {"2": [0.5, -1]}})
+    for name in ("O2", "LM"):
+        one = at(result["slope_bias_x"], method=name)
+        assert (one == one.isel(referential=0)).all()
+    a = at(result["relative_error_x"], method="A", module=2)
+    assert float(at(a, referential="none")) > 10 > 1 > float(at(a, referential="exact"))
+
+
+def test_undefected_heliostat():
+    """Fewer than 1e-7 mrad, clean; what noise leaves of a perfect mirror is subtracted too."""
+    result = computed(defects=None, sun_profile=["jose", "noisy"])
+    assert float(np.abs(result["slope_rms_x"]).max()) < 1e-12
+    assert float(np.abs(result["canting_y"]).max()) < 1e-12
+    assert (result["scene_status"] == SEEN).all()
+    assert result["incidence"].to_numpy() == pytest.approx(scene_incidence())
+
+
+def scene_incidence() -> float:
+    layout = scene((np.radians(30), np.radians(60)), (0.0, np.radians(44)), camera_square(0.24))
+    return float(np.degrees(layout.incidence))
+
+
+def test_pointing_and_focal_length_come_back():
+    result = computed(
+        defects={"pointing": [0.2, -0.3], "focal_length": [119, 120], "canting": {"2": [0, -0.5]}}, method="LM"
+    ).isel({"method": 0, "referential": 0})
+    wide = at(result, true_focal_length=119)
+    assert float(wide["focal_length_estimate"]) == pytest.approx(119, rel=1e-3)
+    fine = at(result, true_focal_length=120)
+    assert float(fine["pointing_x"]) == pytest.approx(0.2, abs=1e-3)
+    assert float(fine["pointing_y"]) == pytest.approx(-0.3, abs=1e-3)
+    assert float(fine["canting_y"].sel(module=2)) == pytest.approx(-0.5, abs=1e-3)
+    assert float(np.abs(fine["canting_y"].drop_sel(module=2)).max()) < 1e-3
+
+
+def test_camera_noise_is_at_the_bound():
+    """Standard deviation of single pixels within 3 % of the Cramer-Rao bound, canting within its standard error."""
+    result = computed(
+        heliostat={"distance": 120, "pixel": 0.15},
+        cameras={"noise": 0.005, "seed": {"start": 0, "stop": 19, "step": 1}},
+        method="LM",
+    ).isel({"method": 0, "referential": 0})
+    for name in "xy":
+        rms = np.sqrt((result[f"slope_rms_{name}"] ** 2).mean(["camera_seed", "module"]))
+        bound = np.sqrt((result[f"cramer_rao_bound_{name}"] ** 2).mean())
+        assert float(rms / bound) == pytest.approx(1.0, abs=0.03)
+        away = result[f"canting_{name}"] - result[f"canting_{name}"].mean("camera_seed")
+        ratio = away / result[f"canting_{name}_standard_error"]
+        assert float(ratio.std()) == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("level", ["mirror_grid", "camera"])
+def test_images_of_cameras_give_the_same_slopes(level):
+    result = computed(
+        heliostat={"distance": 120, "pixel": 0.1},
+        cameras={"images": level, "bits": 12, "supersampling": 2},
+        method=["A", "LM"],
+        referential="exact",
+        erosion=3,
+    )
+    lm = at(result, method="LM")
+    assert float(lm["relative_error_y"].max()) < 0.05
+    assert float(lm["slope_rms_y"].max()) < 0.003  # of the levels
+    assert float(at(result, method="A")["relative_error_x"].max()) < 1.0
+
+
+def test_seeds_matter_only_where_something_is_random():
+    blocks = {"sun_profile": ["jose", "noisy"], "profile_noise": {"seed": [0, 1, 2]}, "method": ["A", "O2"]}
+    result = computed(**blocks)
+    clean, noisy = (at(result["relative_error_y"], sun_profile=name, module=2) for name in ("jose", "noisy"))
+    assert (clean == clean.isel(profile_seed=0)).all()
+    assert float(noisy.std("profile_seed").min()) > 0.1
+    for ending, percent in (("median", 50), ("low", 5), ("high", 95)):
+        values = result["relative_error_y"].quantile(0.01 * percent, "profile_seed")
+        np.testing.assert_allclose(result[f"relative_error_y_{ending}"], values, rtol=1e-12)
+    alone = computed(**blocks | {"sun_profile": "noisy", "profile_noise": {"seed": 2}})
+    assert "relative_error_y_median" not in alone
+    assert (alone["relative_error_y"] == at(result, sun_profile="noisy", profile_seed=2)["relative_error_y"]).all()
+
+
+def test_each_image_set_is_made_once(monkeypatch):
+    made = []
+    true = module_results.observed
+
+    def counted(point, given):
+        made.append(point)
+        return true(point, given)
+
+    monkeypatch.setattr(module_results, "observed", counted)
+    module_results._remembered.cache_clear()
+    computed(
+        sun_profile=["jose", "noisy"], profile_noise={"seed": [7, 8, 9]}, defects={"canting": {"1": [0.1, 0]}},
+        execution={"scheduler": "synchronous", "workers": 1},
+    )  # fmt: skip
+    assert sorted(point.sun_profile for point in made)[-3:] == ["noisy"] * 3
+    assert 1 <= len(made) - 3 <= 3  # of the clean sun once in each thread at the most
+
+
+SWEEP: dict[str, Any] = {
+    "cameras": {"noise": 0.01, "seed": [0, 1, 2], "radius": [0.2, 0.3]},
+    "sun_profile": ["jose", "noisy"],
+    "defects": {"canting": {"2": [0, -1]}, "waviness": 0.2, "canting_scale": [0.5, 1]},
+    "output": {"maps": True},
+}
+
+
+def test_same_bytes_whatever_the_scheduler_and_the_chunks(tmp_path):
+    executions = [
+        {"scheduler": "synchronous"},
+        {"scheduler": "threads", "workers": 2, "chunks": {"camera_seed": 1, "camera_radius": 1}},
+        {"scheduler": "threads", "chunks": {"camera_seed": 2, "sun_profile": 2, "canting_scale": 2}},
+        {"scheduler": "processes", "workers": 2},
+    ]
+    digests = set()
+    for number, execution in enumerate(executions):
+        result = workflow.run(study(**SWEEP, execution=execution), tmp_path / str(number), report=False)
+        digests.add(file_digest(result.path))
+    assert len(digests) == 1
+
+
+def test_heliostat_that_no_camera_sees_is_masked_and_said_so():
+    one = study(defects={"pointing": [8, 0]}, output={"maps": True})
+    result = workflow.build(one).compute()
+    assert int(result["scene_status"]) == NOT_SEEN
+    assert np.isnan(result["slope_x"]).all()
+    assert set(np.unique(result["mask"])) == {0, 1, 2}
+    assert float(result["usable_fraction"].max()) == 0.0
+    assert float(result["lit_cameras"].max()) == 0.0
+    (said,) = told(one)
+    assert said.startswith("no slopes of the heliostat: nowhere do three cameras see the reflected sun, and all")
+
+
+def test_profile_drowned_in_noise():
+    one = study(
+        sun_profile="noisy", profile_noise={"noise": 1.0, "nodes": 5, "seed": {"start": 0, "stop": 9, "step": 1}}
+    )
+    status = workflow.build(one).compute()["scene_status"].to_numpy()
+    assert set(np.unique(status)) == {SEEN, NO_PROFILE} or NO_PROFILE in status
+    assert any("noise makes the sun no darker at its edge" in line for line in told(one))
+
+
+def test_modules_of_the_study():
+    modules = [{"centre": [-1, 0], "size": [1.9, 1.9]}, {"centre": [1, 0], "size": [1.9, 1.9]}]
+    result = computed(
+        heliostat={"distance": 100, "modules": modules, "pixel": 0.2}, defects={"canting": {"2": [0.4, 0]}}, method="LM"
+    )
+    assert result.sizes["module"] == 2
+    assert result["module_y"].values.tolist() == [-1, 1]
+    assert float(result["relative_error_x"].max()) < 0.02
+    assert float(result["distance"]) == 100
+
+
+def test_world_azimuths():
+    result = computed(sun={"azimuth": [30, -90], "elevation": 60}, method="A")
+    assert result["sun_world_azimuth"].values.tolist() == [150, 270]  # south-south-east, west
+    assert float(result["target_world_azimuth"]) == 180  # the target is to the south
+
+
+def test_table_of_the_sun(tmp_path):
+    path = tmp_path / "sun.csv"
+    angle = np.linspace(0, 4.36, 4000)
+    shape = 0.679 + 0.321 * np.sqrt(np.maximum(1 - (angle / 4.36) ** 2.222, 0))
+    path.write_text("angle,brightness\n" + "".join(f"{a},{b}\n" for a, b in zip(angle, shape, strict=True)))
+    sun = {"azimuth": 30, "elevation": 60, "profile": str(path)}
+    both = computed(sun=sun, sun_profile=["jose", "table"], method=["A", "LM"])
+    tables, clean = at(both, sun_profile="table"), at(both, sun_profile="jose")
+    np.testing.assert_allclose(tables["slope_bias_x"], clean["slope_bias_x"], atol=3e-4)
+
+
+def test_zip_ties_seeds_to_other_keys():
+    one = study(cameras={"noise": [0.001, 0.002], "seed": [3, 4]}, zip=[["cameras.noise", "cameras.seed"]], method="A")
+    result = workflow.build(one).compute()
+    assert result.sizes["camera_noise"] == 2
+    assert "relative_error_x_median" not in result  # not the seed alone varies
+
+
+def test_seeds_of_scenes_differ():
+    seeds = {mixed_seed(seed, heliostat, hour) for seed in range(3) for heliostat in range(40) for hour in range(5)}
+    assert len(seeds) == 600
+    assert all(0 <= seed < 2**63 for seed in seeds)
+
+
+def test_every_value_of_a_row_has_a_place():
+    """No name is misspelt on its way from a point to the variables of the result."""
+    one = study(output={"maps": True})
+    point = points.Point.of(array.item() for array in points.inputs(Grid(one)))
+    made = module_results.results(point, points.given(one), with_maps=True)
+    assert set(made) == {*SIMULATED, *MAPS}

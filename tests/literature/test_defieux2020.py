@@ -1,0 +1,154 @@
+"""Table 1 of Defieux, Caliot and Henault (2020), doi 10.1063/5.0029270, from the shipped studies.
+
+The paper prints neither where sun and cameras stood nor the modules and the profile it measured; the studies assume
+them. What is asked here is what the paper claims, and what the studies' description in `studies/README.md` states.
+"""
+
+from __future__ import annotations
+
+import csv
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heliosweep import workflow
+from tests.conftest import STUDIES
+
+PUBLISHED_FILE = STUDIES / "published" / "defieux2020_table1.csv"
+with PUBLISHED_FILE.open(encoding="utf-8") as file:
+    PUBLISHED = {
+        (row["method"], row["sun_profile"], int(row["module"]), row["quantity"][15]): float(row["published"])
+        for row in csv.DictReader(line for line in file if not line.startswith("#"))
+    }
+PAPER = ("A", "O1", "O2")
+
+
+def result_of(name: str) -> Any:
+    return workflow.build(workflow.load(STUDIES / f"{name}.yaml")).compute()
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Errors over (profile, seed, method, module, axis), without a referential. [%]"""
+    result = result_of("defieux2020_table1").sel(module=[2, 3], referential="none")
+    both = [
+        result[f"relative_error_{axis}"].transpose("sun_profile", "profile_seed", "method", "module") for axis in "xy"
+    ]
+    assert result["method"].values.tolist() == [*PAPER, "LM"]
+    return np.stack(both, axis=-1)
+
+
+def test_all_24_numbers_are_there():
+    assert len(PUBLISHED) == 24
+
+
+def test_clean_a_and_o1_miss_the_rotation_of_the_field(table):
+    """About 15 % on X, sin 8.6 deg; 2 % on Y, where the paper has 0.7 to 2.1."""
+    clean = table[0, 0]
+    assert clean[:2, :, 0] == pytest.approx(np.full((2, 2), 14.75), abs=0.3)
+    assert clean[:2, :, 1] == pytest.approx(np.full((2, 2), 1.95), abs=0.25)
+    for number, method in enumerate(("A", "O1")):
+        for place, module in enumerate((2, 3)):
+            for axis, letter in enumerate("xy"):
+                assert clean[number, place, axis] == pytest.approx(PUBLISHED[method, "jose", module, letter], abs=1.3)
+
+
+def test_clean_o2_and_lm_are_exact(table):
+    """At most 0.02 %, where the paper has 0.5: its optimiser's tolerance."""
+    assert table[0, :, 2:].max() < 0.02
+    assert (table[0] == table[0, :1]).all()  # nothing of it is random
+
+
+def test_noisy_o2_is_the_best_of_the_paper_s_methods(table):
+    """In every one of 64 seeds by the root mean square of its four errors, in every one by the largest of them."""
+    for reduce in (lambda errors: np.sqrt(np.mean(errors**2, axis=(2, 3))), lambda errors: errors.max(axis=(2, 3))):
+        size = reduce(table[1])
+        assert np.mean(size[:, 2] < size[:, :2].min(axis=1)) >= 0.95
+    both = np.hypot(table[1, ..., 0], table[1, ..., 1])  # X and Y together, each module by itself
+    assert np.mean(both[:, 2] < both[:, :2].min(axis=1)) >= 0.95
+    each = np.mean(table[1, :, 2] < table[1, :, :2].min(axis=1), axis=0)
+    assert (each[:, 0] >= 0.95).all()  # X alone
+    assert (each[:, 1] > 0.5).all()  # Y alone: O1 is often as good
+    assert (each[:, 1] < 0.8).all()
+
+
+def test_noisy_lm_is_better_than_o2(table):
+    size = np.sqrt(np.mean(table[1] ** 2, axis=(2, 3)))
+    assert np.mean(size[:, 3] < size[:, 2]) >= 0.9
+    medians = np.median(table[1], axis=0)
+    assert (medians[3] < medians[2]).all()
+    assert medians[2] == pytest.approx(np.array([[1.6, 3.5], [1.3, 2.3]]), abs=0.1)
+    assert medians[3] == pytest.approx(np.array([[1.0, 1.2], [0.9, 1.7]]), abs=0.1)
+
+
+def test_published_values_lie_within_the_spread_of_the_seeds(table):
+    """All 12 noisy values within all seeds, 11 within 5 to 95 %: O1's 10.1 % on Y of module 2 is at the 97th."""
+    within, outside = 0, []
+    for (method, profile, module, letter), value in PUBLISHED.items():
+        if profile != "noisy":
+            continue
+        errors = table[1, :, PAPER.index(method), module - 2, "xy".index(letter)]
+        assert errors.min() <= value <= errors.max(), (method, module, letter)
+        low, high = np.quantile(errors, (0.05, 0.95))
+        within += low <= value <= high
+        outside += [] if low <= value <= high else [(method, module, letter)]
+    assert within == 11
+    assert outside == [("O1", 2, "y")]
+
+
+def test_under_4_5_percent_is_a_matter_of_luck(table):
+    """The paper's claim for O2 with a measured profile, all four numbers together."""
+    assert 0.4 < np.mean((table[1, :, 2] < 4.5).all(axis=(1, 2))) < 0.7
+    assert np.mean((table[1, :, 3] < 4.5).all(axis=(1, 2))) > 0.85
+
+
+def test_contamination_grows_with_the_sun_s_azimuth():
+    result = result_of("sun_azimuth_contamination").sel(module=[2, 3])
+    a, azimuth = result["slope_bias_x"].sel({"method": "A"}), result["sun_azimuth"]
+    none = np.abs(a.sel(referential="none"))
+    assert float(none.sel(sun_azimuth=0).max()) < 0.002  # the sun in the target's plane
+    assert float(none.sel(sun_azimuth=30, sun_elevation=60).mean()) == pytest.approx(0.147, abs=0.003)
+    assert (none.sel(module=2, sun_azimuth=azimuth[azimuth >= 0]).diff("sun_azimuth") > 0).all()
+    assert float(np.abs(a.sel(referential="exact")).max()) < 0.01
+    assert 0.02 < float(np.abs(a.sel(referential="roll")).max()) < 0.1
+    assert float(np.abs(result["slope_bias_x"].sel({"method": "LM"})).max()) < 3e-4
+
+
+def test_profile_and_gain_limit_the_method():
+    """One percent of angular radius costs about 2 % of slope, one percent of gain about 3."""
+    result = result_of("profile_error").sel({"method": "LM", "module": 3}).isel(referential=0)
+    wide = result["relative_error_y"].sel(profile_error=0.01, gain_error=0)
+    bright = result["relative_error_y"].sel(profile_error=0, gain_error=0.01)
+    assert float(wide) == pytest.approx(2.1, abs=0.2)
+    assert float(bright) == pytest.approx(3.1, abs=0.3)
+    assert float(result["relative_error_y"].sel(profile_error=0, gain_error=0)) < 0.01
+
+
+def test_near_cameras_see_more_and_far_ones_more_precisely():
+    result = result_of("camera_radius").sel({"method": "LM", "arrangement": "square"}).isel(referential=0)
+    bound = result["cramer_rao_bound_y"].sel(canting_scale=0).mean(["camera_seed", "module"])
+    assert (bound.diff("camera_radius") < 0).all()
+    seen = (result["lit_cameras"].sel(module=2).mean("camera_seed") == 1).sum("canting_scale")
+    assert (seen.diff("camera_radius") <= 0).all()
+    all_lit = result["lit_cameras"].sel(module=2, camera_radius=0.24).mean("camera_seed")
+    assert float(all_lit.sel(canting_scale=1.25)) == 1.0 > float(all_lit.sel(canting_scale=1.5))  # 1.36 mrad
+
+
+def test_a_field_is_measured_far_from_the_tower_and_under_a_sun_behind_it():
+    result = result_of("field_of_heliostats")
+    lm = result.sel({"method": "LM", "referential": "exact"})
+    seen = lm["usable_fraction"] > 0.9
+    assert [int(seen.sel(hour=hour).sum()) for hour in (9, 12, 15)] == pytest.approx([126, 144, 126], abs=5)
+    assert float(lm["incidence"].where(seen).max()) < 35
+    assert float(lm["slope_rms_x"].where(seen).max()) < 0.09
+    east, west = lm["usable_fraction"].sel(hour=9), lm["usable_fraction"].sel(hour=15)
+    assert float(east.mean()) == pytest.approx(float(west.mean()), abs=0.02)  # the field is symmetric
+
+
+@pytest.mark.slow
+def test_report_compares_all_24(tmp_path):
+    result = workflow.run(workflow.load(STUDIES / "defieux2020_table1.yaml"), tmp_path / "out")
+    with (result.folder / "comparison.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    assert [row["verdict"] for row in rows] == ["agrees"] * 24
