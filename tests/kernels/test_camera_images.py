@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.kernels.camera_images import Pinholes, camera_set, heliostat, levels, pinholes
+from heliosweep.kernels.camera_images import camera_set, heliostat, levels
 from heliosweep.kernels.gazing_geometry import EXACT, transfers
 from heliosweep.kernels.gazing_grid import Modules, mirror_grid, themis_8
 from heliosweep.kernels.gazing_images import image_set, module_spheres, waviness
 from heliosweep.kernels.gazing_linear import method_a
 from heliosweep.kernels.gazing_lm import fit_slopes
+from heliosweep.kernels.pinholes import Pinholes, pinholes
 from heliosweep.kernels.rectification import (
     AT_EDGE,
     AT_LIMB,

@@ -19,10 +19,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.camera_images import Pinholes, seen_from
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing_geometry import ideal_mirror
 from heliosweep.kernels.gazing_grid import MirrorGrid, Modules
+from heliosweep.kernels.pinholes import Pinholes, seen_from
 
 __all__ = [
     "AT_EDGE",

@@ -10,9 +10,9 @@ from heliosweep.families.backward_gazing import measured
 from heliosweep.families.backward_gazing.config import BackwardGazingStudy
 from heliosweep.families.backward_gazing.image_files import read_picture
 from heliosweep.families.backward_gazing.measured_checks import view_problems
-from heliosweep.kernels.camera_images import pinholes
 from heliosweep.kernels.gazing_grid import eroded, maps, themis_8
 from heliosweep.kernels.gazing_modules import module_estimates
+from heliosweep.kernels.pinholes import pinholes
 from heliosweep.kernels.rectification import outline, places_of
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made

@@ -20,12 +20,12 @@ from heliosweep.families.backward_gazing.measured_images import Table, Views, su
 from heliosweep.families.backward_gazing.reconstruct import Found, reconstruct
 from heliosweep.families.backward_gazing.rows import Row
 from heliosweep.kernels import rectification as bits
-from heliosweep.kernels.camera_images import pinholes
 from heliosweep.kernels.gazing_geometry import REFERENTIALS, Scene, scene
 from heliosweep.kernels.gazing_grid import MirrorGrid, Modules, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing_lm import SlopeFit, fit_slopes
 from heliosweep.kernels.gazing_modules import module_estimates
 from heliosweep.kernels.gazing_search import merits
+from heliosweep.kernels.pinholes import pinholes
 from heliosweep.kernels.sun_profiles import Profile, jose, tabulated
 from heliosweep.kernels.sun_tables import noisy, scaled
 
