@@ -92,7 +92,7 @@ def warm_calibration() -> tuple[float, bool]:
 
 def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool = False) -> tuple[float, bool]:
     """Make the kernels of backward gazing ready: of O1, O2 and LM, and of images of cameras, what is asked for."""
-    from heliosweep.kernels.camera_images import camera_set, heliostat, pinholes, render_cameras
+    from heliosweep.kernels.camera_images import camera_set, heliostat, render_cameras
     from heliosweep.kernels.gazing_descent import levenberg_marquardt
     from heliosweep.kernels.gazing_geometry import camera_square, scene, transfers
     from heliosweep.kernels.gazing_grid import Modules, mirror_grid
@@ -101,6 +101,7 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     from heliosweep.kernels.gazing_lm import fit_slopes
     from heliosweep.kernels.gazing_modules import module_estimates, module_statistics
     from heliosweep.kernels.gazing_search import search, search_slopes, search_wavefronts
+    from heliosweep.kernels.pinholes import pinholes
     from heliosweep.kernels.rectification import rectify
     from heliosweep.kernels.sun_profiles import jose, render
 

@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.camera_images import camera_set, heliostat, levels, pinholes
+from heliosweep.kernels.camera_images import camera_set, heliostat, levels
 from heliosweep.kernels.gazing_geometry import Scene
 from heliosweep.kernels.gazing_grid import MirrorGrid, Modules
+from heliosweep.kernels.pinholes import pinholes
 from heliosweep.kernels.rectification import rectify
 from heliosweep.kernels.sun_profiles import Profile
 
