@@ -160,6 +160,9 @@ def curve_figure(
             borderaxespad=0.4,
             title=legend or None,
         )
+    cut = -figure.get_tightbbox().x0
+    if cut > 0:  # long numbers beside the ticks
+        figure.subplots_adjust(left=(0.62 + cut) / width)
     return figure
 
 

@@ -243,7 +243,7 @@ def _over_seeds(result: xr.Dataset, quantity: str) -> str:
 def _rms(array: xr.DataArray) -> xr.DataArray:
     """Root mean square over the seeds."""
     seeds = [dim for dim in views.SEEDS if dim in array.dims]
-    return np.sqrt((array**2).mean(seeds)) if seeds else array
+    return (array**2).mean(seeds) ** 0.5 if seeds else array
 
 
 def _line(

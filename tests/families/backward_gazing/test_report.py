@@ -1,0 +1,239 @@
+"""Figures of the family `backward_gazing`: which there are, on which axes, with which words, whatever was swept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep.families.backward_gazing import measured_variables
+from heliosweep.families.backward_gazing.report import MOST_FIGURES, figures
+from heliosweep.report.comparison import Comparison, told
+from heliosweep.report.style import image
+from tests.families.backward_gazing import report_results as results
+
+PROFILES = {"sun_profile": ["jose", "noisy"]}
+SUNS = {"sun_azimuth": [60.0, 0.0, 30.0]}
+NOISES = {"camera_noise": [0.001, 0.01, 0.1]}
+SEEDS = {"profile_seed": np.arange(5)}
+
+
+def published(dataset, end=""):
+    """The same with numbers that were published."""
+    places = {"method": "A", "module": "2", "sun_profile": "noisy", "referential": "none"}
+    one = Comparison(f"relative_error_x{end}", places, 13.0, 14.6, 1.0, "percent", 1)
+    return told(dataset, [one])
+
+
+def nothing(dataset):
+    """The same without a value."""
+    missing = {name: array * np.nan for name, array in dataset.data_vars.items() if array.dtype == float}
+    return dataset.assign(missing).assign_attrs(dataset.attrs)
+
+
+def shuffled(dataset):
+    """The same with every dimension's order turned around."""
+    return dataset.isel({dim: slice(None, None, -1) for dim in dataset.dims})
+
+
+def measured(**others):
+    """Result of the mode `measured`."""
+    dataset = results.result(entries=measured_variables.MEASURED, maps=True, mode="measured", defects={}, **others)
+    unlit = (dataset["y"] > 2) & (dataset["mask"] > 0)
+    dataset["mask"] = xr.where(unlit, 2, dataset["mask"]).astype(np.int8)
+    return dataset
+
+
+def zipped():
+    """Azimuth and elevation of the sun tied together."""
+    dataset = results.result({**SUNS, **SEEDS})
+    return dataset.assign_coords(sun_elevation=("sun_azimuth", [40.0, 50.0, 60.0]))
+
+
+CASES = {
+    "maps": lambda: results.result(PROFILES, maps=True),
+    "maps of seeds": lambda: results.result({**PROFILES, **SEEDS}, maps=True),
+    "one module, one method": lambda: results.result(methods=["LM"], referentials=["none"], maps=True, modules=1),
+    "one method over suns": lambda: results.result(SUNS, methods=["A"], referentials=["exact"]),
+    "table": lambda: published(results.result({**PROFILES, **SEEDS}), "_median"),
+    "table of one profile": lambda: published(results.result()),
+    "suns": lambda: results.result({**PROFILES, **SUNS}),
+    "suns, shuffled": lambda: shuffled(results.result({**PROFILES, **SUNS, **SEEDS}, maps=True)),
+    "noises": lambda: results.result({**NOISES, "camera_seed": np.arange(3)}, methods=["A", "LM"]),
+    "two numbers": lambda: results.result({**NOISES, "camera_radius": [0.1, 0.2], "arrangement": ["square", "cross"]}),
+    "tied": zipped,
+    "many modules": lambda: results.result({**PROFILES, **SEEDS}, defects={}),
+    "bare": lambda: results.result(maps=True).drop_vars(["module", "method", "referential", "module_y", "camera"]),
+    "nothing": lambda: nothing(results.result({**PROFILES, **SUNS, **SEEDS}, maps=True)),
+    "measured": measured,
+    "measured by one method": lambda: measured(methods=["LM"], referentials=["exact"]),
+    "measured, nothing": lambda: nothing(measured()),
+    "field": results.field,
+    "field at one hour": lambda: results.field(hours=(12,), count=1),
+    "field over latitudes": lambda: results.field(count=30, sweep={"latitude": [10.0, 37.4, 50.0]}),
+    "field without slopes": lambda: nothing(results.field(count=20)),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    found = {named.name: named for named in figures(CASES[request.param]())}
+    assert all(image(named.figure).startswith(b"\x89PNG") for named in found.values())
+    return found
+
+
+def drawn(dataset):
+    return {named.name: named for named in figures(dataset)}
+
+
+def test_axes_say_what_they_are_in_which_unit(case):
+    assert len(case) <= MOST_FIGURES
+    for named in case.values():
+        assert named.caption.endswith(".")
+        assert "  " not in named.caption
+        for axes in named.figure.axes:
+            for axis in (axes.xaxis, axes.yaxis):
+                numbers = [text.get_text() for text in axis.get_ticklabels() if text.get_visible() and text.get_text()]
+                label = axis.get_label_text()
+                assert not label or label.endswith(")") or label in ("method", "module"), named.name
+                if not numbers or axes.get_label() == "<colorbar>":
+                    continue
+                labels = [label, *(other.get_ylabel() for other in named.figure.axes)]
+                labels += [other.get_xlabel() for other in named.figure.axes]
+                assert any(label.endswith(")") for label in labels), named.name
+
+
+def test_nothing_is_cut_off(case):
+    for named in case.values():
+        box = named.figure.get_tightbbox()
+        width, height = named.figure.get_size_inches()
+        assert box.x0 >= -1e-9, named.name
+        assert box.y0 >= -1e-9, named.name
+        assert box.x1 <= width + 1e-9, named.name
+        assert box.y1 <= height + 1e-9, named.name
+        assert height <= 10, named.name
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("maps", "images slope_maps slope_errors quality errors canting"),
+        ("one module, one method", "images slope_maps slope_errors quality errors canting"),
+        ("table", "errors canting"),
+        ("suns", "errors canting errors_over_sun_azimuth rms_errors_over_sun_azimuth sight_over_sun_azimuth"),
+        ("many modules", "errors_jose errors_noisy canting"),
+        ("nothing", "quality"),
+        ("measured", "images slope_maps slope_uncertainty residuals which_pixels_count quality canting"),
+        ("measured, nothing", "which_pixels_count quality"),
+        ("field", "accuracy_map usable_map accuracy_over_distance"),
+        ("field without slopes", ""),
+    ],
+)
+def test_figures_follow_what_the_result_holds(name, expected):
+    assert [named.name for named in figures(CASES[name]())] == expected.split()
+
+
+def test_maps_of_two_numbers_and_curves_over_each():
+    found = drawn(CASES["two numbers"]())
+    assert "accuracy_over_camera_noise_and_camera_radius" in found
+    titles = [axes.get_title() for axes in found["errors_over_camera_radius"].figure.axes]
+    assert titles == [f"{one}, {way}" for one in ("square", "cross") for way in ("horizontal", "vertical")]
+    assert found["errors_over_camera_noise"].figure.axes[0].get_xscale() == "log"
+
+
+def test_slopes_of_all_methods_have_one_scale_and_stand_in_their_column():
+    dataset = CASES["maps"]()
+    figure = drawn(dataset)["slope_maps"].figure
+    pictures = figure.axes[:-1]
+    assert len(pictures) == 4 * 4
+    assert [axes.get_title() for axes in pictures[:5]] == ["A, none", "O1, none", "O2", "LM", ""]
+    assert len({axes.images[0].get_clim() for axes in pictures}) == 1
+    here = dataset["slope_y"].isel(sun_profile=1, method=3, referential=0)
+    np.testing.assert_array_equal(np.ma.filled(pictures[15].images[0].get_array(), np.nan), here)
+    errors = drawn(dataset)["slope_errors"].figure.axes[0].images[0].get_array()
+    here = dataset.isel(sun_profile=0, method=0, referential=0)
+    np.testing.assert_array_equal(np.ma.filled(errors, np.nan), here["slope_x"] - here["true_slope_x"])
+
+
+def test_error_bars_reach_from_5_to_95_percent_about_the_median_and_published_numbers_are_marked():
+    dataset = CASES["table"]()
+    named = drawn(dataset)["errors"]
+    assert [axes.get_title() for axes in named.figure.axes] == ["jose, module 2", "noisy, module 2", "", ""]
+    lines = [np.asarray(line.get_ydata()) for line in named.figure.axes[1].get_lines()]
+    here = dataset.sel({"sun_profile": "noisy", "module": 2, "method": "A", "referential": "none"})
+    ends = [float(here["relative_error_x_low"]), float(here["relative_error_x_high"])]
+    assert any(y.size == 2 and np.allclose(y, ends) for y in lines)
+    assert any(y.size == 1 and np.allclose(y, here["relative_error_x_median"]) for y in lines)
+    black = [line for axes in named.figure.axes for line in axes.get_lines() if line.get_color() == "black"]
+    assert [list(np.asarray(line.get_ydata())) for line in black] == [[14.6, 14.6]]
+    assert "median over 5 seeds" in named.caption
+    assert "Black: published." in named.caption
+    assert "published" not in drawn(results.result({**PROFILES, **SEEDS}))["errors"].caption
+
+
+def test_curves_have_the_colour_of_the_method_and_the_dashes_of_the_referential():
+    dataset = CASES["suns"]()
+    figure = drawn(dataset)["errors_over_sun_azimuth"].figure
+    lines = {line.get_label(): line for line in figure.axes[0].get_lines()}
+    assert list(lines) == [f"{m}, {r}" for m in ("A", "O1") for r in results.REFERENTIALS] + ["O2", "LM"]
+    assert lines["A, none"].get_color() == lines["A, exact"].get_color() != lines["O2"].get_color()
+    assert lines["A, none"].get_linestyle() == lines["LM"].get_linestyle() != lines["A, roll"].get_linestyle()
+    np.testing.assert_array_equal(lines["A, none"].get_xdata(), [0.0, 30.0, 60.0])
+    here = dataset["relative_error_x"].isel(sun_profile=0).sel({"method": "A", "referential": "none", "module": 2})
+    np.testing.assert_allclose(lines["A, none"].get_ydata(), here.sortby("sun_azimuth"))
+
+
+def test_scatter_is_that_of_all_seeds_beside_the_bound():
+    dataset = CASES["noises"]()
+    named = drawn(dataset)["rms_errors_over_camera_noise"]
+    lines = {line.get_label(): line.get_ydata() for line in named.figure.axes[0].get_lines()}
+    here = dataset.sel({"method": "LM", "referential": "none", "module": 2})
+    np.testing.assert_allclose(lines["LM"], np.sqrt((here["slope_rms_x"] ** 2).mean("camera_seed")))
+    assert "Cramér-Rao bound" in lines
+    assert "Over 3 seeds." in named.caption
+
+
+def test_canting_is_told_less_the_entered_one_with_95_percent_intervals():
+    dataset = results.result(methods=["LM"], referentials=["exact"])
+    figure = drawn(dataset)["canting"].figure
+    lines = [line for line in figure.axes[1].get_lines() if len(line.get_xdata()) == 2]
+    bars = np.array([line.get_ydata() for line in lines if line.get_marker() == "_"])
+    true = np.array([0, -1, 1, 0, 0, 0, 0, 0])
+    one = dataset.isel(method=0, referential=0)
+    np.testing.assert_allclose(bars.mean(axis=1), one["canting_y"] - true, atol=1e-15)
+    np.testing.assert_allclose(np.ptp(bars, axis=1) / 2, 1.959964 * one["canting_y_standard_error"], rtol=1e-6)
+    assert figure.axes[1].get_ylabel().startswith("error of vertical")
+    assert drawn(measured())["canting"].figure.axes[1].get_ylabel().startswith("vertical")
+
+
+def test_field_maps_show_the_larger_direction_of_every_heliostat():
+    dataset = results.field()
+    figure = drawn(dataset)["accuracy_map"].figure
+    (squares,) = figure.axes[1].collections
+    here = dataset.sel({"hour": 12, "method": "LM", "referential": "exact"})
+    np.testing.assert_array_equal(squares.get_array(), np.maximum(here["slope_rms_x"], here["slope_rms_y"]))
+
+
+def test_captions_say_where_the_rest_stands():
+    dataset = results.result({**SUNS, **NOISES}).assign_coords(camera_radius=0.24)
+    dataset["camera_radius"].attrs["units"] = "m"
+    caption = drawn(dataset)["errors_over_sun_azimuth"].caption
+    assert "noise of the cameras 0.01 (one of 3)" in caption
+    assert "radius of the cameras 0.24 m" in caption
+
+
+def test_values_are_read_only_where_they_are_drawn():
+    dataset = results.result(SUNS, methods=["LM"], modules=2, maps=True)
+    lazy = dataset.chunk({"module": 1})
+    assert list(drawn(lazy)) == list(drawn(dataset))
+    assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())
+
+
+@pytest.mark.parametrize("make", [results.result, measured, results.field])
+def test_missing_variables_leave_figures_out(make):
+    small = {"count": 9} if make is results.field else {"methods": ["LM"], "modules": 1, "pixel": 0.6}
+    dataset = make(**small)
+    every, names = set(drawn(dataset)), list(map(str, dataset.data_vars))
+    for start in range(9):
+        assert set(drawn(dataset.drop_vars(names[start::9]))) <= every
+    assert not drawn(xr.Dataset())
