@@ -67,5 +67,5 @@ def test_merit_of_the_twin():
     layout, rng = twin.paper_scene(), np.random.default_rng(2)
     place, slopes = rng.uniform(-3.0, 3.0, (2, 50)), rng.normal(0.0, 2e-4, (2, 50))
     images = rng.uniform(0.8, 1.0, (4, 50))
-    expected = np.sum((twin.modelled(layout, *place, slopes) - images) ** 2, axis=0)
+    expected = np.sum((twin.modelled(layout, place[0], place[1], slopes) - images) ** 2, axis=0)
     np.testing.assert_allclose(merits(False, layout, jose(), images, place, 0.3, False, slopes), expected, rtol=1e-10)

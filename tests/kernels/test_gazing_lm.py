@@ -15,6 +15,7 @@ from heliosweep.kernels.sun_tables import noisy, scaled, smoothed
 from tests.kernels import gazing_twin as twin
 
 LAYOUT = twin.paper_scene()
+SUN, TARGET = (np.radians(30.0), np.radians(60.0)), (0.0, np.radians(44.0))
 FLAT = np.zeros((8, 2))
 
 
@@ -238,16 +239,14 @@ def test_company_changes_no_bit(profile):
     some = np.random.default_rng(0).permutation(len(grid.pixel_y))[:37]
     part = fit_slopes(LAYOUT, profile, images[:, some], grid.pixel_y[some], grid.pixel_z[some], first[:, some])
     for one, other in zip(part, whole, strict=True):
-        np.testing.assert_array_equal(one, other[..., some])
+        np.testing.assert_array_equal(one, np.asarray(other)[..., some])
 
 
 def test_three_and_five_cameras():
     grid = twin.paper_grid(0.2)
     for cameras in (3, 5):
         turn = 2.0 * np.pi * np.arange(cameras) / cameras
-        layout = scene(
-            np.radians((30.0, 60.0)), np.radians((0.0, 44.0)), 0.24 * np.stack((np.cos(turn), np.sin(turn)), axis=1)
-        )
+        layout = scene(SUN, TARGET, 0.24 * np.stack((np.cos(turn), np.sin(turn)), axis=1))
         images, true = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 0.5 * twin.paper_canting()))
         found = fit_slopes(layout, jose(), images, grid.pixel_y, grid.pixel_z, np.zeros_like(true))
         assert np.max(np.abs(found.slopes - true)) < 1e-6
@@ -260,7 +259,7 @@ def test_dark_camera_counts_for_nothing(fit_gain):
     images = expose(pictures(grid, jose(), 0.5 * twin.paper_canting())[0], noise=0.003, seed=2)
     images[1] = 0.29
     found = fitted(grid, images, jose(), fit_gain=fit_gain)
-    three = scene(np.radians((30.0, 60.0)), np.radians((0.0, 44.0)), places[[0, 2, 3]])
+    three = scene(SUN, TARGET, places[[0, 2, 3]])
     first = start(grid, images, jose())
     alone = fit_slopes(three, jose(), images[[0, 2, 3]], grid.pixel_y, grid.pixel_z, first, fit_gain=fit_gain)
     np.testing.assert_allclose(found.slopes, alone.slopes, atol=1e-12)

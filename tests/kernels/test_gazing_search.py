@@ -67,7 +67,7 @@ def test_steps_of_scipy(name, wavefront, fit_gain):
     found = (
         search_wavefronts(LAYOUT, profile, images, start, **more)
         if wavefront
-        else search_slopes(LAYOUT, profile, images, *place, start, **more)
+        else search_slopes(LAYOUT, profile, images, place[0], place[1], start, **more)
     )
     for k in range(len(some)):
         one, where = images[:, k : k + 1].copy(), place[:, k : k + 1].copy()
