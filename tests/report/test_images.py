@@ -7,17 +7,8 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
-from heliosweep.report.images import (
-    Ground,
-    Kinds,
-    Outline,
-    Picture,
-    Row,
-    Shades,
-    about_zero,
-    from_zero,
-    picture_figure,
-)
+from heliosweep.report.images import Ground, Outline, Picture, Row, picture_figure
+from heliosweep.report.shades import Kinds, Shades, about_zero, from_zero, within
 from heliosweep.report.style import NO_VALUE, image
 
 SHAPES = {"square": (7.0, 7.0), "tall": (1.0, 9.0), "flat": (15.0, 0.5), "single pixel": (0.05, 0.05)}
@@ -48,7 +39,7 @@ def test_metres_are_equal_and_nothing_is_cut_off(shape, rows, columns):
     plane = ground(*SHAPES[shape])
     line = Row([Picture(values(plane), "LM")] * columns, "noisy\nhorizontal")
     pictures = list(line.pictures)
-    figure = picture_figure([line] * rows, plane, about_zero("slope (mrad)", pictures))
+    figure = picture_figure([line] * rows, plane, about_zero("slope (mrad)", [one.values for one in pictures]))
     assert len(figure.axes) == rows * columns + 1
     width, height = figure.get_size_inches()
     for axes in figure.axes[:-1]:
@@ -62,20 +53,28 @@ def test_metres_are_equal_and_nothing_is_cut_off(shape, rows, columns):
 def test_all_pictures_have_one_scale_about_zero():
     plane = ground()
     pictures = [Picture(values(plane, scale)) for scale in (0.1, -0.1)]
-    shades = about_zero("slope (mrad)", pictures)
+    shades = about_zero("slope (mrad)", [one.values for one in pictures])
     assert shades.low == -shades.high
     assert 1.0 <= shades.high <= 1.05
     figure = picture_figure([Row(pictures)], plane, shades)
     assert {axes.images[0].get_clim() for axes in figure.axes[:2]} == {(shades.low, shades.high)}
     assert figure.axes[-1].get_xlabel() == "slope (mrad)"
-    assert from_zero("error (mrad)", pictures).low == 0.0
+    assert from_zero("error (mrad)", [one.values for one in pictures]).low == 0.0
+
+
+def test_a_scale_within_the_values_is_rounded_outwards():
+    shades = within("brightness (1)", [np.linspace(0.613, 0.998, 1000)])
+    assert (shades.low, shades.high) == pytest.approx((0.6, 1.0))
+    same = within("brightness (1)", [np.full(9, 0.7)])
+    assert same.low <= 0.7 <= same.high
+    assert same.low < same.high
 
 
 def test_wild_values_do_not_stretch_the_scale_and_the_bar_points_to_them():
     plane = ground()
     spread = values(plane)
     spread[0, 0] = 1e6
-    shades = from_zero("error (mrad)", [Picture(spread)])
+    shades = from_zero("error (mrad)", [spread])
     assert shades.high < 12
     bars = {}
     for name, high in (("within", 2e6), ("beyond", shades.high)):
@@ -102,7 +101,8 @@ def test_pixels_lie_where_they_are_whichever_way_the_sides_run():
 def test_no_value_is_grey_also_everywhere():
     plane = ground()
     nothing = np.full((plane.y.size, plane.x.size), np.nan)
-    for shades in (about_zero("slope (mrad)", [Picture(nothing)]), from_zero("slope (mrad)", [Picture(nothing)])):
+    for scale in (about_zero, from_zero, within):
+        shades = scale("slope (mrad)", [nothing])
         figure = picture_figure([Row([Picture(nothing)])], plane, shades)
         drawn = figure.axes[0].images[0]
         assert np.ma.getmaskarray(np.ma.asarray(drawn.get_array())).all()

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +16,8 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from heliosweep.report.style import DIFFERENCES, NO_VALUE, PAGE_WIDTH, VALUES, new_figure, styled
-
-#: Part of the values that a colour scale holds; single wild ones have the colour of its end.
-HELD = 0.995
+from heliosweep.report.shades import Kinds, Shades
+from heliosweep.report.style import NO_VALUE, PAGE_WIDTH, new_figure, styled
 
 #: Height over width that the frame of a picture may have; a longer mirror gets empty room beside it.
 _ASPECTS = (0.4, 1.6)
@@ -129,70 +126,6 @@ class Row:
 
     pictures: Sequence[Picture]
     name: str = ""
-
-
-@dataclass(frozen=True)
-class Shades:
-    """Colours that follow a number.
-
-    Parameters
-    ----------
-    label : str
-        Of the colour bar, with the unit.
-    low, high : float
-        Ends; values beyond have the colour of the end.
-    palette : str
-        Name of the colour map.
-    """
-
-    label: str
-    low: float
-    high: float
-    palette: str = VALUES
-
-
-@dataclass(frozen=True)
-class Kinds:
-    """Colours that stand for words.
-
-    Parameters
-    ----------
-    looks : mapping of int to (word, colour)
-        By the value; all other values are grey.
-    """
-
-    looks: Mapping[int, tuple[str, str]]
-
-
-def about_zero(label: str, pictures: Sequence[Picture], least: float = 1e-12) -> Shades:
-    """Scale that is symmetric about zero, for slopes and differences."""
-    values = np.concatenate([one.values[np.isfinite(one.values)] for one in pictures])
-    end = _rounded(float(np.quantile(np.abs(values), HELD)) if values.size else 1.0, least)
-    return Shades(label, -end, end, DIFFERENCES)
-
-
-def from_zero(label: str, pictures: Sequence[Picture], least: float = 1e-12, palette: str = VALUES) -> Shades:
-    """Scale from zero upwards."""
-    values = np.concatenate([one.values[np.isfinite(one.values)] for one in pictures])
-    return Shades(label, 0.0, _rounded(float(np.quantile(values, HELD)) if values.size else 1.0, least), palette)
-
-
-def within(label: str, pictures: Sequence[Picture], palette: str = VALUES) -> Shades:
-    """Scale from the least to the largest value but for single wild ones, rounded outwards."""
-    values = np.concatenate([one.values[np.isfinite(one.values)] for one in pictures])
-    if not values.size:
-        return Shades(label, 0.0, 1.0, palette)
-    low, high = (float(end) for end in np.quantile(values, [1 - HELD, HELD]))
-    step = 10.0 ** math.floor(math.log10(max(high - low, 1e-3 * abs(high), 1e-12))) / 2
-    low, high = math.floor(low / step + 1e-6) * step, math.ceil(high / step - 1e-6) * step
-    return Shades(label, low, max(high, low + step), palette)
-
-
-def _rounded(end: float, least: float) -> float:
-    """End of a scale, rounded up to a quarter of its decade at most."""
-    end = max(end, least)
-    step = 10.0 ** math.floor(math.log10(end)) / 4
-    return math.ceil(end / step - 1e-6) * step
 
 
 @styled

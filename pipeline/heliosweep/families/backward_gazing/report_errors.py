@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import report_views as views
+from heliosweep.families.backward_gazing import report_words as wording
 from heliosweep.families.backward_gazing.report_views import DIRECTIONS, METHOD, MODULE, PROFILE, REFERENTIAL, at, needs
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report.comparison import Comparison, published_in
@@ -79,7 +80,7 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         caption = (
             "Mean error of the slopes of a module, less what the same method finds on the ideal heliostat, by method "
             f"and referential.{bars}{published}{low}"
-            f"{views.note(result, stands, (MODULE, modules), (views.sort_of(result, str(array.name)), profiles))}"
+            f"{wording.note(result, stands, (MODULE, modules), (views.sort_of(result, str(array.name)), profiles))}"
         )
         around = Around("method", "published", "referential", _LOOKS)
         name = "errors" if together or not part[0][0] else f"errors_{part[0][0].replace(' ', '_')}"

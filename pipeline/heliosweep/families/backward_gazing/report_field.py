@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import report_views as views
+from heliosweep.families.backward_gazing import report_words as wording
 from heliosweep.families.backward_gazing.report_views import DIRECTIONS, HELIOSTAT, HOUR, METHOD, REFERENTIAL, at, needs
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report import maps
@@ -116,7 +117,7 @@ def _over_distance(result: xr.Dataset) -> Iterator[NamedFigure]:
     words = Words("distance from the target (m)", "rms error (mrad)", silent=("",))
     caption = (
         "Root mean square error of the slopes of each heliostat, larger direction, against its distance from the "
-        f"target, by each method.{views.note(result, stands, (HOUR, hours))}"
+        f"target, by each method.{wording.note(result, stands, (HOUR, hours))}"
     )
     figure = plane_figure(planes, looks, words=words, scale=scale, columns=len(planes) if len(planes) <= 3 else 2)
     yield NamedFigure("accuracy_over_distance", caption, figure)
@@ -144,7 +145,7 @@ def _figure(
     rows = [drawn[start : start + wide] for start in range(0, len(drawn), wide)]
     caption = (
         f"{said} Squares: heliostats, not to scale; triangle: tower.{grey}{more}"
-        f"{views.note(result, stands, (HOUR, hours))}"
+        f"{wording.note(result, stands, (HOUR, hours))}"
     )
     yield NamedFigure(name, caption, maps.map_figure(rows, scale, label, VALUES))
 

@@ -8,10 +8,12 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import report_views as views
+from heliosweep.families.backward_gazing import report_words as wording
 from heliosweep.families.backward_gazing.report_views import CAMERA, DIRECTIONS, METHOD, REFERENTIAL, at, needs
 from heliosweep.families.registry import NamedFigure
-from heliosweep.report.images import Kinds, Picture, Row, about_zero, from_zero, picture_figure, within
+from heliosweep.report.images import Picture, Row, picture_figure
 from heliosweep.report.labels import MINUS, number_text
+from heliosweep.report.shades import Kinds, about_zero, from_zero, within
 
 #: Pictures beside each other.
 COLUMNS = 4
@@ -71,10 +73,10 @@ def _images(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     abreast = 2 if len(pictures) > 1 else 1
     rows = [Row(pictures[start : start + abreast]) for start in range(0, len(pictures), abreast)]
-    colours = within("brightness relative to the centre of the sun (1)", pictures, palette=_BRIGHTNESS)
+    colours = within("brightness relative to the centre of the sun (1)", _maps(pictures), palette=_BRIGHTNESS)
     caption = (
         f"The sun in the mirror as each camera sees it, on the grid of the mirror, {_SEEN}; the numbers are those of "
-        f"the modules.{views.note(result, stands, (CAMERA, cameras))}"
+        f"the modules.{wording.note(result, stands, (CAMERA, cameras))}"
     )
     yield NamedFigure("images", caption, picture_figure(rows, plane, colours))
 
@@ -126,10 +128,10 @@ def _residual(result: xr.Dataset) -> Iterator[NamedFigure]:
     pictures = [Picture(100 * _map(result["residual_rms"], stands, way.point), way.name) for way in ways]
     if not _known(pictures):
         return
-    colours = from_zero("residual (% of the brightness of the sun's centre)", pictures)
+    colours = from_zero("residual (% of the brightness of the sun's centre)", _maps(pictures))
     caption = (
         "Root mean square over the lit cameras of the brightness seen less that of the slopes found, by each method, "
-        f"{_SEEN}.{_grey([Row(pictures)])}{views.note(result, stands)}"
+        f"{_SEEN}.{_grey([Row(pictures)])}{wording.note(result, stands)}"
     )
     rows = [Row(pictures[start : start + COLUMNS]) for start in range(0, len(pictures), COLUMNS)]
     yield NamedFigure("residuals", caption, picture_figure(rows, plane, colours))
@@ -163,7 +165,7 @@ def _pixels(result: xr.Dataset) -> Iterator[NamedFigure]:
             )
     for name, kinds, pictures, said in drawn:
         if _known(pictures):
-            caption = f"{said}, {_SEEN}.{views.note(result, stands)}"
+            caption = f"{said}, {_SEEN}.{wording.note(result, stands)}"
             yield NamedFigure(name, caption, picture_figure([Row(pictures)], plane, kinds))
 
 
@@ -205,10 +207,10 @@ def _by_method(
             Row([Picture(*one) for one in zip(firsts[i : i + 2], words, strict=True)], profiles[i // 2][0])
             for i in range(0, len(firsts), 2)
         ]
-    colours = about_zero(label, [one for row in drawn for one in row.pictures])
+    colours = about_zero(label, [one.values for row in drawn for one in row.pictures])
     referential = _referential(result, ways)
     method = f" Method {ways[0].name}." if single and ways[0].name else ""
-    note = views.note(result, stands, (views.sort_of(result, "slope_x"), profiles))
+    note = wording.note(result, stands, (views.sort_of(result, "slope_x"), profiles))
     caption = f"{said}{method}{referential}{_grey(drawn)}{note}"
     yield NamedFigure(name, caption, picture_figure(drawn, plane, colours))
 
@@ -228,8 +230,8 @@ def _single(
     pictures = [one for row in drawn for one in row.pictures]
     if plane is None or not _known(pictures):
         return
-    caption = f"{said}, {_SEEN}.{_grey(drawn)}{views.note(result, stands)}"
-    yield NamedFigure(name, caption, picture_figure(drawn, plane, from_zero(label, pictures)))
+    caption = f"{said}, {_SEEN}.{_grey(drawn)}{wording.note(result, stands)}"
+    yield NamedFigure(name, caption, picture_figure(drawn, plane, from_zero(label, _maps(pictures))))
 
 
 def _referential(result: xr.Dataset, ways: Sequence[views.Way]) -> str:
@@ -257,6 +259,10 @@ def _map(array: xr.DataArray, *points: dict[str, int]) -> np.ndarray:
 
 def _plane(array: xr.DataArray) -> np.ndarray:
     return np.asarray(array.transpose(*_PLANE).to_numpy(), dtype=float)
+
+
+def _maps(pictures: Sequence[Picture]) -> list[np.ndarray]:
+    return [one.values for one in pictures]
 
 
 def _known(pictures: Sequence[Picture]) -> bool:

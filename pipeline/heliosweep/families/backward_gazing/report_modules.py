@@ -9,6 +9,7 @@ import xarray as xr
 from scipy.special import ndtri
 
 from heliosweep.families.backward_gazing import report_views as views
+from heliosweep.families.backward_gazing import report_words as wording
 from heliosweep.families.backward_gazing.report_views import DIRECTIONS, METHOD, MODULE, REFERENTIAL, at, needs
 from heliosweep.families.registry import NamedFigure
 from heliosweep.report.intervals import Around, Beside, Interval, Strip, interval_figure
@@ -73,7 +74,7 @@ def _canting(result: xr.Dataset) -> Iterator[NamedFigure]:
         "Canting: slope at the centre of each module less the pointing of the heliostat, which is the median over the "
         f"modules{less}; bars: 95 % intervals from the scatter of the pixels alone.{single}"
         f"{_whole(result, {**stands, **profiles[0][1], **ways[-1].point}, ways[-1].name)}"
-        f"{views.note(result, stands, (views.sort_of(result, 'canting_x'), profiles), (MODULE, list(places)))}"
+        f"{wording.note(result, stands, (views.sort_of(result, 'canting_x'), profiles), (MODULE, list(places)))}"
     )
     colours = {way.name: str(way.look["color"]) for way in ways}
     if len(ways) == 1:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import report_views as views
+from heliosweep.families.backward_gazing import report_words as wording
 from heliosweep.families.backward_gazing.report_errors import FLOOR, middle, percent
 from heliosweep.families.backward_gazing.report_views import (
     DIRECTIONS,
@@ -104,12 +105,12 @@ def _relative_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
         lines_are = " Lines: median over the seeds" + (", bands: 5 to 95 %." if panels[0].bands else ".")
         caption = (
             f"Mean error of the slopes of {module[0] or 'the module'} against the "
-            f"{views.title(result, run)}, by method and referential.{lines_are if end_of else ''}{floor}"
-            f"{views.note(result, stands, (views.sort_of(result, name), profiles))}"
+            f"{wording.title(result, run)}, by method and referential.{lines_are if end_of else ''}{floor}"
+            f"{wording.note(result, stands, (views.sort_of(result, name), profiles))}"
         )
         figure = curve_figure(
             panels,
-            views.label(result, run),
+            wording.label(result, run),
             latitude=is_latitude(result[run]),
             logarithmic=_is_logarithmic(x),
             logarithmic_values=logarithmic,
@@ -148,13 +149,13 @@ def _rms_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
             continue
         caption = (
             f"Root mean square error of the slopes of the pixels of {module[0] or 'the module'} against the "
-            f"{views.title(result, run)}; bound: least standard deviation that noise and levels of the cameras leave."
+            f"{wording.title(result, run)}; bound: least standard deviation that noise and levels of the cameras leave."
             f"{_over_seeds(result, name)}"
-            f"{views.note(result, stands)}"
+            f"{wording.note(result, stands)}"
         )
         figure = curve_figure(
             panels,
-            views.label(result, run),
+            wording.label(result, run),
             logarithmic=_is_logarithmic(x),
             logarithmic_values=_many_decades(panels, ROUNDING),
             same_scale=True,
@@ -188,10 +189,10 @@ def _sight(result: xr.Dataset) -> Iterator[NamedFigure]:
             continue
         caption = (
             "Part of the pixels of a module that have slopes, and part of the cameras that see the sun in it, "
-            f"against the {views.title(result, run)}.{views.note(result, stands, (MODULE, shown))}"
+            f"against the {wording.title(result, run)}.{wording.note(result, stands, (MODULE, shown))}"
         )
         figure = curve_figure(
-            panels, views.label(result, run), logarithmic=_is_logarithmic(x), same_scale=True, least_span=5.0
+            panels, wording.label(result, run), logarithmic=_is_logarithmic(x), same_scale=True, least_span=5.0
         )
         yield NamedFigure(f"sight_over_{run}", caption, figure)
 
@@ -226,12 +227,12 @@ def _grids(result: xr.Dataset) -> Iterator[NamedFigure]:
     caption = (
         f"Root mean square error of the slopes that {by} {module[0] or 'the module'}"
         f"{', and part of its pixels that have slopes. Grey: none' if seen else ''}.{_over_seeds(result, name)}"
-        f"{views.note(result, stands)}"
+        f"{wording.note(result, stands)}"
     )
     sides = []
     for dim in (across, up):
         values = result[dim].to_numpy()[orders[dim]].astype(float)
-        sides.append(Side(views.short_label(result, dim), values, logarithmic=_is_logarithmic(values)))
+        sides.append(Side(wording.short_label(result, dim), values, logarithmic=_is_logarithmic(values)))
     yield NamedFigure(f"accuracy_over_{across}_and_{up}", caption, grid_figure(grids, *sides))
 
 
