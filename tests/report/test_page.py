@@ -6,9 +6,12 @@ import json
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import xarray as xr
 
 from heliosweep.errors import StudyError
+from heliosweep.families.registry import Table
 from heliosweep.report import sections
 from heliosweep.report.comparison import Comparison
 from heliosweep.report.html import element, html, linked
@@ -193,3 +196,35 @@ def test_columns_of_numbers_keep_their_names_beside_a_coordinate_of_the_same_nam
     shown = str(sections.comparison(sections.Compared(values, "a paper"), data))
     assert "tolerance" in shown
     assert "mrad" not in shown
+
+
+def test_remarks_of_the_run_stand_before_the_results(folder):
+    assert "Please note" not in Page(write_report(folder).read_text(encoding="utf-8")).text
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "remarks": [f"2 of 3 {EVIL}"]}), encoding="utf-8")
+    page = Page(write_report(folder).read_text(encoding="utf-8"))
+    assert page.all("script") == []
+    assert page.text.index("Please note") < page.text.index(f"2 of 3 {EVIL}") < page.text.index("Results")
+    assert {"class": "remarks", "role": "note"} in page.all("aside")
+
+
+def test_flags_are_said_in_words_and_points_by_their_names():
+    flags = {"flag_values": np.array([0, 2], np.int8), "flag_meanings": "well_known hardly_known"}
+    data = xr.Dataset(
+        {"status": ("heliostat", np.array([2, 0, 7], np.int8), flags)},
+        {"heliostat": [0, 1, 2], "name": ("heliostat", np.array(["A1", "B2", "C3"], object))},
+    )
+    text = Page(sections.headline(data)).text
+    assert all(words in text for words in ("A1hardly known", "B2well known", "C3\N{EN DASH}"))
+
+
+def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole():
+    data = xr.Dataset({"part": ("latitude", [0.1, 0.2])}, {"latitude": [0.0, 1.0], "height": 3.0})
+    table = Table(
+        "Errors", ["mount", f"error {EVIL}"], [["A", "1 \N{PLUS-MINUS SIGN} 2"]], frozenset({0}), ["One note."]
+    )
+    page = Page(sections.results(data, [table]))
+    assert all(words in page.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
+    assert page.all("script") == []
+    assert len(page.all("table")) == 1
+    assert "part" in Page(sections.results(data, [])).text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import pkgutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -68,6 +68,34 @@ class Family(Protocol[StudyT]):
     def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
         """Figures of a finished result, drawn one at a time."""
         ...
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of headline numbers.
+
+    A family that makes such has a method ``tables(result)``, which returns several; without it, the page shows the
+    variables over the dimensions that all have.
+
+    Parameters
+    ----------
+    label : str
+        What the table holds, in few words.
+    header : sequence of str
+        Names of the columns, with the unit in brackets.
+    rows : sequence of sequences of str
+        Cells.
+    words : frozenset of int
+        Columns of text; the others are numbers.
+    notes : sequence of str
+        Sentences below it.
+    """
+
+    label: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: frozenset[int] = frozenset()
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

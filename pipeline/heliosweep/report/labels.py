@@ -6,6 +6,7 @@ import math
 from pathlib import PurePath
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 DEGREE = "\N{DEGREE SIGN}"
@@ -39,6 +40,19 @@ def is_fraction(array: xr.DataArray) -> bool:
     """Whether values are fractions of one, better read in percent."""
     valid = array.attrs.get("valid_range")
     return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
+
+
+def is_flag(array: xr.DataArray) -> bool:
+    """Whether values stand for words."""
+    return "flag_values" in array.attrs and "flag_meanings" in array.attrs
+
+
+def flag_text(array: xr.DataArray, value: float) -> str:
+    """Words that a value of flags stands for; a dash where it stands for none."""
+    words = str(array.attrs["flag_meanings"]).split()
+    flags = [float(flag) for flag in np.atleast_1d(array.attrs["flag_values"])]
+    meanings = dict(zip(flags, words, strict=False))
+    return meanings.get(float(value), NOTHING).replace("_", " ")
 
 
 def is_latitude(array: xr.DataArray) -> bool:

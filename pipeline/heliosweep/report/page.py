@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.config.study import Study
-    from heliosweep.families.registry import NamedFigure
+    from heliosweep.families.registry import Family, NamedFigure, Table
 
 log = logging.getLogger("heliosweep")
 
@@ -64,6 +64,7 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
         raise StudyError(Problem("holds no result.nc; run the study first", file=str(place)))
     with open_result(place) as result:
         compared = _comparison(place, study, result)
+        manifest = _manifest(place)
         marked = comparison.told(result, compared.values) if compared else result
         drawings = list(_draw(place / FIGURES, _figures(marked), vector))
         body = [
@@ -73,11 +74,12 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
                 "\n",
                 join(
                     [
-                        sections.headline(result),
+                        sections.remarks(manifest.get("remarks", ())),
+                        sections.results(result, _tables(result)),
                         sections.comparison(compared, result),
                         sections.figures(drawings),
                         sections.asked(_text(place / "study.resolved.yaml")),
-                        sections.provenance(_manifest(place)),
+                        sections.provenance(manifest),
                         sections.references(result),
                     ],
                     "\n",
@@ -93,10 +95,20 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
 
 def _figures(result: xr.Dataset) -> Iterable[NamedFigure]:
     """Figures that the result's family draws; none where the family is not installed."""
+    family = _family(result)
+    return family.figures(result) if family else ()
+
+
+def _tables(result: xr.Dataset) -> Iterable[Table]:
+    """Tables that the result's family makes of it, if it makes any."""
+    make = getattr(_family(result), "tables", None)
+    return make(result) if make else ()
+
+
+def _family(result: xr.Dataset) -> Family[Any] | None:
     from heliosweep.families.registry import families
 
-    family = families().get(json.loads(result.attrs.get("study", "{}")).get("family"))
-    return family.figures(result) if family else ()
+    return families().get(json.loads(result.attrs.get("study", "{}")).get("family"))
 
 
 def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[sections.Drawing]:

@@ -8,17 +8,33 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.report.comparison import NUMBER_COLUMNS, Comparison, cells, summary
 from heliosweep.report.html import Html, definitions, doi_of, element, join, linked, section, table
-from heliosweep.report.labels import axis_label, coordinate_text, number_text, printed, title_of, unit_of, value_text
+from heliosweep.report.labels import (
+    axis_label,
+    coordinate_text,
+    flag_text,
+    is_flag,
+    number_text,
+    printed,
+    title_of,
+    unit_of,
+    value_text,
+)
+
+if TYPE_CHECKING:
+    from heliosweep.families.registry import Table
 
 #: Rows of the table of headline numbers.
 MOST_ROWS = 60
+
+#: Letters of the head of a column of the comparison.
+LONGEST_HEAD = 18
 
 #: Size on the screen of one inch of a figure. [CSS pixel]
 PIXELS = 144
@@ -71,6 +87,26 @@ def header(result: xr.Dataset, compared: Compared | None) -> Html:
     )
 
 
+def remarks(said: Sequence[str]) -> Html:
+    """What the run warned of."""
+    if not said:
+        return _NONE
+    items = [element("li", text) for text in said]
+    return element(
+        "aside", element("strong", "Please note"), element("ul", "\n", join(items, "\n")), class_="remarks", role="note"
+    )
+
+
+def results(result: xr.Dataset, tables: Iterable[Table]) -> Html:
+    """Tables that the family makes, else the numbers of the whole."""
+    pieces = []
+    for one in tables:
+        pieces += [table(one.header, one.rows, one.label, one.words), *(element("p", note) for note in one.notes)]
+    if not pieces:
+        return headline(result)
+    return section("Results", _shared(result, [""]), *pieces)
+
+
 def headline(result: xr.Dataset) -> Html:
     """Numbers of the whole: the variables over the swept dimensions alone, a row for each point of the sweep."""
     if not result.data_vars:
@@ -83,7 +119,7 @@ def headline(result: xr.Dataset) -> Html:
         return _NONE
     points = int(np.prod([result.sizes[dim] for dim in dims], dtype=np.int64))
     indices = list(itertools.islice(np.ndindex(*(result.sizes[dim] for dim in dims)), MOST_ROWS))
-    columns = [_number_texts(_leading(array.transpose(*dims), indices)) for array in shown]
+    columns = [_texts(array, _leading(array.transpose(*dims), indices)) for array in shown]
     names = [[_at(result, dim, index[i]) for index in indices] for i, dim in enumerate(dims)]
     head = [
         *(_dimension_title(result, dim) for dim in dims),
@@ -93,15 +129,21 @@ def headline(result: xr.Dataset) -> Html:
     classes = [
         "new" if len(dims) > 1 and i and index[:-1] != indices[i - 1][:-1] else "" for i, index in enumerate(indices)
     ]
+    words = [*range(len(dims)), *(len(dims) + i for i, array in enumerate(shown) if is_flag(array))]
     more = f"The first {len(indices)} of {points:,} points; all are in result.nc." if points > len(indices) else ""
     notes = [(str(array.name).replace("_", " "), _described(array)) for array in shown]
     return section(
         "Results",
         _shared(result, dims),
-        table(head, rows, "Results", range(len(dims)), classes),
+        table(head, rows, "Results", words, classes),
         element("p", more) if more else _NONE,
         element("details", element("summary", "What these numbers are"), definitions(notes)),
     )
+
+
+def _texts(array: xr.DataArray, values: np.ndarray) -> list[str]:
+    """Cells of one column: flags in words."""
+    return [flag_text(array, value) for value in values] if is_flag(array) else _number_texts(values)
 
 
 def _number_texts(values: np.ndarray) -> list[str]:
@@ -122,6 +164,9 @@ def _leading(array: xr.DataArray, indices: Sequence[tuple[int, ...]]) -> np.ndar
 
 
 def _at(result: xr.Dataset, dim: str, index: int) -> str:
+    names = result.coords.get("name")
+    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
+        return str(names.to_numpy()[index])
     return value_text(result[dim].isel({dim: index})) if dim in result.coords else str(index + 1)
 
 
@@ -156,9 +201,7 @@ def comparison(compared: Compared | None, result: xr.Dataset) -> Html:
         return _NONE
     head, rows = cells(compared.values)
     end = len(head) - len(NUMBER_COLUMNS)  # of the coordinates; a column of numbers may share its name with one
-    titles = [
-        axis_label(result[name]) if 0 < i < end and name in result.coords else name for i, name in enumerate(head)
-    ]
+    titles = [_column(result, name) if 0 < i < end and name in result.coords else name for i, name in enumerate(head)]
     classes = [
         f"{one.verdict} new" if i and one.quantity != compared.values[i - 1].quantity else one.verdict
         for i, one in enumerate(compared.values)
@@ -177,6 +220,12 @@ def comparison(compared: Compared | None, result: xr.Dataset) -> Html:
             "A number agrees where the difference is within the tolerance.",
         ),
     )
+
+
+def _column(result: xr.Dataset, name: str) -> str:
+    """Head of a column: what a coordinate is called, or its name where that is long and without a unit."""
+    words = axis_label(result[name])
+    return words if len(words) <= LONGEST_HEAD or unit_of(result[name]) else name.replace("_", " ")
 
 
 def _is_number(rows: Sequence[Sequence[str]], column: int) -> bool:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.families.misalignment.config import MisalignmentStudy
-    from heliosweep.families.registry import NamedFigure
+    from heliosweep.families.registry import NamedFigure, Table
     from heliosweep.grid.plan import Workload
 
 
@@ -79,6 +79,12 @@ class Misalignment:
         from heliosweep.families.misalignment import report
 
         return report.figures(result)
+
+    def tables(self, result: xr.Dataset) -> Iterable[Table]:
+        """Errors that a calibration found, and how often drawn mounts hit."""
+        from heliosweep.families.misalignment import report_tables
+
+        return report_tables.tables(result)
 
 
 FAMILY = Misalignment()

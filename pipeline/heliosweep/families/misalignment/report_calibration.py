@@ -45,6 +45,12 @@ _ELLIPSES = {
     "before: 95 % ellipse": Look("#D55E00", (0, (4, 1.4)), width=1.1),
     "after: 95 % ellipse": Look("#0072B2", "-", width=1.1),
 }
+#: What the spots are.
+_MEASURED = (
+    "Before: spots as measured, about the aim point. After: residuals, measured minus the spot that the calibration "
+    "without this spot predicts (leave-one-out), drawn about the aim point; no corrected command was given."
+)
+_SYNTHETIC = "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects."
 _AIM, _EQUAL, _ROOM = "aim", "equal", "room"
 
 
@@ -71,7 +77,7 @@ def _before_after(result: xr.Dataset) -> Iterator[NamedFigure]:
     if HELIOSTAT not in result[name].dims:
         return
     spots = [dim for dim in (*views.DAYS, views.HOUR, "spot") if dim in result[name].dims]
-    stands = {**views.fixed(result, name, HELIOSTAT, *spots), **_best(result, name)}
+    stands = {**views.fixed(result, name, HELIOSTAT, *spots), **best(result, name)}
     above, below = [], []
     shown = views.heliostats(result, name, stands, MOST_HELIOSTATS)
     for one in shown:
@@ -92,9 +98,9 @@ def _before_after(result: xr.Dataset) -> Iterator[NamedFigure]:
     if not above:
         return
     caption = (
-        "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects; "
-        "ellipses of normal distributions with the same mean and covariance hold 95 %. Below: the same after the "
-        f"calibration, enlarged. {wording.seen(result).capitalize()}.{wording.note(result, stands, (HELIOSTAT, shown))}"
+        f"{_MEASURED if 'spot' in spots else _SYNTHETIC} Ellipses: normal distributions with the mean and covariance "
+        "of all spots, outliers among them, hold 95 %. Below: after the calibration, enlarged. "
+        f"{wording.seen(result).capitalize()}.{wording.note(result, stands, (HELIOSTAT, shown))}"
     )
     looks = {**_SPOTS, **_ELLIPSES, _AIM: Look("#000000", "", "+", size=6)}
     figure = plane_figure([*above, *below], looks, words=wording.around(result), columns=len(above))
@@ -109,7 +115,7 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
         return
     run = _run(result)
     many = [dim for dim in (HELIOSTAT, "sample") if dim in array.dims]
-    stands = {**views.fixed(result, "estimated_error", run, PARAMETER, *many), **_best(result, "estimated_error", run)}
+    stands = {**views.fixed(result, "estimated_error", run, PARAMETER, *many), **best(result, "estimated_error", run)}
     series = views.chosen(result, run, MOST_SERIES)
     names = [wording.full(result, run, one[run]) if run else "estimate" for one in series]
     looks = {
@@ -128,7 +134,7 @@ def _recovered(result: xr.Dataset) -> Iterator[NamedFigure]:
             values = found.to_numpy().ravel()
             thin = np.unique(np.linspace(0, values.size - 1, min(values.size, MOST_POINTS)).astype(int))
             tracks.append(Track(true[thin], values[thin], name, half=half[thin]))
-        plane = _against(_parameter(result, index), tracks)
+        plane = _against(parameter_name(result, index), tracks)
         planes += [plane] if plane else []
     if not planes:
         return
@@ -155,7 +161,7 @@ def _knowledge(result: xr.Dataset) -> Iterator[NamedFigure]:
     order = views.ordered(result, run)
     x = result[run].to_numpy()[order].astype(float)
     many = [dim for dim in (HELIOSTAT, "sample") if dim in array.dims]
-    stands = {**views.fixed(result, "standard_error", run, PARAMETER, *many), **_best(result, "standard_error", run)}
+    stands = {**views.fixed(result, "standard_error", run, PARAMETER, *many), **best(result, "standard_error", run)}
     errors = at(array, stands)
     errors = errors.transpose(run, PARAMETER, ...).to_numpy()[order].reshape(x.size, result.sizes[PARAMETER], -1)
     conditions = {}
@@ -166,7 +172,7 @@ def _knowledge(result: xr.Dataset) -> Iterator[NamedFigure]:
         if (condition > 0).any():
             of = f" of {wording.short(result, each, one[each])} parameters" if each else ""
             conditions[f"condition{of}"] = (x, condition)
-    lines = {_parameter(result, i): (x, _median(errors[:, i])) for i in range(errors.shape[1])}
+    lines = {parameter_name(result, i): (x, _median(errors[:, i])) for i in range(errors.shape[1])}
     # Without noise standard errors are nothing but rounding, far below all others.
     least = LEAST_PART * max((np.nanmax(y) for _, y in lines.values() if np.isfinite(y).any()), default=0.0)
     lines = {name: (x, np.where(y > least, y, np.nan)) for name, (x, y) in lines.items() if (y > least).any()}
@@ -195,7 +201,7 @@ def _residual_map(result: xr.Dataset) -> Iterator[NamedFigure]:
     name = "residual_rms"
     if result.sizes.get(HELIOSTAT, 0) < FIELD or HELIOSTAT not in result[name].dims:
         return
-    stands = {**views.fixed(result, name, HELIOSTAT), **_best(result, name)}
+    stands = {**views.fixed(result, name, HELIOSTAT), **best(result, name)}
     values = at(result[name], stands).to_numpy()
     finite = values[np.isfinite(values)]
     if not finite.size:
@@ -247,7 +253,7 @@ def _run(result: xr.Dataset) -> str | None:
     return dims[0] if dims else None
 
 
-def _best(result: xr.Dataset, quantity: str, *shown: str | None) -> Point:
+def best(result: xr.Dataset, quantity: str, *shown: str | None) -> Point:
     """The most days and the most parameters, where they are swept and not shown."""
     return {
         dim: int(np.argmax(result[dim].to_numpy()))
@@ -256,7 +262,8 @@ def _best(result: xr.Dataset, quantity: str, *shown: str | None) -> Point:
     }
 
 
-def _parameter(result: xr.Dataset, index: int) -> str:
+def parameter_name(result: xr.Dataset, index: int) -> str:
+    """What an error is called."""
     if PARAMETER in result.coords:
         name = str(result[PARAMETER].to_numpy()[index])
     elif index < len(views.MOUNT_ERRORS):

@@ -61,7 +61,7 @@ Draw = Callable[[xr.Dataset], Iterable[NamedFigure]]
 
 
 def needs(*names: str) -> Callable[[Draw], Draw]:
-    """Give a figure up where the result lacks a variable, or where no value of the first one is finite."""
+    """Give a figure up where the result lacks a variable, or where a dimension of the first one is empty."""
 
     def decorate(draw: Draw) -> Draw:
         @wraps(draw)

@@ -40,6 +40,9 @@ def heliostat_text(result: xr.Dataset, point: Point) -> str:
     index = point[HELIOSTAT]
     label = result[HELIOSTAT].to_numpy()[index] if HELIOSTAT in result.coords else index
     name = str(label) if isinstance(label, str) else f"heliostat {label}"
+    if "name" in result.coords and result["name"].dtype.kind in "OU":
+        given = at(result["name"], point)
+        name = name if given.ndim else str(given.item())
     parts = [at(result[axis], point) for axis in "xyz" if axis in result.coords]
     if len(parts) == 3 and not any(part.ndim for part in parts):
         where = ", ".join(f"{round(float(part), 1) + 0.0:g}" for part in parts).replace("-", "\N{MINUS SIGN}")
