@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except HeliosweepError as error:
         print(error, file=sys.stderr)
         if isinstance(error, StudyError) and len(error.problems) > 1:
-            print(f"{len(error.problems)} problems found; nothing was written", file=sys.stderr)
+            print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
         # The reader of our output (head, less) went away: not an error of ours.

@@ -5,8 +5,12 @@ Every message names the place (file, line, column, key) and what to do about it;
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+
+#: Last line of a list that is cut.
+_UNLISTED = re.compile(r"and (?:at least )?([\d,]+) more (?:problems|of this kind)")
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,12 @@ class Problem:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part not in ("", None))
         return ": ".join(part for part in (place, self.key, self.message) if part)
 
+    @property
+    def unlisted(self) -> int:
+        """How many problems this one stands for that are not listed; 0 where it is one itself."""
+        found = _UNLISTED.fullmatch(self.message)
+        return int(found.group(1).replace(",", "")) if found else 0
+
 
 class HeliosweepError(Exception):
     """Base class of all errors that heliosweep raises on purpose."""
@@ -50,6 +60,11 @@ class StudyError(HeliosweepError):
     def __init__(self, problems: Problem | Iterable[Problem]) -> None:
         self.problems = (problems,) if isinstance(problems, Problem) else tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+    @property
+    def count(self) -> int:
+        """How many problems were found, with those that are not listed."""
+        return sum(problem.unlisted or 1 for problem in self.problems)
 
     def __reduce__(self) -> tuple[type[StudyError], tuple[tuple[Problem, ...]]]:
         return type(self), (self.problems,)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shlex
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
-from heliosweep.errors import Problem, RunInterrupted, StudyError
+from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.registry import Family, families, study_classes
 
 if TYPE_CHECKING:
@@ -205,7 +206,8 @@ def run(
     RunInterrupted
         Where the run was stopped; no half-written file is left.
     HeliosweepError
-        Where the result cannot be written to its end, as on a full disk, or a worker process ended.
+        Where the result cannot be written to its end, as on a full disk, or a worker process ended; or where the
+        result is complete and its report failed.
 
     Notes
     -----
@@ -231,10 +233,22 @@ def run(
                 from heliosweep.report.page import write_report
 
                 with stages("report"):
-                    write_report(folder, study)
+                    try:
+                        write_report(folder, study)
+                    except HeliosweepError:
+                        raise
+                    except Exception as error:  # drawing must not make hours of computing look lost
+                        log.debug("the report failed", exc_info=True)
+                        raise HeliosweepError(_no_report(folder, error)) from error
     except KeyboardInterrupt:
         raise RunInterrupted(f"interrupted: {_LEFT[stages.current]}; run the same command again") from None
     return Result(folder, stages.seconds)
+
+
+def _no_report(folder: Path, error: Exception) -> str:
+    what = f"{type(error).__name__}: {error}".rstrip(": ")
+    again = shlex.join(["heliosweep", "report", str(folder)])
+    return f"the result is complete, the report failed ({what}); run: {again}"
 
 
 #: What an interruption in each stage leaves behind.

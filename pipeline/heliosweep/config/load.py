@@ -168,10 +168,16 @@ def _file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterato
             yield from _file_names(study_class, value, (*path, position))
 
 
+def _place(problem: Problem) -> tuple[bool, int, int, str]:
+    """Where a problem stands in the list: how many more there are at the end."""
+    return problem.unlisted > 0, problem.line or 0, problem.column or 0, problem.key
+
+
 def _refusal(problems: Iterable[Problem]) -> StudyError:
     """Return the error that lists the problems in the order of the file."""
-    ordered = sorted(problems, key=lambda problem: (problem.line or 0, problem.column or 0, problem.key))
+    ordered = sorted(problems, key=_place)
     if len(ordered) > MAX_PROBLEMS:
-        more = Problem(f"and at least {len(ordered) - MAX_PROBLEMS} more problems", file=ordered[0].file)
+        rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])
+        more = Problem(f"and at least {rest} more problems", file=ordered[0].file)
         ordered = [*ordered[:MAX_PROBLEMS], more]
     return StudyError(ordered)

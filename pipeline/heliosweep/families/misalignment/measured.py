@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -102,7 +103,7 @@ def spot_problems(study: MisalignmentStudy, notes: list[str]) -> Iterator[Proble
     try:
         measured = measured_spots(study)
     except StudyError as error:
-        yield from error.problems
+        yield from (replace(problem, key=problem.key or "calibration.spots") for problem in error.problems)
         return
     assert measured is not None
     counts = np.bincount(measured.heliostat, measured.weight > 0)
