@@ -97,7 +97,8 @@ def twin_spots(settings, source, axis, size, sun, pivots):
         system = np.stack([-ray, np.broadcast_to(face[1], ray.shape), np.broadcast_to(face[2], ray.shape)], axis=-1)
         length, y, z = np.moveaxis(np.linalg.solve(system, (centre - target)[..., np.newaxis])[..., 0], -1, 0)
         status = np.where((length > 0.0) & (np.sum(s * turned_n, axis=-1) > 0.0), REACHES, MISSES)
-        status = np.where((centre - target) @ face[0] <= 0.0, BEHIND_FACE, status)
+        behind = ((centre - target) @ face[0] <= 0.0) | ((pivot - target) @ face[0] <= 0.0)
+        status = np.where(behind, BEHIND_FACE, status)
         status = np.where(np.linalg.norm(target - pivot, axis=-1) <= abs(values.mirror_offset), TOO_NEAR, status)
         status = np.where(s[..., 2] <= 0.0, NO_SUN, status)
         spots[:, p] = np.where(status == REACHES, y, np.nan), np.where(status == REACHES, z, np.nan), status

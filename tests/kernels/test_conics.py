@@ -132,3 +132,23 @@ def test_curves_that_are_no_conics_and_mirrors_without_a_spot():
     assert np.isnan(of(CANTING, ELEVATION, pivot=(30.0, -10.0, 0.0))).all()
     assert np.isnan(of(CANTING, ELEVATION, pivot=(np.nan, 10.0, 0.0))).all()
     assert np.isnan(of(CANTING, ELEVATION, mirror_offset=1e4)).all()
+
+
+def test_first_coefficient_that_is_rounding_divides_nothing():
+    """A sun for which A is 0: beside it the other coefficients would be 1e15."""
+    places = [[[-60.0, 150.0, 0.0]]]
+
+    def of(azimuth):
+        return conics(setting(), [CANTING], [ELEVATION], sun_at(azimuth, 0.6), places)[:6, 0, 0, 0]
+
+    azimuths = np.linspace(1.0, 5.0, 401)
+    inverse = np.array([1.0 / of(azimuth)[2] for azimuth in azimuths])
+    at = np.flatnonzero(inverse[1:] * inverse[:-1] < 0.0)
+    i = at[np.argmin(np.abs(inverse[at]) + np.abs(inverse[at + 1]))]
+    low, high = azimuths[i], azimuths[i + 1]
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if (of(middle)[2] > 0.0) == (inverse[i] > 0.0) else (low, middle)
+    worst = max(np.max(np.abs(of(azimuth)[:3])) for azimuth in (low, high))
+    assert worst < 1e12
+    assert min(np.abs(of(azimuth)[0]) for azimuth in (low, high)) < 1e-12

@@ -189,6 +189,31 @@ def test_blind_cone(samples):
     assert np.max(np.abs(spots[:2])) < 1e-12
 
 
+@pytest.mark.parametrize("samples", [1, 20])
+def test_pivots_behind_the_plane_have_no_spots(samples):
+    """Whichever side of the plane the mirror, half a metre before its pivot, is on: that changes with the sun."""
+    one = setting(face=(0.0, 0.0), axis_offset=0.0)
+    places = np.array([[[100.0, 0.1, 0.0], [100.0, 0.0, 0.0], [100.0, -0.2, 0.0]]])
+    sun = np.array([[[-0.6, 0.0, 0.8], [0.6, 0.0, 0.8], [0.0, 0.6, 0.8], [0.0, -0.6, 0.8]]])
+    spots = mount_spots(one, np.zeros((1, 1, samples, 6)), np.zeros((1, 1, 6)), sun, places)
+    assert {REACHES, BEHIND_FACE} == set(spots[2, 0, 0].ravel())
+    np.testing.assert_array_equal(spots[2, 0, 1:], BEHIND_FACE)
+    assert np.isnan(spots[:2, 0, 1:]).all()
+
+
+@pytest.mark.parametrize("samples", [1, 20])
+def test_mounts_that_never_find_their_aim_are_in_the_blind_cone(samples):
+    """An axis offset, and the normal wanted upright: each turn of the mount moves the mirror. Far is not too near."""
+    one = setting(offset=0.0, axis_offset=0.2, pedestal=0.0, face=(np.pi, 0.0))
+    up = np.array([[[0.0, -np.sqrt(0.5), np.sqrt(0.5)]]])
+    place = np.array([[[0.0, -np.sqrt(0.5) * 200.0, 143.0 - np.sqrt(0.5) * 200.0]]])
+    spots = mount_spots(one, np.zeros((1, 1, samples, 6)), np.zeros((1, 1, 6)), up, place)
+    np.testing.assert_array_equal(spots[2], BLIND_CONE)
+    one = setting(offset=0.0, axis_offset=200.1, pedestal=0.0, face=(np.pi, 0.0))
+    spots = mount_spots(one, np.zeros((1, 1, samples, 6)), np.zeros((1, 1, 6)), up, place)
+    np.testing.assert_array_equal(spots[2], TOO_NEAR)
+
+
 def test_rays_that_miss():
     """Half a turn of the mirror sends the ray away; NaN errors give no spot."""
     actual = np.zeros((1, 1, 3, 6))

@@ -7,6 +7,7 @@ from heliosweep.kernels.mount_spots import mount_spots
 from heliosweep.kernels.percentiles import percentiles_of, ranks_of
 from heliosweep.kernels.receiver import (
     AZIMUTH_ELEVATION,
+    BEHIND_FACE,
     BLIND_CONE,
     NO_SUN,
     REACHES,
@@ -200,3 +201,13 @@ def test_bad_arguments():
             spot_statistics(one, errors(1, 1, 3), known, sun, places, [wrong])
     assert spot_statistics(one, errors(1, 1, 3), known, sun, places, [])["tolerance"].shape == (1, 1, 2, 0, 2)
     assert spot_statistics(one, errors(1, 1, 3), known, suns(0), places)["mean_y"].shape == (1, 1, 0)
+
+
+def test_pivots_behind_the_plane_are_flagged():
+    one = setting(face=(0.0, 0.0), axis_offset=0.0)
+    places = np.array([[[100.0, 100.0, 0.0], [100.0, 0.0, 0.0], [100.0, -0.2, 0.0]]])
+    made = spot_statistics(one, errors(1, 1, 20), np.zeros((1, 1, 6)), np.array([[[0.0, 0.6, 0.8]]]), places)
+    np.testing.assert_array_equal(made["status"][0, :, 0], [REACHES, BEHIND_FACE, BEHIND_FACE])
+    np.testing.assert_array_equal(made["real_fraction"][0, :, 0], [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(made["tolerance"][0, 1:], 0.0)
+    assert np.isnan(made["mean_y"][0, 1:]).all()

@@ -7,7 +7,7 @@ and d. Let psi be the angle between them, h = unit(S + d / D) half way between t
     n = cos(x) h + sin(x) k,   f(x) = sin 2x - rho sin(psi / 2 + x) = 0
 
 (Alhazen's problem with a source at infinity; the fixed point n = unit(S + unit(d - r n)) of Eqs. 16 and 17 of
-Alonso et al. 2019 [1]_). For |rho| < 1 there is one root with |x| < pi / 4, and Newton's steps from x = 0 reach it.
+the paper [1]_). For |rho| < 1 there is one root with |x| < pi / 4, and Newton's steps from x = 0 reach it.
 Sine and cosine of psi / 2 are half the lengths of d / D - S and S + d / D, so that no angle is needed.
 
 References

@@ -27,6 +27,8 @@ __all__ = ["conics"]
 
 _STRAIGHT = 1e-14
 """Cosine |k| of the half angle of a cone that is taken for a plane: smaller ones are rounding. [1]"""
+_ROUNDING = 1e-12
+"""Ratio of A to the larger of B and C up to which A is rounding. [1]"""
 
 Floats = NDArray[np.float64]
 
@@ -38,11 +40,11 @@ def conics(setting: Setting, source: ArrayLike, axis: ArrayLike, sun: ArrayLike,
     -------
     ndarray, shape (9, P, H, T)
         Coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest magnitude where A
-        is exactly 0); eccentricity [1]; focus y and z [m] inside the branch that real rays trace, the one nearer to
-        the mirror of the two in an ellipse. A cone that is a plane (the sun perpendicular to the axis) gives a
-        straight line: eccentricity infinity, no focus. NaN where the spot of no error does not reach the plane, and
-        where the curve is no conic: errors of the encoder or the pedestal with a mirror centre that moves, and of the
-        primary axis.
+        is 0 to rounding, beside B and C); eccentricity [1]; focus y and z [m] inside the branch that real rays trace,
+        the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun perpendicular to the
+        axis) gives a straight line: eccentricity infinity, no focus. NaN where the spot of no error does not reach the
+        plane, and where the curve is no conic: errors of the encoder or the pedestal with a mirror centre that moves,
+        and of the primary axis.
     """
     settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
     out = np.full((9, len(sources), places.shape[1], suns.shape[1]), np.nan)
@@ -65,7 +67,7 @@ def fill_conics(
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         for h in range(pivots.shape[1]):
             for t in range(sun.shape[1]):
-                curve = curve_of(setting, p, source[p], axis[p], sun, pivots, h, t)
+                curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, h, t)
                 _, _, status = spot_at(curve, face, 1.0, 0.0)
                 if curve.status == REACHES and status == REACHES:
                     numbers = _conic(curve, face)
@@ -85,7 +87,7 @@ def _conic(curve: Curve, face: Face) -> tuple[float, float, float, float, float,
     fourth, fifth = -2.0 * (ay * along - k * k * py), -2.0 * (az * along - k * k * pz)
     sixth = along * along - k * k * dot(p, p)
     scale = first
-    if first == 0.0:
+    if abs(first) <= _ROUNDING * max(abs(second), abs(third)):
         for other in (second, third, fourth, fifth, sixth):
             scale = other if abs(other) > abs(scale) else scale
     eccentricity, focus_y, focus_z = math.inf, math.nan, math.nan

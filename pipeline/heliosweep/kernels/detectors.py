@@ -1,8 +1,7 @@
 """Detector lines on the receiver plane: where deviation curves cross them, and what the crossings say of the mirror.
 
 A heliostat whose facets carry reflecting cylinders, or that sweeps through an error, draws a whole deviation curve;
-detectors along lines l0 y + l1 z = l2 see where it crosses them (Alonso et al., Optics Express 27 (8), A257, 2019,
-Sect. 4.3).
+detectors along lines l0 y + l1 z = l2 see where it crosses them (Optics Express 27 (8), A257 (2019), Sect. 4.3).
 
 From one point of each of the two curves of a mirror (vertical primary axis, mirror centre fixed) its normal follows
 exactly. With the vectors v from the mirror centre to the points, k = S + v / |v| is along the normal that sent the ray
@@ -73,7 +72,7 @@ def fill_crossings(
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         for h in range(pivots.shape[1]):
             for t in range(sun.shape[1]):
-                curve = curve_of(setting, p, source[p], axis[p], sun, pivots, h, t)
+                curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, h, t)
                 _, _, status = spot_at(curve, face, 1.0, 0.0)
                 if curve.status != REACHES or status != REACHES:
                     continue

@@ -12,8 +12,7 @@ and takes the mirror centre along or not:
 
 with B the base of the pedestal, straight below the pivot. Every vector that turns about a is v0 + v1 cos eps +
 v2 sin eps with v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; about an axis in the
-mirror, R(eps) = Rot(a, 2 eps) R(0). After Alonso et al., Optics Express 27 (8), A257, 2019, Sect. 3, in a right-handed
-frame.
+mirror, R(eps) = Rot(a, 2 eps) R(0). After Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
 
 A normal along the primary axis has no elevation axis of its own: e is then the frame's x, the level axis that a bore
 near the frame's y (north for a vertical primary axis) would have.
@@ -29,6 +28,7 @@ from heliosweep.kernels.aiming import offset_normal
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.receiver import (
     AZIMUTH_ELEVATION,
+    BEHIND_FACE,
     MISSES,
     NO_SUN,
     POLAR,
@@ -86,7 +86,8 @@ class Curve(NamedTuple):
     """What an error of one axis and source makes of one mirror at one instant."""
 
     status: int
-    """`REACHES`, `NO_SUN`, `TOO_NEAR` or `MISSES` (no normal); with all but the first, the rest means nothing."""
+    """`REACHES`, `NO_SUN`, `TOO_NEAR`, `BEHIND_FACE` (the pivot) or `MISSES` (no normal); with all but the
+    first, the rest means nothing."""
     sun: Vector
     """Unit vector to the sun. [1]"""
     axis: Vector
@@ -195,13 +196,19 @@ def face_vectors(azimuth: float, tilt: float) -> Face:
 
 
 @inline
-def curve_of(setting: Setting, p: int, source: int, axis: int, sun: Floats, pivots: Floats, h: int, t: int) -> Curve:
-    """Curve of heliostat h at instant t for parameter point p; arrays as in `deviation_spots`."""
+def curve_of(
+    setting: Setting, p: int, face: Face, source: int, axis: int, sun: Floats, pivots: Floats, h: int, t: int
+) -> Curve:
+    """Curve of heliostat h at instant t for parameter point p and its face; arrays as in `deviation_spots`."""
     i, j = p if len(sun) > 1 else 0, p if len(pivots) > 1 else 0
     to_target = (-pivots[j, h, 0], -pivots[j, h, 1], setting.target_height[p] - pivots[j, h, 2])
     z, x = primary_axis(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
     to_sun = (sun[i, t, 0], sun[i, t, 1], sun[i, t, 2])
-    return deviation_curve(source, axis, to_sun, to_target, z, x, setting.mirror_offset[p], setting.pedestal_height[p])
+    r, pedestal = setting.mirror_offset[p], setting.pedestal_height[p]
+    curve = deviation_curve(source, axis, to_sun, to_target, z, x, r, pedestal)
+    behind = not dot(face[0], to_target) < 0.0 and (curve.status == REACHES or curve.status == MISSES)
+    status = BEHIND_FACE if behind else curve.status
+    return Curve(status, curve.sun, curve.axis, curve.normal, curve.centre)
 
 
 def prepared(
@@ -306,7 +313,7 @@ def fill_spots(
         for t in range(sun.shape[1]):
             p = 0
             while p < points:
-                curve = curve_of(setting, p, source[p], axis[p], sun, pivots, h, t)
+                curve = curve_of(setting, p, faces[p], source[p], axis[p], sun, pivots, h, t)
                 face = faces[p]
                 alike = True
                 while alike:

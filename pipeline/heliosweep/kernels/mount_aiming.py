@@ -53,8 +53,8 @@ def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_off
     rows : ndarray, shape (AIM_ROWS * PACKET,)
         What to aim at, by rows.
     state : ndarray, shape (STATE_ROWS * PACKET,)
-        Receives the rows of angles and status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not smaller than the distance,
-        or no solution found) or `BLIND_CONE`.
+        Receives the rows of angles and status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not smaller than the distance)
+        or `BLIND_CONE` (no way to point there).
     work : ndarray, shape (4 * PACKET,)
         Room for the iteration.
     offset, axis_offset : float
@@ -125,8 +125,8 @@ def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_off
             1.0,
         )
         found = work[3 * PACKET + k] == 0.0
-        status = REACHES if (far and found) else TOO_NEAR
-        status = status if (room >= 0.0 or not far) else BLIND_CONE
+        status = REACHES if (found and room >= 0.0) else BLIND_CONE
+        status = status if far else TOO_NEAR
         status = status if rows[10 * PACKET + k] > 0.0 else NO_SUN
         good = status == REACHES
         state[k] = cg if good else math.nan

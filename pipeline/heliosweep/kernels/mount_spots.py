@@ -136,7 +136,7 @@ def fill_spots(
                     error_terms(known[n, min(h, known.shape[1] - 1)], corrected)
                 if h == 0 or actual.shape[1] > 1:
                     sample_terms(actual[a, min(h, actual.shape[1] - 1)], terms)
-                mount_records(setting, p, places[h], corrected, terms, frame, mounts[i], record[i])
+                mount_records(setting, p, places[h], face, corrected, terms, frame, mounts[i], record[i])
             if many:
                 transposed(record[0], table)
             for start in range(0, instants, PACKET):

@@ -69,7 +69,9 @@ def error_terms(errors: Floats, terms: Floats) -> None:
         Receives the terms. [1]
     """
     for m, error in ((0, errors[0]), (2, errors[1]), (4, errors[4]), (6, errors[5])):
-        terms[m], terms[m + 1] = math.cos(error), math.sin(error)
+        # Most studies have few errors that are not 0: spare the rest the trigonometric functions.
+        terms[m] = math.cos(error) if error != 0.0 else 1.0
+        terms[m + 1] = math.sin(error) if error != 0.0 else 0.0
     # Rtilt = 1 + u K + v K^2 with u = sin(w) / w, v = (1 - cos(w)) / w^2, w the length of the rotation vector.
     e, n = errors[2], errors[3]
     square = e * e + n * n

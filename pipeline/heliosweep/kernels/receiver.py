@@ -47,11 +47,11 @@ REACHES = 0
 MISSES = 1
 """The ray goes away from the plane or along it, or the sun lights the back of the mirror."""
 BEHIND_FACE = 2
-"""The mirror centre lies on the plane of the receiver or behind it."""
+"""The pivot or the mirror centre lies on the plane of the receiver or behind it."""
 NO_SUN = 3
 """The sun is not above the horizon, or NaN."""
 BLIND_CONE = 4
-"""The mount cannot point where it should."""
+"""The mount cannot point where it should, although the aim point is far enough."""
 TOO_NEAR = 5
 """The offsets of the mirror are not smaller than the distance to the aim point."""
 

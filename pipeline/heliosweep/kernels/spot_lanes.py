@@ -4,6 +4,8 @@ Rows of a block have room for `PACKET` lanes each, at fixed offsets of one flat 
 vectors with copies of their last lane.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,7 @@ from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mount_aiming import STATE_ROWS, known_record
 from heliosweep.kernels.mount_terms import back, bore, error_terms, mount_frame, turn
 from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.receiver import REACHES, Setting, trace
+from heliosweep.kernels.receiver import BEHIND_FACE, REACHES, Setting, trace
 
 __all__ = [
     "SAMPLE",
@@ -28,7 +30,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-SAMPLE = 20
+SAMPLE = 21
 """Numbers that `sample_record` makes of a mount and one sample of its errors."""
 SPOT_ROWS = 9
 """Rows of spots: y, z, status, mirror centre relative to the aim point (3 to 5), normal (6 to 8)."""
@@ -38,7 +40,15 @@ VECTOR = 8
 
 @inline
 def sample_record(
-    dx: float, dy: float, dz: float, frame: Floats, terms: Floats, known: Floats, pedestal: float, record: Floats
+    dx: float,
+    dy: float,
+    dz: float,
+    face: Floats,
+    frame: Floats,
+    terms: Floats,
+    known: Floats,
+    pedestal: float,
+    record: Floats,
 ) -> None:
     """Write what all instants of a mount with one sample of its errors share.
 
@@ -46,6 +56,8 @@ def sample_record(
     ----------
     dx, dy, dz : float
         From the pivot to the aim point. [m]
+    face : ndarray, shape (9,)
+        Rows of `receiver.face_axes`. [1]
     frame : ndarray, shape (9,)
         Rows of Q. [1]
     terms, known : ndarray, shape (TERMS,)
@@ -55,7 +67,7 @@ def sample_record(
     record : ndarray, shape (SAMPLE,)
         Receives the matrix Q^T Rtilt by rows (0 to 8), the point relative to the aim point that the centre is counted
         from (9 to 11), cosine and sine of the differences actual - known of a0 and g0 (12 to 15), of eta and mu (16 to
-        19).
+        19), distance of the pivot before the plane of the receiver (20).
     """
     for m in range(3):
         record[m], record[3 + m], record[6 + m] = back(frame, 0, terms[8 + m], terms[11 + m], terms[14 + m])
@@ -68,6 +80,7 @@ def sample_record(
     record[15] = terms[1] * known[0] - terms[0] * known[1]
     for m in range(4):
         record[16 + m] = terms[4 + m]
+    record[20] = -(face[0] * dx + face[1] * dy + face[2] * dz)
 
 
 @kernel
@@ -124,7 +137,9 @@ def spot_lanes(
         sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
         y, z, status = trace(px, py, pz, nx, ny, nz, sx, sy, sz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
         aimed = state[4 * PACKET + k]
-        out[k], out[PACKET + k] = y, z
+        before = sample[20 * PACKET + k] > 0.0
+        status = status if before else BEHIND_FACE
+        out[k], out[PACKET + k] = y if before else math.nan, z if before else math.nan
         out[2 * PACKET + k] = status if aimed == REACHES else aimed
         out[3 * PACKET + k], out[4 * PACKET + k], out[5 * PACKET + k] = px, py, pz
         out[6 * PACKET + k], out[7 * PACKET + k], out[8 * PACKET + k] = nx, ny, nz
@@ -150,6 +165,7 @@ def mount_records(
     setting: Setting,
     p: int,
     pivot: Floats,
+    face: Floats,
     known: Floats,
     terms: Floats,
     frame: Floats,
@@ -166,6 +182,8 @@ def mount_records(
         The parameter combination.
     pivot : ndarray, shape (3,)
         The pivot. [m]
+    face : ndarray, shape (9,)
+        Rows of `receiver.face_axes`. [1]
     known : ndarray, shape (TERMS,)
         Terms of the known errors.
     terms : ndarray, shape (K, TERMS)
@@ -182,7 +200,7 @@ def mount_records(
     mount_frame(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], dx, dy, dz, frame)
     known_record(dx, dy, dz, frame, known, pedestal, mount)
     for k in range(len(terms)):
-        sample_record(dx, dy, dz, frame, terms[k], known, pedestal, record[k])
+        sample_record(dx, dy, dz, face, frame, terms[k], known, pedestal, record[k])
 
 
 @kernel

@@ -19,7 +19,7 @@ from heliosweep.kernels.mount_spots import checked, vectors
 from heliosweep.kernels.mount_terms import TERMS, error_terms
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.percentiles import percentiles_of, ranks_of
-from heliosweep.kernels.receiver import NO_SUN, REACHES, Setting
+from heliosweep.kernels.receiver import BEHIND_FACE, NO_SUN, REACHES, Setting
 from heliosweep.kernels.spot_lanes import (
     SAMPLE,
     SPOT_ROWS,
@@ -32,7 +32,7 @@ from heliosweep.kernels.spot_lanes import (
     transposed,
     whole,
 )
-from heliosweep.kernels.tolerances import crossing_cotangent
+from heliosweep.kernels.tolerances import canting_cotangent
 from heliosweep.kernels.vectors import cross, dot
 
 __all__ = ["MOMENTS", "spot_statistics"]
@@ -69,7 +69,8 @@ def spot_statistics(
         plane, with n - 1 in the denominator; NaN for too few of them.
         ``real_fraction``, ``hit_fraction``: parts of the samples whose spot reaches the plane, and lies in the aperture
         (edges included); NaN with the sun at or below the horizon. [1]
-        ``status``: of the aiming, `receiver.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`.
+        ``status``: of the aiming, `receiver.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` where the
+        pivot is on the plane of the receiver or behind it.
         ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the tolerance that remains about the
         elevation axis, unit(n x z), and about the azimuth axis of the mirror, as `numpy.percentile` interpolates them:
         0 where the spot is not in the aperture, infinity where it does not leave it, NaN with the sun at or below the
@@ -128,7 +129,7 @@ def fill_statistics(
                 error_terms(known[n, min(h, known.shape[1] - 1)], corrected)
             if h == 0 or actual.shape[1] > 1:
                 sample_terms(actual[a, min(h, actual.shape[1] - 1)], terms)
-            mount_records(setting, p, places[h], corrected, terms, frame, mount, record)
+            mount_records(setting, p, places[h], face, corrected, terms, frame, mount, record)
             transposed(record, table)
             for start in range(0, instants, PACKET):
                 count = min(PACKET, instants - start)
@@ -139,6 +140,7 @@ def fill_statistics(
                 for k in range(count):
                     t = start + k
                     status = state[4 * PACKET + k]
+                    status = BEHIND_FACE if (status == REACHES and not record[0, 20] > 0.0) else status
                     if status != REACHES:
                         _nothing(moments[:, p, h, t], tolerance[p, h, t], status)
                         continue
@@ -161,7 +163,7 @@ def fill_statistics(
 
 @kernel
 def _nothing(moments: Floats, tolerance: Floats, status: float) -> None:
-    """Statistics of a mount that cannot aim."""
+    """Statistics of a mount that cannot aim, or stands behind the plane."""
     moments[:] = math.nan
     moments[5] = moments[6] = math.nan if status == NO_SUN else 0.0
     moments[7] = status
@@ -204,20 +206,10 @@ def _turns(
             e[2] * scale if defined else level[2],
         )
         inside = abs(out[k]) <= width and abs(out[PACKET + k]) <= height
-        cotangent = _least(s, n, e, p, axes, width, height)
+        cotangent = canting_cotangent(s, n, e, p, axes, width, height)
         elevation[k] = -cotangent if inside else -math.inf
-        cotangent = _least(s, n, cross(e, n), p, axes, width, height)
+        cotangent = canting_cotangent(s, n, cross(e, n), p, axes, width, height)
         azimuth[k] = -cotangent if inside else -math.inf
-
-
-@inline
-def _least(s, n, axis, p, axes, width, height):
-    """Largest cotangent of the four edges."""
-    one, _ = crossing_cotangent(s, n, axis, p, axes, (1.0, 0.0, width))
-    two, _ = crossing_cotangent(s, n, axis, p, axes, (-1.0, 0.0, width))
-    three, _ = crossing_cotangent(s, n, axis, p, axes, (0.0, 1.0, height))
-    four, _ = crossing_cotangent(s, n, axis, p, axes, (0.0, -1.0, height))
-    return max(max(one, two), max(three, four))
 
 
 @kernel

@@ -55,8 +55,8 @@ def tolerances(setting: Setting, source: ArrayLike, axis: ArrayLike, sun: ArrayL
     Returns
     -------
     ndarray, shape (P, H, T)
-        Tolerances [rad]; infinity where the spot never crosses an edge, NaN where the spot of no error does not reach
-        the plane.
+        Tolerances [rad]; infinity where the spot never crosses an edge, or the mirror turns its back to the sun before
+        it does; NaN where the spot of no error does not reach the plane.
     """
     settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
     out = np.full((len(sources), places.shape[1], suns.shape[1]), np.nan)
@@ -79,7 +79,7 @@ def fill_tolerances(
         w, h = setting.half_width[p], setting.half_height[p]
         for i in range(pivots.shape[1]):
             for t in range(sun.shape[1]):
-                curve = curve_of(setting, p, source[p], axis[p], sun, pivots, i, t)
+                curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, i, t)
                 _, _, status = spot_at(curve, face, 1.0, 0.0)
                 if curve.status != REACHES or status != REACHES:
                     continue
@@ -117,12 +117,12 @@ def canting_cotangent(
         The tolerance is atan2(1, cotangent), or infinity where this is -infinity. The spot of no error must be real
         and inside the aperture. [1]
     """
-    best = -math.inf
-    for sign in (1.0, -1.0):
-        for line in ((sign, 0.0, half_width), (0.0, sign, half_height)):
-            cotangent, _ = crossing_cotangent(sun, normal, axis, centre, face, line)
-            best = max(best, cotangent)
-    return best
+    # One by one: written as a loop, this is not vectorised.
+    one, _ = crossing_cotangent(sun, normal, axis, centre, face, (1.0, 0.0, half_width))
+    two, _ = crossing_cotangent(sun, normal, axis, centre, face, (-1.0, 0.0, half_width))
+    three, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, 1.0, half_height))
+    four, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, -1.0, half_height))
+    return max(max(one, two), max(three, four))
 
 
 @inline
@@ -221,8 +221,9 @@ def first_crossing(curve: Curve, face: Face, lines: tuple[Line, ...], side: floa
         if to_root < _LAST_STEP:
             if w > _PARALLEL:
                 return error + to_root if error + to_root <= limit else math.inf
-            # a crossing of the virtual branch: no other lies within 2 |g'| / M beyond it
-            sign = -sign
+            # a crossing of the virtual branch: no other lies within 2 |g'| / M beyond it; the sign there is not always
+            # the opposite, the curve may have touched the line
+            sign = 0.0
             to_root = max(past_root, _LAST_STEP)
         if not lit > _EDGE_ON:
             return math.inf
