@@ -138,6 +138,8 @@ def test_statistics_are_those_of_the_twin_with_the_same_draws(kind: str) -> None
                 expected = np.percentile(np.array(left) * 1e3, percentiles)
                 np.testing.assert_allclose(there.remaining_tolerance[:, axis], expected, atol=1e-7)
     dark = made.isel(hour=2)
+    assert np.all(dark.spot_status == 3)
+    dark = dark.drop_vars("spot_status")
     assert all(bool(dark[name].isnull().all()) for name in dark.data_vars if "hour" in made[name].dims)
     np.testing.assert_allclose(made.day_hit_fraction, made.hit_fraction[:, :2].mean("hour"), rtol=1e-14)
     np.testing.assert_allclose(made.field_hit_fraction, made.hit_fraction.mean("heliostat"), rtol=1e-14)
@@ -235,6 +237,47 @@ def test_behind_the_receiver_nothing_hits() -> None:
     assert bool(made.spot_y_mean.isel(heliostat=slice(1, None)).isnull().all())
     assert any("no draw" in remark for remark in mount_errors.remarks(made))
     assert any("behind" in remark for remark in mount_errors.remarks(fixed))
+
+
+def test_pivots_behind_the_plane_have_no_spots_and_the_note_and_the_remark_say_so() -> None:
+    """A mirror before a pivot on the plane looks over it at some hours: no false hits."""
+    place: dict[str, Any] = {
+        "heliostats": {"positions": [[100, 0, 0], [100, -0.2, 0], [100, 0.1, 0]]},
+        "receiver": {"height": 100, "width": 50, "height_extent": 50},
+        "mount": {"mirror_offset": 0.5},
+        "time": {"clock": "solar", "days": [80, 172], "hours": [6.5, 8, 10, 12, 14, 16, 17.5]},
+    }
+    note = "2 of 3 heliostats stand on the plane of the receiver or behind it: they have no spots"
+    for errors in ({"collimation": 0}, drawn(9, collimation={"normal": [0, 0.1]})):
+        looking = study(mount_errors=errors, **place)
+        made = computed(looking)
+        assert looking.notes() == [note]
+        assert np.all(made.spot_status.isel(heliostat=slice(2)) == 2)
+        assert np.all(made.hit_fraction.isel(heliostat=slice(2)) == 0)
+        assert any(remark.startswith("2 of 3 heliostats stand on") for remark in mount_errors.remarks(made))
+    fixed = computed(study(mount_errors={"collimation": 0}, **place))
+    turning = fixed.spot_status.isel(heliostat=2)
+    assert set(np.unique(turning)) == {0, 2}
+    count = int((turning == 2).sum())
+    assert any(said.startswith(f"{count} of 42 rays start on the plane") for said in mount_errors.remarks(fixed))
+
+
+def test_the_blind_cone_has_no_spots_and_is_counted() -> None:
+    """The sun opposite the target: the normal is the vertical, along the primary axis, and an axis offset swings it."""
+    data = study_data(
+        receiver={"height": 100, "width": 3, "height_extent": 3},
+        heliostats={"positions": [[0, 100, 0], [-16, 150, 7]]},
+        sun={"azimuth": 0, "elevation": 45},
+        mount={"axis_offset": 0.2},
+    )
+    del data["time"]
+    for errors in ({"collimation": 0}, drawn(9, collimation={"normal": [0, 0.1]})):
+        made = computed(load_mapping(data | {"mount_errors": errors}, {"misalignment": MisalignmentStudy}))
+        assert made.spot_status.values.ravel().tolist() == [4, 0]
+        for name in ("spot_y", "spot_z") if "spot_y" in made else ("spot_y_mean", "spot_z_mean", "spot_y_variance"):
+            assert np.isnan(made[name].values.ravel()).tolist() == [True, False]
+        said = [remark for remark in mount_errors.remarks(made) if "blind cone" in remark]
+        assert said == ["1 of 2 rays would need a mount that points into its blind cone: no spot (spot_status 4)"]
 
 
 def test_one_draw_has_no_variance() -> None:

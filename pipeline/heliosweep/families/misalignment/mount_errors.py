@@ -21,7 +21,7 @@ from heliosweep.families.misalignment import mount_errors_blocks as blocks
 from heliosweep.families.misalignment.blocks import ERRORS, MountErrors
 from heliosweep.families.misalignment.draws import errors_of, sample_count, seed_of
 from heliosweep.families.misalignment.instants import instant_sizes
-from heliosweep.families.misalignment.mount_errors_variables import MEANS, STATISTICS, TOLERANCE, TOLERANCE_AXES
+from heliosweep.families.misalignment.mount_errors_variables import MEANS, STATISTICS, STATUS, TOLERANCE, TOLERANCE_AXES
 from heliosweep.families.misalignment.places import heliostat_count, place_bytes
 from heliosweep.families.misalignment.remarks import status_remarks
 from heliosweep.families.misalignment.scene import Scene
@@ -71,7 +71,7 @@ def workload(study: MisalignmentStudy) -> Workload:
         inner |= {"percentile": len(_percentiles(study)), "tolerance_axis": len(TOLERANCE_AXES)}
     drawn = sum(isinstance(error, Distribution) for error in errors_of(_block(study)))
     shared = SECONDS_PER_SAMPLE + drawn * SECONDS_PER_DRAW
-    stored = 8 * (len(STATISTICS) + 2 * inner["percentile"] if samples else 6)
+    stored = 8 * (blocks.row_count(inner["percentile"]) + 1 if samples else 6)
 
     def block_bytes(points: int, length: int) -> int:
         held = min(length, blocks.at_a_time(samples)) if samples else 0
@@ -125,9 +125,8 @@ def build(study: MisalignmentStudy, chunks: Mapping[str, int], select: Mapping[s
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
     """What the user should be told of a finished result."""
-    if "spot_status" in result:
-        yield from status_remarks(result)
-    else:
+    yield from status_remarks(result)
+    if "real_fraction" in result:
         real = result["real_fraction"].to_numpy()
         some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
         if some:
@@ -152,7 +151,7 @@ def _dims_of(study: MisalignmentStudy, swept: tuple[str, ...]) -> dict[str, tupl
     if not is_drawn(study):
         dims = dict.fromkeys((*SPOTS, *FLAGS), (*swept, "heliostat", *instants))
         return dims | dict.fromkeys(HITS, (*swept, "heliostat", day))
-    dims = dict.fromkeys(STATISTICS, (*swept, "heliostat", *instants))
+    dims = dict.fromkeys((*STATISTICS, *STATUS), (*swept, "heliostat", *instants))
     dims |= dict.fromkeys(TOLERANCE, (*swept, "heliostat", *instants, "percentile", "tolerance_axis"))
     return dims | {"day_hit_fraction": (*swept, "heliostat", day), "field_hit_fraction": (*swept, *instants)}
 
@@ -223,7 +222,7 @@ def _statistics(scene: Scene) -> dict[str, xr.DataArray]:
     """Statistics over the draws, and what follows from the hit fraction."""
     study, instants = scene.study, scene.instants.sizes
     block, percentiles = _block(study), _percentiles(study)
-    rows = len(STATISTICS) + len(TOLERANCE_AXES) * percentiles.size
+    rows = blocks.row_count(percentiles.size)
     made = evaluate(
         partial(
             blocks.statistics_block,
@@ -239,7 +238,20 @@ def _statistics(scene: Scene) -> dict[str, xr.DataArray]:
         name="mount-statistics",
     )["statistics"]
     result = {name: made.isel(row=row).assign_attrs(attrs) for row, (name, attrs) in enumerate(STATISTICS.items())}
-    first = len(STATISTICS)
+    first = len(STATISTICS) + 1
+    result |= evaluate(
+        blocks.status_block,
+        [made.isel(row=first - 1)],
+        dims=scene.dims,
+        core=[tuple(instants)],
+        sizes=scene.sizes,
+        chunks=scene.chunks,
+        outputs=STATUS,
+        name="status",
+        output_core=instants,
+        work=False,
+        dtype=np.int8,
+    )
     tolerances = [
         made.isel(row=slice(start, start + percentiles.size)).rename(row="percentile")
         for start in range(first, rows, percentiles.size)

@@ -13,6 +13,7 @@ from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import means_and_widths, standard_deviates
 from heliosweep.families.misalignment.mount_errors_variables import STATISTICS, TOLERANCE_AXES
 from heliosweep.families.misalignment.scene import Block, block_result, points
+from heliosweep.families.misalignment.variables import NO_HELIOSTAT
 from heliosweep.kernels.mount_spots import mount_spots
 from heliosweep.kernels.receiver import Setting
 from heliosweep.kernels.spot_statistics import spot_statistics
@@ -47,6 +48,16 @@ def at_a_time(samples: int) -> int:
     return max(1, DRAWS_BYTES // (samples * 8 * len(ERRORS)))
 
 
+def row_count(percentiles: int) -> int:
+    """Rows of a block of statistics: `STATISTICS`, status, then percentiles about each axis."""
+    return len(STATISTICS) + 1 + len(TOLERANCE_AXES) * percentiles
+
+
+def status_block(status: np.ndarray) -> np.ndarray:
+    """Status as int8, `NO_HELIOSTAT` where a shorter layout is padded."""
+    return np.where(np.isnan(status), NO_HELIOSTAT, status).astype(np.int8)[np.newaxis]
+
+
 def statistics_block(
     *arrays: np.ndarray,
     errors: tuple[Any, ...],
@@ -76,7 +87,7 @@ def statistics_block(
     _, width = means_and_widths([error if isinstance(error, Distribution) else 0.0 for error in errors])
     known = np.zeros((1, 1, len(ERRORS)))
     heliostats, instants = block.pivots.shape[1], block.sun.shape[1]
-    rows = len(STATISTICS) + len(TOLERANCE_AXES) * percentiles.size
+    rows = row_count(percentiles.size)
     result = np.empty((scale.size, heliostats, rows, instants))
     step = at_a_time(samples)
     for start in range(0, heliostats, step):
@@ -96,7 +107,7 @@ def statistics_block(
     return result.reshape(1, *block.lead, heliostats, rows, *sizes.values())
 
 
-_MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "hit_fraction", "real_fraction")
+_MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "hit_fraction", "real_fraction", "status")
 
 
 def _stacked(made: Any) -> Floats:

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from heliosweep.families.misalignment.variables import NO_HELIOSTAT
+from heliosweep.kernels import receiver
+
 _RIGHT = "positive to the right for someone in the field who looks at the receiver"
 _UP = "positive upwards along the receiver's face"
 _REAL = "over the draws whose ray reaches the receiver's plane; missing without any, and without sun"
@@ -35,6 +40,25 @@ STATISTICS: dict[str, dict[str, Any]] = {
         "units": "1",
         "comment": "missing without sun",
         "cell_methods": _DRAWS.format("mean"),
+    },
+}
+
+_AIMED = {
+    NO_HELIOSTAT: "no_heliostat",
+    receiver.REACHES: "mount_aims",
+    receiver.BEHIND_FACE: "pivot_on_or_behind_the_plane",
+    receiver.NO_SUN: "sun_below_the_horizon",
+    receiver.BLIND_CONE: "mount_cannot_point_there",
+    receiver.TOO_NEAR: "offsets_not_smaller_than_the_distance",
+}
+#: Of drawn errors, per heliostat and instant, the same for all draws; int8.
+STATUS: dict[str, dict[str, Any]] = {
+    "spot_status": {
+        "long_name": "whether the mount can aim, and why not",
+        "units": "1",
+        "flag_values": np.array(list(_AIMED), dtype=np.int8),
+        "flag_meanings": " ".join(_AIMED.values()),
+        "comment": "of the mount without errors; with a value other than 0 no draw has a spot",
     },
 }
 

@@ -16,10 +16,11 @@ MOST_VALUES = 2**24
 DAYS_AND_HOURS = ("day", "declination", "date", "hour")
 
 _OF_HELIOSTATS = {
-    BEHIND_FACE: "stand on the plane of the receiver or behind it",
+    BEHIND_FACE: "stand on the plane of the receiver or behind it whenever the sun is up",
     TOO_NEAR: "are nearer to the aim point than the offsets of the mirror",
 }
 _OF_RAYS = {
+    BEHIND_FACE: "start on the plane of the receiver or behind it, where their mirrors turn at times",
     MISSES: "go away from the plane of the receiver, or come from a mirror whose back is lit",
     BLIND_CONE: "would need a mount that points into its blind cone",
 }
@@ -42,8 +43,14 @@ def status_remarks(result: xr.Dataset) -> Iterator[str]:
         values = part.to_numpy()
         times = tuple(axis for axis, dim in enumerate(part.dims) if dim in DAYS_AND_HOURS)
         for code in heliostats:
-            heliostats[code] += int(np.count_nonzero((values == code).any(axis=times)))
-        for code in rays:
+            here = (values == code).any(axis=times, keepdims=True)
+            if code == BEHIND_FACE:
+                # A mirror before a pivot that is all but on the plane may turn behind it at some instants.
+                always = here & ((values == code) | (values == NO_SUN)).all(axis=times, keepdims=True)
+                rays[code] += int(np.count_nonzero((values == code) & ~always))
+                here = always
+            heliostats[code] += int(np.count_nonzero(here))
+        for code in (MISSES, BLIND_CONE):
             rays[code] += int(np.count_nonzero(values == code))
         others = tuple(axis for axis, dim in enumerate(part.dims) if dim not in instants)
         dark.append((values == NO_SUN).any(axis=others))
