@@ -263,7 +263,8 @@ def test_one_instant_over_and_over_tells_nothing_apart(parameters):
     found = case.calibrate(take(case.spots(), [4] * 30), parameters=parameters)
     assert found.status[0] == DEPENDENT
     assert np.isnan(found.estimate).all()
-    assert np.isnan(found.condition).all()
+    assert np.isinf(found.condition).all()
+    assert 0 <= found.least_known[0] < parameters
     assert case.calibrate(take(case.spots(), [4] * 30), parameters=2).status[0] == ESTIMATED
 
 
@@ -287,3 +288,40 @@ def test_wrong_arguments_are_refused():
         case.calibrate(case.spots()._replace(sun=np.ones((2, 3))))
     with pytest.raises(ValueError, match="rise from 0"):
         case.calibrate(case.spots()._replace(first=np.array([1, case.count])))
+
+
+@pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
+def test_the_unit_of_weights_does_not_matter_to_any_loss(loss):
+    case = Case(true=truth(4), noise=0.03)
+    case.position[0, ::9] += [1.5, -0.7]
+    case.weight[:] = np.linspace(0.5, 2.0, case.count)
+    weight, plain = case.weight.copy(), case.calibrate(loss=loss, loss_scale=0.08)
+    for unit in (1e-300, 1e-12, 1e-6, 1e6, 1e12, 1e300, 8e307):
+        case.weight = unit * weight
+        found = case.calibrate(loss=loss, loss_scale=0.08)
+        np.testing.assert_allclose(found.estimate, plain.estimate, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-8)
+        assert found.status[0] == plain.status[0] == ESTIMATED
+
+
+@pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
+def test_leave_one_out_of_every_spot_and_loss(loss):
+    case = Case(true=truth(4), noise=0.03)
+    case.position[0, ::9] += [0.3, -0.2]
+    found = case.calibrate(loss=loss, loss_scale=0.08)
+    for spot in range(case.count):
+        case.weight[:] = 1.0
+        case.weight[0, spot] = 0.0
+        moved = case.calibrate(loss=loss, loss_scale=0.08).residual[spot] - found.residual[spot]
+        ours = found.left_out[spot] - found.residual[spot]
+        tolerance = 0.02 if loss == SQUARED else 0.25
+        assert np.hypot(*(ours - moved)) <= tolerance * np.hypot(*moved) + 1e-4
+
+
+@pytest.mark.parametrize("far", [1e6, 1e200])
+def test_impossible_spots_are_never_estimated(far):
+    case = Case(true=truth(4), noise=0.03)
+    case.position[0] = far
+    found = case.calibrate()
+    assert found.status[0] not in (ESTIMATED, INDISTINCT)
+    assert not (np.abs(found.estimate) > 0.5).any()  # the last point, where it is a possible one

@@ -31,7 +31,8 @@ def test_against_lapack(columns, decades):
     left, exact, _ = np.linalg.svd(matrix, full_matrices=False)
     np.testing.assert_allclose(values, exact, rtol=0, atol=1e-14 * exact[0])
     np.testing.assert_allclose(right.T @ right, np.eye(columns), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(matrix @ right, values * (matrix @ right / values), rtol=1e-12)
+    turned = matrix @ right
+    np.testing.assert_allclose(turned.T @ turned, np.diag(values**2), rtol=0, atol=1e-13 * exact[0] ** 2)
     solution = right @ (projected / values)
     theirs = np.linalg.lstsq(matrix, target, rcond=None)[0]
     np.testing.assert_allclose(solution, theirs, rtol=0, atol=1e-14 * exact[0] / exact[-1] * np.abs(theirs).max())

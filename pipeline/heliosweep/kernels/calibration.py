@@ -5,7 +5,8 @@ Each heliostat has a list of spots, each taken at commanded encoder angles. The 
 
     1/2 sum_i c^2 rho(w_i |r_i|^2 / c^2),    r_i = predicted - measured spot (y, z),
 
-with rho(u) = u (squared), u up to 1 and then 2 sqrt(u) - 1 (Huber), or log(1 + u) (Cauchy). The loss is of the distance
+the weights w_i divided by their mean, with
+rho(u) = u (squared), u up to 1 and then 2 sqrt(u) - 1 (Huber), or log(1 + u) (Cauchy). The loss is of the distance
 between the spots, not of each coordinate: it does not depend on how the axes of the face lie. The Jacobian is analytic;
 Levenberg-Marquardt steps [1]_ on iteratively reweighted rows come from singular values, never from normal equations.
 The Cauchy loss, which may have several minima, starts from the solution for the Huber loss, and all start from zero.
@@ -71,7 +72,8 @@ class Spots(NamedTuple):
     position: Floats
     """Measured spots y, z on the plane of the receiver, shape (S, 2); NaN where there is none. [m]"""
     weight: Floats
-    """Weights, inverse variances in any unit, shape (S,); spots of weight 0 are predicted but not used. [1]"""
+    """Weights, inverse variances in any unit, shape (S,): only their ratios within a heliostat
+    count; spots of weight 0 are predicted but not used. [1]"""
 
 
 class Calibration(NamedTuple):
@@ -82,7 +84,7 @@ class Calibration(NamedTuple):
     covariance: Floats
     """Their covariance, shape (F, 6, 6); NaN where there are as many equations as errors. [rad2]"""
     condition: Floats
-    """Condition number of the weighted Jacobian at the estimate, shape (F,). [1]"""
+    """Condition number of the weighted Jacobian at the estimate, shape (F,); infinite where `DEPENDENT`. [1]"""
     residual: Floats
     """Measured minus predicted spots, shape (S, 2). [m]"""
     left_out: Floats
@@ -92,7 +94,7 @@ class Calibration(NamedTuple):
     status: Integers
     """`ESTIMATED`, `TOO_FEW`, `INDISTINCT`, `NOT_CONVERGED` or `DEPENDENT`, shape (F,)."""
     least_known: Integers
-    """Error with the largest part in the least known direction, shape (F,); -1 where nothing is estimated."""
+    """Error with the largest part in the least known direction, shape (F,); -1 where there are too few spots."""
     evaluations: Integers
     """Evaluations of the spots, shape (F,)."""
 
@@ -128,7 +130,7 @@ def calibrate(
     loss : int
         `SQUARED`, `HUBER` or `CAUCHY`.
     loss_scale : float
-        Distance c from which the robust losses grow less than its square. [m]
+        Distance c from which the robust losses grow less than its square, for a spot of mean weight. [m]
     condition_limit : float
         Condition number above which an estimate is `INDISTINCT`. [1]
 

@@ -29,9 +29,12 @@ TOO_FEW = 1
 INDISTINCT = 2
 """Estimated, but the condition number is above the limit: the spots can hardly tell the errors apart."""
 NOT_CONVERGED = 3
-"""The iteration did not come to rest; the estimate is its last point."""
+"""The iteration did not come to rest; the estimate is its last point, NaN where that is no possible one."""
 DEPENDENT = 4
 """The spots cannot tell the errors apart at all, as when all are of one instant; nothing is estimated."""
+
+LARGEST = 0.5
+"""Largest error of a mount that is believed. [rad]"""
 
 PARAMETERS = 6
 """Errors of a mount."""
@@ -95,12 +98,11 @@ def fit_all(
         rows, other, w = now[:n], trial[:n], weighted[: 2 * n]
         x[:] = 0.0
         predict(scene, x, parameters, rows)
-        used = 0
         for i in range(n):
             seen = math.isfinite(rows[i, 0, parameters]) and math.isfinite(rows[i, 1, parameters])
             usable = seen and weight[a + i] > 0.0
             counted[i] = weight[a + i] if usable else 0.0
-            used += 1 if usable else 0
+        used = _normalise(counted[:n])
         result.used[f] = used
         if 2 * used < parameters:
             result.status[f] = TOO_FEW
@@ -124,30 +126,52 @@ def fit_all(
             if not values[parameters - 1] > INDEPENDENT * values[0]:
                 status = DEPENDENT
         result.evaluations[f], result.status[f] = evaluations, status
+        least = 0
+        for j in range(parameters):
+            if abs(right[j, parameters - 1]) > abs(right[least, parameters - 1]):
+                least = j
+        result.least_known[f] = least
         if status == DEPENDENT:
+            result.condition[f] = np.inf
+            continue
+        variance = variance_factor(rows, parameters, used, counted, loss, loss_scale)
+        known = math.isfinite(variance) or 2 * used == parameters
+        if not (known and np.abs(x).max() <= LARGEST):
+            result.status[f] = NOT_CONVERGED
             continue
         result.condition[f] = values[0] / values[parameters - 1]
         if status == ESTIMATED and result.condition[f] > condition_limit:
             result.status[f] = INDISTINCT
-        variance = variance_factor(rows, parameters, used, counted, loss, loss_scale)
-        least = 0
         for j in range(parameters):
             result.estimate[f, j] = x[j]
-            if abs(right[j, parameters - 1]) > abs(right[least, parameters - 1]):
-                least = j
             for k in range(parameters):
                 total = 0.0
                 for i in range(parameters):
                     total += right[j, i] * right[k, i] / (values[i] * values[i])
                 result.covariance[f, j, k] = variance * total
-        result.least_known[f] = least
         if loss != SQUARED:
-            weigh(rows, parameters, counted, loss, loss_scale, w)
-            orthogonalise(w, parameters, upper)
-            singular_values(upper, parameters, values, right, projected)
+            _curvature(scene, x, parameters, counted, loss, loss_scale, rows, other, values, right, projected)
         residuals(
             rows, parameters, counted, loss, loss_scale, values, right, result.residual[a:b], result.left_out[a:b]
         )
+
+
+@kernel
+def _normalise(counted: Floats) -> int:
+    """Divide weights by the mean of those that are not 0, so that their unit does not matter; returns their number."""
+    largest, total, used = 0.0, 0.0, 0
+    for weight in counted:
+        largest = max(largest, weight)
+    if not largest > 0.0:
+        return 0
+    for i in range(len(counted)):
+        counted[i] /= largest
+        total += counted[i]
+        used += 1 if counted[i] > 0.0 else 0
+    mean = total / used
+    for i in range(len(counted)):
+        counted[i] /= mean
+    return used
 
 
 @kernel

@@ -90,15 +90,18 @@ def residuals(
     rows: Floats, parameters: int, counted: Floats, loss: int, loss_scale: float, values: Floats,
     right: Floats, residual: Floats, left_out: Floats,
 ) -> None:  # fmt: skip
-    """Residuals (measured - predicted), and those by (I - H)^-1 where each prediction leaves its spot out.
+    """Residuals (measured - predicted), and those where each prediction leaves its spot out, by one Newton step.
 
-    H is the spot's 2 x 2 block of the hat matrix, from the singular values of the weighted rows.
+    With A = J H^-1 J^T, H the second derivative of the cost from its roots `values` and vectors `right`, and D the
+    spot's own derivative of the influence, w rho' across its residual r and w (rho' + 2 u rho'') along it, it is
+    r + A (I - D A)^-1 w rho' r: for the squared loss (I - w A)^-1 r.
     """
     half = np.empty((2, LANES))
     for i in range(len(rows)):
         y, z = -rows[i, 0, parameters], -rows[i, 1, parameters]
         residual[i, 0], residual[i, 1] = y, z
-        _, slope, _ = bend(counted[i] * (y * y + z * z) / loss_scale**2, loss)
+        square = y * y + z * z
+        _, slope, stiff = bend(counted[i] * square / loss_scale**2, loss)
         for m in range(2):
             for k in range(parameters):
                 total = 0.0
@@ -111,8 +114,12 @@ def residuals(
             b += half[0, k] * half[1, k]
             c += half[1, k] * half[1, k]
         share = counted[i] * slope
-        a, b, c = 1.0 - share * a, -share * b, 1.0 - share * c
-        determinant = a * c - b * b
-        known = a > 1e-9 and determinant > 1e-9 * a  # else the spot alone determines a direction of the errors
-        left_out[i, 0] = (c * y - b * z) / determinant if known else np.nan
-        left_out[i, 1] = (a * z - b * y) / determinant if known else np.nan
+        turn = counted[i] * (stiff - slope) / square if square > 0.0 else 0.0
+        d, e, f = share + turn * y * y, turn * y * z, share + turn * z * z
+        p, q, r, s = 1.0 - d * a - e * b, -d * b - e * c, -e * a - f * b, 1.0 - e * b - f * c
+        determinant = p * s - q * r
+        larger = max(p, s)
+        known = larger > 1e-9 and determinant > 1e-9 * larger  # else the spot alone determines a direction
+        g, h = share * (s * y - q * z) / determinant, share * (p * z - r * y) / determinant
+        left_out[i, 0] = y + a * g + b * h if known else np.nan
+        left_out[i, 1] = z + b * g + c * h if known else np.nan
