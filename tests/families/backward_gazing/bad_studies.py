@@ -18,6 +18,10 @@ LINES = {
 FILES = {
     "negative.csv": "angle,brightness\n0,1\n1,0.9\n2,-0.1\n3,0.8\n4.36,0.7\n",
     "flat.csv": "angle,brightness\n0,1\n1,1\n2,1\n4.36,1\n",
+    "even.csv": "angle,brightness\n0,1\n1,1\n2,1\n3,0.99999\n4.36,0.99999\n",
+    "spike.csv": "angle,brightness\n0,1\n1,0.9\n2,1e300\n3,0.8\n4.36,0.7\n",
+    "long.csv": "angle,brightness\n0,1\n1,0." + 140_000 * "9" + "\n",
+    "taken.csv": "x,y,slope_rms_x,row,camera_radius,pointing_x,module_y\n0,150,1,1,1,1,1\n",
     "head.csv": "angle,light\n0,1\n",
     "order.csv": "angle,brightness\n0.1,1\n1,x\n1,0.9\n0.5,0.8\n4.36,0.7\n",
     "near.csv": "x,y\n100,60\n0.5,0.5\n",
@@ -243,6 +247,27 @@ BAD: list[tuple[str, str, list[str]]] = [
     ),
     (
         "sun",
+        "sun: {azimuth: 30, elevation: 60, profile: even.csv}",
+        [
+            "even.csv: the brightness falls by only 0.001 % from the centre to the edge: no slopes follow from it; 5 % are the least",
+        ],
+    ),
+    (
+        "sun",
+        "sun: {azimuth: 30, elevation: 60, profile: spike.csv}",
+        [
+            "spike.csv:4: the brightness must be relative to the disc centre, at most 1.5 (got 1e+300)",
+        ],
+    ),
+    (
+        "sun",
+        "sun: {azimuth: 30, elevation: 60, profile: long.csv}",
+        [
+            "long.csv:3: is no line of a CSV table",
+        ],
+    ),
+    (
+        "sun",
         "sun: {azimuth: 30, elevation: 60, profile: head.csv}",
         [
             "head.csv:1: must have a header with the columns angle and brightness",
@@ -261,7 +286,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         "erosion",
         "erosion: 3",
         [
-            "9:10: erosion: leaves no pixels of 0.3 m of module 1, 1.8 m wide (got 3)",
+            "9:10: erosion: leaves no pixels of 0.3 m of module 1, 1.8 m wide; lower it, or make heliostat.pixel smaller (got 3)",
         ],
     ),
     (
@@ -309,6 +334,14 @@ BAD: list[tuple[str, str, list[str]]] = [
 ]
 
 BAD_FIELDS: list[tuple[str, str, list[str]]] = [
+    (
+        "erosion",
+        "field: {latitude: 30, day: 81, hours: 12, layout: {file: taken.csv}, receiver_height: 95}",
+        [
+            f"taken.csv:1:{column}: column name '{name}' is taken by the result; choose another"
+            for column, name in ((5, "slope_rms_x"), (21, "camera_radius"), (35, "pointing_x"), (46, "module_y"))
+        ],
+    ),
     (
         "erosion",
         "field: {latitude: 30, day: 81, hours: 12, layout: {file: near.csv}, receiver_height: 1, pivot_height: 0}",

@@ -16,6 +16,7 @@ from heliosweep.config.identity import resolved_yaml
 from heliosweep.config.load import load
 from heliosweep.config.schema import json_schema
 from heliosweep.errors import PlanError, StudyError
+from heliosweep.families.backward_gazing.checks import reserved
 from heliosweep.families.backward_gazing.config import BackwardGazingStudy
 
 from .bad_studies import BAD, BAD_FIELDS, FIELD_LINES, FILES, LINES
@@ -110,6 +111,28 @@ def test_profile_that_rises_is_used_with_a_warning(tmp_path):
     path.write_text("angle,brightness\n0,1\n1,0.96\n2,0.95\n3,0.9\n4.36,0.7\n", encoding="utf-8")
     assert study(sun=sun, sun_profile="table").notes() == []
     assert study(sun=sun, sun_profile="table").study_id != before  # the contents count
+
+
+def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
+    path = tmp_path / "foot.csv"
+    path.write_text("x,y\n0,100\n0,0\n", encoding="utf-8")
+    field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
+    blocks: dict[str, Any] = {"heliostat": {"pixel": 0.3}, "target": None, "sun": None}
+    assert [note.partition(":")[0] for note in study(field=field, **blocks).notes()] == [
+        "heliostat 1 (line 3) stands at the foot of the tower"
+    ]
+    assert study(field={**field, "facing": "fixed"}, **blocks).notes() == []
+
+
+def test_columns_of_a_layout_leave_all_names_to_the_result(tmp_path):
+    path = tmp_path / "field.csv"
+    path.write_text("x,y\n0,100\n", encoding="utf-8")
+    field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
+    cameras = {"noise": [0.0, 0.01]}
+    one = study(field=field, cameras=cameras, heliostat={"pixel": 0.3}, target=None, sun=None)
+    result = workflow.build(one)
+    taken = {str(name) for name in (*result.variables, *result.dims)} - {"x", "y", "z"}
+    assert taken <= reserved(one)
 
 
 def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():

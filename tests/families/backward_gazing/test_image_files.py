@@ -205,6 +205,30 @@ def test_tables_of_fits_are_no_images(tmp_path):
     assert "holds no image" in said(tmp_path / "a.fits")
 
 
+def test_damage_that_only_the_libraries_know(tmp_path):
+    """What tokenize and compiled decompression raise."""
+    from astropy.io import fits
+
+    header = b"{'descr': " + b"(" * 64 + b"\n"
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
+    assert "its header is damaged" in said(tmp_path / "a.npy")
+    rough = np.random.default_rng(1).integers(0, 255, (64, 64)).astype(np.int16)
+    fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(rough)]).writeto(tmp_path / "a.fits")
+    data = bytearray((tmp_path / "a.fits").read_bytes())
+    with fits.open(tmp_path / "a.fits", disable_image_compression=True) as units:
+        start = units[1].fileinfo()["datLoc"]
+    data[start + 600 :] = b"\xff" * len(data[start + 600 :])
+    (tmp_path / "a.fits").write_bytes(data)
+    assert "damaged or truncated" in said(tmp_path / "a.fits")
+
+
+def test_metadata_that_no_camera_has(tmp_path):
+    message = said(write_png(tmp_path / "a.png", FOCALPIX=1e-9, ROLL=1e300, CENTREU=1e18, CAMERAY=-0.2))
+    for words in ("FOCALPIX in the metadata", "between -360 and 360 (got 1e+300)", "CENTREU"):
+        assert words in message
+    assert "CAMERAY" not in message
+
+
 def test_several_pages(tmp_path):
     pages = [Image.fromarray((LEVELS % 256).astype(np.uint8)) for _ in range(3)]
     pages[0].save(tmp_path / "a.tif", save_all=True, append_images=pages[1:])

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from heliosweep.config.study import parameters
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.errors import Problem, StudyError
+from heliosweep.families.backward_gazing import variables
 from heliosweep.families.backward_gazing.profile_file import read_profile
 from heliosweep.families.backward_gazing.values import module_number
 from heliosweep.kernels.gazing_grid import Modules, themis_8
@@ -25,13 +27,9 @@ if TYPE_CHECKING:
 MAX_PIXELS = 20_000_000
 #: Two modules may share so much of a side by rounding. [m]
 _SLACK = 1e-9
-#: Names that columns of a layout must leave to the result.
-RESERVED = frozenset(
-    (
-        *("heliostat", "hour", "method", "referential", "module", "camera", "latitude", "day", "slant_range"),
-        *("receiver_height", "pivot_height", "facing", "scene_status", "incidence", "usable_fraction", "lit_cameras"),
-    )
-)
+#: Names of the family's variables and labels, which columns of a layout must leave to the result.
+_NAMES = frozenset((*variables.FIELD, *variables.SIMULATED, *variables.MAPS, *variables.OVER_SEEDS))
+_LABELS = frozenset((*variables.COORDINATES, "heliostat", "heliostat_width", "heliostat_height"))
 
 
 def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
@@ -56,7 +54,8 @@ def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
             problems += find(study, notes)
         except StudyError as error:
             problems += error.problems
-    return problems, notes
+    # A file that two checks read is wrong once.
+    return list(dict.fromkeys(problems)), list(dict.fromkeys(notes))
 
 
 def modules_of(study: BackwardGazingStudy) -> Modules:
@@ -88,7 +87,17 @@ def field_layouts(study: BackwardGazingStudy) -> Any:
 
 def field_layout(study: BackwardGazingStudy) -> Layout:
     """The heliostats of the field. Raises StudyError."""
-    return Layouts(field_layouts(study), RESERVED)[()]
+    return Layouts(field_layouts(study), reserved(study))[()]
+
+
+def reserved(study: BackwardGazingStudy) -> frozenset[str]:
+    """Names that columns of a layout must leave to the result: its variables, labels and dimensions."""
+    keys = frozenset(
+        getattr(parameter, "dimension", "") or key.rpartition(".")[2]
+        for key, parameter, _ in parameters(study)
+        if getattr(parameter, "sweep", True) and not key.startswith("field.layout.")
+    )
+    return _NAMES | _LABELS | keys
 
 
 def _modules(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
@@ -118,7 +127,8 @@ def _pixels(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
         lost = max(_ends(study.erosion))
         if side / largest <= 2 * lost + 1:
             message = f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide"
-            yield study.problem("erosion", f"{message} (got {lost:g})")
+            hint = "lower it, or make heliostat.pixel smaller"
+            yield study.problem("erosion", f"{message}; {hint} (got {lost:g})")
 
 
 def _canting(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
@@ -215,6 +225,12 @@ def _layout(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
         if near <= reach:
             yield study.problem("field.layout", f"{layout.where(row)} reaches to the target, {near:.3g} m away")
             return
+    if "heliostat" in _ends(study.field.facing):
+        for row in np.flatnonzero(np.hypot(layout.x, layout.y) < _SLACK).tolist():
+            notes.append(
+                f"{layout.where(row)} stands at the foot of the tower: a target that turns to face it "
+                "(facing: heliostat) has no direction to turn to, and its azimuths are arbitrary"
+            )
 
 
 def _views(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:

@@ -149,5 +149,8 @@ class BackwardGazingStudy(Study):
             yield Fault(message, ("images",), show_value=False)
         if self.defects != Defects():
             yield Fault("is the truth of a simulation; remove it", ("defects",), show_value=False)
+        if self.sun.image is not None and self.sun.profile is not None:
+            message = "stands beside sun.image, and both are the sun's profile; give one of the two"
+            yield Fault(message, ("sun", "profile"), show_value=False)
         if isinstance(self.sun_profile, Sweep):
             yield Fault("must be one profile in mode: measured", ("sun_profile",))

@@ -8,7 +8,6 @@ of the file; in FITS, whose rows count from the bottom, the last one, unless the
 from __future__ import annotations
 
 import math
-import struct
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -47,6 +46,11 @@ KEYS = {
     "PIXANGLE": "angle of a pixel of an image of the sun, mrad",
 }
 _POSITIVE = ("FOCALPIX", "SATURATE", "DISTANCE", "PIXANGLE")
+#: What a camera can have.
+_RANGES = {
+    "FOCALPIX": (10.0, 1e7), "CENTREU": (-1e5, 1e5), "CENTREV": (-1e5, 1e5), "ROLL": (-360.0, 360.0),
+    "CAMERAY": (-1e3, 1e3), "CAMERAZ": (-1e3, 1e3),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +138,13 @@ def _npy(path: Path, name: str) -> Picture:
     try:
         # Mapping needs a whole file of plain numbers, so neither a header's promises nor pickles are followed.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError, OverflowError, TypeError, SyntaxError) as error:
+    except Exception as error:  # headers are read by tokenize, and what that may raise is documented nowhere
         said = str(error)
         if "Python objects" in said or "pickle" in said.lower():
             _fail(name, "holds a pickle, which could run code and is never loaded; save an array of numbers")
         if "mmap" in said or "file size" in said or "too large" in said.lower() or "out of range" in said:
             _fail(name, "is truncated: it ends before the array that its header tells of; copy it again")
-        _fail(name, f"is not a readable NPY file: {' '.join(said.split())[:200]}")
+        _fail(name, "is not a readable NPY file: its header is damaged; save the array again by numpy.save")
     if array.dtype.kind not in "iuf":
         _fail(name, f"holds {array.dtype.name[:40]}, not levels; save integers or floating point numbers")
     _check_shape(array.shape, name)
@@ -169,9 +173,11 @@ def _raster(path: Path, name: str) -> Picture:
         _fail(name, f"has more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
     except UnidentifiedImageError:
         _fail(name, "is damaged: its beginning is that of an image, the rest is not; copy it again")
-    except (OSError, SyntaxError, ValueError, EOFError, struct.error, KeyError, TypeError, MemoryError) as error:
+    except StudyError:
+        raise
+    except Exception as error:  # whatever its decoders meet
         cut = any(word in str(error).lower() for word in ("truncated", "not enough", "unexpected end", "end of file"))
-        _fail(name, f"is {'truncated' if cut else 'damaged'} ({' '.join(str(error).split())[:120]}); copy it again")
+        _fail(name, f"is {'truncated' if cut else 'damaged'}: its pixels cannot be read; copy it again")
     return _picture(levels, said, name)
 
 
@@ -206,8 +212,10 @@ def _fits(path: Path, name: str) -> Picture:
                 levels = np.array(unit.data)
                 said = {key: header[key] for key in KEYS if key in header}
                 down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
-    except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, fits.VerifyError) as error:
-        _fail(name, f"is damaged or truncated ({' '.join(str(error).split())[:120]}); copy it again")
+    except StudyError:
+        raise
+    except Exception:  # compiled decompression has exceptions of its own
+        _fail(name, "is damaged or truncated: its header or pixels cannot be read; copy it again")
     if levels.ndim != 2:
         _fail(name, "is damaged or truncated: its pixels cannot be read; copy it again")
     return _picture(levels if down else levels[::-1], said, name, top)
@@ -250,6 +258,10 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
             kind = "positive number" if key in _POSITIVE else "number"
             message = f"{key} in the metadata must be a {kind}, the {meaning} (got {text[:40]!r}); correct or remove it"
             problems.append(Problem(message, file=name))
+        elif key in _RANGES and not _RANGES[key][0] <= value <= _RANGES[key][1]:
+            low, high = _RANGES[key]
+            message = f"{key} in the metadata, the {meaning}, must be between {low:g} and {high:g} (got {value:g})"
+            problems.append(Problem(f"{message}; correct or remove it", file=name))
         found[key] = value
     if problems:
         raise StudyError(problems)
@@ -259,7 +271,7 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
 def _check_shape(shape: tuple[int, ...], name: str) -> None:
     """Refuse what is no grey image, or too large for memory, before any pixel is read."""
     if len(shape) == 3 and (shape[-1] in (2, 3, 4) or shape[0] in (3, 4)):
-        _fail(name, f"is a colour image (shape {shape}); save one channel of it as grey levels")
+        _fail(name, f"is a colour image or a stack of images (shape {shape}); save one of them as grey levels")
     if len(shape) != 2:
         _fail(name, f"must have two axes, rows and columns, and has {len(shape)} (shape {shape})")
     if math.prod(shape) > MAX_PIXELS:

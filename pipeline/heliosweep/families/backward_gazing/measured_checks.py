@@ -89,7 +89,7 @@ def _level_problems(study: BackwardGazingStudy, seen: Views, notes: list[str]) -
         elif over > MOST_SATURATED:
             yield study.problem(key, f"{name}: {100 * over:.3g} % of its lit pixels are saturated; expose it shorter")
         elif over > 0.0:
-            notes.append(f"{name}: {100 * over:.2g} % of its lit pixels are saturated and not used; expose it shorter")
+            notes.append(f"{name}: {100 * over:.3g} % of its lit pixels are saturated and not used; expose it shorter")
         missing = image.size - known.size
         if missing:
             notes.append(f"{name}: {missing:,} of its pixels are not numbers and are not used")

@@ -153,7 +153,7 @@ def sun_table(study: BackwardGazingStudy) -> tuple[Table | None, list[str]]:
     picture = read_picture(study.resolve(study.sun.image), study.sun.image)
     saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
     if saturated > 0.0:
-        message = f"{100 * saturated:.2g} % of its pixels are saturated: the profile would be flat; expose it shorter"
+        message = f"{100 * saturated:.3g} % of its pixels are saturated: the profile would be flat; expose it shorter"
         raise StudyError(Problem(message, file=study.sun.image))
     block = study.image_geometry
     dark = picture.metadata.get("DARK", 0.0 if block is None or block.dark is None else block.dark)

@@ -48,7 +48,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     for method in result["method"].to_numpy():
         part = float(flagged.sel({"method": method}).sum()) / max(1.0, float(found.sel({"method": method}).sum()))
         if part > 0.01:
-            yield f"{100 * part:.2g} % of the slopes of {method} did not converge (quality {NOT_CONVERGED})"
+            yield f"{100 * part:.3g} % of the slopes of {method} did not converge (quality {NOT_CONVERGED})"
 
 
 def _of_cameras(result: xr.Dataset, files: list[str]) -> Iterator[str]:
@@ -58,11 +58,11 @@ def _of_cameras(result: xr.Dataset, files: list[str]) -> Iterator[str]:
         saturated = float(result["saturated_fraction"].isel(camera=row).max())
         lit = float(result["lit_fraction"].isel(camera=row).min())
         if saturated > 0.0:
-            yield f"{name}: {100 * saturated:.2g} % of the mirror is saturated and not used; expose it shorter"
+            yield f"{name}: {100 * saturated:.3g} % of the mirror is saturated and not used; expose it shorter"
         if lit < DARK:
-            yield f"{name} is dark: it sees the sun in {100 * lit:.2g} % of the mirror; the others must do"
+            yield f"{name} is dark: it sees the sun in {100 * lit:.3g} % of the mirror; the others must do"
         elif lit < HARDLY:
-            yield f"{name} sees the sun in only {100 * lit:.2g} % of the mirror"
+            yield f"{name} sees the sun in only {100 * lit:.3g} % of the mirror"
 
 
 def _of_levels(result: xr.Dataset) -> Iterator[str]:

@@ -15,6 +15,8 @@ from heliosweep.errors import Problem, StudyError
 
 #: Largest table that is read, and problems of one that are listed.
 MAX_BYTES, MAX_LISTED = 2**20, 20
+#: Brightness relative to the centre above which it is no sun's, and least part by which a sun falls towards its edge.
+MAX_BRIGHTNESS, LEAST_FALL = 1.5, 0.05
 _COLUMNS = ("angle", "brightness")
 
 
@@ -68,15 +70,17 @@ def read_profile(path: Path, name: str = "") -> ProfileTable:
 def _read_cached(path: Path, stamp: int, file: str) -> ProfileTable:
     """Read a file once while it does not change (`stamp`)."""
     text = path.read_text(encoding="utf-8-sig")
-    rows = [
-        (line, [cell.strip() for cell in next(csv.reader([content]))])
-        for line, content in enumerate(text.splitlines(), start=1)
-        if content.strip() and not content.lstrip().startswith("#")
-    ]
     problems: list[Problem] = []
+    rows: list[tuple[int, list[str]]] = []
+    for line, content in enumerate(text.splitlines(), start=1):
+        if content.strip() and not content.lstrip().startswith("#"):
+            try:
+                rows.append((line, [cell.strip() for cell in next(csv.reader([content]))]))
+            except csv.Error:
+                raise StudyError(Problem("is no line of a CSV table", file=file, line=line)) from None
     if not rows or sorted(rows[0][1]) != sorted(_COLUMNS):
-        line = rows[0][0] if rows else None
-        raise StudyError(Problem("must have a header with the columns angle and brightness", file=file, line=line))
+        first = rows[0][0] if rows else None
+        raise StudyError(Problem("must have a header with the columns angle and brightness", file=file, line=first))
     header = rows[0][1]
     values: list[tuple[float, ...]] = []
     for line, cells in rows[1:]:
@@ -88,6 +92,9 @@ def _read_cached(path: Path, stamp: int, file: str) -> ProfileTable:
         row = tuple(entry[key] for key in _COLUMNS)
         if row[1] < 0.0:
             problems.append(Problem(f"the brightness must not be negative (got {row[1]:g})", file=file, line=line))
+        elif row[1] > MAX_BRIGHTNESS:
+            message = f"the brightness must be relative to the disc centre, at most {MAX_BRIGHTNESS:g}"
+            problems.append(Problem(f"{message} (got {row[1]:g})", file=file, line=line))
         if not values and row[0] != 0.0:
             problems.append(Problem(f"the angles must begin with 0 (got {row[0]:g})", file=file, line=line))
         elif values and row[0] <= values[-1][0]:
@@ -110,6 +117,10 @@ def _shape_problems(table: NDArray[np.float64], file: str) -> list[Problem]:
     centre, edge = float(table[:few, 1].mean()), float(table[-few:, 1].mean())
     if not edge < centre:
         return [Problem("a sun profile must be darker at its edge than at its centre", file=file)]
+    if edge > (1.0 - LEAST_FALL) * centre:
+        fall = 100.0 * (1.0 - edge / centre)
+        message = f"the brightness falls by only {fall:.2g} % from the centre to the edge: no slopes follow from it"
+        return [Problem(f"{message}; {100 * LEAST_FALL:g} % are the least", file=file)]
     if not 0.8 <= centre <= 1.25:
         message = f"the brightness must be relative to the disc centre, where it is {centre:.4g} instead of 1"
         return [Problem(message, file=file)]

@@ -132,7 +132,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         least, at = float(partly.min()), int(partly.notnull().sum())
         yield (
             f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are not seen whole by three "
-            f"cameras; the least has slopes for {100 * least:.0f} % of its pixels"
+            f"cameras; the least has slopes for {math.floor(1000.0 * least) / 10.0:g} % of its pixels"
         )
 
 
