@@ -6,11 +6,11 @@ from PIL import Image
 
 import heliosweep
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing import measured
+from heliosweep.families.backward_gazing import measured, measured_points
 from heliosweep.families.backward_gazing.config import BackwardGazingStudy
 from heliosweep.families.backward_gazing.image_files import read_picture
 from heliosweep.families.backward_gazing.measured_checks import view_problems
-from heliosweep.kernels.gazing_grid import eroded, maps, themis_8
+from heliosweep.kernels.gazing_grid import eroded, maps, mirror_grid, themis_8
 from heliosweep.kernels.gazing_modules import module_estimates
 from heliosweep.kernels.pinholes import pinholes
 from heliosweep.kernels.rectification import outline, places_of
@@ -290,7 +290,7 @@ def test_one_dark_image_is_left_out(write, truth):
         (lambda image, number: 64.0 + 0.1 * (image - 64.0) if number > 1 else image, "are dark"),
         (lambda image, number: np.full_like(image, 64.0) if number == 1 else image, "one level everywhere"),
         (lambda image, number: np.where(image > 1000.0, 4095.0, image) if number == 3 else image, "are saturated"),
-        (lambda image, number: image[:-4] if number == 2 else image, "176 x 172 pixels, and the first image 176 x 176"),
+        (lambda image, number: image[:-4] if number == 2 else image, "176 x 172 pixels, and others have 176 x 176"),
     ],
 )
 def test_images_that_cannot_be_used(write, change, words):
@@ -313,7 +313,85 @@ def test_geometry_that_is_missing_or_contradictory(write):
     )
     assert "one line" in problems_of(write(say=lambda said, n: {**said, "CAMERAZ": 0.0, "CAMERAY": 0.1 * n}))
     assert "is not above that of the dark" in problems_of(write(say=lambda said, _: {**said, "WHITE": 50.0}))
-    assert "between 0 and 90" in problems_of(write(say=lambda said, _: {**said, "SUNEL": 95.0}))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("SUNEL", 95.0, "must be greater than 0 and at most 90 (got 95)"),
+        ("SUNEL", 0.0, "must be greater than 0 and at most 90 (got 0)"),
+        ("TARGETEL", 90.0, "must be greater than -90 and less than 90 (got 90)"),
+        ("DISTANCE", 1.0, "must be more than 5.16 m, the reach of the heliostat from its centre (got 1)"),
+        ("FOCALPIX", 1e-9, "must be between 10 and 1e+07"),
+    ],
+)
+def test_metadata_that_cannot_be(write, key, value, words):
+    said = problems_of(write(say=lambda metadata, _: {**metadata, key: value}))
+    assert words in said
+    assert ": images[0]: " in said  # the study's key beside the name of the file
+
+
+def test_study_and_metadata_that_disagree_are_said(write):
+    target = {"azimuth": 360.0, "elevation": 44.0}
+    sun = {"azimuth": 160.0, "profile": str(STUDIES / "images" / "sun_profile.csv")}
+    heliostat = {"focal_length": 120, "distance": 121, "pixel": 0.05}
+    assert _notes(write(sun=sun, target=target, heliostat=heliostat)) == [
+        "sun.azimuth is 160 in the study and SUNAZ 30 in the metadata of images; the study counts",
+        "heliostat.distance is 121 in the study and DISTANCE 120 in the metadata of images; the study counts",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [
+        ([[10, 10], [60, 10], [110, 10], [160, 10]], "nearly in one line"),
+        ([[10, 10], [150, 150], [150, 10], [10, 150]], "do not follow each other clockwise"),
+        ([[10, 150], [150, 150], [150, 10], [10, 10]], "do not follow each other clockwise"),
+        ([[1000, 1000], [1100, 1000], [1100, 1100], [1000, 1100]], "4 of 4 corners are outside"),
+        ([[10, 10], [12, 10], [12, 12], [10, 12]], "hold 4 pixels only"),
+    ],
+)
+def test_corners_that_are_none_of_a_heliostat(write, corners, words):
+    study = write()
+    study["images"][1] = {"file": study["images"][1], "corners": corners}
+    said = problems_of(study)
+    assert words in said
+    assert "images[1].corners" in said
+
+
+def test_the_odd_one_of_the_sizes_is_blamed(write):
+    said = problems_of(write(lambda image, number: image[:-4] if number == 0 else image))
+    assert "images[0]: " in said
+    assert "176 x 172 pixels, and others have 176 x 176" in said
+
+
+def test_sun_as_image_and_profile_is_refused(write):
+    images = STUDIES / "images"
+    sun = {"image": str(images / "sun.png"), "profile": str(images / "sun_profile.csv")}
+    assert "give one of the two" in problems_of(write(sun=sun))
+
+
+def test_a_bad_profile_is_said_once(write, tmp_path):
+    path = tmp_path / "bad.csv"
+    path.write_text("angle,brightness\n0,1\n1,-1\n2,0.9\n4.36,0.5\n", encoding="utf-8")
+    assert problems_of(write(sun={"profile": str(path)})).count("must not be negative") == 1
+
+
+def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
+    """All of module 2 said not to have converged: its slopes are shown, its estimates are missing."""
+    solve = measured_points.reconstruct
+
+    def failing(*given):
+        found = solve(*given)
+        grid = mirror_grid(themis_8(), 0.1)
+        found.quality[0, grid.pixel_module == 1] |= 1
+        return found
+
+    monkeypatch.setattr(measured_points, "reconstruct", failing)
+    result = result_of(write(heliostat={"focal_length": 120, "pixel": 0.1}))
+    assert np.isnan(result["canting_x"].sel(LM).sel({"module": 2}).item())
+    assert np.isfinite(result["canting_x"].sel(LM).sel({"module": 3}).item())
+    assert np.isfinite(result["slope_x"].sel(LM).where(result["module_of_pixel"] == 2)).any()
 
 
 def test_the_study_counts_before_the_metadata(write):

@@ -6,13 +6,16 @@ What the study says counts before what the metadata of a file say.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.errors import Problem, StudyError
+from heliosweep.families.backward_gazing.checks import modules_of
 from heliosweep.families.backward_gazing.image_files import Picture, read_picture
 from heliosweep.families.backward_gazing.profile_file import read_profile
 from heliosweep.kernels.sun_discs import disc_profile
@@ -34,7 +37,13 @@ GEOMETRY = {
     "TARGETEL": ("target.elevation", "target_elevation"),
     "DISTANCE": ("heliostat.distance", "distance"),
 }
-_RANGES = {"SUNEL": (0.0, 90.0), "TARGETEL": (-90.0, 90.0), "SUNAZ": (-360.0, 360.0), "TARGETAZ": (-360.0, 360.0)}
+#: What metadata may say, as the study's keys: bounds, and the words for them.
+_RANGES = {
+    "SUNEL": (0.0, math.nextafter(90.0, 91.0), "greater than 0 and at most 90"),
+    "TARGETEL": (-90.0, 90.0, "greater than -90 and less than 90"),
+    "SUNAZ": (-360.1, 360.1, "between -360 and 360"),
+    "TARGETAZ": (-360.1, 360.1, "between -360 and 360"),
+}
 #: Where a level of white comes from; only the first two are those of each camera, with the mirror in between.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
 #: Pixels that may be brighter than what counts as the brightest level of an image: hot ones.
@@ -70,6 +79,8 @@ class Views(NamedTuple):
     """Where each comes from: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`."""
     noise: float
     """Standard deviation of a pixel relative to the sun's centre; NaN where it is to be found from the residuals."""
+    metadata: tuple[Mapping[str, float], ...]
+    """What the files say, whether it counts or not."""
 
     @property
     def needs_gain(self) -> bool:
@@ -89,11 +100,17 @@ def views(study: BackwardGazingStudy) -> Views:
     said = [picture.metadata for picture in pictures]
     entries, block = study.images or (), study.image_geometry
     shapes = [picture.levels.shape for picture in pictures]
-    for number, shape in enumerate(shapes):
-        if shape != shapes[0]:
-            here, first = (f"{shape[1]} x {shape[0]}" for shape in (shape, shapes[0]))
-            message = f"has {here} pixels, and the first image {first}: all four must have the same size"
-            raise StudyError(study.problem(f"images[{number}].file", f"{pictures[number].name} {message}"))
+    usual = Counter(shapes).most_common(1)[0][0]
+    if odd := [number for number, shape in enumerate(shapes) if shape != usual]:
+        others = f"{usual[1]} x {usual[0]}"
+        raise StudyError(
+            study.problem(
+                f"images[{number}]",
+                f"{pictures[number].name} has {shapes[number][1]} x {shapes[number][0]} pixels, and others have "
+                f"{others}: all four must have the same size",
+            )
+            for number in odd
+        )
     corners = np.full((len(pictures), 4, 2), np.nan)
     for number, entry in enumerate(entries):
         if entry.corners is not None:
@@ -126,6 +143,7 @@ def views(study: BackwardGazingStudy) -> Views:
         white,
         white_from,
         math.nan if block is None or block.noise is None else block.noise,
+        tuple(said),
     )  # fmt: skip
 
 
@@ -150,22 +168,22 @@ def sun_table(study: BackwardGazingStudy) -> tuple[Table | None, list[str]]:
             return None, notes
         read = read_profile(study.resolve(study.sun.profile), study.sun.profile)
         return (tuple(read.angle.tolist()), tuple(read.brightness.tolist())), notes
-    picture = read_picture(study.resolve(study.sun.image), study.sun.image)
+    picture = _read(study, "sun.image", study.sun.image)
     saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
     if saturated > 0.0:
         message = f"{100 * saturated:.3g} % of its pixels are saturated: the profile would be flat; expose it shorter"
-        raise StudyError(Problem(message, file=study.sun.image))
+        raise StudyError(Problem(message, "sun.image", study.sun.image))
     block = study.image_geometry
     dark = picture.metadata.get("DARK", 0.0 if block is None or block.dark is None else block.dark)
     try:
         disc = disc_profile(picture.levels - dark)
     except ValueError as error:
-        raise StudyError(Problem(str(error), file=study.sun.image)) from None
+        raise StudyError(Problem(str(error), "sun.image", study.sun.image)) from None
     pixel = study.sun.pixel_angle or picture.metadata.get("PIXANGLE")
     radius = EPS_MAX if pixel is None else 1e-3 * pixel * disc.radius
     if not 3e-3 < radius < 7e-3:
         message = f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad; a sun has 4.65"
-        raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", file=study.sun.image))
+        raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", "sun.image", study.sun.image))
     rises = int(np.count_nonzero(np.diff(disc.brightness) > 0.0))
     if rises:
         notes.append(
@@ -180,14 +198,22 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
     """The images; raises StudyError with what is wrong with all of them."""
     pictures: list[Picture] = []
     problems: list[Problem] = []
-    for entry in study.images or ():
+    for number, entry in enumerate(study.images or ()):
         try:
-            pictures.append(read_picture(study.resolve(entry.file), entry.file))
+            pictures.append(_read(study, f"images[{number}]", entry.file))
         except StudyError as error:
             problems += error.problems
     if problems:
         raise StudyError(problems)
     return pictures
+
+
+def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
+    """An image that a key of the study names, which problems name too."""
+    try:
+        return read_picture(study.resolve(name), name)
+    except StudyError as error:
+        raise StudyError(replace(problem, key=problem.key or key) for problem in error.problems) from None
 
 
 def _check_focal(study: BackwardGazingStudy, focal: Floats, marked: NDArray[np.bool_]) -> None:
@@ -226,19 +252,19 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
     for number in np.flatnonzero(~(white > dark)).tolist():
         message = f"the level of white, {white[number]:g}, is not above that of the dark, {dark[number]:g}"
         hint = "is the image dark? correct white and dark"
-        raise StudyError(Problem(f"{message}; {hint}", file=pictures[number].name))
+        raise StudyError(Problem(f"{message}; {hint}", f"images[{number}]", pictures[number].name))
     return white, tuple(source)
 
 
 def _sun_level(study: BackwardGazingStudy) -> float:
     assert study.sun.image is not None
-    picture = read_picture(study.resolve(study.sun.image), study.sun.image)
+    picture = _read(study, "sun.image", study.sun.image)
     block = study.image_geometry
     dark = picture.metadata.get("DARK", 0.0 if block is None or block.dark is None else block.dark)
     try:
         return disc_profile(picture.levels - dark).level
     except ValueError as error:
-        raise StudyError(Problem(str(error), file=study.sun.image)) from None
+        raise StudyError(Problem(str(error), "sun.image", study.sun.image)) from None
 
 
 def _positions(study: BackwardGazingStudy, pictures: list[Picture]) -> tuple[tuple[float, float], ...] | None:
@@ -274,16 +300,19 @@ def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, 
         if not given:
             message = f"is missing, in the study and as {key} in the metadata of the images"
             raise StudyError(study.problem(dotted, message))
-        low, high = _RANGES.get(key, (0.0, math.inf))
-        for picture, value in zip(pictures, values, strict=True):
+        modules = modules_of(study)
+        reach = float(np.hypot(*(np.abs(modules.centre) + 0.5 * modules.size).T).max())
+        words = f"more than {reach:.3g} m, the reach of the heliostat from its centre"
+        low, high, words = _RANGES.get(key, (reach, math.inf, words))
+        for number, (picture, value) in enumerate(zip(pictures, values, strict=True)):
             if value is None:
                 continue
-            if not low <= value <= high:
-                message = f"{key} in the metadata must be between {low:g} and {high:g} (got {value:g})"
-                raise StudyError(Problem(message, file=picture.name))
+            if not low < value < high:
+                message = f"{key} in the metadata must be {words} (got {value:g})"
+                raise StudyError(Problem(message, f"images[{number}]", picture.name))
             if abs(value - given[0]) > 1e-6 * max(1.0, abs(given[0])):
                 message = f"{key} in the metadata is {value:g} here and {given[0]:g} in another image"
                 hint = "the four must be taken at one time; say in the study what counts"
-                raise StudyError(Problem(f"{message}: {hint}", file=picture.name))
+                raise StudyError(Problem(f"{message}: {hint}", f"images[{number}]", picture.name))
         found[name] = given[0]
     return found

@@ -103,7 +103,10 @@ def _solved(point: points.Point, given: Given) -> dict[str, Any]:
     grid = mirror_grid(given.modules, point.pixel)
     keep = eroded(grid, point.erosion)
     profile = _profile(point, given)
-    seen = _on_mirror(layout, grid, point, given)
+    try:
+        seen = _on_mirror(layout, grid, point, given)
+    except ValueError:  # a camera that looks straight up or down, or corners that no view of this scene has
+        return {"scene_status": common.NOT_IDENTIFIABLE}
     place = grid.pixel_y, grid.pixel_z
     found = reconstruct(
         layout, profile, seen.images, place, given.methods, given.referentials, point.threshold, given.fit_gain
@@ -250,7 +253,8 @@ def _of_modules(
              for name, (dims, _) in named.MEASURED.items() if name in common.ESTIMATES}  # fmt: skip
     values: dict[str, Any] = {name: np.full(size, np.nan) for name, size in shape.items()}
     for index in np.ndindex(methods, referentials):
-        slopes = np.ascontiguousarray(found.slopes[index])
+        lost = found.quality[index[0]] & common.NOT_CONVERGED > 0  # these are shown, and count for nothing
+        slopes = np.ascontiguousarray(np.where(lost, np.nan, found.slopes[index]))
         known = np.where(np.isfinite(deviation), deviation, 0.0)
         made = module_estimates(slopes, grid, given.modules, keep, point.focal_length, None, known)
         for axis, name in enumerate("xy"):
