@@ -71,6 +71,7 @@ def curve_figure(
     ordered: bool = False,
     step: float | None = None,
     least_span: float = LEAST_SPAN,
+    ceiling: float | None = None,
     looks: Mapping[str, dict[str, Any]] | None = None,
 ) -> Figure:
     """Draw panels in rows of at most `columns`, with one legend above them.
@@ -99,6 +100,8 @@ def curve_figure(
         Distance of the ticks of the horizontal axis; chosen by the range where left out.
     least_span : float
         Least height of a value axis. [unit of the axis]
+    ceiling : float, optional
+        What no value can exceed, such as 100 %: no value axis goes on beyond it.
     looks : mapping of str to dict, optional
         What is special in the look of some lines, as matplotlib's properties.
 
@@ -151,10 +154,15 @@ def curve_figure(
     for axes in grid[len(panels) :]:
         axes.remove()
     handles = {name: line for axes in grid[::-1] for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    if ceiling is not None:
+        for axes in grid[: len(panels)]:
+            low, high = axes.get_ylim()
+            axes.set_ylim(top=min(high, ceiling + 0.05 * (ceiling - low)))
     if len(names) > 1 or names[0]:
+        drawn = [name for name in names if _has_values(panels, name)] or names
         figure.legend(
-            [handles[name] for name in names],
-            names,
+            [handles[name] for name in drawn],
+            drawn,
             loc="upper center",
             ncols=abreast,
             borderaxespad=0.4,
@@ -164,6 +172,11 @@ def curve_figure(
     if cut > 0:  # long numbers beside the ticks
         figure.subplots_adjust(left=(0.62 + cut) / width)
     return figure
+
+
+def _has_values(panels: Sequence[Panel], name: str) -> bool:
+    """Whether a line has a value in any panel."""
+    return any(not np.isnan(panel.lines[name][1]).all() for panel in panels if name in panel.lines)
 
 
 def _words(panels: Sequence[Panel]) -> np.ndarray:

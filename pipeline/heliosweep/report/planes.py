@@ -97,7 +97,7 @@ def plane_figure(
     matplotlib.figure.Figure
     """
     words = words or Words()
-    columns = min(columns, len(planes))
+    columns = 2 if len(planes) == 4 else min(columns, len(planes))
     rows = -(-len(planes) // columns)
     ends = frames(planes)
     shared = len(set(ends)) == 1

@@ -130,6 +130,7 @@ def _hits_over_day(result: xr.Dataset) -> Iterator[NamedFigure]:
         step=wording.hour_step(result),
         legend=wording.heading(result, line),
         ordered=bool(wording.heading(result, line)),
+        ceiling=100.0,
         columns=3 if len(drawn) == 3 else 2,
         least_span=5.0,
     )
