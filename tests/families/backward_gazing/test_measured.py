@@ -119,7 +119,7 @@ def test_shipped_modules_are_those_planted(shipped, truth):
         stated = found[f"canting_{direction}_standard_error"].to_numpy()
         assert np.all(np.abs(error) < 2.0 * stated)
         assert np.all((stated > 0.005) & (stated < 0.025))
-        assert np.abs(error).max() < 0.008
+        assert np.abs(error).max() < 0.01  # what pointing is off by they share
         # Against the planted numbers themselves; the sphere of 119 m cants the modules too.
         centres = themis_8().centre[:, axis]
         planted = 1e3 * (made.CANTING[:, axis] + made.POINTING[axis] - centres * (1 / 238.0 - 1 / 240.0))
