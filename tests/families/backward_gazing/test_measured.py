@@ -6,7 +6,7 @@ from PIL import Image
 
 import heliosweep
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing import measured, measured_points
+from heliosweep.families.backward_gazing import measured, measured_points, scenes
 from heliosweep.families.backward_gazing.config import BackwardGazingStudy
 from heliosweep.families.backward_gazing.image_files import read_picture
 from heliosweep.families.backward_gazing.measured_checks import view_problems
@@ -436,3 +436,13 @@ def test_parameters_may_be_swept(write):
     assert 0.005 < abs(wrong - right) < 0.08
     assert "has no part" in problems_of(write(cameras={"noise": [0.0, 0.1]}))
     assert "cannot be swept" in problems_of(write(heliostat={"focal_length": 120, "pixel": [0.05, 0.1]}))
+
+
+def test_parts_of_the_whole_are_plain_numbers(shipped):
+    lost = shipped.assign(quality=shipped["quality"] * 0 + 1)
+    assert list(measured.remarks(lost)) == [
+        f"100 % of the slopes of {method} did not converge (quality 1)" for method in ("A", "LM")
+    ]
+    near = shipped[["scene_status", "usable_fraction"]]
+    near = near.assign(usable_fraction=near["usable_fraction"] * 0 + 0.9996)
+    assert next(iter(scenes.remarks(near))).endswith("the least has slopes for 99.9 % of its pixels")

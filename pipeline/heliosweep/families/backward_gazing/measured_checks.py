@@ -10,7 +10,8 @@ import numpy as np
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.checks import modules_of
-from heliosweep.families.backward_gazing.measured_images import GEOMETRY, Views, bright_level, sun_table, views
+from heliosweep.families.backward_gazing.measured_images import GEOMETRY, Views, bright_level, views
+from heliosweep.families.backward_gazing.measured_sun import sun_table
 from heliosweep.kernels.gazing_grid import mirror_grid
 from heliosweep.kernels.rectification import homography, outline
 

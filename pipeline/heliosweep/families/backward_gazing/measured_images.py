@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,18 +15,15 @@ from numpy.typing import NDArray
 
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.checks import modules_of
-from heliosweep.families.backward_gazing.image_files import Picture, read_picture
-from heliosweep.families.backward_gazing.profile_file import read_profile
-from heliosweep.kernels.sun_discs import disc_profile
-from heliosweep.kernels.sun_profiles import EPS_MAX, falling_envelope
+from heliosweep.families.backward_gazing.image_files import Picture
+from heliosweep.families.backward_gazing.measured_sun import read_named, sun_level
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.config import BackwardGazingStudy
 
-__all__ = ["BRIGHTEST", "GEOMETRY", "KNOWN_WHITE", "SUN_IMAGE", "Views", "bright_level", "sun_table", "views"]
+__all__ = ["BRIGHTEST", "GEOMETRY", "KNOWN_WHITE", "SUN_IMAGE", "Views", "bright_level", "views"]
 
 Floats = NDArray[np.float64]
-Table = tuple[tuple[float, ...], tuple[float, ...]]
 
 #: Keys of the study that metadata may give instead, all the same in the four images: name in `points.Point`.
 GEOMETRY = {
@@ -154,66 +150,18 @@ def bright_level(image: Floats) -> float:
     return float(-np.partition(-known, few)[few])
 
 
-def sun_table(study: BackwardGazingStudy) -> tuple[Table | None, list[str]]:
-    """Profile of the study's sun image or table: angles [rad] and brightness; None without either; and notes.
-
-    Raises
-    ------
-    StudyError
-        If the file cannot be used.
-    """
-    notes: list[str] = []
-    if study.sun.image is None:
-        if study.sun.profile is None:
-            return None, notes
-        read = read_profile(study.resolve(study.sun.profile), study.sun.profile)
-        return (tuple(read.angle.tolist()), tuple(read.brightness.tolist())), notes
-    picture = _read(study, "sun.image", study.sun.image)
-    saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
-    if saturated > 0.0:
-        message = f"{100 * saturated:.3g} % of its pixels are saturated: the profile would be flat; expose it shorter"
-        raise StudyError(Problem(message, "sun.image", study.sun.image))
-    block = study.image_geometry
-    dark = picture.metadata.get("DARK", 0.0 if block is None or block.dark is None else block.dark)
-    try:
-        disc = disc_profile(picture.levels - dark)
-    except ValueError as error:
-        raise StudyError(Problem(str(error), "sun.image", study.sun.image)) from None
-    pixel = study.sun.pixel_angle or picture.metadata.get("PIXANGLE")
-    radius = EPS_MAX if pixel is None else 1e-3 * pixel * disc.radius
-    if not 3e-3 < radius < 7e-3:
-        message = f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad; a sun has 4.65"
-        raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", "sun.image", study.sun.image))
-    rises = int(np.count_nonzero(np.diff(disc.brightness) > 0.0))
-    if rises:
-        notes.append(
-            f"{study.sun.image}: the brightness rises in {rises} of {len(disc.brightness) - 1} rings from the centre "
-            "to the edge; the least falling curve above it is used"
-        )
-    angle = np.linspace(0.0, radius, len(disc.brightness))
-    return (tuple(angle.tolist()), tuple(falling_envelope(np.maximum(disc.brightness, 0.0)).tolist())), notes
-
-
 def _pictures(study: BackwardGazingStudy) -> list[Picture]:
     """The images; raises StudyError with what is wrong with all of them."""
     pictures: list[Picture] = []
     problems: list[Problem] = []
     for number, entry in enumerate(study.images or ()):
         try:
-            pictures.append(_read(study, f"images[{number}]", entry.file))
+            pictures.append(read_named(study, f"images[{number}]", entry.file))
         except StudyError as error:
             problems += error.problems
     if problems:
         raise StudyError(problems)
     return pictures
-
-
-def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
-    """An image that a key of the study names, which problems name too."""
-    try:
-        return read_picture(study.resolve(name), name)
-    except StudyError as error:
-        raise StudyError(replace(problem, key=problem.key or key) for problem in error.problems) from None
 
 
 def _check_focal(study: BackwardGazingStudy, focal: Floats, marked: NDArray[np.bool_]) -> None:
@@ -242,7 +190,7 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
         elif "WHITE" in picture.metadata:
             white[number], origin = picture.metadata["WHITE"], "metadata"
         elif study.sun.image is not None:
-            white[number], origin = dark[number] + _sun_level(study), SUN_IMAGE
+            white[number], origin = dark[number] + sun_level(study), SUN_IMAGE
         else:
             white[number], origin = math.nan, BRIGHTEST
         source.append(origin)
@@ -254,17 +202,6 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
         hint = "is the image dark? correct white and dark"
         raise StudyError(Problem(f"{message}; {hint}", f"images[{number}]", pictures[number].name))
     return white, tuple(source)
-
-
-def _sun_level(study: BackwardGazingStudy) -> float:
-    assert study.sun.image is not None
-    picture = _read(study, "sun.image", study.sun.image)
-    block = study.image_geometry
-    dark = picture.metadata.get("DARK", 0.0 if block is None or block.dark is None else block.dark)
-    try:
-        return disc_profile(picture.levels - dark).level
-    except ValueError as error:
-        raise StudyError(Problem(str(error), "sun.image", study.sun.image)) from None
 
 
 def _positions(study: BackwardGazingStudy, pictures: list[Picture]) -> tuple[tuple[float, float], ...] | None:

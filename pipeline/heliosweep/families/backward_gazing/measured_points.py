@@ -16,7 +16,8 @@ from heliosweep.families.backward_gazing import measured_variables as named
 from heliosweep.families.backward_gazing import points
 from heliosweep.families.backward_gazing import variables as common
 from heliosweep.families.backward_gazing.checks import camera_places, modules_of
-from heliosweep.families.backward_gazing.measured_images import Table, Views, sun_table, views
+from heliosweep.families.backward_gazing.measured_images import Views, views
+from heliosweep.families.backward_gazing.measured_sun import Table, sun_table
 from heliosweep.families.backward_gazing.reconstruct import Found, reconstruct
 from heliosweep.families.backward_gazing.rows import Row
 from heliosweep.kernels import rectification as bits
