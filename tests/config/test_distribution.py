@@ -72,6 +72,8 @@ def test_moments() -> None:
     ("raw", "faults"),
     [
         ({"normal": [0, -1]}, {("normal", 1): "the standard deviation must not be negative"}),
+        ({"normal": [0, 1001]}, {("normal", 1): "the standard deviation must be at most 1000 mrad"}),
+        ({"lognormal": [0, 1]}, {("lognormal",): "unknown distribution; a distribution is {normal: [mean"}),
         ({"normal": [0, 1], "samples": 0}, {("samples",): "must be between 1 and 1e+09"}),
         ({"normal": [0, 1], "samples": 1.5}, {("samples",): "must be a whole number"}),
         ({"normal": [0, 1], "samples": True}, {("samples",): "must be a whole number"}),

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from heliosweep.config import units
 from heliosweep.config.faults import Fault, Invalid, nearest
-from heliosweep.config.forms import key_faults, read_parts
+from heliosweep.config.forms import MAX_FAULTS, key_faults, read_parts
 from heliosweep.config.quantity import Quantity
 from heliosweep.config.sweep import Sweep
 
@@ -68,7 +69,8 @@ class Distribution:
 class Uncertain(Quantity):
     """A physical number that is fixed, swept, or drawn from a distribution.
 
-    Bounds hold for numbers and sweeps, for the mean of a normal and for both ends of a uniform distribution.
+    Bounds hold for numbers and sweeps, for the mean of a normal and for both ends of a uniform distribution; the
+    standard deviation is not larger than the larger of the two.
     """
 
     def read(self, raw: Any) -> Any:
@@ -88,7 +90,9 @@ class Uncertain(Quantity):
         fixed = super().json_schema()
         forms = fixed.get("anyOf", [fixed])
         one = {"type": ["number", "string"]}
-        width = {"anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}]}
+        most = self._largest()
+        bounded = {"type": "number", "minimum": 0} | ({} if most is None else {"maximum": most})
+        width = {"anyOf": [bounded, {"type": "string"}]}
 
         def pair(second: Mapping[str, Any], description: str) -> dict[str, Any]:
             bounds = {"minItems": 2, "maxItems": 2}
@@ -116,7 +120,9 @@ class Uncertain(Quantity):
         }
 
     def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
-        faults = key_faults(raw, _KEYS, (), _FORM)
+        others = [str(key) for key in raw if _names_another(str(key), raw)]
+        faults = key_faults({key: value for key, value in raw.items() if key not in others}, _KEYS, (), _FORM)
+        faults += [Fault(f"unknown distribution; {_FORM}", (key,), show_value=False) for key in others[:MAX_FAULTS]]
         if NORMAL in raw and UNIFORM in raw:
             faults.append(Fault("give 'normal' or 'uniform', not both", (UNIFORM,), show_value=False))
         elif not faults and not {NORMAL, UNIFORM} & set(raw):
@@ -136,6 +142,10 @@ class Uncertain(Quantity):
         faults = self._bound_faults({0: mean})
         if deviation < 0:
             faults.append(Fault("the standard deviation must not be negative", (1,)))
+        most = self._largest()
+        if most is not None and deviation > most:
+            message = f"the standard deviation must be at most {most:g}{units.suffix(self.unit)}"
+            faults.append(Fault(message, (1,)))
         if faults:
             raise Invalid(faults)
         return mean, deviation
@@ -148,6 +158,12 @@ class Uncertain(Quantity):
         if faults:
             raise Invalid(faults)
         return low, high
+
+    def _largest(self) -> float | None:
+        """The largest magnitude within the bounds, which no standard deviation may exceed; None without bounds."""
+        if self.ge is None or self.le is None:
+            return None
+        return max(abs(self.ge), abs(self.le))
 
     def _pair(self, raw: Any, kind: str) -> tuple[float, float]:
         """Return two numbers in the canonical unit, bounds not yet checked."""
@@ -174,6 +190,14 @@ class Uncertain(Quantity):
             except Invalid as error:
                 faults += error.under(position)
         return faults
+
+
+def _names_another(key: str, raw: Mapping[str, Any]) -> bool:
+    """Whether a key is the name of a distribution that there is not, and no misspelling of one."""
+    if key in _KEYS or not isinstance(raw.get(key), list | tuple):
+        return False
+    meant = nearest(key, _KEYS)
+    return meant is None or abs(len(meant) - len(key)) > 2
 
 
 def _means_distribution(raw: Mapping[str, Any]) -> bool:

@@ -14,6 +14,8 @@ LINES = {
 }
 DRAWN = "mount_errors: {azimuth_reference: {normal: [0, 1.5]}, samples: 10, seed: 7}"
 
+NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
+
 #: Line that is replaced, what it becomes, what is said.
 BAD: list[tuple[str, str, list[str]]] = [
     ("mode", "mode: curve", ["2:7: mode: unknown choice; did you mean 'curves'? (got 'curve')"]),
@@ -116,6 +118,21 @@ BAD: list[tuple[str, str, list[str]]] = [
         ],
     ),
     (
+        "time",
+        "time: {clock: solar, days: [355, 80, 172], hours: {start: 16, stop: 8, step: -1}}",
+        ["4:28: time.days: must rise", "4:51: time.hours: must rise"],
+    ),
+    (
+        "time",
+        "time: {clock: solar, declination: [10, 0], hours: 12}",
+        ["4:35: time.declination: must rise"],
+    ),
+    (
+        "mount",
+        "mount: {axis_azimuth: [0, 90]}",
+        ["7:23: mount.axis_azimuth: is only for 'kind: tilt_roll', which is not among the mounts (got [0, 90])"],
+    ),
+    (
         "mount",
         "mount: {mirror_offset: 300}",
         [
@@ -186,6 +203,39 @@ BAD_MOUNTS: list[tuple[str, str, list[str]]] = [
         "mount_errors",
         "mount_errors: {samples: 10, collimation: {uniform: [0, 1], samples: 11}}",
         ["8:69: mount_errors.collimation.samples: must be 10, as all errors are drawn equally often (got 11)"],
+    ),
+    (
+        "mount_errors",
+        "mount_errors: {azimuth_reference: {normal: [0, 1e6]}, collimation: {lognormal: [0, 1]}, samples: 3}",
+        [
+            "8:48: mount_errors.azimuth_reference.normal[1]: the standard deviation must be at most 500 mrad (got 1000000.0)",
+            "8:80: mount_errors.collimation.lognormal: unknown distribution; a distribution is "
+            "{normal: [mean, standard deviation]} or {uniform: [low, high]}",
+        ],
+    ),
+    (
+        "mount_errors",
+        "mount_errors: {}",
+        [
+            "8:15: mount_errors: names no error: give 'azimuth_reference', 'elevation_reference', 'tilt_about_east', "
+            "'tilt_about_north', 'non_orthogonality' or 'collimation', in mrad"
+        ],
+    ),
+    (
+        "mount_errors",
+        "mount_errors: {azimuth_reference: 1, scale: [1, 2], samples: 9}",
+        [
+            "8:45: mount_errors.scale: " + NOT_DRAWN,
+            "8:62: mount_errors.samples: " + NOT_DRAWN,
+        ],
+    ),
+    (
+        "mount_errors",
+        "mount_errors: {azimuth_reference: [1, 2], seed: 9}\nstatistics: {percentiles: [5, 95]}",
+        [
+            "8:49: mount_errors.seed: " + NOT_DRAWN,
+            "9:13: statistics: " + NOT_DRAWN,
+        ],
     ),
     (
         "calibration",

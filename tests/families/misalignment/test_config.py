@@ -16,6 +16,7 @@ from heliosweep.config.identity import resolved_yaml
 from heliosweep.config.load import load
 from heliosweep.config.schema import json_schema
 from heliosweep.errors import StudyError
+from heliosweep.families.misalignment.checks import RESERVED
 from heliosweep.families.misalignment.config import MisalignmentStudy
 
 from .bad_studies import BAD, BAD_MOUNTS, LINES
@@ -77,6 +78,46 @@ def test_notes_of_heliostats_behind_the_face_and_of_dark_latitudes():
     assert study(receiver={**SMALL["receiver"], "azimuth": [0, 180]}).notes() == []
     dark = study(site={"latitude": [-80, 37.4]}, heliostats={"positions": [[0, 9, 0]]})
     assert dark.notes() == ["the sun never rises at latitude -80 deg: there are no spots (NaN) there"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("time", "estimated_error", "condition_number", "crossing_y", "spot_y_mean", "remaining_tolerance"),
+        *("day_of_least_tolerance", "corrected_azimuth", "real_fraction", "spot_z_after"),
+    ],
+)
+def test_columns_of_layouts_must_not_hide_results(name, tmp_path):
+    (tmp_path / "layout.csv").write_text(f"x,y,{name}\n1,60,3\n", encoding="utf-8")
+    with pytest.raises(StudyError, match=name):
+        study(heliostats={"pivot_height": 3}, layout={"file": str(tmp_path / "layout.csv")})
+
+
+def test_all_names_of_results_are_reserved():
+    from heliosweep.families.misalignment import calibration_variables, mount_errors_variables, variables
+
+    names = {*variables.least_at("day"), *variables.least_at("declination"), *variables.least_at("date"), "true_error"}
+    for module in (variables, mount_errors_variables, calibration_variables):
+        for key, value in vars(module).items():
+            if key.isupper() and isinstance(value, dict) and all(isinstance(name, str) for name in value):
+                names |= set(value)
+    names -= {"long_name", "units"}
+    assert len(names) > 50
+    assert names <= RESERVED
+
+
+def test_notes_of_offsets_that_are_too_large_for_some_of_a_sweep():
+    near = {"positions": [[-16, 150, 0], [0, 1, 143.5]]}
+    note = "1 of 2 heliostats are not farther from the aim point than the largest offsets of the mirror, {} m: there "
+    for mount, most in (
+        ({"mirror_offset": [0, 3]}, "3"),
+        ({"mirror_offset": [0.1, 0.9], "axis_offset": [-0.4, 0]}, "1.3"),
+    ):
+        drawn = study(mode="mount_errors", error=None, mount_errors={"collimation": 0}, mount=mount, heliostats=near)
+        assert drawn.notes() == [note.format(most) + "they have no spots"]
+    both = {"mirror_offset": 0.7, "axis_offset": -0.6}
+    with pytest.raises(StudyError, match="axis_offset: must together with mirror_offset be smaller than the distance"):
+        study(mode="mount_errors", error=None, mount_errors={"collimation": 0}, mount=both, heliostats=near)
 
 
 def test_a_swept_offset_is_an_error_only_where_all_of_it_is_too_large():

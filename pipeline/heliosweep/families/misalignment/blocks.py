@@ -30,8 +30,8 @@ SOURCES = {
 #: Axes of error, in the order of their codes in the kernels.
 AXES = {
     "elevation": "about the horizontal axis in the mirror; positive raises the normal",
-    "azimuth": "about the up-slope axis in the mirror; positive clockwise from above",
-    "encoder_azimuth": "about the primary axis of the mount; positive clockwise from above",
+    "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
+    "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
 }
 #: The six errors of a two-axis mount, in the order of the kernels.
 ERRORS = (
@@ -42,6 +42,8 @@ ERRORS = (
     "non_orthogonality",
     "collimation",
 )
+#: What is said of keys that only drawn errors make something of.
+NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
 LOSSES = {
     "squared": "least squares",
     "huber": "linear beyond loss_scale",
@@ -193,7 +195,10 @@ class MountErrors(Block):
 
     azimuth_reference: Annotated[
         float | Sweep | Distribution,
-        _angle("Offset of the primary encoder's zero, positive clockwise from above", "azimuth reference error"),
+        _angle(
+            "Offset of the primary encoder's zero, positive clockwise seen from the end of the primary axis",
+            "azimuth reference error",
+        ),
     ] = 0.0
     elevation_reference: Annotated[
         float | Sweep | Distribution,
@@ -231,9 +236,17 @@ class MountErrors(Block):
         Quantity("What the draws of all distributions follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
     ] = None
 
+    def drawn(self) -> dict[str, Distribution]:
+        """The errors that are drawn, by name."""
+        return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
+
     def rules(self) -> Iterator[Fault]:
         """Check that all distributions are drawn equally often, and how often."""
-        drawn = {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
+        drawn = self.drawn()
+        if not drawn and self.samples is not None:
+            yield Fault(NOT_DRAWN, ("samples",), show_value=False)
+        if not drawn and self.scale != 1:
+            yield Fault(NOT_DRAWN, ("scale",), show_value=False)
         said = {"": self.samples} | {name: error.samples for name, error in drawn.items()}
         counts = {name: count for name, count in said.items() if count is not None}
         if drawn and not counts:
@@ -301,6 +314,6 @@ BLOCKS_OF_MODES = {
     "calibration": ("calibration",),
 }
 __all__ = [
-    "AXES", "BLOCKS_OF_MODES", "ERRORS", "LOSSES", "MOUNTS", "SOURCES", "Calibration", "Detectors", "Error",
-    "Heliostats", "Mount", "MountErrors", "Receiver", "Statistics", "Sun",
+    "AXES", "BLOCKS_OF_MODES", "ERRORS", "LOSSES", "MOUNTS", "NOT_DRAWN", "SOURCES", "Calibration", "Detectors",
+    "Error", "Heliostats", "Mount", "MountErrors", "Receiver", "Statistics", "Sun",
 ]  # fmt: skip

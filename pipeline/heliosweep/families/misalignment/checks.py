@@ -14,6 +14,7 @@ from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import SolarTime
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.daylight import dark_latitudes
+from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.measured import spot_problems
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import Layouts
@@ -24,19 +25,38 @@ if TYPE_CHECKING:
 #: Layouts of a sweep, and heliostats in all of them, that are looked at here; the kernels flag what is wrong in any.
 MAX_LAYOUTS, MAX_HELIOSTATS = 50, 300_000
 
-#: Names that columns of a layout must leave to the result.
+#: Names that columns of a layout must leave to the result. Written out, as the modules of the variables load the
+#: kernels, which validation has no time for; a test compares.
 RESERVED = frozenset(
     (
         *("heliostat", "layout", "clearance", "inner_radius", "rings", "heliostat_count", "pivot_height"),
         *("site", "latitude", "longitude", "altitude", "sun_azimuth", "sun_elevation"),
-        *("day", "declination", "date", "hour", "utc", "sample", "percentile", "tolerance_axis", "spot"),
+        *("time", "day", "declination", "date", "hour", "utc", "sample", "percentile", "tolerance_axis", "spot"),
         *("receiver_height", "receiver_azimuth", "receiver_tilt", "receiver_width", "receiver_height_extent"),
         *("mount_kind", "mirror_offset", "axis_offset", "pedestal_height", "axis_azimuth"),
-        *("source", "axis", "error_size", "conic_coefficient", "detector", "l0", "l1", "l2"),
-        *("azimuth_reference", "elevation_reference", "tilt_about_east", "tilt_about_north", "non_orthogonality"),
-        *("collimation", "error_scale", "parameter", "parameter_2", "parameters", "noise", "days_used", "loss"),
-        *("loss_scale", "spot_y", "spot_z", "spot_status", "is_real", "inside", "hit_fraction", "tolerance", "conic"),
-        *("eccentricity", "focus_y", "focus_z", "least_tolerance"),
+        *("source", "axis", "error_size", "conic_coefficient", "detector"),
+        *(*ERRORS, "error_scale", "parameter", "parameter_2", "parameters", "noise", "days_used", "loss", "loss_scale"),
+        *(
+            "l0",
+            "l1",
+            "l2",
+            "spot_y",
+            "spot_z",
+            "spot_status",
+            "is_real",
+            "inside",
+            "hit_fraction",
+            "tolerance",
+            "conic",
+        ),
+        *("eccentricity", "focus_y", "focus_z", "least_tolerance", "day_of_least_tolerance", "hour_of_least_tolerance"),
+        *("declination_of_least_tolerance", "date_of_least_tolerance", "crossing_y", "crossing_z", "crossing_error"),
+        *("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance", "real_fraction"),
+        *("remaining_tolerance", "day_hit_fraction", "field_hit_fraction"),
+        *("estimated_error", "true_error", "standard_error", "covariance", "condition_number", "residual_rms"),
+        *("leave_one_out_rms", "spots_used", "calibration_status", "least_known_direction", "residual_y", "residual_z"),
+        *("spot_y_before", "spot_z_before", "spot_y_after", "spot_z_after"),
+        *("nominal_azimuth", "nominal_elevation", "corrected_azimuth", "corrected_elevation"),
     )
 )
 
@@ -98,22 +118,34 @@ def _days_used(study: MisalignmentStudy, _: list[str]) -> Iterator[Problem]:
 
 def _distances(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
     """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
-    offset = min(_ends(study.mount.mirror_offset))
+    offsets = [_sizes(value) for value in (study.mount.mirror_offset, study.mount.axis_offset)]
+    least, most = (sum(ends) for ends in zip(*offsets, strict=True))
     heights = _ends(study.receiver.height)
     above = _ends(study.heliostats.pivot_height or 0.0)
-    behind = count = 0
+    behind = near = count = 0
     for layout in _layouts(study):
         z = [layout.z + pivot - aim for pivot in above for aim in heights]
         farthest = np.sqrt(layout.x**2 + layout.y**2 + np.max(np.square(z), axis=0))
-        near = np.flatnonzero(offset >= farthest) if offset > 0 else np.empty(0, int)
-        if near.size:
-            row = int(near[np.argmin(farthest[near])])
+        nearest = np.sqrt(layout.x**2 + layout.y**2 + np.min(np.square(z), axis=0))
+        never = np.flatnonzero(least >= farthest) if least > 0 else np.empty(0, int)
+        if never.size:
+            row = int(never[np.argmin(farthest[never])])
             where = layout.where(row) + (f" of {layout.name}" if layout.name else "")
-            message = f"must be smaller than the distance from {where} to the aim point, {farthest[row]:.6g} m"
-            yield study.problem("mount.mirror_offset", f"{message} (got {offset:g})")
+            key, other = ("mirror_offset", "") if offsets[0][0] >= farthest[row] else ("axis_offset", "mirror_offset")
+            together = f" together with {other}" if other and offsets[0][0] > 0 else ""
+            message = (
+                f"must{together} be smaller than the distance from {where} to the aim point, {farthest[row]:.6g} m"
+            )
+            yield study.problem(f"mount.{key}", f"{message} (got {offsets[0 if not other else 1][0]:g})")
             return
         count += len(layout)
+        near += int(np.count_nonzero(most >= nearest)) if most > 0 else 0
         behind += int(np.count_nonzero(_always_behind(study, layout, z)))
+    if near:
+        notes.append(
+            f"{near:,} of {count:,} heliostats are not farther from the aim point than the largest offsets of the "
+            f"mirror, {most:g} m: there they have no spots"
+        )
     if behind:
         notes.append(
             f"{behind:,} of {count:,} heliostats stand on the plane of the receiver or behind it: they have no spots"
@@ -154,3 +186,10 @@ def _ends(value: float | Sweep) -> tuple[float, ...]:
     if not isinstance(value, Sweep):
         return (value,)
     return tuple(value[:]) if isinstance(value, Listed) else (value.first, value.last)
+
+
+def _sizes(value: float | Sweep) -> tuple[float, float]:
+    """Least and largest magnitude of a value or of a sweep."""
+    ends = _ends(value)
+    passes_zero = not isinstance(value, Listed) and min(ends) < 0 < max(ends)
+    return 0.0 if passes_zero else min(map(abs, ends)), max(map(abs, ends))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -13,11 +14,13 @@ from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.names import Choice
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.times import Time
+from heliosweep.config.times import CivilTime, SolarTime, Time
 from heliosweep.errors import Problem
 from heliosweep.families.misalignment import checks
 from heliosweep.families.misalignment.blocks import (
     BLOCKS_OF_MODES,
+    ERRORS,
+    NOT_DRAWN,
     Calibration,
     Detectors,
     Error,
@@ -73,6 +76,7 @@ class MisalignmentStudy(Study):
         yield from self._place_faults()
         yield from self._sun_faults()
         yield from self._mode_faults()
+        yield from self._idle_faults()
 
     @cached_property
     def _checked(self) -> tuple[list[Problem], list[str]]:
@@ -104,8 +108,25 @@ class MisalignmentStudy(Study):
                 yield Fault("give 'site' or 'sites': the sun depends on the latitude", show_value=False)
             elif "polar" in _values(self.mount.kind):
                 yield Fault("give 'site' or 'sites': a polar mount depends on the latitude", show_value=False)
+        if self.time is not None:
+            yield from _unsorted(self.time)
         if self.mode == "calibration" and self.sun is not None:
             yield Fault("is for other modes: one sun cannot tell errors apart; give 'time'", ("sun",), show_value=False)
+
+    def _idle_faults(self) -> Iterator[Fault]:
+        """Keys that change nothing: what is drawn of errors that are not, and an axis that no mount has."""
+        if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in _values(self.mount.kind):
+            yield Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))
+        errors = self.mount_errors
+        if self.mode != "mount_errors" or errors is None:
+            return
+        if not errors.model_fields_set & set(ERRORS):
+            yield Fault(f"names no error: give {one_of(ERRORS)}, in mrad", ("mount_errors",), show_value=False)
+        elif not errors.drawn():
+            if errors.seed is not None:
+                yield Fault(NOT_DRAWN, ("mount_errors", "seed"), show_value=False)
+            if self.statistics is not None:
+                yield Fault(NOT_DRAWN, ("statistics",), show_value=False)
 
     def _mode_faults(self) -> Iterator[Fault]:
         for block, modes in BLOCKS_OF_MODES.items():
@@ -123,6 +144,20 @@ class MisalignmentStudy(Study):
             what = "which errors the mounts have" if self.mode == "mount_errors" else "the truth of synthetic spots"
             names = one_of(key for key in MountErrors.model_fields if key not in ("scale", "samples", "seed"))
             yield Fault(f"'mount_errors' is missing: {what}, such as {names}, in mrad", show_value=False)
+
+
+def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
+    """Days and hours are axes of the result, which must rise."""
+    axes: dict[str, Sequence[Any]]
+    if isinstance(time, CivilTime):
+        axes = {"dates": time.date_list()}
+    else:
+        axes = {"days": time.day_numbers().tolist(), "hours": time.solar_hours().tolist()}
+        if (declinations := time.declinations()) is not None:
+            axes["declination"] = declinations.tolist()
+    for key, values in axes.items():
+        if any(later <= earlier for earlier, later in itertools.pairwise(values)):
+            yield Fault("must rise", ("time", key), show_value=False)
 
 
 def _values(value: object) -> tuple[object, ...]:
