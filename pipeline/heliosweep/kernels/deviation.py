@@ -3,8 +3,8 @@
 At no error the mirror centre is P = C + r n with the ideal normal n of `aiming`. Its axes: e = unit(n x z), level for
 a vertical primary axis z, and b = e x n up the slope. An error of the angle eps turns the normal about the axis a:
 
-    n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth: + turns n clockwise seen from above),
-                              -z (encoder azimuth)
+    n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth), -z (encoder azimuth): + turns n
+                              clockwise seen from the end of the primary axis
 
 and takes the mirror centre along or not:
 

@@ -1,8 +1,8 @@
 """Two-axis mounts with six angular errors: where the normal and the mirror centre stand, and the way back.
 
 The mount's frame has the rows Q (x, y zero bore, z primary axis) in the world frame (x east, y north, z up). With the
-encoder angles g (azimuth about the primary axis, clockwise from above) and a (elevation), and the errors g0, a0
-(encoder references), te, tn (tilt of the primary axis, a rotation vector about the frame's x and y), eta
+encoder angles g (azimuth about the primary axis, clockwise seen from its end) and a (elevation), and the errors
+g0, a0 (encoder references), te, tn (tilt of the primary axis, a rotation vector about the frame's x and y), eta
 (non-orthogonality of the axes) and mu (collimation: the normal stands askew to the bore), in the order of `ERRORS`,
 
     n = Q^T Rtilt(te, tn) Rz(-(g + g0)) Ry(eta) Rx(a + a0) (sin mu, cos mu, 0)

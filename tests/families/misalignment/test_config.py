@@ -169,3 +169,10 @@ def test_validation_imports_nothing_heavy():
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4"} & set(loaded)
+
+
+def test_names_of_the_errors_are_those_of_the_kernels_in_their_order():
+    from heliosweep.families.misalignment import blocks
+    from heliosweep.kernels import mount_terms
+
+    assert blocks.ERRORS == mount_terms.ERRORS
