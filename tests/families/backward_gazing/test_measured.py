@@ -128,6 +128,7 @@ def test_shipped_modules_are_those_planted(shipped, truth):
         assert np.abs(whole - planted).max() < 0.05
         pointing = float(found[f"pointing_{direction}"]) - 1e3 * true.pointing[axis]
         assert abs(pointing) < 2.0 * float(found[f"pointing_{direction}_standard_error"])
+        assert float(found[f"pointing_{direction}"]) == pytest.approx(1e3 * made.POINTING[axis], abs=0.006)
         waves = found[f"waviness_{direction}"].to_numpy()
         np.testing.assert_allclose(waves, 1e3 * true.waviness[axis], atol=0.008)
     focal, error = (float(found[f"focal_length_{name}"]) for name in ("estimate", "standard_error"))
