@@ -9,7 +9,6 @@ length are canted too. One slope alone cannot tell canting and pointing apart.
 """
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.gazing_grid import MirrorGrid, Modules
+from heliosweep.kernels.median_errors import median_errors
 
 __all__ = ["ModuleEstimates", "module_estimates", "module_statistics"]
 
@@ -25,11 +25,6 @@ _BLOCKS = 4
 """Blocks along each side of a module for what neighbouring pixels share."""
 _FEW = 2 * _BLOCKS
 """Pixels of a module below which nothing is fitted."""
-_DRAWS = 2000
-"""Draws behind the standard errors of pointing and canting; they leave 1.6 % of them to chance."""
-_NEAR = 1.3
-"""Modules nearer to the pointing than this many standard errors are taken to be at it: right within 10 % of the errors
-of eight modules whose true slopes lie as far apart as their errors, within 4 % of those at one place or far apart."""
 
 
 class ModuleEstimates(NamedTuple):
@@ -146,7 +141,7 @@ def module_estimates(
         own, lever = level - bend * modules.centre.T, modules.centre.T[:, usable]
         pointing = np.median(own[:, usable], axis=1)
         away = own[:, usable] - pointing[:, np.newaxis]
-        pointing_error, canting_error[:, usable] = _errors(away, variance[:, usable], weight[:, usable], lever)
+        pointing_error, canting_error[:, usable] = median_errors(away, variance[:, usable], weight[:, usable], lever)
     return ModuleEstimates(
         level - pointing[:, np.newaxis],
         canting_error,
@@ -168,45 +163,6 @@ def _inflation(shared: Floats, seen: NDArray[np.bool_]) -> Floats:
     # A plane fitted to the blocks leaves three fewer parts of their variance.
     chance = math.sqrt(2.0 / (modules * (_BLOCKS * _BLOCKS - 3.0)))
     return np.where(ratio > 1.0 + 2.0 * chance, ratio, 1.0)
-
-
-@lru_cache(maxsize=8)
-def _draws(modules: int) -> Floats:
-    """Normal numbers, the same at every call, shape (draws, 2 for level and curvature, 2 directions, modules)."""
-    count = max(_DRAWS * 50 // max(modules, 50), 100)
-    half = np.random.Generator(np.random.Philox(0)).standard_normal((count // 2, 2, 2, modules))
-    return np.concatenate((half, -half))
-
-
-def _errors(away: Floats, variance: Floats, weight: Floats, lever: Floats) -> tuple[Floats, Floats]:
-    """Standard errors of pointing (2,) and canting (2, M), by drawing the errors of the modules.
-
-    Parameters
-    ----------
-    away : ndarray, shape (2, M)
-        Slopes of the modules, less those of their own sphere, less the pointing. [rad]
-    variance : ndarray, shape (2, M, 3)
-        Variances of level and curvature and their covariance.
-    weight : ndarray, shape (2, M)
-        Of each curvature in that of the heliostat.
-    lever : ndarray, shape (2, M)
-        Centres of the modules. [m]
-    """
-    draws = _draws(away.shape[1])
-    spread = np.sqrt(variance[:, :, 0])
-    with np.errstate(all="ignore"):
-        slant = np.where(spread > 0.0, variance[:, :, 2] / spread, 0.0)
-    level = spread * draws[:, 0]
-    curvature = slant * draws[:, 0] + np.sqrt(np.maximum(variance[:, :, 1] - slant**2, 0.0)) * draws[:, 1]
-    bend = np.sum(weight * curvature, axis=(1, 2))
-    moved = level - bend[:, np.newaxis, np.newaxis] * lever
-    # What is found is scattered once already: distances that errors alone make are taken out before they are drawn.
-    with np.errstate(all="ignore"):
-        kept = np.fmax(1.0 - _NEAR**2 * np.mean(moved**2, axis=0) / away**2, 0.0)
-    pointing = np.median(away * kept + moved, axis=2)
-    pointing -= np.mean(pointing, axis=0)
-    canting = level - pointing[:, :, np.newaxis]
-    return np.sqrt(np.mean(pointing**2, axis=0)), np.sqrt(np.mean(canting**2, axis=0))
 
 
 def _pooled(values: Floats, variances: Floats) -> tuple[Floats, float, float]:
