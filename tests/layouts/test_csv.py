@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from heliosweep.config import tables
 from heliosweep.errors import StudyError
 from heliosweep.layouts import Layout, radial_stagger, read_csv, write_csv
-from heliosweep.layouts import csv as module
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(string.ascii_letters + string.punctuation + " ", max_size=20).map(lambda text: "w" + text.strip())
@@ -125,7 +125,7 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
     assert problems(Path("/dev/null")) == ["field.csv: is not a regular file"]
     path = tmp_path / "large.csv"
     path.write_text("x,y\n1,2\n")
-    monkeypatch.setattr(module, "MAX_BYTES", 5)
+    monkeypatch.setattr(tables, "MAX_BYTES", 5)
     assert problems(path)[0].startswith("field.csv: is larger than")
 
 

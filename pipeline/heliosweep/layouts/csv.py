@@ -12,11 +12,9 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.tables import table_lines, table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
-
-MAX_BYTES = 64 * 2**20
-"""Largest file that is read: 600 bytes for each of 100,000 heliostats."""
 
 MAX_LISTED = 20
 """Problems of one file that are listed; the rest is counted."""
@@ -99,7 +97,7 @@ class _Reader:
 
     def read(self, path: Path, reserved: Collection[str]) -> Layout:
         """Return the layout, or raise with all that is wrong."""
-        self.numbers, self.lines = self._lines(self._text(path))
+        self.numbers, self.lines = self._lines(table_text(path, self.name))
         header, *rows = self._rows()
         self._check_header(header, reserved)
         if not rows:
@@ -122,40 +120,14 @@ class _Reader:
         x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(rows)))
         return Layout(x, y, z, columns, self.name, lines)
 
-    def _text(self, path: Path) -> str:
-        """Return the text of the file; refuse what cannot be a CSV file before reading it whole."""
-        try:
-            if path.is_dir():
-                self._fail("is a folder, not a CSV file")
-            if path.exists() and not path.is_file():
-                self._fail("is not a regular file")
-            with path.open("rb") as file:
-                data = file.read(MAX_BYTES + 1)
-        except FileNotFoundError:
-            self._fail("there is no such file")
-        except (OSError, ValueError) as error:
-            self._fail(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-        if len(data) > MAX_BYTES:
-            self._fail(f"is larger than {MAX_BYTES // 2**20} MiB")
-        if data.startswith(b"PK\x03\x04"):
-            self._fail("is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)")
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            self._fail("is not UTF-8 text; save it as CSV (UTF-8)", data[: error.start].count(b"\n") + 1)
-        if "\0" in text:
-            self._fail("is a binary file, not CSV", text[: text.index("\0")].count("\n") + 1)
-        return text
-
     def _lines(self, text: str) -> tuple[list[int], list[str]]:
-        """Return the lines that hold something, and their numbers in the file."""
-        every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        numbers = [number for number, line in enumerate(every, 1) if line.strip() and line[0] != "#"]
+        """Return the lines that hold something, after their numbers in the file."""
+        numbers, lines = table_lines(text)
         if not numbers:
             self._fail("is empty: it needs a header with the columns x and y, and one row for each heliostat")
         if len(numbers) - 1 > MAX_HELIOSTATS:
             self._fail(f"has {len(numbers) - 1:,} rows, more than {MAX_HELIOSTATS:,} heliostats")
-        return numbers, [every[number - 1] for number in numbers]
+        return numbers, lines
 
     def _rows(self) -> list[list[str]]:
         """Split the lines into fields."""
