@@ -110,6 +110,15 @@ def test_swept_parameters_days_and_losses():
     np.testing.assert_allclose(four.residual_rms, 0.01, rtol=0.35)
 
 
+def test_a_calibration_without_its_block_is_the_usual_one():
+    data = study_data({})
+    del data["calibration"]
+    made = load_mapping(data, {"misalignment": MisalignmentStudy})
+    assert made == study({})
+    assert workflow.plan(made).workload.variables == workflow.plan(study({"parameters": 4})).workload.variables
+    assert computed(made).equals(computed(study({"parameters": 4})))
+
+
 def test_intervals_cover_the_truth_of_a_thousand_draws():
     made = study(
         {"parameters": 6, "noise": 0.02},
@@ -315,7 +324,7 @@ def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
     assert "site.longitude: is missing: the sun at the times of the spots depends on it" in said
     night = ["0,0.1,0.1,2024-06-21T00:00:00Z"]
     said = problems(tmp_path, [*timed, *night], "heliostat,y,z,time", site=SITE)
-    assert "spots.csv:5: the sun is not above the horizon" in said
+    assert "spots.csv:5: calibration.spots: the sun is not above the horizon" in said
 
 
 def test_a_heliostat_with_too_few_spots_is_a_note(tmp_path):

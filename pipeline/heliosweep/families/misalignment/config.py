@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from heliosweep.config.blocks import Layout, Site, Sites
 from heliosweep.config.faults import Fault, one_of
@@ -70,6 +70,14 @@ class MisalignmentStudy(Study):
     calibration: Annotated[
         Calibration | None, Field(description="What is estimated, and from which spots; mode: calibration only")
     ] = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_calibration(cls, given: Any) -> Any:
+        """A calibration that says nothing of itself is the usual one."""
+        if isinstance(given, Mapping) and given.get("mode") == "calibration" and given.get("calibration") is None:
+            return {**given, "calibration": {}}
+        return given
 
     def rules(self) -> Iterator[Fault]:
         """Check that there are heliostats, a sun and the blocks of the mode, and no others."""
