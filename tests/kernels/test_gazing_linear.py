@@ -18,8 +18,9 @@ from heliosweep.kernels.gazing_linear import (
     transferred,
     wavefront_departures,
 )
+from heliosweep.kernels.gazing_lm import fit_slopes
 from heliosweep.kernels.sun_profiles import jose, render, tabulated
-from heliosweep.kernels.sun_tables import noisy, scaled
+from heliosweep.kernels.sun_tables import noisy, scaled, smooth_fit
 from tests.kernels import gazing_twin as twin
 
 FLAT = np.zeros((8, 2))
@@ -255,9 +256,40 @@ def test_bounds(profile):
     bound = slope_bound(layout, profile, y, z, none, 0.01, False)
     np.testing.assert_allclose(slope_bound(layout, profile, y, z, none, 0.02, False), 2.0 * bound, rtol=1e-12)
     assert np.all(slope_bound(layout, profile, y, z, none, 0.01, True) >= bound * (1.0 - 1e-12))
-    assert np.all(bound > 0.002 * MRAD)  # the cells of a noisy table are steeper than the disc
+    clean = slope_bound(layout, jose(), y, z, none, 0.01, False)
+    np.testing.assert_allclose(bound, clean, rtol=0.25)  # the cells of a noisy table are steeper than the disc
     gone = slope_bound(layout, profile, y, z, none + 0.02, 0.01, False)
     assert np.all(np.isnan(gone))
+
+
+def test_bound_of_the_cameras_that_count():
+    """A dark camera, and one without a value, tell nothing; a noisier one tells less."""
+    layout, grid = twin.paper_scene(), twin.paper_grid(0.3)
+    y, z, none = grid.pixel_y, grid.pixel_z, np.zeros((2, len(grid.place)))
+    whole = slope_bound(layout, jose(), y, z, none, 0.01)
+    dark = slope_bound(layout, jose(), y, z, none, 0.01, lit=np.full(len(y), 0b0111))
+    noise = np.full((4, len(y)), 0.01)
+    noise[3] = np.nan
+    np.testing.assert_array_equal(slope_bound(layout, jose(), y, z, none, noise), dark)
+    noise[3] = 0.02
+    some = slope_bound(layout, jose(), y, z, none, noise)
+    assert np.all((whole < some) & (some < dark))
+    assert np.all(np.isnan(slope_bound(layout, jose(), y, z, none, 0.01, lit=np.zeros(len(y), np.int64))))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_bound_of_a_noisy_table_is_what_camera_noise_leaves_on_its_smooth_fit(seed):
+    """Trials with the smooth fit scatter by the bound of the table."""
+    layout, grid, table = twin.paper_scene(), twin.paper_grid(0.3), noisy(jose(), 0.012, seed=seed)
+    smooth, noise = smooth_fit(table), 0.002
+    images, true = image_set(layout, grid, smooth, module_spheres(themis_8(), 120.0, FLAT))
+    bound = slope_bound(layout, table, grid.pixel_y, grid.pixel_z, true, noise)
+    ratios = []
+    for trial in range(20):
+        seen = expose(images, noise=noise, seed=trial)
+        found = fit_slopes(layout, smooth, seen, grid.pixel_y, grid.pixel_z, true)
+        ratios.append((found.slopes - true) / bound)
+    np.testing.assert_allclose(np.std(ratios, axis=(0, 2)), 1.0, atol=0.03)
 
 
 def test_a_common_gain_costs_nothing_once_it_is_found():

@@ -119,7 +119,8 @@ def image_set(
     spheres : ndarray, shape (M, 4)
         From `module_spheres`.
     wavy : ndarray, shape (2, N), optional
-        Slopes that are added, from `waviness`; their heights are not: they move a ray by less than 1e-6 mrad. [rad]
+        Slopes that are added, from `waviness`; their heights are not: those of 0.3 mrad at a wavelength of 1 m would
+        move a ray by up to 1e-4 mrad. [rad]
 
     Returns
     -------

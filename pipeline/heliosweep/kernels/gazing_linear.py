@@ -12,15 +12,17 @@ Mirror slopes are p = T d, with T of `gazing_geometry.transfers`. Only lit camer
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.gazing_geometry import Scene, camera_ray, ideal_mirror, mirror_offsets
 from heliosweep.kernels.sun_profiles import Profile, brightness, inverse_square
+from heliosweep.kernels.sun_tables import smooth_fit
 
 __all__ = [
     "ideal_squares",
     "ideal_wavefront",
+    "least_deviations",
     "lit_counts",
     "method_a",
     "slope_bound",
@@ -215,31 +217,62 @@ def lit_counts(lit: NDArray[np.int64], cameras: int = 4) -> NDArray[np.int64]:
     return np.sum((lit[..., np.newaxis] >> np.arange(cameras)) & 1, axis=-1)
 
 
-@kernel
 def slope_bound(
-    layout: Scene, profile: Profile, y: Floats, z: Floats, slopes: Floats, noise: float, gain: bool
+    layout: Scene,
+    profile: Profile,
+    y: Floats,
+    z: Floats,
+    slopes: Floats,
+    noise: ArrayLike,
+    fit_gain: bool = False,
+    lit: NDArray[np.int64] | None = None,
 ) -> Floats:
     """Cramer-Rao bound: the least standard deviation that camera noise leaves to any unbiased slopes.
 
     Parameters
     ----------
     layout : Scene
+        K cameras.
     profile : Profile
-        As the reconstruction knows it.
+        As the reconstruction knows it. For a table the bound is that of its smooth fit, as `gazing_lm.fit_slopes` tells
+        it, not that of a search on the rough table: the steepness between noisy nodes is not that of the sun.
     y, z : ndarray, shape (N,)
         Pixels. [m]
     slopes : ndarray, shape (2, N)
         p at which the bound is wanted. [rad]
-    noise : float
-        Standard deviation of normal noise in each image, relative to the disc centre. [1]
-    gain : bool
+    noise : array_like, shape (), (N,) or (K, N)
+        Standard deviation of normal noise in each image, relative to the disc centre as the cameras see it: where their
+        gain is g, that of the images by g. Cameras where it is NaN do not count. [1]
+    fit_gain : bool
         Whether a gain of all cameras is found at each pixel too.
+    lit : ndarray of int, shape (N,), optional
+        Bit i is set where camera i counts, from `method_a`; all do where left out.
 
     Returns
     -------
     ndarray, shape (2, N)
-        From the inverse of the information of the cameras that see the disc; NaN where it has none. [rad]
+        From the inverse of the information of the cameras that count and see the disc; NaN where it has none. [rad]
     """
+    cameras, pixels = len(layout.eyes), len(y)
+    known = smooth_fit(profile) if profile.table.size > 3 else profile
+    counted = np.full(pixels, (1 << cameras) - 1, np.int64) if lit is None else np.array(lit, np.int64)
+    level = np.array(np.broadcast_to(np.asarray(noise, np.float64), (cameras, pixels)))
+    own = np.array(y, np.float64), np.array(z, np.float64), np.array(slopes, np.float64)
+    return least_deviations(layout, known, *own, level, fit_gain, counted)
+
+
+@kernel
+def least_deviations(
+    layout: Scene,
+    profile: Profile,
+    y: Floats,
+    z: Floats,
+    slopes: Floats,
+    noise: Floats,
+    fit_gain: bool,
+    lit: NDArray[np.int64],
+) -> Floats:
+    """`slope_bound` of noise (K, N) and a profile that is not noisy itself."""
     cameras, pixels = layout.eyes.shape[0], y.size
     out = np.empty((2, pixels))
     eyes, sun_y, sun_z = layout.eyes, layout.sun_y, layout.sun_z
@@ -248,20 +281,23 @@ def slope_bound(
         a, b = a + slopes[0, k], b + slopes[1, k]
         yy, yz, zz, gy, gz, gg = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(cameras):
+            if not (lit[k] >> i & 1 and noise[i, k] > 0.0):
+                continue
             rx, ry, rz = camera_ray(eyes, i, x, y[k], z[k])
             v, w, v_y, v_z, w_y, w_z = mirror_offsets(a, b, rx, ry, rz, sun_y, sun_z)
             square = v * v + w * w
             if not square <= profile.radius * profile.radius:
                 continue
             value, steepness = brightness(profile, square)
+            value, steepness = value / noise[i, k], steepness / noise[i, k]
             i_y, i_z = steepness * (v * v_y + w * w_y), steepness * (v * v_z + w * w_z)
             yy, yz, zz = yy + i_y * i_y, yz + i_y * i_z, zz + i_z * i_z
             gy, gz, gg = gy + value * i_y, gz + value * i_z, gg + value * value
-        if gain and gg > 0.0:
+        if fit_gain and gg > 0.0:
             yy, yz, zz = yy - gy * gy / gg, yz - gy * gz / gg, zz - gz * gz / gg
         determinant = yy * zz - yz * yz
         if determinant > 1e-12 * (yy + zz) * (yy + zz):
-            out[0, k], out[1, k] = noise * math.sqrt(zz / determinant), noise * math.sqrt(yy / determinant)
+            out[0, k], out[1, k] = math.sqrt(zz / determinant), math.sqrt(yy / determinant)
         else:
             out[0, k], out[1, k] = math.nan, math.nan
     return out

@@ -97,12 +97,19 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     from heliosweep.kernels.gazing_geometry import camera_square, scene, transfers
     from heliosweep.kernels.gazing_grid import Modules, mirror_grid
     from heliosweep.kernels.gazing_images import image_set, module_spheres, trace
-    from heliosweep.kernels.gazing_linear import method_a, slope_bound, wavefront_departures
+    from heliosweep.kernels.gazing_linear import (
+        ideal_squares,
+        least_deviations,
+        method_a,
+        slope_bound,
+        transferred,
+        wavefront_departures,
+    )
     from heliosweep.kernels.gazing_lm import fit_slopes
-    from heliosweep.kernels.gazing_modules import module_estimates, module_statistics
-    from heliosweep.kernels.gazing_search import search, search_slopes, search_wavefronts
+    from heliosweep.kernels.gazing_modules import _fitted, module_estimates, module_statistics
+    from heliosweep.kernels.gazing_search import merits, search, search_slopes, search_wavefronts
     from heliosweep.kernels.pinholes import pinholes
-    from heliosweep.kernels.rectification import rectify
+    from heliosweep.kernels.rectification import _places, _rectified, rectify
     from heliosweep.kernels.sun_profiles import jose, render
 
     layout = scene((0.5, 1.0), (0.0, 0.8), camera_square(0.24))
@@ -114,7 +121,7 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
         render(profile, 0.0)  # of the nodes of noisy tables
         images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
         slopes, _ = method_a(images, layout, profile, y, z, transfers(layout))
-        slope_bound(layout, profile, y, z, true, 0.01, False)
+        slope_bound(layout, profile, y, z, true, 0.01)
         module_estimates(slopes[0], grid, modules, y > -9.0, 120.0)
         module_statistics(slopes[0], grid.pixel_module, y > -9.0, 1)
         if "O1" in methods:
@@ -123,12 +130,16 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
             search_slopes(layout, profile, images, y, z, true)
         if "LM" in methods:
             fit_slopes(layout, profile, images, y, z, true)
+            merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave
         if cameras:
             pictures = pinholes(layout, (8, 8), 240.0)
             mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
             rectify(camera_set(layout, pictures, (8, 8), profile, mirror), pictures, 120.0, modules, grid)
 
-    kernels = (render_cameras, trace, wavefront_departures, slope_bound, module_statistics, search, levenberg_marquardt)
+    kernels = (
+        render_cameras, trace, ideal_squares, wavefront_departures, transferred, least_deviations, module_statistics,
+        _fitted, search, levenberg_marquardt, merits, _places, _rectified,
+    )  # fmt: skip
     return _timed(work, kernels)
 
 

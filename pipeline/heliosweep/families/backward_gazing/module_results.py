@@ -87,9 +87,10 @@ def _estimates(seen: Observation, point: Point, given: Given, least: Floats) -> 
         **{name: np.empty(lead) for name in ("pointing_%", "pointing_%_standard_error")},
     }
     focal, focal_error = np.empty((methods, frames)), np.empty((methods, frames))
-    noise = np.nan_to_num(least) if np.any(least > 0.0) else None
     for at in np.ndindex(methods, frames):
         slopes = np.ascontiguousarray(seen.net[at])
+        own = bound(seen, point, given, "A") if given.fit_gain and given.methods[at[0]] == "A" else least
+        noise = np.nan_to_num(own) if np.any(own > 0.0) else None
         found = module_estimates(slopes, seen.mirror, modules, seen.keep, point.focal_length, deviation=noise)
         pairs["canting_%"][at], pairs["canting_%_standard_error"][at] = found.canting, found.canting_error
         pairs["pointing_%"][at], pairs["pointing_%_standard_error"][at] = found.pointing, found.pointing_error

@@ -176,7 +176,7 @@ class Observation(NamedTuple):
     net: Floats
     """Slopes found, less those found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
     share: Floats
-    """Standard deviation of the images' values for camera pixels of standard deviation 1, shape (N,) or (1,). [1]"""
+    """Standard deviation of the images' values for camera pixels of standard deviation 1, (4, N) or (1, 1). [1]"""
 
     @property
     def lit(self) -> NDArray[np.int64]:
@@ -257,19 +257,23 @@ def observed(point: Point, given: Given) -> Observation:
     found = _found(layout, known, images, mirror, point, given)
     ideal_found, ideal_true = _ideal(point.ideal, given)
     net = found.slopes - ideal_found.slopes
-    rms_share = np.sqrt(np.mean(np.nan_to_num(share) ** 2, axis=0))
-    return Observation(mirror, keep, layout, known, images, true - ideal_true, found, net, rms_share)
+    return Observation(mirror, keep, layout, known, images, true - ideal_true, found, net, share)
 
 
-def bound(seen: Observation, point: Point, given: Given) -> Floats:
-    """Cramer-Rao bound of both slopes, shape (2, N); NaN where fewer than 3 cameras are lit. [rad]"""
-    place = seen.mirror.pixel_y, seen.mirror.pixel_z
+def bound(seen: Observation, point: Point, given: Given, method: str | None = None) -> Floats:
+    """Cramer-Rao bound of both slopes, shape (2, N); NaN where fewer than 3 cameras are lit. [rad]
+
+    Of the cameras that the reconstruction uses. It is that of methods that find a gain where the study asks for one;
+    `method` A never does.
+    """
     if point.deviation == 0.0:
         least = np.zeros_like(seen.true)
     else:
-        true = np.ascontiguousarray(seen.true)
-        least = slope_bound(seen.layout, seen.profile, *place, true, point.deviation, given.fit_gain)
-    return np.where(seen.lit >= NEEDED, least * seen.share, np.nan)
+        place = seen.mirror.pixel_y, seen.mirror.pixel_z
+        noise = point.deviation * seen.share / (1.0 + point.gain_error)  # brighter images tell more
+        gain = given.fit_gain and method != "A"
+        least = slope_bound(seen.layout, seen.profile, *place, seen.true, noise, gain, seen.found.lit)
+    return np.where(seen.lit >= NEEDED, least, np.nan)
 
 
 def _found(layout: Scene, profile: Profile, images: Floats, mirror: MirrorGrid, point: Point, given: Given) -> Found:

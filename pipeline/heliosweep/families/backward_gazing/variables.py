@@ -129,7 +129,8 @@ SIGHT: dict[str, Entry] = {
         "mrad",
         "least standard deviation that the cameras leave to % slopes of a pixel",
         "Cramer-Rao bound for noise and levels of the cameras at the true slopes; root mean square over the pixels of "
-        "the eroded module that three cameras see; 0 without noise and levels",
+        "the eroded module that three cameras see; 0 without noise and levels; for a tabulated profile that of its "
+        "smooth fit, not of a search on the rough table; with fit_gain that of methods that find a gain, not of A",
     ),
 }
 
