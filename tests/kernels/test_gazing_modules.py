@@ -96,8 +96,8 @@ def test_stated_errors_are_those_found(number, kind):
         pixels = rng.standard_normal((2, grid.pixel_y.size)) * noise[grid.pixel_module]
         made.append(module_estimates(canting[:, grid.pixel_module] + pixels, grid, modules, use, 120.0))
     found = [np.std([[*one.pointing, *one.canting.ravel()] for one in made], axis=0)]
-    stated = [[*one.pointing_error, *one.canting_error.ravel()] for one in made]
-    stated = np.sqrt(np.mean(np.square(stated), axis=0))
+    told = [[*one.pointing_error, *one.canting_error.ravel()] for one in made]
+    stated = np.sqrt(np.mean(np.square(told), axis=0))
     if number == 1:  # its pointing is all that is seen of it
         found, stated = np.array(found)[:, :2], stated[:2]
     ratio = stated / np.array(found)
