@@ -84,6 +84,8 @@ def test_a_name_that_is_a_number_is_a_name(read):
         (f"A1,{TIME},0,inf", "z must be a finite number (got 'inf')"),
         (f"A1,{TIME},0,abc", "z must be a finite number (got 'abc')"),
         (f"A1,{TIME},1e999,0", "y must be a finite number"),
+        (f"A1,{TIME},1e200,0", "spots.csv:3:30: y must be between -1e6 and 1e6 m (got '1e200')"),
+        (f"A1,{TIME},0,-1.1e6", "spots.csv:3:32: z must be between -1e6 and 1e6 m"),
         (f"A1,{TIME},,0", "y is empty"),
         ("A1,2024-06-21T09:30:00,0,0", "spots.csv:3:4: time needs an offset from UTC, such as +02:00 or Z"),
         ("A1,21.06.2024 09:30,0,0", "time must be a time as ISO 8601 has it"),
@@ -151,7 +153,9 @@ def test_wrong_headers(wrong, header, said):
         (b"heliostat,time\n\xff\xfe\n", "spots.csv:2: is not UTF-8"),
         (b"helio\0stat", "is a binary file"),
         (f'heliostat,time,y,z\nA1,{TIME},0,"0\n0"\n', "spots.csv:2: opens a quoted text"),
-        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n', "spots.csv:2: is not CSV"),
+        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n', "spots.csv:2: opens a quoted text that does not end on this line"),
+        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: opens a quoted text"),
+        (f'heliostat,time,y,z\nA1,{TIME},0,"0"1\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: is not CSV"),
     ],
 )
 def test_what_is_no_table(wrong, text, said):

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
+from heliosweep.families.misalignment.spots_fields import WHOLE
 from heliosweep.families.misalignment.spots_file import MeasuredSpots, read_spots
 from heliosweep.layouts.resolve import Layouts
 
@@ -20,19 +22,16 @@ if TYPE_CHECKING:
 
 __all__ = ["measured_spots", "most_spots", "spot_problems"]
 
+#: Suns, and commands, that differ by less are the same.
+SAME = 1e-9
+
 
 def measured_spots(study: MisalignmentStudy) -> MeasuredSpots | None:
     """The measured spots with their suns; None where spots are synthetic. Raises StudyError."""
     name = None if study.calibration is None else study.calibration.spots
     if name is None:
         return None
-    names: tuple[str, ...] = ()
-    if study.layout is None:
-        count = len(study.heliostats.positions or ())
-    else:
-        layout = Layouts(study)[()]
-        count, column = len(layout), layout.columns.get("name")
-        names = tuple(map(str, column)) if column is not None else ()
+    count, names = _heliostats(study)
     path, site = study.resolve(name), study.site
     assert site is not None
     place = tuple(value for value in (site.latitude, site.longitude, site.altitude) if not isinstance(value, Sweep))
@@ -46,6 +45,15 @@ def measured_spots(study: MisalignmentStudy) -> MeasuredSpots | None:
     except _NoLongitude:
         message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
         raise StudyError(study.problem("site.longitude", message)) from None
+
+
+def _heliostats(study: MisalignmentStudy) -> tuple[int, tuple[str, ...]]:
+    """How many heliostats there are, and their names where they have some."""
+    if study.layout is None:
+        return len(study.heliostats.positions or ()), ()
+    layout = Layouts(study)[()]
+    column = layout.columns.get("name")
+    return len(layout), tuple(map(str, column)) if column is not None else ()
 
 
 class _NoLongitude(Exception):
@@ -106,7 +114,10 @@ def spot_problems(study: MisalignmentStudy, notes: list[str]) -> Iterator[Proble
         yield from (replace(problem, key=problem.key or "calibration.spots") for problem in error.problems)
         return
     assert measured is not None
-    counts = np.bincount(measured.heliostat, measured.weight > 0)
+    counts = np.bincount(measured.heliostat, measured.weight > 0, _heliostats(study)[0])
+    if not counts.any():
+        yield study.problem("calibration.spots", "no spot has a weight above 0: nothing can be estimated")
+        return
     value = block.parameters
     needed = int(max(value[:]) if isinstance(value, Sweep) else value)
     few = np.flatnonzero((counts > 0) & (2 * counts < needed))
@@ -114,5 +125,39 @@ def spot_problems(study: MisalignmentStudy, notes: list[str]) -> Iterator[Proble
         message = f"{needed} errors need {needed // 2} spots of a heliostat, and none has so many"
         yield study.problem("calibration.parameters", message)
     elif few.size:
-        listed = ", ".join(map(str, few[:6])) + (" and others" if few.size > 6 else "")
-        notes.append(f"heliostat {listed}: fewer spots than {needed} errors need; nothing is estimated there")
+        notes.append(f"heliostat {_listed(few)}: fewer spots than {needed} errors need; nothing is estimated there")
+    none = np.flatnonzero(counts == 0)
+    if none.size:
+        what = "no spots in the file, or none with a weight above 0"
+        notes.append(f"heliostat {_listed(none)}: {what}; nothing is estimated there")
+    still = np.flatnonzero((2 * counts >= needed) & (counts > 0) & ~_moved(measured, len(counts)))
+    if still.size and needed > 2:
+        what = "all spots are of one sun; more than two errors cannot be told apart there"
+        notes.append(f"heliostat {_listed(still)}: {what}")
+    notes.extend(_names_as_numbers(study))
+
+
+def _listed(numbers: NDArray[np.int64]) -> str:
+    return ", ".join(map(str, numbers[:6])) + (f" and {numbers.size - 6:,} others" if numbers.size > 6 else "")
+
+
+def _moved(measured: MeasuredSpots, count: int) -> NDArray[np.bool_]:
+    """Heliostats whose spots with a weight are of more than one sun, or command."""
+    used = np.flatnonzero(measured.weight > 0)
+    of, seen = measured.heliostat[used], np.nan_to_num(np.hstack([measured.sun, measured.angles])[used])
+    first = np.zeros(count, np.int64)
+    first[of[::-1]] = np.arange(of.size)[::-1]
+    other = (np.abs(seen - seen[first[of]]) > SAME).any(axis=1)
+    moved: NDArray[np.bool_] = np.bincount(of, other, count) > 0
+    return moved
+
+
+def _names_as_numbers(study: MisalignmentStudy) -> Iterator[str]:
+    """A name counts before a row: names that are other rows' numbers are easily meant as rows."""
+    _, names = _heliostats(study)
+    other = [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]
+    if other:
+        yield (
+            f"{len(other):,} names of heliostats are whole numbers but not their rows, as {names[other[0]]!r} of row "
+            f"{other[0]}: the file of the spots is read as if it gave names"
+        )

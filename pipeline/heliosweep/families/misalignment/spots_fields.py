@@ -9,7 +9,10 @@ import numpy as np
 
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
 
-__all__ = ["WHOLE", "angle", "finite", "time", "weight"]
+__all__ = ["WHOLE", "angle", "finite", "place", "time", "weight"]
+
+#: Farthest spot from the aim point. [m]
+FARTHEST = 1e6
 
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 _PLAIN = re.compile(r"[0-9+\-.eE\s]*")  # float() also takes 1_0, nan and digits of other scripts
@@ -24,6 +27,14 @@ def finite(text: str) -> float:
     if not np.isfinite(number):
         raise ValueError(f"must be a finite number (got {text.strip()[:40]!r})")
     return number
+
+
+def place(text: str) -> float:
+    """Coordinate of a spot that a text holds. Raises ValueError. [m]"""
+    value = finite(text)
+    if abs(value) > FARTHEST:
+        raise ValueError(f"must be between -1e6 and 1e6 m (got {text.strip()[:40]!r})")
+    return value
 
 
 def weight(text: str) -> float:

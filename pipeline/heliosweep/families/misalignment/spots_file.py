@@ -169,7 +169,7 @@ class _Reader:
         columns = dict(zip(header, zip(*(rows[row] for row in self.kept), strict=True), strict=False))
         self.header, count = header, len(self.kept)
         heliostat = self._read(columns, "heliostat", self._heliostat, np.int64)
-        place = np.stack([self._read(columns, key, fields.finite) for key in ("y", "z")], axis=1)
+        place = np.stack([self._read(columns, key, fields.place) for key in ("y", "z")], axis=1)
         sun, utc = np.full((count, 3), np.nan), np.full(count, np.datetime64("NaT", "ns"))
         if "time" in header:
             utc = self._read(columns, "time", fields.time, np.dtype("datetime64[ns]"))
@@ -229,6 +229,10 @@ class _Reader:
         try:
             rows = list(table)
         except csv.Error as error:
+            # A quoted text that does not end swallows all lines to the last: the line that opens it is the wrong one.
+            odd = [line for line, text in zip(self.lines, self.texts, strict=True) if text.count('"') % 2]
+            if odd and table.line_num >= len(self.texts):
+                self._fail("opens a quoted text that does not end on this line", odd[0])
             self._fail(f"is not CSV: {error}", self.lines[min(table.line_num, len(self.texts)) - 1])
         if len(rows) < len(self.texts):
             quoted = next(row for row, line in enumerate(self.texts) if line.count('"') % 2)
