@@ -16,8 +16,18 @@ from heliosweep.config.load import load_mapping
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment import calibration
 from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.calibration_blocks import _known, _rms, _status
+from heliosweep.families.misalignment.calibration_variables import EXACT, NO_SPOTS
 from heliosweep.families.misalignment.config import MisalignmentStudy
-from heliosweep.kernels.calibration import DEPENDENT, ESTIMATED, INDISTINCT, TOO_FEW
+from heliosweep.kernels.calibration import (
+    DEPENDENT,
+    ESTIMATED,
+    INDISTINCT,
+    NOT_CONVERGED,
+    TOO_FEW,
+    Calibration,
+    Spots,
+)
 from heliosweep.store.digest import file_digest
 from tests.conftest import STUDIES
 
@@ -184,13 +194,15 @@ def test_plan_foresees_the_result():
 
 def test_heliostats_that_are_not_there_or_see_nothing():
     result = computed(study({"parameters": 4}, heliostats={"positions": [POSITIONS[0], [10.0, -150.0, 0.0]]}))
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW]
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, NO_SPOTS]
     assert result.spots_used.to_numpy().tolist() == [27, 0]
     behind = result.isel(heliostat=1)
     for name in ("estimated_error", "standard_error", "condition_number", "residual_rms", "corrected_azimuth"):
         assert np.isnan(behind[name]).all()
     assert behind.least_known_direction == -1
-    assert any("fewer spots than the errors need" in said for said in calibration.remarks(result))
+    assert list(calibration.remarks(result)) == [
+        "1 of 2 calibrations have no spots that could be used: nothing is estimated (calibration_status 6)"
+    ]
 
 
 def test_shorter_layouts_are_padded():
@@ -214,8 +226,57 @@ def test_remarks_of_what_spots_cannot_tell():
     none = computed(study({"parameters": 6, "noise": 0.001}, time=instant))
     assert (none.calibration_status == TOO_FEW).all()
     again = computed(study({"parameters": 2, "noise": 0.001}, time=instant))
-    assert (again.calibration_status == ESTIMATED).all()
+    assert (again.calibration_status == EXACT).all()
+    assert np.isfinite(again.corrected_azimuth).all()
     assert np.isnan(again.standard_error).all()
+    (said,) = calibration.remarks(again)
+    assert said.startswith("3 of 3 calibrations have as many equations as errors")
+
+
+def test_the_limit_of_the_condition_number_follows_the_number_of_errors():
+    early = {"clock": "solar", "days": [172], "hours": [11.9, 12.0, 12.1]}
+    near = computed(study({"parameters": [2, 4], "noise": 0.001}, time=early))
+    assert (near.condition_number.sel(parameters=4) > 100).all()
+    assert (near.condition_number.sel(parameters=4) < 1000).any()
+    assert (near.calibration_status.sel(parameters=4) == INDISTINCT).all()
+    (said,) = calibration.remarks(near)
+    assert "a condition number above 100 (up to" in said
+    strict = computed(study({"parameters": 6, "noise": 0.001, "condition_limit": 5}))
+    assert strict.condition_number.attrs["condition_limit"] == 5.0
+    assert (strict.calibration_status == INDISTINCT).all()
+    (said,) = calibration.remarks(strict)
+    assert "above 5 (up to" in said
+
+
+def test_instants_without_a_command_are_counted():
+    # Near the tower mirrors look up around noon, where a mount with a large collimation cannot point.
+    noon = {"clock": "solar", "days": [81, 172], "hours": [6.5, *np.arange(9.0, 16.0, 0.25).tolist(), 23.0]}
+    made = study(
+        {"parameters": 6},
+        heliostats={"positions": [[0.0, 20.0, 0.0]]},
+        time=noon,
+        mount={"mirror_offset": 0.5},
+        mount_errors={**TRUE, "collimation": 300.0, "non_orthogonality": 0.0},
+    )
+    result = computed(made)
+    assert result.calibration_status[0] in (ESTIMATED, INDISTINCT)
+    sun = np.isfinite(result.nominal_azimuth).any("heliostat")
+    lost = np.isnan(result.corrected_azimuth) & sun
+    assert not sun.isel(hour=-1).any()
+    assert (result.instants_without_command == lost.sum(["day", "hour"])).all()
+    assert result.instants_without_command[0] > 0
+    (said,) = (said for said in calibration.remarks(result) if "no command" in said)
+    assert said.startswith(f"at {int(lost.sum())} of 60 instants of calibrated heliostats")
+
+
+def test_a_used_spot_without_prediction_is_no_spot_of_a_mean():
+    spots = Spots(
+        np.array([0, 2, 4]), np.zeros((4, 3)), np.zeros((4, 2)), np.zeros((4, 2)), np.array([1.0, 1.0, 1.0, 0.0])
+    )
+    left_out = np.array([[1.0, 1.0], [np.nan, 1.0], [3.0, 3.0], [np.nan, np.nan]])
+    found = _rms(left_out, spots, np.ones(4, bool))
+    assert np.isnan(found[0])
+    assert found[1] == 3.0
 
 
 # Measured spots.
@@ -256,7 +317,7 @@ def measured(folder: Path, rows: list[str], header: str = HEADER, **options: Any
 def test_measured_spots_give_the_truth(tmp_path):
     rows = [*spot_rows(2), *spot_rows(0, days=DAYS)]
     result = computed(measured(tmp_path, rows))
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, ESTIMATED]
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, NO_SPOTS, ESTIMATED]
     assert result.spots_used.to_numpy().tolist() == [27, 0, 18]
     truth = np.array([*TRUE.values()])
     np.testing.assert_allclose(result.estimated_error[[0, 2]], np.stack([truth, truth]), rtol=0, atol=1e-8)
@@ -329,10 +390,43 @@ def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
 
 def test_a_heliostat_with_too_few_spots_is_a_note(tmp_path):
     made = measured(tmp_path, [*spot_rows(0), *spot_rows(1)[:2]])
-    (note,) = made.notes()
-    assert note == "heliostat 1: fewer spots than 6 errors need; nothing is estimated there"
+    assert made.notes() == [
+        "heliostat 1: fewer spots than 6 errors need; nothing is estimated there",
+        "heliostat 2: no spots in the file, or none with a weight above 0; nothing is estimated there",
+    ]
     result = computed(made)
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, TOO_FEW]
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, NO_SPOTS]
+    said = list(calibration.remarks(result))
+    assert said[0].startswith("1 of 3 calibrations have fewer spots than the errors need")
+    assert said[1].startswith("1 of 3 calibrations have no spots")
+
+
+def test_spots_without_any_weight_are_refused(tmp_path):
+    rows = [f"{row},0" for row in spot_rows(0)]
+    assert "no spot has a weight above 0" in problems(tmp_path, rows, f"{HEADER},weight")
+
+
+def test_names_that_look_like_numbers_are_a_note(tmp_path):
+    (tmp_path / "layout.csv").write_text("name,x,y,z\n1,-16,150,0\n0,120,300,5\n", encoding="utf-8")
+    made = study(
+        {"parameters": 6, "spots": table(tmp_path, [*spot_rows(0), *spot_rows(0)])},
+        mount_errors=None, heliostats=None, layout={"file": str(tmp_path / "layout.csv")},
+    )  # fmt: skip
+    assert any("names of heliostats are whole numbers but not their rows, as '1' of row 0" in n for n in made.notes())
+
+
+def test_estimates_that_are_not_finite_are_none():
+    found = Calibration(
+        np.zeros((2, 6)), np.zeros((2, 6, 6)), np.ones(2), np.zeros((6, 2)), np.zeros((6, 2)),
+        np.array([3, 3]), np.array([ESTIMATED, NOT_CONVERGED]), np.zeros(2, np.int64), np.zeros(2, np.int64),
+    )  # fmt: skip
+    spots = Spots(np.array([0, 3, 6]), np.zeros((6, 3)), np.zeros((6, 2)), np.zeros((6, 2)), np.ones(6))
+    assert _status(found, spots, 4).tolist() == [ESTIMATED, NOT_CONVERGED]
+    assert np.isnan(_known(found, np.array([ESTIMATED, NOT_CONVERGED]))).all(axis=1).tolist() == [False, True]
+    found.covariance[0, 1, 1] = np.inf
+    assert _status(found, spots, 4)[0] == NOT_CONVERGED
+    found.covariance[0, 1, 1], found.residual[2, 0] = 0.0, np.nan
+    assert _status(found, spots, 4)[0] == NOT_CONVERGED
 
 
 def test_all_spots_at_one_instant_are_flagged(tmp_path):
@@ -340,7 +434,13 @@ def test_all_spots_at_one_instant_are_flagged(tmp_path):
     assert result.calibration_status[0] == DEPENDENT
     assert np.isnan(result.estimated_error).all()
     assert np.isnan(result.corrected_azimuth).all()
-    assert any("cannot tell the errors apart at all" in said for said in calibration.remarks(result))
+    assert result.least_known_direction[0] >= 0
+    least = ERRORS[int(result.least_known_direction[0])]
+    assert any(
+        f"cannot tell the errors apart at all, {least} the least" in said for said in calibration.remarks(result)
+    )
+    notes = measured(tmp_path, [spot_rows(0)[3]] * 20, parameters=4).notes()
+    assert "heliostat 0: all spots are of one sun; more than two errors cannot be told apart there" in notes
 
 
 def test_weightless_spots_are_predicted_but_not_used(tmp_path):

@@ -265,6 +265,11 @@ class Statistics(Block):
     ]
 
 
+#: Condition number above which a warning is given, by the number of errors, where the study names none. Spots of
+#: several hours tell four errors apart with about 10, six with some hundreds.
+CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
+
+
 class Calibration(Block):
     """Estimate of the mount errors from spots."""
 
@@ -300,9 +305,12 @@ class Calibration(Block):
         Quantity("Residual from which a robust loss grows less than its square", "m", gt=0, title="scale of the loss"),
     ] = 0.1
     condition_limit: Annotated[
-        float,
-        Quantity("Condition number above which a warning is given", "1", ge=1, sweep=False),
-    ] = 1000.0
+        float | None,
+        Quantity(
+            "Condition number above which a warning is given; 1000 for six errors and 100 for fewer where left out",
+            "1", ge=1, sweep=False,
+        ),
+    ] = None  # fmt: skip
 
 
 #: Blocks that only some modes have.
@@ -314,6 +322,6 @@ BLOCKS_OF_MODES = {
     "calibration": ("calibration",),
 }
 __all__ = [
-    "AXES", "BLOCKS_OF_MODES", "ERRORS", "LOSSES", "MOUNTS", "NOT_DRAWN", "SOURCES", "Calibration", "Detectors",
-    "Error", "Heliostats", "Mount", "MountErrors", "Receiver", "Statistics", "Sun",
+    "AXES", "BLOCKS_OF_MODES", "CONDITION_LIMITS", "ERRORS", "LOSSES", "MOUNTS", "NOT_DRAWN", "SOURCES", "Calibration",
+    "Detectors", "Error", "Heliostats", "Mount", "MountErrors", "Receiver", "Statistics", "Sun",
 ]  # fmt: skip

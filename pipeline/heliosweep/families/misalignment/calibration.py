@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ import xarray as xr
 from heliosweep.config.distribution import Distribution
 from heliosweep.families.misalignment import calibration_blocks as blocks
 from heliosweep.families.misalignment.blocks import ERRORS, Calibration
+from heliosweep.families.misalignment.calibration_remarks import remarks
 from heliosweep.families.misalignment.calibration_variables import (
     CORRECTED,
     DTYPES,
@@ -30,6 +31,8 @@ from heliosweep.families.misalignment.scene import Scene
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
 from heliosweep.grid.plan import Workload
+
+__all__ = ["build", "coordinates", "remarks", "workload"]
 
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.config import MisalignmentStudy
@@ -131,36 +134,6 @@ def build(study: MisalignmentStudy, chunks: Mapping[str, int], select: Mapping[s
     return result.assign_coords(labels.coords).assign_attrs(labels.attrs)
 
 
-def remarks(result: xr.Dataset) -> Iterator[str]:
-    """What the user should be told of a finished result: what the spots cannot tell."""
-    status, condition = result["calibration_status"].to_numpy(), result["condition_number"].to_numpy()
-    meanings = dict(
-        zip(
-            np.asarray(result["calibration_status"].attrs["flag_values"]).tolist(),
-            str(result["calibration_status"].attrs["flag_meanings"]).split(),
-            strict=True,
-        )
-    )
-    said = {
-        1: "have fewer spots than the errors need: nothing is estimated; add spots or estimate fewer errors",
-        3: "did not converge: their estimates are not to be trusted",
-        4: "cannot tell the errors apart at all: nothing is estimated; take spots at other hours and on other days",
-    }
-    for code in (code for code in said if code in meanings):
-        if count := int(np.count_nonzero(status == code)):
-            yield f"{count:,} of {status.size:,} calibrations {said[code]} (calibration_status {code})"
-    if count := int(np.count_nonzero(status == 2)):
-        directions = result["least_known_direction"].to_numpy()[status == 2]
-        names = str(result["least_known_direction"].attrs["flag_meanings"]).split()
-        least = names[int(np.bincount(directions + 1).argmax())]
-        limit = result["condition_number"].attrs["condition_limit"]
-        yield (
-            f"{count:,} of {status.size:,} calibrations have a condition number above {limit:g} (up to "
-            f"{np.nanmax(condition[status == 2]):.4g}): the spots can hardly tell the errors apart, {least} the least; "
-            "take spots on more days, or estimate fewer errors (calibration_status 2)"
-        )
-
-
 def _block(study: MisalignmentStudy) -> Calibration:
     assert study.calibration is not None
     return study.calibration
@@ -177,9 +150,10 @@ def _samples(study: MisalignmentStudy) -> int:
 
 def _attributes(study: MisalignmentStudy) -> dict[str, Mapping[str, Any]]:
     """Attributes of every variable of a row."""
-    limit = {"condition_limit": float(_block(study).condition_limit)}
+    limit = _block(study).condition_limit
     found: dict[str, Mapping[str, Any]] = {name: attrs for name, (attrs, _) in ESTIMATES.items()}
-    found["condition_number"] = {**found["condition_number"], **limit}
+    if limit is not None:
+        found["condition_number"] = {**found["condition_number"], "condition_limit": float(limit)}
     spots = SYNTHETIC if _block(study).spots is None else MEASURED
     true = {"true_error": TRUE_ERROR[0]} if _block(study).spots is None else {}
     return found | true | CORRECTED | spots
@@ -245,7 +219,7 @@ def _arguments(scene: Scene) -> list[xr.DataArray]:
 
 def _face(study: MisalignmentStudy, row: blocks.Row) -> Any:
     """What computes a block."""
-    limit = float(_block(study).condition_limit)
+    limit = _block(study).condition_limit
     measured = measured_spots(study)
     if measured is not None:
         return partial(blocks.measured_block, row=row, measured=measured, limit=limit)

@@ -13,13 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.distribution import Distribution
-from heliosweep.families.misalignment.blocks import ERRORS, LOSSES
-from heliosweep.families.misalignment.calibration_variables import KNOWN
+from heliosweep.families.misalignment.blocks import CONDITION_LIMITS, ERRORS, LOSSES
+from heliosweep.families.misalignment.calibration_variables import EXACT, KNOWN, NO_SPOTS
 from heliosweep.families.misalignment.draws import NOISE_STREAMS, means_and_widths, standard_deviates, standard_normals
 from heliosweep.families.misalignment.scene import Block, points
 from heliosweep.families.misalignment.spots_file import MeasuredSpots
 from heliosweep.families.misalignment.variables import NO_HELIOSTAT
-from heliosweep.kernels.calibration import Calibration, Spots, calibrate
+from heliosweep.kernels.calibration import (
+    ESTIMATED,
+    INDISTINCT,
+    NOT_CONVERGED,
+    TOO_FEW,
+    Calibration,
+    Spots,
+    calibrate,
+)
 from heliosweep.kernels.mount_spots import mount_spots
 from heliosweep.kernels.receiver import Setting, face_axes
 from heliosweep.kernels.two_axis import aim, mount_frames
@@ -118,7 +126,7 @@ def nominal_block(*arrays: np.ndarray, sizes: Mapping[str, int]) -> np.ndarray:
 
 
 def synthetic_block(
-    *arrays: np.ndarray, row: Row, errors: tuple[Any, ...], samples: int, seed: int, hours: int, limit: float
+    *arrays: np.ndarray, row: Row, errors: tuple[Any, ...], samples: int, seed: int, hours: int, limit: float | None
 ) -> np.ndarray:
     """Calibration from synthetic spots, shape (1, *swept dimensions, heliostat, draws, row).
 
@@ -134,8 +142,8 @@ def synthetic_block(
         Draws per heliostat, and the seed of the noise and of distributions that give none.
     hours : int
         Instants of a day.
-    limit : float
-        Of the condition number.
+    limit : float or None
+        Of the condition number; None for that of the number of parameters.
     """
     block = Block.of(*arrays)
     scale, *means, parameters, days, noise, loss, loss_scale = (points(array, block.lead) for array in block.others)
@@ -164,16 +172,17 @@ def synthetic_block(
         found = point.calibrate(spots, samples, **_options(parameters[i], loss[i], loss_scale[i], limit))
         residual = np.full((count, samples, len(point.sun), 2), np.nan)
         residual[:, :, taken] = found.residual.reshape(count, samples, each, 2)
-        known = _known(found).reshape(count, samples, -1)
+        status = _status(found, spots, int(parameters[i]))
+        known = _known(found, status).reshape(count, samples, -1)
         after = _after(point, actual, known)
-        values = _estimates(found, spots, point, samples) | _pairs("residual_{}", residual)
+        values = _estimates(found, spots, status, point, samples) | _pairs("residual_{}", residual)
         values |= _pairs("spot_{}_before", before) | _pairs("spot_{}_after", after)
-        values |= {"true_error": drawn} | _commands(point.commands(known))
+        values |= {"true_error": drawn} | _commands(point, known)
         row.write(rows[i], values)
     return rows.reshape(1, *block.lead, *rows.shape[1:])
 
 
-def measured_block(*arrays: np.ndarray, row: Row, measured: MeasuredSpots, limit: float) -> np.ndarray:
+def measured_block(*arrays: np.ndarray, row: Row, measured: MeasuredSpots, limit: float | None) -> np.ndarray:
     """Calibration from measured spots, shape (1, *swept dimensions, heliostat, 1, row).
 
     Parameters
@@ -184,8 +193,8 @@ def measured_block(*arrays: np.ndarray, row: Row, measured: MeasuredSpots, limit
         Where results stand.
     measured : MeasuredSpots
         The spots, with their suns.
-    limit : float
-        Of the condition number.
+    limit : float or None
+        Of the condition number; None for that of the number of parameters.
     """
     block = Block.of(*arrays)
     parameters, loss, loss_scale = (points(array, block.lead) for array in block.others)
@@ -213,9 +222,10 @@ def measured_block(*arrays: np.ndarray, row: Row, measured: MeasuredSpots, limit
             table[of, 0, position] = values
             return table
 
-        values = _estimates(found, spots, point, 1) | _pairs("residual_{}", padded(found.residual))
+        status = _status(found, spots, int(parameters[i]))
+        values = _estimates(found, spots, status, point, 1) | _pairs("residual_{}", padded(found.residual))
         values |= _pairs("spot_{}_before", padded(spots.position)) | _pairs("spot_{}_after", padded(found.left_out))
-        values |= _commands(point.commands(_known(found).reshape(count, 1, -1)))
+        values |= _commands(point, _known(found, status).reshape(count, 1, -1))
         row.write(rows[i], values)
     return rows.reshape(1, *block.lead, *rows.shape[1:])
 
@@ -234,7 +244,9 @@ def _sky(point: Point) -> tuple[Floats, Floats]:
     return point.sun[np.newaxis], point.pivots[np.newaxis]
 
 
-def _options(parameters: float, loss: str, loss_scale: float, limit: float) -> dict[str, Any]:
+def _options(parameters: float, loss: str, loss_scale: float, limit: float | None) -> dict[str, Any]:
+    if limit is None:
+        limit = CONDITION_LIMITS[int(parameters)]
     return {
         "parameters": int(parameters),
         "loss": _CODES[str(loss)],
@@ -243,9 +255,24 @@ def _options(parameters: float, loss: str, loss_scale: float, limit: float) -> d
     }
 
 
-def _known(found: Calibration) -> Floats:
+def _status(found: Calibration, spots: Spots, parameters: int) -> NDArray[np.int64]:
+    """Status of every fit: the kernel's, but for what has no standard errors, and for what has no spots."""
+    status = found.status.copy()
+    status[(status == TOO_FEW) & (found.used == 0)] = NO_SPOTS
+    lists = np.repeat(np.arange(len(spots.first) - 1), np.diff(spots.first))
+    seen = np.isfinite(found.residual).all(axis=1) & (spots.weight > 0)
+    predicted = np.bincount(lists, seen, len(status)) >= found.used
+    whole = np.all(np.isfinite(found.estimate[:, :parameters]), axis=1) & predicted
+    spread = np.isfinite(found.covariance[:, :parameters, :parameters]).all(axis=(1, 2))
+    fitted = np.isin(status, (ESTIMATED, INDISTINCT))
+    status[fitted & ~(whole & spread)] = NOT_CONVERGED
+    status[fitted & whole & ~spread & (2 * found.used == parameters)] = EXACT
+    return status
+
+
+def _known(found: Calibration, status: NDArray[np.int64]) -> Floats:
     """Errors that corrected commands take as known: those estimated; NaN where nothing is."""
-    some = np.isin(found.status, KNOWN)[:, np.newaxis]
+    some = np.isin(status, KNOWN)[:, np.newaxis]
     known: Floats = np.where(some, np.nan_to_num(found.estimate), np.nan)
     return known
 
@@ -259,26 +286,30 @@ def _after(point: Point, actual: Floats, known: Floats) -> Floats:
     return np.transpose(spots[:2, ..., 0], (2, 1, 3, 0))
 
 
-def _estimates(found: Calibration, spots: Spots, point: Point, samples: int) -> dict[str, NDArray[Any]]:
+def _estimates(
+    found: Calibration, spots: Spots, status: NDArray[np.int64], point: Point, samples: int
+) -> dict[str, NDArray[Any]]:
     """Variables of `calibration_variables.ESTIMATES`, each over heliostats and draws."""
     real = np.repeat(np.isfinite(point.pivots).all(axis=1), samples)
+    # A mirror whose beam does not come to the plane predicts no spot, and the kernel leaves out what is measured there.
+    predicted = np.all(np.isfinite(found.residual), axis=1)
     return {
         "estimated_error": found.estimate * 1e3,
         "standard_error": np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) * 1e3,
         "covariance": found.covariance * 1e6,
         "condition_number": found.condition,
-        "residual_rms": _rms(found.residual, spots),
-        "leave_one_out_rms": _rms(found.left_out, spots),
+        "residual_rms": _rms(found.residual, spots, predicted),
+        "leave_one_out_rms": _rms(found.left_out, spots, predicted),
         "spots_used": found.used,
-        "calibration_status": np.where(real, found.status, NO_HELIOSTAT),
+        "calibration_status": np.where(real, status, NO_HELIOSTAT),
         "least_known_direction": found.least_known,
     }
 
 
-def _rms(residual: Floats, spots: Spots) -> Floats:
-    """Root mean square per coordinate of the residuals of each heliostat; NaN of none."""
+def _rms(residual: Floats, spots: Spots, used: NDArray[np.bool_]) -> Floats:
+    """Root mean square per coordinate of the residuals of spots used, of each heliostat; NaN if one of these is."""
     square = np.sum(residual**2, axis=1)
-    counted = np.isfinite(square) & (spots.weight > 0)
+    counted = (spots.weight > 0) & used
     # Sums of each heliostat alone, in its own order: as `np.add.reduceat`, but right for empty lists.
     lists = np.repeat(np.arange(len(spots.first) - 1), np.diff(spots.first))
     total = np.bincount(lists, np.where(counted, square, 0.0), len(spots.first) - 1)
@@ -291,6 +322,13 @@ def _pairs(name: str, values: Floats) -> dict[str, Floats]:
     return {name.format(side): values[..., index] for index, side in enumerate("yz")}
 
 
-def _commands(angles: Floats) -> dict[str, Floats]:
-    degrees = np.degrees(angles)
-    return {"corrected_azimuth": degrees[..., 0], "corrected_elevation": degrees[..., 1]}
+def _commands(point: Point, known: Floats) -> dict[str, NDArray[Any]]:
+    """Commands for known errors of shape (H, K, 6), and at how many instants with sun there is none."""
+    degrees: Floats = np.degrees(point.commands(known))
+    some = np.all(np.isfinite(known), axis=-1)[..., np.newaxis]
+    none = np.any(np.isnan(degrees), axis=-1) & some & (point.sun[:, 2] > 0.0)
+    return {
+        "corrected_azimuth": degrees[..., 0],
+        "corrected_elevation": degrees[..., 1],
+        "instants_without_command": np.count_nonzero(none, axis=-1),
+    }

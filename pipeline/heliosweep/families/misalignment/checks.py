@@ -54,7 +54,15 @@ RESERVED = frozenset(
         *("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance", "real_fraction"),
         *("remaining_tolerance", "day_hit_fraction", "field_hit_fraction"),
         *("estimated_error", "true_error", "standard_error", "covariance", "condition_number", "residual_rms"),
-        *("leave_one_out_rms", "spots_used", "calibration_status", "least_known_direction", "residual_y", "residual_z"),
+        *(
+            "leave_one_out_rms",
+            "spots_used",
+            "instants_without_command",
+            "calibration_status",
+            "least_known_direction",
+            "residual_y",
+            "residual_z",
+        ),
         *("spot_y_before", "spot_z_before", "spot_y_after", "spot_z_after"),
         *("nominal_azimuth", "nominal_elevation", "corrected_azimuth", "corrected_elevation"),
     )
