@@ -6,10 +6,11 @@ from PIL import Image
 
 import heliosweep
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing import measured, measured_points, scenes
+from heliosweep.families.backward_gazing import measured, measured_points, reconstruct, scenes
 from heliosweep.families.backward_gazing.config import BackwardGazingStudy
 from heliosweep.families.backward_gazing.image_files import read_picture
 from heliosweep.families.backward_gazing.measured_checks import view_problems
+from heliosweep.kernels import gazing_lm
 from heliosweep.kernels.gazing_grid import eroded, maps, mirror_grid, themis_8
 from heliosweep.kernels.gazing_modules import module_estimates
 from heliosweep.kernels.pinholes import pinholes
@@ -153,6 +154,37 @@ def test_shipped_result_says_how_it_was_made(shipped):
     residual = shipped["residual_rms"].sel(LM).to_numpy()[used]
     assert np.nanmean(residual**2) == pytest.approx(0.5 * 0.66 * made.NOISE**2, rel=0.2)  # 2 of 4 are free
     assert list(measured.remarks(shipped)) == []
+
+
+@pytest.mark.parametrize("methods", [["LM", "A"], ["A"]])
+def test_slopes_and_uncertainties_are_of_one_fit(write, monkeypatch, methods):
+    """LM runs once, also where it is not asked for, and all that is said of it is of that run."""
+    fits = []
+
+    def kept(*args, **more):
+        fits.append(gazing_lm.fit_slopes(*args, **more))
+        return fits[-1]
+
+    monkeypatch.setattr(reconstruct, "fit_slopes", kept)
+    noise = {"noise": made.NOISE}
+    heliostat = {"focal_length": 120, "pixel": 0.1}
+    result = result_of(write(method=methods, image_geometry=noise, fit_gain=True, heliostat=heliostat))
+    (fit,) = fits
+    grid = mirror_grid(themis_8(), 0.1)
+    keep = eroded(grid, 2) & np.isfinite(fit.slopes[0])
+    assert float(result["gain"]) == np.median(fit.gain[keep])
+    told = (
+        result["slope_uncertainty_x"].to_numpy().ravel()[grid.place]
+        / result["slope_uncertainty_y"].to_numpy().ravel()[grid.place]
+    )
+    np.testing.assert_allclose(told[keep], (fit.deviation[0] / fit.deviation[1])[keep], rtol=1e-12)
+    if "LM" in methods:
+        np.testing.assert_array_equal(result["slope_x"].sel(LM), 1e3 * maps(grid, fit.slopes[0]))
+        lit = np.isfinite(result["image"].to_numpy()).sum(axis=0)
+        four = (lit == 4) & (result["image"].min("camera").to_numpy() > 0.3)
+        square = 4.0 * result["residual_rms"].sel(LM).to_numpy() ** 2
+        np.testing.assert_allclose(square[four], maps(grid, fit.merit)[four], rtol=1e-12)
+    assert "of the slopes of LM" in result["slope_uncertainty_x"].attrs["comment"]
 
 
 def test_method_a_needs_the_exact_referential(shipped, truth):

@@ -23,7 +23,7 @@ from heliosweep.families.backward_gazing.rows import Row
 from heliosweep.kernels import rectification as bits
 from heliosweep.kernels.gazing_geometry import REFERENTIALS, Scene, scene
 from heliosweep.kernels.gazing_grid import MirrorGrid, Modules, eroded, maps, mirror_grid
-from heliosweep.kernels.gazing_lm import SlopeFit, fit_slopes
+from heliosweep.kernels.gazing_lm import SlopeFit
 from heliosweep.kernels.gazing_modules import module_estimates
 from heliosweep.kernels.gazing_search import merits
 from heliosweep.kernels.pinholes import pinholes
@@ -109,20 +109,20 @@ def _solved(point: points.Point, given: Given) -> dict[str, Any]:
     except ValueError:  # a camera that looks straight up or down, or corners that no view of this scene has
         return {"scene_status": common.NOT_IDENTIFIABLE}
     place = grid.pixel_y, grid.pixel_z
+    methods = given.methods if "LM" in given.methods else (*given.methods, "LM")  # uncertainties are LM's
     found = reconstruct(
-        layout, profile, seen.images, place, given.methods, given.referentials, point.threshold, given.fit_gain
+        layout, profile, seen.images, place, methods, given.referentials, point.threshold, given.fit_gain
     )
-    start = found.slopes[given.methods.index("LM"), 0] if "LM" in given.methods else np.zeros((2, len(place[0])))
-    fit = fit_slopes(
-        layout, profile, seen.images, *place, start, threshold=point.threshold, fit_gain=given.fit_gain
-    )  # fmt: skip
+    fit, asked = found.fit, len(given.methods)
+    assert fit is not None
+    found = found._replace(slopes=found.slopes[:asked], quality=found.quality[:asked])
     lit = (found.lit >> np.arange(4)[:, np.newaxis]) & 1 == 1
     noise = _pixel_noise(fit, seen, lit, keep, given)
     with np.errstate(all="ignore"):
         share = np.sqrt(np.nansum(np.where(lit, seen.noise**2, np.nan), axis=0) / lit.sum(axis=0))
     deviation = np.where(np.isfinite(fit.slopes), fit.deviation * noise * share, np.nan)
     values = _maps(found, fit, seen, lit, keep, grid, given, deviation)
-    values |= _residuals(found, layout, profile, seen, lit, grid, point, given)
+    values |= _residuals(found, fit, layout, profile, seen, lit, grid, point, given)
     values |= _of_modules(found, deviation, lit, keep, grid, point, given)
     usable = np.isfinite(fit.slopes[0])
     at_edge = (seen.flags & (bits.AT_EDGE | bits.OUT_OF_FRAME)) > 0
@@ -219,6 +219,7 @@ def _maps(
 
 def _residuals(
     found: Found,
+    fit: SlopeFit,
     layout: Scene,
     profile: Profile,
     seen: Seen,
@@ -231,6 +232,9 @@ def _residuals(
     place = np.array([grid.pixel_y, grid.pixel_z])
     left = np.empty((*found.slopes.shape[:2], place.shape[1]))
     for index in np.ndindex(left.shape[:2]):
+        if given.methods[index[0]] == "LM":
+            left[index] = fit.merit
+            continue
         slopes = np.ascontiguousarray(found.slopes[index])
         gain = given.fit_gain and given.methods[index[0]] != "A"
         left[index] = merits(False, layout, profile, seen.images, place, point.threshold, gain, slopes)

@@ -106,7 +106,8 @@ _MAPS: dict[str, Entry] = {
         "slope_uncertainty_%",
         _PLANE,
         "standard uncertainty of the % slope of a pixel",
-        "from the noise of the images alone, by the derivatives at the slopes that LM finds: an error of the sun's "
+        "of the slopes of LM, also where other methods are asked for: from the noise of the images alone, by the "
+        "derivatives at the slopes that LM finds; an error of the sun's "
         "profile, of the geometry, or of one camera's gain against another's does not show in it (the last shifts all "
         "slopes alike, as a pointing error would)",
     ),

@@ -17,7 +17,7 @@ from heliosweep.kernels.gazing_linear import (
     transferred,
     wavefront_departures,
 )
-from heliosweep.kernels.gazing_lm import fit_slopes, graduated
+from heliosweep.kernels.gazing_lm import SlopeFit, fit_slopes, graduated
 from heliosweep.kernels.gazing_search import SlopeSearch, search_slopes, search_wavefronts
 from heliosweep.kernels.sun_profiles import Profile
 
@@ -35,6 +35,8 @@ class Found(NamedTuple):
     """Bit i is set where camera i is lit, shape (N,)."""
     quality: NDArray[np.int64]
     """Bits of `variables`: NOT_CONVERGED, UNLIT, OUTSIDE; shape (M, N)."""
+    fit: SlopeFit | None
+    """What LM found, of which the slopes are; None where it is not among the methods."""
 
 
 def reconstruct(
@@ -81,6 +83,7 @@ def reconstruct(
     unlit = ~np.isfinite(departures[0])
     slopes = np.empty((len(methods), len(matrices), 2, y.size))
     quality = np.zeros((len(methods), y.size), np.int64)
+    fit = None
     for row, method in enumerate(methods):
         if method == "A":
             slopes[row] = transferred(departures, matrices)
@@ -101,7 +104,7 @@ def reconstruct(
             fit = fit_slopes(layout, stages, images, y, z, start, threshold=threshold, fit_gain=fit_gain)
             slopes[row] = fit.slopes
             quality[row] = fit.flags
-    return Found(slopes, lit, quality)
+    return Found(slopes, lit, quality, fit)
 
 
 def _of_search(search: SlopeSearch) -> NDArray[np.int64]:
