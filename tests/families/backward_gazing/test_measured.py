@@ -129,7 +129,7 @@ def test_shipped_modules_are_those_planted(shipped, truth):
         assert np.abs(whole - planted).max() < 0.05
         pointing = float(found[f"pointing_{direction}"]) - 1e3 * true.pointing[axis]
         assert abs(pointing) < 2.0 * float(found[f"pointing_{direction}_standard_error"])
-        assert float(found[f"pointing_{direction}"]) == pytest.approx(1e3 * made.POINTING[axis], abs=0.006)
+        assert float(found[f"pointing_{direction}"]) == pytest.approx(1e3 * made.POINTING[axis], abs=0.008)
         waves = found[f"waviness_{direction}"].to_numpy()
         np.testing.assert_allclose(waves, 1e3 * true.waviness[axis], atol=0.008)
     focal, error = (float(found[f"focal_length_{name}"]) for name in ("estimate", "standard_error"))
@@ -479,3 +479,36 @@ def test_parts_of_the_whole_are_plain_numbers(shipped):
     near = shipped[["scene_status", "usable_fraction"]]
     near = near.assign(usable_fraction=near["usable_fraction"] * 0 + 0.9996)
     assert next(iter(scenes.remarks(near))).endswith("the least has slopes for 99.9 % of its pixels")
+
+
+def test_smooth_fit_of_a_noisy_table(tmp_path, truth):
+    """Images are of the sun, and the noise of a table is not: without it slopes are better, and as good as is told."""
+    rng = np.random.default_rng(3)
+    names = []
+    for number, image in enumerate(maps(truth.grid, truth.images + rng.normal(0.0, 0.004, truth.images.shape))):
+        names.append(tmp_path / f"{number}.npy")
+        np.save(names[-1], np.nan_to_num(image[::-1]))
+    spread, cover = {"table": [], "smooth": [], None: []}, []
+    for seed in range(3):
+        for kind, rms in spread.items():
+            study = content(
+                tmp_path,
+                names,
+                heliostat={"focal_length": 120, "distance": 120, "pixel": 0.05},
+                sun={"azimuth": 30, "elevation": 60},
+                target={"azimuth": 0, "elevation": 44},
+                sun_profile="noisy",
+                profile_noise={"noise": 0.012, "nodes": 120, "seed": seed},
+                image_geometry={"white": 1.0},
+                referential=["exact"],
+                fit_profile=kind,
+            )
+            found = result_of(study)
+            assert found.attrs["profile_of_lm"] == ("as it is" if kind == "table" else "smooth fit")
+            both = [errors(found, truth, direction) for direction in "xy"]
+            rms.append(np.sqrt(np.mean([np.mean(error**2) for error, _ in both])))
+            if kind == "smooth":
+                cover += [np.mean(np.abs(error / told) < 2.0) for error, told in both]
+    assert spread[None] == spread["smooth"]
+    assert np.mean(spread["smooth"]) < 0.8 * np.mean(spread["table"])
+    assert np.mean(cover) > 0.93

@@ -258,3 +258,15 @@ def test_every_value_of_a_row_has_a_place():
     point = points.Point.of(array.item() for array in points.inputs(Grid(one)))
     made = module_results.results(point, points.given(one), with_maps=True)
     assert set(made) == {*SIMULATED, *MAPS}
+
+
+def test_profile_of_lm():
+    """Simulations take the table unless asked otherwise, which changes LM alone; both results say it."""
+    noisy = {"sun_profile": "noisy", "method": ["A", "LM"], "erosion": 0}
+    table, same, smooth = (computed(**noisy, fit_profile=kind) for kind in (None, "table", "smooth"))
+    assert table.identical(same)
+    assert table.attrs["profile_of_lm"] == "as it is"
+    assert smooth.attrs["profile_of_lm"] == "smooth fit"
+    for method, equal in (("A", True), ("LM", False)):
+        one, other = (at(result["slope_bias_y"], method=method).to_numpy() for result in (table, smooth))
+        assert np.array_equal(one, other) == equal

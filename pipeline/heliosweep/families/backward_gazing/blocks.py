@@ -35,6 +35,10 @@ PROFILES = {
     "noisy": "that formula in a table with noise, see profile_noise",
     "table": "the table that sun.profile names",
 }
+FIT_PROFILES = {
+    "table": "the table itself, as the paper's methods have it; the default of mode: simulated",
+    "smooth": "the smooth curve nearest to the table, without the table's noise; the default of mode: measured",
+}
 LAYOUTS = {"themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns, gaps of 5 cm; 1 to 4 left from the top, 5 to 8 right"}
 ARRANGEMENTS = {
     "square": "upper left, upper right, lower left, lower right of a square",

@@ -16,6 +16,7 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem
 from heliosweep.families.backward_gazing import checks
 from heliosweep.families.backward_gazing.blocks import (
+    FIT_PROFILES,
     METHODS,
     PROFILES,
     REFERENTIALS,
@@ -79,6 +80,9 @@ class BackwardGazingStudy(Study):
     fit_gain: Annotated[bool, Flag("Whether each pixel has a gain of its own, common to its cameras; not for A")] = (
         False
     )
+    fit_profile: Annotated[
+        str | None, Choice("By what LM finds slopes where the sun's profile is a table", FIT_PROFILES, sweep=False)
+    ] = None
     erosion: Annotated[
         int | Sweep,
         Quantity("Pixels left out along the edges of the modules", "1", ge=0, le=100, integer=True,
@@ -95,6 +99,11 @@ class BackwardGazingStudy(Study):
             yield from self._simulated_faults()
         if self._profiles() & {"table"} and self.sun.profile is None and self.sun.image is None:
             yield Fault("'sun.profile' is missing: the table that 'sun_profile: table' means", show_value=False)
+
+    @property
+    def smooth(self) -> bool:
+        """Whether LM finds slopes by the smooth curve nearest to a table."""
+        return (self.fit_profile or ("smooth" if self.mode == "measured" else "table")) == "smooth"
 
     @cached_property
     def _checked(self) -> tuple[list[Problem], list[str]]:

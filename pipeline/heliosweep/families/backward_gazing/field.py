@@ -80,7 +80,7 @@ def coordinates(study: BackwardGazingStudy, select: Mapping[str, slice] | None =
     found["hour"] = xr.DataArray(study.field.hours.values(), dims="hour", attrs=COORDINATES["hour"])
     for name, values in (("method", study.method), ("referential", study.referential)):
         found[name] = xr.DataArray(np.array(values, dtype=object), dims=name, attrs=COORDINATES[name])
-    return xr.Dataset(coords=found)
+    return xr.Dataset(coords=found, attrs={"profile_of_lm": labels.profile_of_lm(study)})
 
 
 def build(
@@ -116,7 +116,8 @@ def build(
         **common,
     )
     result = ranges | row.unpacked(made)
-    return xr.Dataset({name: result[name] for name in FIELD}).assign_coords(coordinates(study, select).coords)
+    found = coordinates(study, select)
+    return xr.Dataset({name: result[name] for name in FIELD}).assign_coords(found.coords).assign_attrs(found.attrs)
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:

@@ -90,7 +90,12 @@ def coordinates(study: BackwardGazingStudy, select: Mapping[str, slice] | None =
             "y": _named("y", mirror.y),
             "module_of_pixel": xr.DataArray(mirror.module, dims=("z", "y"), attrs=COORDINATES["module_of_pixel"]),
         }
-    return xr.Dataset(coords=labels)
+    return xr.Dataset(coords=labels, attrs={"profile_of_lm": profile_of_lm(study)})
+
+
+def profile_of_lm(study: BackwardGazingStudy) -> str:
+    """What LM does with a tabulated profile of the sun, as results say it."""
+    return "smooth fit" if study.smooth else "as it is"
 
 
 def _named(name: str, values: np.ndarray) -> xr.DataArray:

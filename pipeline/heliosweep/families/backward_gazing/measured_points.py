@@ -58,6 +58,8 @@ class Given(NamedTuple):
     methods: tuple[str, ...]
     referentials: tuple[int, ...]
     fit_gain: bool
+    smooth: bool
+    """Whether LM ends at the smooth fit of a table."""
 
 
 class Seen(NamedTuple):
@@ -76,7 +78,8 @@ def given(study: BackwardGazingStudy) -> Given:
     seen = views(study)
     referentials = tuple(REFERENTIALS.index(name) for name in study.referential)
     table, _ = sun_table(study)
-    return Given(seen, modules_of(study), table, study.method, referentials, study.fit_gain or seen.needs_gain)
+    fit_gain = study.fit_gain or seen.needs_gain
+    return Given(seen, modules_of(study), table, study.method, referentials, fit_gain, study.smooth)
 
 
 def block(*arrays: np.ndarray, row: Row, given: Given) -> np.ndarray:
@@ -111,7 +114,7 @@ def _solved(point: points.Point, given: Given) -> dict[str, Any]:
     place = grid.pixel_y, grid.pixel_z
     methods = given.methods if "LM" in given.methods else (*given.methods, "LM")  # uncertainties are LM's
     found = reconstruct(
-        layout, profile, seen.images, place, methods, given.referentials, point.threshold, given.fit_gain
+        layout, profile, seen.images, place, methods, given.referentials, point.threshold, given.fit_gain, given.smooth
     )
     fit, asked = found.fit, len(given.methods)
     assert fit is not None

@@ -143,6 +143,8 @@ class Given(NamedTuple):
     methods: tuple[str, ...]
     referentials: tuple[int, ...]
     fit_gain: bool
+    smooth: bool
+    """Whether LM ends at the smooth fit of a table."""
 
     @property
     def modules(self) -> Modules:
@@ -205,6 +207,7 @@ def given(study: BackwardGazingStudy) -> Given:
         study.method,
         tuple(REFERENTIALS.index(name) for name in study.referential),
         study.fit_gain,
+        study.smooth,
     )
 
 
@@ -279,7 +282,7 @@ def bound(seen: Observation, point: Point, given: Given, method: str | None = No
 def _found(layout: Scene, profile: Profile, images: Floats, mirror: MirrorGrid, point: Point, given: Given) -> Found:
     place = mirror.pixel_y, mirror.pixel_z
     return reconstruct(
-        layout, profile, images, place, given.methods, given.referentials, point.threshold, given.fit_gain
+        layout, profile, images, place, given.methods, given.referentials, point.threshold, given.fit_gain, given.smooth
     )
 
 

@@ -20,6 +20,7 @@ from heliosweep.kernels.gazing_linear import (
 from heliosweep.kernels.gazing_lm import SlopeFit, fit_slopes, graduated
 from heliosweep.kernels.gazing_search import SlopeSearch, search_slopes, search_wavefronts
 from heliosweep.kernels.sun_profiles import Profile
+from heliosweep.kernels.sun_tables import smooth_fit
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ def reconstruct(
     referentials: Sequence[int],
     threshold: float,
     fit_gain: bool,
+    smooth: bool = False,
 ) -> Found:
     """Find slopes.
 
@@ -69,6 +71,9 @@ def reconstruct(
         Least brightness of a lit camera. [1]
     fit_gain : bool
         Whether O1, O2 and LM find a gain for each pixel.
+    smooth : bool
+        Whether LM ends at the smooth fit of a tabulated profile instead of the table: better where the images are of
+        the sun and the table has noise of its own.
 
     Returns
     -------
@@ -100,7 +105,7 @@ def reconstruct(
             slopes[row] = search.slopes
             quality[row] = _of_search(search)
         else:
-            stages = graduated(profile)
+            stages = [smooth_fit(profile)] if smooth and profile.table.size > 3 else graduated(profile)
             fit = fit_slopes(layout, stages, images, y, z, start, threshold=threshold, fit_gain=fit_gain)
             slopes[row] = fit.slopes
             quality[row] = fit.flags

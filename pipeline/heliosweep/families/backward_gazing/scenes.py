@@ -107,7 +107,8 @@ def build(
     )["row"]
     result = row.unpacked(made)
     result |= over_seeds(result, _statistics(study), seed_dims(study), chunks)
-    return xr.Dataset(result).assign_coords(coordinates(study, select).coords)
+    found = coordinates(study, select)
+    return xr.Dataset(result).assign_coords(found.coords).assign_attrs(found.attrs)
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
