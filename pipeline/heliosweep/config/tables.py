@@ -11,7 +11,7 @@ MAX_BYTES = 64 * 2**20
 """Largest table that is read: 600 bytes for each of 100,000 heliostats."""
 
 
-def table_text(path: Path, name: str) -> str:
+def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
     """Return the text of a table; refuse what cannot be one before reading it whole.
 
     Parameters
@@ -20,6 +20,8 @@ def table_text(path: Path, name: str) -> str:
         The file.
     name : str
         What messages call it.
+    most_bytes : int, optional
+        Size beyond which it is refused; `MAX_BYTES` where left out. [bytes]
 
     Raises
     ------
@@ -30,19 +32,20 @@ def table_text(path: Path, name: str) -> str:
     def fail(message: str, line: int | None = None) -> NoReturn:
         raise StudyError(Problem(message, file=name, line=line))
 
+    most = MAX_BYTES if most_bytes is None else most_bytes
     try:
         if path.is_dir():
             fail("is a folder, not a CSV file")
         if path.exists() and not path.is_file():
             fail("is not a regular file")
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(most + 1)
     except FileNotFoundError:
         fail("there is no such file")
     except (OSError, ValueError) as error:
         fail(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-    if len(data) > MAX_BYTES:
-        fail(f"is larger than {MAX_BYTES // 2**20} MiB")
+    if len(data) > most:
+        fail(f"is larger than {most // 2**20} MiB")
     if data.startswith(b"PK\x03\x04"):
         fail("is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)")
     try:

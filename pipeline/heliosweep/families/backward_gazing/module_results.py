@@ -25,8 +25,8 @@ from heliosweep.kernels.gazing_modules import module_estimates, module_statistic
 
 Floats = NDArray[np.float64]
 
-#: What a relative error is relative to. [mrad]
-ENTERED = 1.0
+#: What relative errors of modules are relative to where no canting is entered. [mrad]
+NOT_CANTED = 1.0
 _DEGREES = float(np.degrees(1.0))
 
 
@@ -58,7 +58,9 @@ def _results(point: Point, given: Given, with_maps: bool) -> dict[str, Any]:
     except Failure as failure:
         return {"scene_status": failure.status}
     least = bound(seen, point, given)
-    values: dict[str, Any] = _errors(seen, given) | _estimates(seen, point, given, least) | _sight(seen, given, least)
+    values: dict[str, Any] = (
+        _errors(seen, point, given) | _estimates(seen, point, given, least) | _sight(seen, given, least)
+    )
     values["scene_status"] = SEEN if np.any(seen.keep & np.isfinite(seen.net[:, 0, 0]).any(axis=0)) else NOT_SEEN
     values["incidence"] = _DEGREES * seen.layout.incidence
     return values | (_maps(seen) if with_maps else {})
@@ -67,13 +69,15 @@ def _results(point: Point, given: Given, with_maps: bool) -> dict[str, Any]:
 _remembered = lru_cache(maxsize=4)(_results)
 
 
-def _errors(seen: Observation, given: Given) -> dict[str, Floats]:
+def _errors(seen: Observation, point: Point, given: Given) -> dict[str, Floats]:
     """Errors of the slopes of each module, shape (M, T, modules). [mrad], [percent]"""
     mean, rms, _ = over_modules(1e3 * (seen.net - seen.true), seen, given)
+    entered = 1e3 * np.hypot(*np.transpose(point.canting_scale * np.array(given.canting)))
+    entered = np.where(entered > 0.0, entered, NOT_CANTED)
     made = {}
     for axis, name in enumerate("xy"):
         made[f"slope_bias_{name}"], made[f"slope_rms_{name}"] = mean[:, :, axis], rms[:, :, axis]
-        made[f"relative_error_{name}"] = 100.0 * np.abs(mean[:, :, axis]) / ENTERED
+        made[f"relative_error_{name}"] = 100.0 * np.abs(mean[:, :, axis]) / entered
     return made
 
 

@@ -30,7 +30,7 @@ _LOOKS = {"none": COLOURS[0], "roll": COLOURS[5], "exact": COLOURS[2], _DIRECT: 
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Errors of the slopes in percent of 1 mrad.
+    """Errors of the slopes in percent of the canting that was entered.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def _errors(result: xr.Dataset) -> Iterator[NamedFigure]:
     for part in [profiles] if together else [[one] for one in profiles]:
         strips = [
             Strip(
-                f"error of {direction} slope\n(% of 1 mrad)",
+                f"error of {direction} slope\n(% of the canting)",
                 [
                     _panel(result, end, stands, where, module, "" if end == "y" else _title(profile, name))
                     for profile, where in part

@@ -95,7 +95,7 @@ def _relative_errors(result: xr.Dataset) -> Iterator[NamedFigure]:
                         median = lines[way.name][1]
                         bands[way.name] = np.maximum(np.stack([median - low, high - median]), 0.0)
                 title = ", ".join(filter(None, [profile, direction]))
-                panels.append(Panel("error of the slope (% of 1 mrad)", lines, title, bands))
+                panels.append(Panel("error of the slope (% of the canting)", lines, title, bands))
         if not _known(panels):
             continue
         logarithmic = _many_decades(panels, FLOOR)

@@ -60,8 +60,8 @@ ERRORS: dict[str, Entry] = {
         "relative_error_%",
         _OF_MODULE,
         "percent",
-        "magnitude of the mean error of the % slopes relative to 1 mrad",
-        "as in Table 1 of Defieux et al. (2020)",
+        "magnitude of the mean error of the % slopes relative to the module's entered canting",
+        "as in Table 1 of Defieux et al. (2020); relative to 1 mrad where no canting is entered",
     ),
 }
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean
+from heliosweep.config.tables import table_lines, table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment import spots_fields as fields
 
@@ -155,7 +156,7 @@ class _Reader:
 
     def read(self, path: Path) -> MeasuredSpots:
         """Return the spots, or raise with all that is wrong."""
-        self.lines, self.texts = self._lines(self._text(path))
+        self.lines, self.texts = self._lines(table_text(path, self.name, MAX_BYTES))
         header, *rows = self._rows()
         self._check_header(header)
         if not rows:
@@ -184,40 +185,14 @@ class _Reader:
         lines = np.array([self.lines[row + 1] for row in self.kept], np.int64)
         return MeasuredSpots(heliostat, place, sun, utc, weight, np.radians(angles), lines, self.name)
 
-    def _text(self, path: Path) -> str:
-        """Return the text of the file; refuse what cannot be a CSV file before reading it whole."""
-        try:
-            if path.is_dir():
-                self._fail("is a folder, not a CSV file")
-            if path.exists() and not path.is_file():
-                self._fail("is not a regular file")
-            with path.open("rb") as file:
-                data = file.read(MAX_BYTES + 1)
-        except FileNotFoundError:
-            self._fail("there is no such file")
-        except (OSError, ValueError) as error:
-            self._fail(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-        if len(data) > MAX_BYTES:
-            self._fail(f"is larger than {MAX_BYTES // 2**20} MiB")
-        if data.startswith(b"PK\x03\x04"):
-            self._fail("is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)")
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            self._fail("is not UTF-8 text; save it as CSV (UTF-8)", data[: error.start].count(b"\n") + 1)
-        if "\0" in text:
-            self._fail("is a binary file, not CSV", text[: text.index("\0")].count("\n") + 1)
-        return text
-
     def _lines(self, text: str) -> tuple[list[int], list[str]]:
         """Return the numbers in the file of the lines that hold something, and these lines."""
-        every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        numbers = [number for number, line in enumerate(every, 1) if line.strip() and line[0] != "#"]
+        numbers, lines = table_lines(text)
         if not numbers:
             self._fail("is empty: it needs a header, such as heliostat,y,z,time, and one row for each spot")
         if len(numbers) - 1 > MAX_SPOTS:
             self._fail(f"has {len(numbers) - 1:,} rows, more than {MAX_SPOTS:,} spots")
-        return numbers, [every[number - 1] for number in numbers]
+        return numbers, lines
 
     def _rows(self) -> list[list[str]]:
         """Split the lines into fields."""
