@@ -153,3 +153,20 @@ def test_validating_imports_no_compiler(tmp_path):
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"numba", "xarray", "dask", "scipy", "matplotlib"} & set(loaded)
+
+
+def test_what_lm_fits_and_levels_of_cameras():
+    """The defaults follow the mode; the profile of LM is no dimension, the cameras' levels may be one."""
+    assert not study().smooth
+    assert study(fit_profile="smooth").smooth
+    measured = {"mode": "measured", "images": list("abcd"), "defects": None}
+    for kind, smooth in ((None, True), ("table", False)):
+        content = {**copy.deepcopy(SMALL), **measured, "fit_profile": kind}
+        one = BackwardGazingStudy.model_validate({key: value for key, value in content.items() if value is not None})
+        assert one.smooth == smooth
+    with pytest.raises(StudyError, match="fit_profile"):
+        study(fit_profile=["table", "smooth"])
+    with pytest.raises(StudyError, match="gain_noise"):
+        study(cameras={"gain_noise": -0.01})
+    dims = study(cameras={"gain_noise": [0, 0.01]}).dimensions()
+    assert [dim.name for dim in dims] == ["camera_gain_noise"]

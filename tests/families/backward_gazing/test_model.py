@@ -18,6 +18,7 @@ from heliosweep.kernels.gazing_grid import eroded, mirror_grid, themis_8
 from heliosweep.kernels.gazing_images import expose, image_set, module_spheres
 from heliosweep.kernels.gazing_lm import fit_slopes
 from heliosweep.kernels.sun_profiles import jose
+from heliosweep.kernels.sun_tables import normal_draws
 from heliosweep.store.digest import file_digest
 
 from .test_config import study
@@ -270,3 +271,29 @@ def test_profile_of_lm():
     for method, equal in (("A", True), ("LM", False)):
         one, other = (at(result["slope_bias_y"], method=method).to_numpy() for result in (table, smooth))
         assert np.array_equal(one, other) == equal
+
+
+@pytest.mark.parametrize("level", ["mirror_grid", "camera"])
+def test_levels_of_cameras(level):
+    """Each camera has a level of its own, drawn by the seed: the same at both kinds of images, whatever is swept."""
+
+    def seen(**cameras):
+        more = {"defects": {}, "method": "LM", "erosion": 3, "heliostat": {"distance": 120, "pixel": 0.15}}
+        return computed(cameras={"images": level, **cameras}, output={"maps": True}, **more)
+
+    swept = seen(gain_noise=[0.0, 0.01, 0.02], seed=[0, 1])
+    plain = seen()
+    gains = (swept["image"] / plain["image"]).median(("y", "z"))
+    spread = (swept["image"] / plain["image"]).std(("y", "z"))
+    assert float(spread.max()) < 1e-12
+    assert np.all(gains.sel(camera_gain_noise=0.0) == 1.0)
+    drawn = normal_draws(1, 4, 4)
+    np.testing.assert_allclose(gains.sel(camera_gain_noise=0.02, camera_seed=1), 1.0 + 0.02 * drawn, rtol=1e-12)
+    alone = seen(gain_noise=0.02, seed=1)
+    np.testing.assert_array_equal(alone["image"], swept["image"].sel(camera_gain_noise=0.02, camera_seed=1))
+    both = seen(gain_noise=0.02, seed=1, gain_error=0.05)
+    np.testing.assert_allclose(both["image"], 1.05 * alone["image"], rtol=1e-12)
+    pointing = swept["pointing_x"].squeeze()
+    one, two = (pointing.sel(camera_gain_noise=noise) for noise in (0.01, 0.02))
+    np.testing.assert_allclose(two, 2.0 * one, rtol=0.2)
+    assert np.all((np.abs(one) > 0.01) & (np.abs(one) < 0.3))  # 0.09 mrad for 1 %

@@ -178,6 +178,11 @@ class Cameras(Block):
         Quantity("Relative error of the brightness that all cameras share", "1", gt=-1, le=1,
                  title="relative error of gain of all cameras"),
     ] = 0.0  # fmt: skip
+    gain_noise: Annotated[
+        float | Sweep,
+        Quantity("Standard deviation of the level of each camera, relative; drawn for each camera by its seed", "1",
+                 ge=0, le=1, dimension="camera_gain_noise", title="standard deviation of the cameras' levels"),
+    ] = 0.0  # fmt: skip
     bits: Annotated[
         int | Sweep,
         Quantity("Levels are 2^bits, up to 1.25 of the sun's centre; 0 for none", "1", ge=0, le=24, integer=True,
@@ -197,7 +202,12 @@ class Cameras(Block):
                  title="least brightness of a lit camera"),
     ] = 0.3  # fmt: skip
     seed: Annotated[
-        int | Sweep, _seed("What the noise of the cameras follows from", "camera_seed", "seed of the cameras' noise")
+        int | Sweep,
+        _seed(
+            "What the noise of the cameras, and of their levels, follows from",
+            "camera_seed",
+            "seed of the cameras' noise",
+        ),
     ] = 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.camera_images import camera_set, heliostat, levels
 from heliosweep.kernels.gazing_geometry import Scene
@@ -30,7 +30,7 @@ def camera_views(
     pixel: float,
     supersampling: int,
     noise: float,
-    gain_error: float,
+    gain_error: ArrayLike,
     bits: int,
     seed: int,
     full_scale: float,
@@ -54,7 +54,7 @@ def camera_views(
     supersampling : int
         Rays along each side of a camera's pixel.
     noise, gain_error, bits, seed, full_scale
-        As for `gazing_images.expose`.
+        As for `gazing_images.expose`, but the gain of each camera may have its own error.
 
     Returns
     -------

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 LABELS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel",
     "target.azimuth", "target.elevation", "target.tilt", "target.face", "sun.azimuth", "sun.elevation",
-    "cameras.arrangement", "cameras.radius", "cameras.noise", "cameras.gain_error", "cameras.threshold",
-    "sun_profile", "profile_error", "defects.canting_scale", "defects.waviness",
+    "cameras.arrangement", "cameras.radius", "cameras.noise", "cameras.gain_error", "cameras.gain_noise",
+    "cameras.threshold", "sun_profile", "profile_error", "defects.canting_scale", "defects.waviness",
 )  # fmt: skip
 CAMERAS = 4
 

@@ -28,8 +28,8 @@ DIFFERENT = 0.05, 1e-3
 LEAST_AREA, LEAST_TRIANGLE = 16.0, 0.05
 #: Keys of simulations, by their beginning.
 _SIMULATED = (
-    "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.bits", "cameras.images",
-    "cameras.supersampling", "cameras.seed",
+    "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
+    "cameras.images", "cameras.supersampling", "cameras.seed",
 )  # fmt: skip
 
 

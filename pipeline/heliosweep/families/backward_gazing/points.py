@@ -22,7 +22,7 @@ from heliosweep.kernels.gazing_images import expose, image_set, module_spheres, 
 from heliosweep.kernels.gazing_linear import lit_counts, slope_bound
 from heliosweep.kernels.gazing_lm import graduated
 from heliosweep.kernels.sun_profiles import Profile, jose, tabulated
-from heliosweep.kernels.sun_tables import noisy, scaled
+from heliosweep.kernels.sun_tables import noisy, normal_draws, scaled
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.config import BackwardGazingStudy
@@ -38,6 +38,8 @@ SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 4.5e-6, "O2": 5e-6, "LM": 1.6e-6}
 SECONDS_PER_POINT = 3e-3
 #: Brightness of the highest level of a camera, relative to the disc centre; see `gazing_images.expose`.
 FULL_SCALE = 1.25
+#: Stream of random numbers of the cameras' gains; `gazing_images` and `camera_images` have others.
+_GAIN_STREAM = 4
 #: Lit cameras that slopes need.
 NEEDED = 3
 #: Pixels of mirrors whose results are remembered.
@@ -60,6 +62,7 @@ class Point(NamedTuple):
     radius: float
     noise: float
     gain_error: float
+    gain_noise: float
     bits: int
     images: str
     supersampling: int
@@ -86,7 +89,7 @@ class Point(NamedTuple):
             point = point._replace(focal_length=point.distance)
         if math.isnan(point.true_focal_length):
             point = point._replace(true_focal_length=point.focal_length)
-        if point.noise == 0.0:
+        if point.noise == point.gain_noise == 0.0:
             point = point._replace(camera_seed=0)
         if point.waviness == 0.0:
             point = point._replace(defect_seed=0, waviness_length=1.0)
@@ -100,9 +103,16 @@ class Point(NamedTuple):
     def ideal(self) -> Point:
         """The ideal heliostat, seen by cameras without noise under the profile by which slopes are found."""
         return self._replace(
-            noise=0.0, gain_error=0.0, bits=0, images="mirror_grid", supersampling=1, camera_seed=0, canting_scale=0.0,
+            noise=0.0, gain_error=0.0, gain_noise=0.0, bits=0, images="mirror_grid", supersampling=1, camera_seed=0,
+            canting_scale=0.0,
             waviness=0.0, waviness_length=1.0, true_focal_length=self.focal_length, defect_seed=0, erosion=0,
         )  # fmt: skip
+
+    @property
+    def gains(self) -> Floats:
+        """Gain of each camera, shape (4,): number i depends on the seed and i alone. [1]"""
+        own = 1.0 + self.gain_noise * normal_draws(self.camera_seed, _GAIN_STREAM, 4)
+        return (1.0 + self.gain_error) * np.maximum(own, 0.0)
 
     @property
     def deviation(self) -> float:
@@ -120,7 +130,8 @@ _KINDS: dict[str, Callable[[Any], Any]] = {
 KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
     "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "cameras.arrangement", "cameras.radius",
-    "cameras.noise", "cameras.gain_error", "cameras.bits", "cameras.images", "cameras.supersampling",
+    "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits", "cameras.images",
+    "cameras.supersampling",
     "cameras.threshold", "cameras.seed", "defects.canting_scale", "defects.waviness", "defects.waviness_length",
     "defects.focal_length", "defects.seed", "sun_profile", "profile_noise.noise", "profile_noise.nodes",
     "profile_noise.seed", "profile_error", "erosion",
@@ -245,7 +256,6 @@ def observed(point: Point, given: Given) -> Observation:
     images, true = image_set(layout, mirror, profile, spheres, wavy)
     shot: dict[str, Any] = {
         "noise": point.noise,
-        "gain_error": point.gain_error,
         "bits": point.bits,
         "seed": point.camera_seed,
     }
@@ -253,10 +263,11 @@ def observed(point: Point, given: Given) -> Observation:
     if point.images == "camera":
         images, share = camera_views(
             layout, profile, given.modules, mirror, (point.true_focal_length, canting, given.pointing, wavy),
-            pixel=point.pixel, supersampling=point.supersampling, full_scale=FULL_SCALE, **shot,
+            gain_error=point.gains - 1.0, pixel=point.pixel, supersampling=point.supersampling, full_scale=FULL_SCALE,
+            **shot,
         )  # fmt: skip
     else:
-        images = expose(images, full_scale=FULL_SCALE, **shot)
+        images = expose(images * point.gains[:, np.newaxis], full_scale=FULL_SCALE, **shot)
     found = _found(layout, known, images, mirror, point, given)
     ideal_found, ideal_true = _ideal(point.ideal, given)
     net = found.slopes - ideal_found.slopes
