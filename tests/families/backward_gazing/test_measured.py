@@ -488,7 +488,8 @@ def test_smooth_fit_of_a_noisy_table(tmp_path, truth):
     for number, image in enumerate(maps(truth.grid, truth.images + rng.normal(0.0, 0.004, truth.images.shape))):
         names.append(tmp_path / f"{number}.npy")
         np.save(names[-1], np.nan_to_num(image[::-1]))
-    spread, cover = {"table": [], "smooth": [], None: []}, []
+    cover: list[float] = []
+    spread: dict[str | None, list[float]] = {"table": [], "smooth": [], None: []}
     for seed in range(3):
         for kind, rms in spread.items():
             study = content(

@@ -77,7 +77,7 @@ def _of_levels(result: xr.Dataset) -> Iterator[str]:
             yield (
                 f"the level of white {what}: a gain is fitted at each pixel for O1, O2 and LM, but A has none, and one "
                 "camera's level against another's is not known: at the paper's geometry 1 % of it shifts all slopes "
-                "by 0.07 mrad, like a pointing error; give 'white', or WHITE in the metadata of each image"
+                "by 0.06 mrad, like a pointing error; give 'white', or WHITE in the metadata of each image"
             )
     gain = result["gain"].to_numpy()
     if np.any(np.abs(gain[np.isfinite(gain)] - 1.0) > 0.05) and not source & set(how):
