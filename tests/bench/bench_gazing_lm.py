@@ -33,6 +33,9 @@ SAMPLE = 40
 """Pixels that SciPy works on."""
 
 
+JOSE = jose()
+
+
 def best(work: Callable[[], object], times: int = 9) -> float:
     """Shortest time of a few runs after a first one, in seconds of this thread."""
     seconds = []
@@ -78,8 +81,10 @@ def plain_rests(layout: Scene, image: list[float], y: float, z: float) -> Callab
     return rests
 
 
-def scipy_searches(layout: Scene, grid: MirrorGrid, images: Floats, start: Floats, compiled: bool) -> None:
-    """SciPy's Nelder-Mead on some pixels."""
+def scipy_searches(
+    layout: Scene, grid: MirrorGrid, images: Floats, start: Floats, compiled: bool, profile: Profile = JOSE
+) -> None:
+    """SciPy's Nelder-Mead on some pixels; a merit that is not compiled is that of the Jose profile."""
     place = np.array([grid.pixel_y, grid.pixel_z])
     for k in range(0, len(grid.place), len(grid.place) // SAMPLE):
         rests = plain_rests(layout, images[:, k].tolist(), *place[:, k].tolist())
@@ -89,7 +94,7 @@ def scipy_searches(layout: Scene, grid: MirrorGrid, images: Floats, start: Float
             return sum(rest * rest for rest in rests(p))
 
         def quick(p: Floats, image: Floats = image, where: Floats = where) -> float:
-            return float(merits(False, layout, jose(), image, where, 0.3, False, p.reshape(2, 1))[0])
+            return float(merits(False, layout, profile, image, where, 0.3, False, p.reshape(2, 1))[0])
 
         x, y = start[:, k]
         options = {"initial_simplex": [[x, y], [x + SIMPLEX, y], [x, y + SIMPLEX]], "xatol": XATOL, "fatol": FATOL}
@@ -143,8 +148,11 @@ def main() -> None:
         begin = first(pictures, profile)
         lm = partial(fit_slopes, layout, graduated(profile), pictures, *place, begin, fit_gain=gain)
         row(name, best(lm) / count, slow, lm().evaluations.mean())
-    o2 = partial(search_slopes, layout, table, cases[4][2], *place, begin)
+    pictures = cases[4][2]
+    o2 = partial(search_slopes, layout, table, pictures, *place, begin)
     row("O2 on that table", best(o2, 3) / count, slow, o2().evaluations.mean())
+    search = partial(scipy_searches, layout, grid, pictures, begin, True, table)
+    row("SciPy's Nelder-Mead on that table, compiled merit", best(search, 3) / done, slow)
     print("ratio: to SciPy's Nelder-Mead, Jose profile; steps: evaluations for each pixel, over all stages")
 
 
