@@ -10,7 +10,7 @@ STUDIES ?= studies/*.yaml
 PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test check bench setup clean help
+.PHONY: studies run test faults check bench setup clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
@@ -21,6 +21,9 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 
 test: $(STAMP)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+faults: $(STAMP)  ## the long tests: hostile studies, faults of disk and machine
+	@$(BIN)/python -m pytest -m long $(PYTEST_ARGS)
 
 check: $(STAMP)  ## lint, formatting and types
 	@$(BIN)/ruff check pipeline tests
