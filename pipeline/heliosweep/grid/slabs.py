@@ -17,6 +17,17 @@ SERIES_BLOCKS, LEAST_BLOCK = 8, 64
 STORAGE_BYTES = 2**20
 
 
+class Part(NamedTuple):
+    """A slab of the result that is computed, stored and resumed as one."""
+
+    name: str
+    """Stable name, as ``points-00012``."""
+    kind: str
+    """``points``: all that has no ``time``; ``series``: time series."""
+    region: dict[str, slice]
+    """Where it lies."""
+
+
 def slabs(sizes: Mapping[str, int], lengths: Mapping[str, int]) -> Iterator[dict[str, slice]]:
     """Cut a grid into slabs, last dimension fastest.
 
