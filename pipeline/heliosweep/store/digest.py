@@ -6,12 +6,13 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import netCDF4
 import numpy as np
 
+from heliosweep.store.encoding import numbers
 from heliosweep.store.lock import LIBRARY_LOCK
 
 #: Values hashed at a time. [bytes]
@@ -22,6 +23,44 @@ def file_digest(path: str | os.PathLike[str]) -> str:
     """SHA-256 of a file, as hexadecimal digits."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def tree_digest(path: str | os.PathLike[str]) -> str:
+    """SHA-256 over the names and bytes of all files of a folder, as hexadecimal digits; their order does not count."""
+    root = Path(path)
+    digest = hashlib.sha256()
+    for name, size in sorted(tree(root).items()):
+        digest.update(name.encode("utf-8", "surrogateescape") + b"\0" + size.to_bytes(8, "little"))
+        with (root / name).open("rb") as file:
+            while piece := file.read(_PIECE):
+                digest.update(piece)
+    return digest.hexdigest()
+
+
+def tree(path: Path) -> dict[str, int]:
+    """Files of a folder and of those in it: relative name with slashes, size. [bytes]."""
+    return {file.relative_to(path).as_posix(): file.stat().st_size for file in path.rglob("*") if file.is_file()}
+
+
+def part_digest(values: Mapping[str, np.ndarray]) -> str:
+    """SHA-256 over the values of one part of a run.
+
+    Parameters
+    ----------
+    values : mapping of str to numpy.ndarray
+        Values of each variable in the part's region, as computed or as stored: times count as what is stored for them.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits; the same whatever the format of the file that holds the values.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(values):
+        array = numbers(values[name])
+        digest.update(name.encode() + b"\0")
+        digest.update(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view(np.uint8))
+    return digest.hexdigest()
 
 
 def content_digest(path: str | os.PathLike[str]) -> str:

@@ -12,7 +12,6 @@ import itertools
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,33 +21,12 @@ import xarray as xr
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.limits import human_bytes
+from heliosweep.store.encoding import Variable, encode, labels, numbers, stored
 from heliosweep.store.lock import LIBRARY_LOCK
 from heliosweep.store.temporary import temporary_name
 
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
 _FULL = 2**20
-
-
-@dataclass(frozen=True)
-class Variable:
-    """What the file is told of a variable before its values come.
-
-    Parameters
-    ----------
-    dims : tuple of str
-        Dimensions in the order of storage.
-    attrs : mapping
-        Attributes; ``units`` and ``long_name`` among them.
-    dtype : numpy.dtype
-        Of the stored values.
-    storage : mapping of str to int
-        Lengths of a storage chunk; empty: contiguous, uncompressed.
-    """
-
-    dims: tuple[str, ...]
-    attrs: Mapping[str, Any]
-    dtype: np.dtype = field(default_factory=lambda: np.dtype(np.float64))
-    storage: Mapping[str, int] = field(default_factory=dict)
 
 
 class ResultWriter:
@@ -119,14 +97,14 @@ class ResultWriter:
         for dim, size in sizes.items():
             self._file.createDimension(dim, size)
         for name, coordinate in coordinates.coords.items():
-            values, attrs = _encode(coordinate)
+            values, attrs = encode(coordinate)
             target = self._file.createVariable(
                 str(name), str if values.dtype == object else values.dtype, coordinate.dims, fill_value=False
             )
             target.setncatts(attrs)
             target[...] = values
         for name, variable in variables.items():
-            dtype, encoded = _stored(variable)
+            dtype, encoded = stored(variable)
             storage: dict[str, Any] = {"contiguous": True}
             if variable.storage:
                 storage = {
@@ -141,12 +119,7 @@ class ResultWriter:
                 fill_value=np.nan if dtype.kind == "f" else False,
                 **storage,
             )
-            labels = [
-                str(label)
-                for label, coordinate in coordinates.coords.items()
-                if label not in sizes and set(coordinate.dims) <= set(variable.dims)
-            ]
-            target.setncatts({**encoded, **({"coordinates": " ".join(labels)} if labels else {})})
+            target.setncatts({**encoded, **labels(variable, coordinates, sizes)})
         self._file.sync()
         for name, variable in variables.items():
             if variable.storage:
@@ -171,7 +144,7 @@ class ResultWriter:
         chunked = {name: array for name, array in values.items() if self._variables[name].storage}
         for name, array in values.items():
             if name not in chunked:
-                self._file[name][self._index(name, region)] = _numbers(array)
+                self._file[name][self._index(name, region)] = numbers(array)
         if not chunked:
             return
         dims = self._variables[next(iter(chunked))].dims
@@ -234,30 +207,3 @@ class ResultWriter:
             for name in self._replaces:
                 self.path.with_name(name).unlink(missing_ok=True)
             self.temporary.replace(self.path)
-
-
-_TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
-
-
-def _stored(variable: Variable) -> tuple[np.dtype, dict[str, Any]]:
-    """Type and attributes of a data variable as NetCDF holds them."""
-    if variable.dtype.kind == "M":
-        return np.dtype(np.float64), {**variable.attrs, **_TIME_ATTRIBUTES}
-    return variable.dtype, dict(variable.attrs)
-
-
-def _numbers(values: np.ndarray) -> np.ndarray:
-    """Times as seconds since 1970, NaN for none; anything else as it is."""
-    if values.dtype.kind != "M":
-        return values
-    return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
-
-
-def _encode(coordinate: xr.DataArray) -> tuple[np.ndarray, dict[str, Any]]:
-    """Values and attributes of a coordinate as NetCDF holds them: text as strings, times as seconds since 1970."""
-    values, attrs = coordinate.to_numpy(), dict(coordinate.attrs)
-    if values.dtype.kind in "UOT":
-        return values.astype(str).astype(object), attrs
-    if values.dtype.kind == "M":
-        return _numbers(values), {**attrs, **_TIME_ATTRIBUTES}
-    return values, attrs
