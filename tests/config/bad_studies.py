@@ -778,7 +778,8 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "family",
         "family: field_efficiency\nexecution: {scheduler: dask, workers: no, memory: 2 Gb, chunks: {latitude: 0.5}}",
         [
-            "study.yaml:2:24: execution.scheduler: unknown choice; use 'threads', 'processes' or 'synchronous' (got 'dask')",
+            "study.yaml:2:24: execution.scheduler: unknown choice; use 'threads', 'processes', 'synchronous', 'distributed', "
+            "'slurm', 'pbs', 'sge', 'lsf', 'htcondor', 'oar', 'local-jobs' or 'tcp://HOST:PORT' (got 'dask')",
             "study.yaml:2:39: execution.workers: must be a number (got 'no')",
             "study.yaml:2:51: execution.memory: unknown unit 'Gb'; did you mean 'GB'? (got '2 Gb')",
             "study.yaml:2:76: execution.chunks.latitude: must be at least 1 (got 0.5)",

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
 from heliosweep.config.block import Block
+from heliosweep.config.execution import Execution
 from heliosweep.config.faults import Fault, to_pydantic
 from heliosweep.config.names import Choice, FileName, Flag, Text
 from heliosweep.config.quantity import Quantity
@@ -218,35 +219,6 @@ class Layout(Block):
         """Check that there is a table or a generator, not both."""
         if (self.file is None) == (self.radial_stagger is None):
             yield Fault("give exactly one of 'file' and 'radial_stagger'", show_value=False)
-
-
-class Execution(Block):
-    """How the study is computed; never changes a number of the result."""
-
-    scheduler: Annotated[
-        str,
-        Choice(
-            "Where the work runs",
-            {
-                "threads": "threads of this process",
-                "processes": "worker processes",
-                "synchronous": "one by one",
-            },
-            sweep=False,
-        ),
-    ] = "threads"
-    workers: Annotated[
-        int | None,
-        Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False),
-    ] = None
-    memory: Annotated[
-        int | None,
-        Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False),
-    ] = None
-    chunks: Annotated[
-        dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]],
-        Field(description="Sizes of chunks along named dimensions; by default chosen by the plan"),
-    ] = Field(default_factory=dict)
 
 
 class Output(Block):
