@@ -5,14 +5,12 @@ These five functions are the library's public face; the command line calls nothi
 
 from __future__ import annotations
 
+import glob
 import logging
 import os
 import shlex
-import threading
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,10 +80,18 @@ def plan(study: Study, output: str | os.PathLike[str] | None = None) -> Plan:
     from heliosweep.grid.limits import machine_limits
     from heliosweep.grid.plan import make_plan
 
-    execution = study.execution
-    limits = machine_limits(execution.workers, execution.memory, output or result_folder(study))
-    processes = execution.scheduler == "processes"
-    return make_plan(family_of(study).workload(study), limits, execution.chunks, processes=processes)
+    execution, folder = study.execution, result_folder(study, output)
+    limits = machine_limits(execution.workers, execution.memory, folder)
+    processes = execution.scheduler in ("processes", "distributed")
+    # The parts stay on the disk until the file that is made of them is whole; what is there already takes no more.
+    copies = 2 if study.output.format == "netcdf" else 1
+    limits = replace(limits, disk=limits.disk + _size(folder / "working"))
+    return make_plan(family_of(study).workload(study), limits, execution.chunks, processes=processes, copies=copies)
+
+
+def _size(folder: Path) -> int:
+    """Size of all files in a folder. [bytes]."""
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
 def build(study: Study) -> xr.Dataset:
@@ -132,23 +138,24 @@ class Result:
 
     Parameters
     ----------
-    folder : pathlib.Path
-        With ``result.nc``, ``manifest.json``, ``study.resolved.yaml``, ``report.html`` and ``figures/``.
+    path : pathlib.Path
+        The data set, ``result.nc`` or ``result.zarr``, with ``manifest.json``, ``study.resolved.yaml``,
+        ``report.html`` and ``figures/`` beside it.
     seconds : dict of str to float
-        Time spent in each stage. [s]
+        Time spent in each stage; empty where the result was there already. [s]
     """
 
-    folder: Path
+    path: Path
     seconds: dict[str, float]
 
     @property
-    def path(self) -> Path:
-        """The data set."""
-        return self.folder / "result.nc"
+    def folder(self) -> Path:
+        """The result folder."""
+        return self.path.parent
 
     def open(self) -> xr.Dataset:
         """Open the data set."""
-        return open_result(self.folder)
+        return open_result(self.path)
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -157,20 +164,21 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Parameters
     ----------
     path : path
-        A result folder, or its ``result.nc``.
+        A result folder, or its ``result.nc`` or ``result.zarr``.
 
     Returns
     -------
     xarray.Dataset
         Lazily read; close it, or use it as a context manager.
+
+    Raises
+    ------
+    StudyError
+        A folder without a result.
     """
-    import xarray as xr
+    from heliosweep.store import open_result as store
 
-    from heliosweep.store.lock import LIBRARY_LOCK
-
-    place = Path(path)
-    with LIBRARY_LOCK:
-        return xr.open_dataset(place / "result.nc" if place.is_dir() else place, engine="netcdf4", lock=LIBRARY_LOCK)
+    return store.open_result(path)
 
 
 def run(
@@ -179,8 +187,12 @@ def run(
     *,
     progress: bool = False,
     report: bool = True,
+    force: bool = False,
 ) -> Result:
     """Run a study and leave its result folder.
+
+    What an earlier run of the same study has computed is not computed again: a finished result is found and left as
+    it is, and an interrupted run goes on with the parts that are missing.
 
     Parameters
     ----------
@@ -192,6 +204,8 @@ def run(
         Whether to show progress on standard error.
     report : bool
         Whether to draw figures and write ``report.html``.
+    force : bool
+        Whether to compute everything anew, whatever is there.
 
     Returns
     -------
@@ -204,75 +218,51 @@ def run(
     StudyError
         Where the folder cannot be written.
     RunInterrupted
-        Where the run was stopped; no half-written file is left.
+        Where the run was stopped; the parts that were done are kept.
     HeliosweepError
-        Where the result cannot be written to its end, as on a full disk, or a worker process ended; or where the
-        result is complete and its report failed.
+        Where the result cannot be written to its end, as on a full disk, or parts of it failed (the others are kept);
+        where the folder holds parts that other code has computed; or where the result is complete and its report
+        failed.
 
     Notes
     -----
     The first run on a machine compiles the kernels and says so by a log message. With ``execution.scheduler:
-    processes``, the workers import the script that calls this: it must do so below ``if __name__ == "__main__":``.
+    processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
+    == "__main__":``. Where another process runs the same study, this one waits for it.
     """
-    from heliosweep.runtime.execute import execute
+    from heliosweep.runtime.run import Run, made
+    from heliosweep.store.claim import claimed
 
     folder = result_folder(study, output)
     planned = plan(study, folder)
-    stages = _Stages()
-    try:
-        with _made(folder):
-            with stages("prepare"):
-                if report:
-                    _check_published(study)
-                _prepare_kernels(study)
-            with stages("compute"):
-                execute(family_of(study), study, planned, folder / "result.nc", progress)
-            with stages("record"):
-                _record(study, planned, folder, stages)
+    if output is None:
+        _say_what_changed(study, folder)
+    with made(folder), claimed(folder):
+        now = Run(family_of(study), study, planned, folder)
+        try:
             if report:
-                from heliosweep.report.page import write_report
-
-                with stages("report"):
-                    try:
-                        write_report(folder, study)
-                    except HeliosweepError:
-                        raise
-                    except Exception as error:  # drawing must not make hours of computing look lost
-                        log.debug("the report failed", exc_info=True)
-                        raise HeliosweepError(_no_report(folder, error)) from error
-    except KeyboardInterrupt:
-        raise RunInterrupted(f"interrupted: {_LEFT[stages.current]}; run the same command again") from None
-    return Result(folder, stages.seconds)
+                _check_published(study)
+            path = now.result(force=force, progress=progress)
+            if report and (now.seconds or not (folder / "report.html").exists()):
+                with now.timed("report"):
+                    _report(folder, study)
+        except KeyboardInterrupt:
+            raise RunInterrupted(f"interrupted: {now.left()}; run the same command again to go on") from None
+    return Result(path, now.seconds)
 
 
-def _no_report(folder: Path, error: Exception) -> str:
-    what = f"{type(error).__name__}: {error}".rstrip(": ")
-    again = shlex.join(["heliosweep", "report", str(folder)])
-    return f"the result is complete, the report failed ({what}); run: {again}"
+def _report(folder: Path, study: Study) -> None:
+    from heliosweep.report.page import write_report
 
-
-#: What an interruption in each stage leaves behind.
-_LEFT = {
-    "prepare": "nothing was computed yet",
-    "compute": "nothing half written was left",
-    "record": "result.nc is whole, but its manifest is missing",
-    "report": "the result is whole, but its report is not",
-}
-
-
-class _Stages:
-    """Times of the stages of a run."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self.current = "prepare"
-
-    @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
-        start, self.current = time.perf_counter(), name
-        yield
-        self.seconds[name] = time.perf_counter() - start
-        log.debug("%s: %.2f s", name, self.seconds[name])
+    try:
+        write_report(folder, study)
+    except HeliosweepError:
+        raise
+    except Exception as error:  # drawing must not make hours of computing look lost
+        log.debug("the report failed", exc_info=True)
+        what = f"{type(error).__name__}: {error}".rstrip(": ")
+        again = shlex.join(["heliosweep", "report", str(folder)])
+        raise HeliosweepError(f"the result is complete, the report failed ({what}); run: {again}") from error
 
 
 def _check_published(study: Study) -> None:
@@ -285,95 +275,15 @@ def _check_published(study: Study) -> None:
         locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
 
 
-@contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make the result folder and try it out; where nothing comes into it, remove what was made."""
-    from heliosweep.store.temporary import remove_leftovers, temporary_name
+def _say_what_changed(study: Study, folder: Path) -> None:
+    """Tell a user who edited a study why it is another one now."""
+    from heliosweep.store.finished import latest_identity
+    from heliosweep.store.identity import listed
 
-    made: list[Path] = []
-    try:
-        try:
-            for place in (*reversed(folder.parents), folder):
-                if not place.is_dir():
-                    place.mkdir(exist_ok=True)
-                    made.append(place)
-            probe = temporary_name(folder / "result.nc")
-            probe.touch()
-            probe.unlink()
-            remove_leftovers(folder)
-        except OSError as error:
-            problem = f"cannot write there: {error.strerror}; name another folder with --output"
-            raise StudyError(Problem(problem, file=str(folder))) from None
-        if (folder / "result.nc").is_dir():
-            raise StudyError(Problem("is a folder, where the result shall stand", file=str(folder / "result.nc")))
-        yield
-    except BaseException:
-        for place in reversed(made):
-            with suppress(OSError):  # something is in it
-                place.rmdir()
-        raise
-
-
-def _prepare_kernels(study: Study) -> None:
-    """Load the kernels, and tell a user who waits that the first run compiles them.
-
-    Logged as warnings, which Python shows also where nobody set up logging.
-    """
-    from heliosweep.kernels import compiled
-
-    waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])
-    waiting.start()
-    try:
-        seconds, fresh = family_of(study).prepare(study)
-    finally:
-        waiting.cancel()
-    if fresh and compiled.UNCACHED:
-        log.warning(
-            "compiled the kernels in %.0f s; no folder for compiled code can be written, so every run compiles them: "
-            "name one in the environment variable NUMBA_CACHE_DIR",
-            seconds,
-        )
-    elif fresh:
-        log.warning("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
-
-
-def _record(study: Study, planned: Plan, folder: Path, stages: _Stages) -> None:
-    """Write the manifest and the resolved study."""
-    from heliosweep.config.identity import resolved_yaml
-    from heliosweep.store.digest import content_digest, file_digest
-    from heliosweep.store.manifest import environment, write_atomically, write_manifest
-
-    result = folder / "result.nc"
-    write_atomically(folder / "study.resolved.yaml", resolved_yaml(study, relative_to=folder))
-    with open_result(folder) as data:
-        remarks = list(family_of(study).remarks(data))
-    for remark in remarks:
-        log.warning("warning: %s", remark)
-    write_manifest(
-        folder / "manifest.json",
-        {
-            "study_id": study.study_id,
-            "study_file": str(study.source.path),
-            "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-            "result": {
-                "file": result.name,
-                "bytes": result.stat().st_size,
-                "sha256": file_digest(result),
-                "content_digest": content_digest(result),
-            },
-            "plan": {
-                "dimensions": planned.workload.sizes,
-                "points": planned.workload.points,
-                "evaluations": planned.workload.points * planned.workload.evaluations,
-                "blocks": planned.blocks,
-                "chunks": planned.chunks,
-                "seconds": planned.seconds,
-                "peak_memory": planned.peak_memory,
-            },
-            "remarks": remarks,
-            "scheduler": study.execution.scheduler,
-            "workers": planned.workers,
-            "seconds": stages.seconds,
-            "environment": environment(),
-        },
-    )
+    if folder.exists():
+        return
+    others = folder.parent.glob(f"{glob.escape(folder.name.removesuffix(study.study_id))}{'?' * len(study.study_id)}")
+    found = latest_identity(others)
+    if found:
+        place, identity = found
+        log.info("a new study: since %s, changed %s", place, listed(identity.get("study"), study.canonical()))

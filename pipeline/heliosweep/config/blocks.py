@@ -225,17 +225,30 @@ class Output(Block):
     """What is stored and how; not part of the study's identity."""
 
     time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
+    format: Annotated[
+        str,
+        Choice(
+            "Format of the result",
+            {"netcdf": "one file, result.nc", "zarr": "a folder, result.zarr, for more than fits a file comfortably"},
+            sweep=False,
+        ),
+    ] = "netcdf"
     compression: Annotated[
         str,
         Choice(
-            "Compression of the time series in result.nc",
-            {"none": "fastest", "zlib": "smaller, read everywhere"},
+            "Compression: of the time series in result.nc, of all values in result.zarr",
+            {"none": "fastest", "zlib": "smaller, read everywhere", "zstd": "smaller and fast, result.zarr only"},
             sweep=False,
         ),
     ] = "none"
     compression_level: Annotated[
-        int, Quantity("Level of zlib, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)
+        int, Quantity("Level of compression, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)
     ] = 4
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that the format knows the compression."""
+        if self.compression == "zstd" and self.format != "zarr":
+            yield Fault("is for 'format: zarr' only; not every reader of NetCDF knows it", ("compression",))
 
 
 class Published(Block):

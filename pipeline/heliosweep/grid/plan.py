@@ -1,7 +1,8 @@
 """What a study will cost before it runs: points, blocks, memory, disk, time; and a clear no where it cannot fit.
 
-A study is computed in *parts*, one after the other, each a slab of the parameter grid with a graph of bounded size;
-a part is cut into *blocks*, the tasks that run side by side. Neither changes a number.
+A study is computed in *parts*, slabs of the grid with stable names: they follow from the study alone, whatever machine
+it runs on, so that a run can go on where another one ended. A part is cut into *blocks*, the tasks that run side by
+side, to suit the machine. Neither changes a number.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import partial
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.grid.limits import Limits, human_bytes
-from heliosweep.grid.slabs import Series, series_lengths, slab_lengths, slabs
+from heliosweep.grid.slabs import Part, Series, series_lengths, slab_lengths, slabs
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY = 270 * 2**20, 150 * 2**20
@@ -26,10 +27,12 @@ BLOCK_SECONDS = 0.25
 LEAST_SECONDS = 0.005
 #: Blocks per worker that keep all workers busy to the end of a part.
 BLOCKS_PER_WORKER = 8
-#: Tasks in one graph at the most.
-PART_BLOCKS = 4000
-#: Results of one part that may be held in memory. [bytes]
-PART_BYTES = 64 * 2**20
+#: Blocks of one part at the most; a block is some ten tasks, and two parts are in flight.
+PART_BLOCKS = 1000
+#: What one part may hold, so that some of them fit any memory, and take on one core, so that a kill costs little.
+PART_BYTES, PART_SECONDS = 64 * 2**20, 30.0
+#: Parts that are in memory at a time: two computed and one written.
+PARTS_HELD = 3
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,10 @@ class Workload:
         """Time of one parameter point on one core. [s]"""
         return self.evaluations * self.seconds + self.seconds_per_point
 
+    def of_kind(self, kind: str) -> tuple[str, ...]:
+        """Names of the variables that parts of one kind hold: ``series`` those over ``time``, ``points`` all others."""
+        return tuple(name for name, dims in self.variables.items() if ("time" in dims) == (kind == "series"))
+
     def bytes_of(self, sizes: Mapping[str, int]) -> int:
         """Size of the stored variables for the given lengths of dimensions. [bytes]."""
         return sum(
@@ -136,19 +143,43 @@ class Plan:
     @property
     def blocks(self) -> int:
         """Number of blocks in the whole study, those of time series included."""
+        return sum(_pieces(self.workload.sizes, chunks) for _, chunks in self._kinds.values())
+
+    @property
+    def cut(self) -> dict[str, dict[str, int]]:
+        """Lengths of the parts of each kind, and of the storage chunks of time series, by dimension."""
+        storage = {"storage": self.series.storage} if self.series else {}
+        return {**{kind: part for kind, (part, _) in self._kinds.items()}, **storage}
+
+    @property
+    def part_count(self) -> int:
+        """Number of parts in the whole study."""
+        return sum(_pieces(self.workload.sizes, part) for part, _ in self._kinds.values())
+
+    def parts(self) -> Iterator[Part]:
+        """Parts in the order of the file: of all that has no ``time`` first, then of the time series."""
+        for kind, (lengths, _) in self._kinds.items():
+            for number, region in enumerate(slabs({dim: self.workload.sizes[dim] for dim in lengths}, lengths)):
+                yield Part(f"{kind}-{number:05}", kind, region)
+
+    def blocks_of(self, part: Part) -> int:
+        """Number of blocks of one part."""
+        _, chunks = self._kinds[part.kind]
         sizes = self.workload.sizes
-        cuts = [self.chunks] if self.series is None else [self.chunks, self.series.chunks]
-        return sum(math.prod(-(-sizes[dim] // length) for dim, length in cut.items()) for cut in cuts)
+        return _pieces({dim: len(range(sizes[dim])[part.region.get(dim, slice(None))]) for dim in chunks}, chunks)
 
-    def parts(self) -> Iterator[dict[str, slice]]:
-        """Slabs of the swept dimensions, in the order in which they are computed and written."""
-        return slabs(self.workload.parameters, self.part)
+    @property
+    def _kinds(self) -> dict[str, tuple[dict[str, int], dict[str, int]]]:
+        """Part and block lengths of each kind of part that the study has."""
+        kinds = {"points": (self.part, self.chunks)}
+        if self.series:
+            kinds["series"] = (self.series.part, self.series.chunks)
+        return {kind: lengths for kind, lengths in kinds.items() if self.workload.of_kind(kind)}
 
-    def series_parts(self) -> Iterator[dict[str, slice]]:
-        """Slabs of all dimensions of a time series, in the order in which they are computed and written."""
-        if self.series is None:
-            return iter(())
-        return slabs({dim: self.workload.sizes[dim] for dim in self.series.part}, self.series.part)
+
+def _pieces(sizes: Mapping[str, int], lengths: Mapping[str, int]) -> int:
+    """Into how many pieces of the given lengths a grid is cut."""
+    return math.prod(-(-sizes[dim] // length) for dim, length in lengths.items())
 
 
 def make_plan(
@@ -157,6 +188,7 @@ def make_plan(
     chunks: Mapping[str, int] | None = None,
     *,
     processes: bool = False,
+    copies: int = 1,
 ) -> Plan:
     """Cut a study into blocks and parts and estimate its cost.
 
@@ -170,6 +202,8 @@ def make_plan(
         Block lengths asked for by the user; the rest is chosen here.
     processes : bool
         Whether the workers are processes.
+    copies : int
+        How often the result is on the disk at the end of a run.
 
     Returns
     -------
@@ -185,8 +219,9 @@ def make_plan(
     asked = dict(chunks or {})
     _check_chunks(workload, asked)
     output_bytes = workload.bytes_of(workload.sizes) + workload.coordinate_bytes + EMPTY_FILE
-    if output_bytes > limits.disk:
-        raise PlanError(_refusal(workload, "the result", output_bytes, limits.disk, "of free disk"))
+    if copies * output_bytes > limits.disk:
+        what = "the result" if copies == 1 else "the result and the parts it is made of"
+        raise PlanError(_refusal(workload, what, copies * output_bytes, limits.disk, "of free disk"))
     fixed = BASE_MEMORY + 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     if fixed > limits.memory:
         raise PlanError(_refusal(workload, "the program and the axes", fixed, limits.memory, "of memory"))
@@ -195,22 +230,23 @@ def make_plan(
     if series:
         # One part being written, one being computed in blocks and put together, and what the allocator keeps.
         fixed += 4 * workload.bytes_of({**workload.inner, **series.part})
-    blocks = _blocks(workload, limits.workers, asked)
+    whole = {dim: workload.parameters[dim] for dim in workload.whole}
+    free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}
+    lengths = {**slab_lengths(free, partial(_part_fits, workload, whole)), **whole}
+    part = {dim: lengths[dim] for dim in workload.parameters}
+    sizes = {**workload.inner, **part}
+    fixed += PARTS_HELD * workload.bytes_of({**sizes, "time": 0})
+    blocks = {dim: min(length, sizes[dim]) for dim, length in _blocks(workload, limits.workers, asked).items()}
+    _check_blocks(sizes, blocks, asked)
     while True:
-        whole = {dim: workload.parameters[dim] for dim in workload.whole}
-        free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}
-        lengths = {**slab_lengths(free, partial(_part_fits, workload, blocks, whole)), **whole}
-        part = {dim: lengths[dim] for dim in workload.parameters}
-        blocks = {dim: min(length, part.get(dim, length)) for dim, length in blocks.items()}
         plan = Plan(workload, limits.workers, blocks, part, 0, output_bytes, 0.0, series)
         workers = min(limits.workers, plan.blocks)
         points = math.prod(blocks[dim] for dim in workload.parameters)
         work = workers * workload.block_bytes(points, blocks.get(workload.splittable, 1))
-        peak = fixed + work + 2 * workload.bytes_of({**workload.inner, **part, "time": 0})
-        peak += workers * WORKER_PROCESS_MEMORY if processes else 0
+        peak = fixed + work + (workers * WORKER_PROCESS_MEMORY if processes else 0)
         if peak <= limits.memory:
             break
-        if not _halve(blocks, workload, asked):
+        if not _halve(blocks, workload, asked) or _pieces(sizes, blocks) > PART_BLOCKS:
             raise PlanError(_refusal(workload, "the smallest block of work", peak, limits.memory, "of memory"))
     seconds = workload.points * workload.point_seconds / workers
     return replace(plan, workers=workers, peak_memory=peak, seconds=seconds)
@@ -233,20 +269,30 @@ def _series(workload: Workload, asked: Mapping[str, int]) -> Series:
     return series_lengths(workload.parameters, workload.inner["time"], split, 8 * len(names), asked)
 
 
-def _part_fits(
-    workload: Workload, blocks: Mapping[str, int], whole: Mapping[str, int], slab: Mapping[str, int]
-) -> bool:
-    slab = {**slab, **whole}
-    inner = math.prod(-(-size // blocks.get(dim, size)) for dim, size in workload.inner.items())
-    tasks = inner * math.prod(-(-length // blocks[dim]) for dim, length in slab.items())
-    return tasks <= PART_BLOCKS and workload.bytes_of({**workload.inner, **slab, "time": 0}) <= PART_BYTES
+def _part_fits(workload: Workload, whole: Mapping[str, int], slab: Mapping[str, int]) -> bool:
+    sizes = {**slab, **whole}
+    seconds = math.prod(sizes.values()) * workload.point_seconds
+    return seconds <= PART_SECONDS and workload.bytes_of({**workload.inner, **sizes, "time": 0}) <= PART_BYTES
+
+
+def _check_blocks(sizes: Mapping[str, int], blocks: Mapping[str, int], asked: Mapping[str, int]) -> None:
+    """Refuse chunks so small that the graph of one part would be large."""
+    count = _pieces(sizes, blocks)
+    if count > PART_BLOCKS and asked:
+        dim = min((dim for dim in blocks if dim in asked), key=lambda dim: blocks[dim] / sizes[dim])
+        enough = min(sizes[dim], -(-blocks[dim] * count // PART_BLOCKS))
+        problem = (
+            f"would cut one part of the work into {count:,} blocks, more than {PART_BLOCKS:,}; {enough:,} is enough"
+        )
+        raise StudyError(Problem(f"{problem} (got {asked[dim]})", f"execution.chunks.{dim}"))
 
 
 def _blocks(workload: Workload, workers: int, asked: Mapping[str, int]) -> dict[str, int]:
     """Block lengths: whole points grouped while they are quick, one point cut along `splittable` while it is slow."""
     point_seconds = workload.point_seconds
     total = workload.points * point_seconds
-    target = max(LEAST_SECONDS, min(BLOCK_SECONDS, total / (BLOCKS_PER_WORKER * workers)))
+    pieces = min(BLOCKS_PER_WORKER * workers, PART_BLOCKS // 2)
+    target = max(LEAST_SECONDS, min(BLOCK_SECONDS, total / pieces))
     room = max(1, int(target / point_seconds)) if point_seconds > 0 else workload.points
     lengths: dict[str, int] = {}
     for dim, size in reversed(list(workload.parameters.items())):

@@ -1,32 +1,53 @@
-"""Compute a planned study part by part and write each part while the next one is computed."""
+"""Compute the parts of a planned study that are missing, and store each as soon as it is there."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from heliosweep.config.study import Study
+from heliosweep.errors import HeliosweepError
 from heliosweep.families.registry import Family
 from heliosweep.grid.plan import Plan
+from heliosweep.grid.slabs import Part
+from heliosweep.runtime.engines import engine
+from heliosweep.runtime.inputs import Inputs
 from heliosweep.runtime.progress import Silent, show_progress
-from heliosweep.runtime.scheduler import scheduler
 from heliosweep.runtime.signals import TidyStack
+from heliosweep.runtime.work import TRIES, Work
 from heliosweep.store.attributes import global_attributes
-from heliosweep.store.manifest import DESCRIPTIONS
-from heliosweep.store.netcdf import ResultWriter, Variable
+from heliosweep.store.encoding import Variable
+from heliosweep.store.skeleton import Skeleton
+from heliosweep.store.working import WorkingStore
 
-Part = tuple[dict[str, np.ndarray], Mapping[str, slice]]
-Compute = Callable[[xr.Dataset], xr.Dataset]
+#: Where so many parts fail and none comes through, the others would fail too.
+HOPELESS = 3
+#: Failed parts that a message lists.
+_LISTED = 10
 
 
-def execute(family: Family[Any], study: Study, plan: Plan, path: Path, show: bool) -> None:
-    """Run a planned study and leave its result file.
+def skeleton_of(family: Family[Any], study: Study, plan: Plan) -> Skeleton:
+    """Everything of a study's result but its values."""
+    first = family.build(study, plan.chunks, {dim: slice(0, 1) for dim in plan.workload.parameters})
+    compressed = study.output.format == "netcdf" and study.output.compression != "none"
+    chunked = plan.series.storage if plan.series and compressed else {}
+    variables = {
+        str(name): Variable(
+            tuple(map(str, array.dims)), array.attrs, array.dtype, chunked if "time" in array.dims else {}
+        )
+        for name, array in first.data_vars.items()
+    }
+    coordinates = family.coordinates(study)
+    attributes = {**global_attributes(study, family.title, family.references), **coordinates.attrs}
+    return Skeleton(plan.workload.sizes, coordinates, variables, attributes)
+
+
+def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, inputs: Inputs, show: bool) -> None:
+    """Compute and store the parts of a study that its working store lacks.
 
     Parameters
     ----------
@@ -36,59 +57,89 @@ def execute(family: Family[Any], study: Study, plan: Plan, path: Path, show: boo
         Checked study.
     plan : Plan
         Its plan.
-    path : pathlib.Path
-        Result file; appears when it is complete, or not at all.
+    store : WorkingStore
+        Holds what earlier runs computed, and is given the rest.
+    inputs : Inputs
+        The files that the study names: no part is stored that was computed after one of them was edited.
     show : bool
         Whether to show progress on standard error.
+
+    Raises
+    ------
+    HeliosweepError
+        Where parts failed: all others are stored; lists them with their coordinates. Where nothing can be stored.
     """
-    first = family.build(study, plan.chunks, {dim: slice(0, 1) for dim in plan.workload.parameters})
-    level = study.output.compression_level if study.output.compression == "zlib" else 0
-    chunked = plan.series.storage if plan.series and level else {}
-    variables = {
-        str(name): Variable(
-            tuple(map(str, array.dims)), array.attrs, array.dtype, chunked if "time" in array.dims else {}
-        )
-        for name, array in first.data_vars.items()
-    }
+    missing = [part for part in plan.parts() if part.name not in store.journal.done]
+    if not missing:
+        return
     coordinates = family.coordinates(study)
-    attributes = {**global_attributes(study, family.title, family.references), **coordinates.attrs}
+    failed: dict[str, str] = {}
     with TidyStack() as stack:
-        writer = stack.enter_context(
-            ResultWriter(path, plan.workload.sizes, coordinates, variables, attributes, level, replaces=DESCRIPTIONS)
-        )
-        display = show_progress(study.title or study.family, plan.blocks) if show else nullcontext(Silent())
+        blocks = sum(map(plan.blocks_of, missing))
+        display = show_progress(study.title or study.family, blocks) if show else nullcontext(Silent())
         progress = stack.enter_context(display)
-        compute = stack.enter_context(scheduler(study.execution.scheduler, plan.workers, progress))
-        pool = stack.enter_context(ThreadPoolExecutor(1))
-        # This thread computes, so that an interruption reaches it; the other one only writes.
+        # This thread waits for parts, so that an interruption reaches it; another one stores them meanwhile.
+        storing = stack.enter_context(ThreadPoolExecutor(1))
+        started = stack.enter_context(engine(study.execution, plan, progress))
         pending: Future[None] | None = None
-        for values, region in _parts(family, study, plan, compute):
+        for outcome in started.run(_works(family, study, plan, missing)):
             if pending:
                 pending.result()
-            pending = pool.submit(writer.write, values, region)
+            if outcome.values is None:
+                why = f"{type(outcome.error).__name__}: {outcome.error}".rstrip(": ")
+                failed[outcome.part.name] = f"{place(outcome.part, coordinates)}: {why}"
+                pending = storing.submit(store.fail, outcome.part, failed[outcome.part.name])
+                if len(failed) >= HOPELESS and not store.journal.done:
+                    break
+                continue
+            inputs.check()
+            pending = storing.submit(store.commit, outcome.part, outcome.values)
         if pending:
             pending.result()
+    if failed:
+        raise HeliosweepError(_failures(failed, plan, store))
 
 
-def _parts(family: Family[Any], study: Study, plan: Plan, compute: Compute) -> Iterator[Part]:
-    """Values of every part in the order of the file: all that has no ``time`` first, then the time series."""
-    for region in plan.parts():
-        lazy = family.build(study, plan.chunks, region)
-        lazy = lazy[[name for name, array in lazy.data_vars.items() if "time" not in array.dims]]
-        yield _values(lazy, compute), region
-    if plan.series is None:
-        return
-    lazy, built = xr.Dataset(), None
-    for region in plan.series_parts():
-        point = {dim: span for dim, span in region.items() if dim in plan.workload.parameters}
-        if point != built:
-            whole = family.build(study, plan.series.chunks, point)
-            lazy = whole[[name for name, array in whole.data_vars.items() if "time" in array.dims]]
-            built = point
-        inner = {dim: span for dim, span in region.items() if dim not in point}
-        yield _values(lazy.isel(inner), compute), region
+def place(part: Part, coordinates: xr.Dataset) -> str:
+    """Where a part lies, in words: the first and last value along each of its dimensions that is cut."""
+    words = []
+    for dim, span in part.region.items():
+        first, last = span.start, span.stop - 1
+        if dim in coordinates.coords and coordinates[dim].dims == (dim,):
+            first, last = (coordinates[dim].values[end] for end in (first, last))
+        words.append(f"{dim} {first}" + (f" to {last}" if span.stop - span.start > 1 else ""))
+    return ", ".join(words) or "all"
 
 
-def _values(lazy: xr.Dataset, compute: Compute) -> dict[str, np.ndarray]:
-    done = compute(lazy.drop_vars(lazy.coords))
-    return {str(name): array.to_numpy() for name, array in done.data_vars.items()}
+def _works(family: Family[Any], study: Study, plan: Plan, parts: list[Part]) -> Iterator[Work]:
+    """Lazy values of parts; graphs of time series are built once for all parts of a point."""
+    series, built = xr.Dataset(), None
+    for part in parts:
+        point = {dim: span for dim, span in part.region.items() if dim in plan.workload.parameters}
+        if part.kind == "points":
+            lazy = _of_kind(family.build(study, plan.chunks, point), part.kind)
+        else:
+            if point != built and plan.series:
+                series, built = _of_kind(family.build(study, plan.series.chunks, point), part.kind), point
+            lazy = series.isel({dim: span for dim, span in part.region.items() if dim not in point})
+        yield Work(part, lazy)
+
+
+def _of_kind(lazy: xr.Dataset, kind: str) -> xr.Dataset:
+    names = [name for name, array in lazy.data_vars.items() if ("time" in array.dims) == (kind == "series")]
+    return lazy[names].drop_vars(lazy.coords)
+
+
+def _failures(failed: dict[str, str], plan: Plan, store: WorkingStore) -> str:
+    lines = [f"  {name} ({why})" for name, why in list(failed.items())[:_LISTED]]
+    if len(failed) > _LISTED:
+        lines.append(f"  and {len(failed) - _LISTED:,} more")
+    done = len(store.journal.done)
+    kept = f"{done:,} are done and kept" if done else "none is done"
+    return "\n".join(
+        [
+            f"{len(failed):,} of {plan.part_count:,} parts failed, each {TRIES} times ({kept}); "
+            "run the same command again when the cause is mended:",
+            *lines,
+        ]
+    )

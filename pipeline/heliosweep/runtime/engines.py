@@ -1,0 +1,179 @@
+"""The choice of dask's scheduler, and the local ones: one by one, threads, processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from heliosweep.config.execution import Execution
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.evaluate import TASK_MARK
+from heliosweep.grid.plan import Plan
+from heliosweep.runtime.progress import Progress
+from heliosweep.runtime.work import TRIES, Engine, Outcome, Work
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Parts that threads compute at a time: the next one fills the cores that the end of the last one leaves free.
+IN_FLIGHT = 2
+
+_WORKER_DIED = (
+    "a worker process ended before its work was done; a script that runs a study with processes must do so below "
+    '`if __name__ == "__main__":`, and there must be memory enough for every worker'
+)
+
+
+@contextmanager
+def engine(execution: Execution, plan: Plan, progress: Progress) -> Iterator[Engine]:
+    """Start the workers that a study asks for, and stop them at the end.
+
+    Nothing is set that another run in this process would see.
+
+    Parameters
+    ----------
+    execution : Execution
+        Which engine, and with how many workers.
+    plan : Plan
+        The plan of the study.
+    progress : Progress
+        Is told of every block that is done.
+
+    Yields
+    ------
+    Engine
+    """
+    match execution.scheduler:
+        case "synchronous":
+            yield _InTurn(progress)
+        case "threads":
+            with _pool(ThreadPoolExecutor(plan.workers)) as pool:
+                yield _Threads(progress, pool)
+        case "processes":
+            with _Processes(progress, plan.workers) as processes:
+                yield processes
+        case _:
+            from heliosweep.runtime.cluster import cluster_engine
+
+            with cluster_engine(execution, plan, progress) as cluster:
+                yield cluster
+
+
+class _InTurn:
+    """One part after the other, one block after the other."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+
+    def run(self, works: Iterator[Work]) -> Iterator[Outcome]:
+        """Compute all `works`."""
+        yield from map(self._attempt, works)
+
+    def _attempt(self, work: Work) -> Outcome:
+        """Try to compute a part up to three times."""
+        for attempt in range(1, TRIES + 1):
+            try:
+                return Outcome(work.part, self._values(work.lazy))
+            except (HeliosweepError, CancelledError):  # the user's to mend, or the end of the run
+                raise
+            except Exception as error:
+                if attempt == TRIES:
+                    return Outcome(work.part, None, error)
+                self._repair(error)
+        raise AssertionError("tried out")
+
+    def _values(self, lazy: xr.Dataset) -> dict[str, np.ndarray]:
+        return _computed(lazy, self._progress, scheduler="synchronous")
+
+    def _repair(self, error: Exception) -> None:
+        """Make ready for another try."""
+
+
+class _Threads(_InTurn):
+    """Blocks on the threads of one pool, those of two parts at a time."""
+
+    def __init__(self, progress: Progress, pool: Executor) -> None:
+        super().__init__(progress)
+        self._workers = pool
+
+    def run(self, works: Iterator[Work]) -> Iterator[Outcome]:
+        """Compute all `works`."""
+        # These threads only hand out blocks: this one stays free for interruptions.
+        with _pool(ThreadPoolExecutor(IN_FLIGHT)) as drivers:
+            pending: deque[Future[Outcome]] = deque()
+            for work in works:
+                pending.append(drivers.submit(self._attempt, work))
+                if len(pending) == IN_FLIGHT:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+
+    def _values(self, lazy: xr.Dataset) -> dict[str, np.ndarray]:
+        return _computed(lazy, self._progress, scheduler="threads", pool=self._workers)
+
+
+class _Processes(_InTurn):
+    """Blocks in worker processes, those of one part at a time: which part killed a worker must be known."""
+
+    def __init__(self, progress: Progress, workers: int) -> None:
+        super().__init__(progress)
+        self._count = workers
+        self._workers = self._started()
+
+    def _started(self) -> ProcessPoolExecutor:
+        # Ctrl-C reaches every process of a terminal: this one alone acts on it.
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._count, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+
+    def _values(self, lazy: xr.Dataset) -> dict[str, np.ndarray]:
+        try:
+            return _computed(lazy, self._progress, scheduler="processes", pool=self._workers)
+        except BrokenProcessPool:
+            raise _WorkerDied(_WORKER_DIED) from None
+
+    def _repair(self, error: Exception) -> None:
+        if isinstance(error, _WorkerDied):
+            self._workers.shutdown(cancel_futures=True)
+            self._workers = self._started()
+
+    def __enter__(self) -> _Processes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._workers.shutdown(cancel_futures=True)
+
+
+class _WorkerDied(Exception):
+    """A worker process ended before its work was done."""
+
+
+@contextmanager
+def _pool(pool: Executor) -> Iterator[Executor]:
+    """Shut a pool down at the end, without waiting for what it has not begun."""
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _computed(lazy: xr.Dataset, progress: Progress, **options: Any) -> dict[str, np.ndarray]:
+    """Values of all variables, computed in one go."""
+    # The five places of a dask callback: start, start_state, pretask, posttask, finish.
+    done = lazy.compute(**options, callbacks=[(None, None, None, _counter(progress), None)])
+    return {str(name): array.to_numpy() for name, array in done.data_vars.items()}
+
+
+def _counter(progress: Progress) -> Callable[..., None]:
+    def finished(key: Any, *_: object) -> None:
+        if TASK_MARK in str(key[0] if isinstance(key, tuple) else key):
+            progress.advance()
+
+    return finished

@@ -1,0 +1,282 @@
+"""One run of a study: claim the folder, find what is there, compute what is missing, leave the result."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from heliosweep.config.study import Study
+from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.families.registry import Family
+from heliosweep.grid.plan import Plan
+from heliosweep.runtime.execute import execute, skeleton_of
+from heliosweep.runtime.inputs import Inputs
+from heliosweep.store import working
+from heliosweep.store.digest import content_digest
+from heliosweep.store.finished import Finished, result_digest
+from heliosweep.store.identity import identity_of, listed
+from heliosweep.store.manifest import environment, write_atomically, write_manifest
+from heliosweep.store.open_result import RESULTS, open_result
+from heliosweep.store.publish import publish
+from heliosweep.store.skeleton import Skeleton
+from heliosweep.store.temporary import remove_leftovers, temporary_name
+from heliosweep.store.working import WorkingStore
+
+log = logging.getLogger("heliosweep")
+
+
+class Run:
+    """One run of a study.
+
+    Parameters
+    ----------
+    family : Family
+        Of the study.
+    study : Study
+        Checked study.
+    plan : Plan
+        Its plan.
+    folder : pathlib.Path
+        Result folder, claimed by this run.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        Time spent in each stage. [s]
+    stage : str
+        The stage that runs, or ran last.
+    store : WorkingStore or None
+        What is computed so far.
+    """
+
+    def __init__(self, family: Family[Any], study: Study, plan: Plan, folder: Path) -> None:
+        self.family, self.study, self.plan, self.folder = family, study, plan, folder
+        self.inputs = Inputs(study)
+        self.seconds: dict[str, float] = {}
+        self.stage = "prepare"
+        self.store: WorkingStore | None = None
+        self._skeleton: Skeleton | None = None
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Measure the time of a stage."""
+        start, self.stage = time.perf_counter(), stage
+        yield
+        self.seconds[stage] = time.perf_counter() - start
+        log.debug("%s: %.2f s", stage, self.seconds[stage])
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Everything of the result but its values."""
+        if self._skeleton is None:
+            self._skeleton = skeleton_of(self.family, self.study, self.plan)
+        return self._skeleton
+
+    def result(self, *, force: bool, progress: bool) -> Path:
+        """Leave the result in the folder, from what is there and what is computed now.
+
+        Parameters
+        ----------
+        force : bool
+            Whether to compute all of it, whatever is there.
+        progress : bool
+            Whether to show progress on standard error.
+
+        Returns
+        -------
+        pathlib.Path
+            The result, with its manifest and resolved study beside it.
+        """
+        identity = identity_of(self.study, self.skeleton.attributes)
+        earlier = None if force else self._earlier(identity)
+        if earlier and not any(earlier.changes(identity, key) for key in ("output", "attributes")):
+            log.info("%s is complete already; --force computes it anew", earlier.path)
+            return earlier.path
+        self.store = self._store(identity, force)
+        if earlier:
+            self._take_over(earlier)
+        if len(self.store.journal.done) < self.plan.part_count:
+            with self.timed("prepare"):
+                self._prepare_kernels()
+            with self.timed("compute"):
+                execute(self.family, self.study, self.plan, self.store, self.inputs, progress)
+        with self.timed("publish"):
+            path = publish(self.store, self.skeleton, self.plan, self.study.output, self.folder)
+        with self.timed("record"):
+            self._record(path, identity, dict(self.store.journal.done))
+            self.store.remove()
+        return path
+
+    def left(self) -> str:
+        """What an interruption leaves, in words; parts are only worth keeping where there are some."""
+        if self.stage == "report":
+            return "the result is whole, but its report is not"
+        if self.store is None or not self.store.folder.exists():
+            return "nothing was computed yet"
+        done = len(self.store.journal.done)
+        if not done:
+            self.store.remove()
+            return "nothing was computed yet"
+        return f"{done:,} of {self.plan.part_count:,} parts are done and kept in {self.store.folder}"
+
+    def _earlier(self, identity: dict[str, Any]) -> Finished | None:
+        """The finished result in the folder, where its numbers are those of this study."""
+        earlier = Finished.find(self.folder)
+        if earlier is None:
+            return None
+        if differences := earlier.changes(identity, "study"):
+            log.warning("replaces the result of another study: %s", differences)
+        elif differences := earlier.changes(identity, "code"):
+            log.warning("computed anew, for it was computed with other code: %s", differences)
+        elif not earlier.is_whole():
+            log.warning("%s is not what was written (damaged?); computed anew", earlier.path)
+        else:
+            return earlier
+        return None
+
+    def _store(self, identity: dict[str, Any], force: bool) -> WorkingStore:
+        """The working store of the folder, with what earlier runs have computed; or a new one."""
+        place = self.folder / working.NAME
+        if force:
+            working.remove(place)
+        if not place.exists():
+            output = self.study.output
+            compression: Any = output.compression if output.format == "zarr" else "none"
+            return WorkingStore.create(
+                place, identity, self.skeleton, self.plan.cut, compression, output.compression_level
+            )
+        self._refuse_to_mix(working.read_identity(place), identity, place)
+        store = WorkingStore(place)
+        damaged = store.drop_damaged(self.plan.parts())
+        if damaged:
+            log.warning("%d parts were damaged on the disk and are computed anew: %s", len(damaged), damaged[0].name)
+        log.info("goes on: %d of %d parts are done", len(store.journal.done), self.plan.part_count)
+        return store
+
+    def _refuse_to_mix(self, found: dict[str, Any], identity: dict[str, Any], place: Path) -> None:
+        found["cut"], identity = dict(found["cut"]), {**identity, "cut": self.plan.cut}
+        for key, what in (
+            ("study", "another study"),
+            ("code", "other code"),
+            ("output", "another output"),
+            ("cut", "another cut"),
+        ):
+            if differences := listed(found.get(key), identity[key]):
+                raise HeliosweepError(
+                    f"{place}: holds parts of a run with {what} ({differences}), and parts of two are never "
+                    "mixed: --force removes them and starts anew, --output names another folder"
+                )
+
+    def _take_over(self, earlier: Finished) -> None:
+        """Use the parts of a finished result of the same numbers, of which other words or another format are wanted."""
+        from heliosweep.store.verify import read_part
+
+        assert self.store is not None
+        for part in self.plan.parts():
+            digest = earlier.digests.get(part.name)
+            if digest is None or part.name in self.store.journal.done:
+                continue
+            values = read_part(earlier.path, part)
+            if values is not None:
+                self.store.commit(part, values)
+
+    def _prepare_kernels(self) -> None:
+        """Load the kernels, and tell a user who waits that the first run compiles them.
+
+        Logged as warnings, which Python shows also where nobody set up logging.
+        """
+        from heliosweep.kernels import compiled
+
+        waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])
+        waiting.start()
+        try:
+            seconds, fresh = self.family.prepare(self.study)
+        finally:
+            waiting.cancel()
+        if fresh and compiled.UNCACHED:
+            log.warning(
+                "compiled the kernels in %.0f s; no folder for compiled code can be written, so every run compiles "
+                "them: name one in the environment variable NUMBA_CACHE_DIR",
+                seconds,
+            )
+        elif fresh:
+            log.warning("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
+
+    def _record(self, path: Path, identity: dict[str, Any], digests: dict[str, str]) -> None:
+        """Write the manifest and the resolved study."""
+        from heliosweep.config.identity import resolved_yaml
+
+        study, plan, folder = self.study, self.plan, self.folder
+        write_atomically(folder / "study.resolved.yaml", resolved_yaml(study, relative_to=folder))
+        with open_result(path) as data:
+            remarks = list(self.family.remarks(data))
+        for remark in remarks:
+            log.warning("warning: %s", remark)
+        write_manifest(
+            folder / "manifest.json",
+            {
+                "study_id": study.study_id,
+                "identity": identity,
+                "study_file": str(study.source.path),
+                "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                "result": {
+                    "file": path.name,
+                    "bytes": sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])),
+                    "sha256": result_digest(path),
+                    "content_digest": content_digest(path),
+                },
+                "parts": {"cut": plan.cut, "digests": digests},
+                "plan": {
+                    "dimensions": plan.workload.sizes,
+                    "points": plan.workload.points,
+                    "evaluations": plan.workload.points * plan.workload.evaluations,
+                    "blocks": plan.blocks,
+                    "chunks": plan.chunks,
+                    "seconds": plan.seconds,
+                    "peak_memory": plan.peak_memory,
+                },
+                "remarks": remarks,
+                "scheduler": study.execution.scheduler,
+                "workers": plan.workers,
+                "seconds": self.seconds,
+                "environment": environment(),
+            },
+        )
+
+
+@contextmanager
+def made(folder: Path) -> Iterator[None]:
+    """Make the result folder and try it out; where nothing comes into it, remove what was made.
+
+    Raises
+    ------
+    StudyError
+        Where it cannot be written.
+    """
+    created: list[Path] = []
+    try:
+        try:
+            for place in (*reversed(folder.parents), folder):
+                if not place.is_dir():
+                    place.mkdir(exist_ok=True)
+                    created.append(place)
+            probe = temporary_name(folder / "result.nc")
+            probe.touch()
+            probe.unlink()
+            remove_leftovers(folder)
+        except OSError as error:
+            problem = f"cannot write there: {error.strerror}; name another folder with --output"
+            raise StudyError(Problem(problem, file=str(folder))) from None
+        if (folder / RESULTS["netcdf"]).is_dir():
+            raise StudyError(Problem("is a folder, where the result shall stand", file=str(folder / "result.nc")))
+        yield
+    except BaseException:
+        for place in reversed(created):
+            with suppress(OSError):  # something is in it
+                place.rmdir()
+        raise

@@ -1,0 +1,89 @@
+"""The journal of a run: one line for each part that is done or has failed, in the order in which that happened."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class Journal:
+    """What is known of the parts of a run.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file, one JSON object a line.
+
+    Attributes
+    ----------
+    done : dict of str to str
+        SHA-256 of each part that is stored.
+    failed : dict of str to str
+        Why each part failed that was tried and is not stored.
+    seconds : float
+        Time in which the parts were computed and stored, pauses between runs left out. [s]
+    """
+
+    path: Path
+    done: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    _length: int = 0
+
+    @classmethod
+    def read(cls, path: Path) -> Journal:
+        """Read a journal as far as it is whole; without a file it is empty.
+
+        A killed run may leave its last line torn. What follows a line that is none was never promised.
+        """
+        journal = cls(path)
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError:
+            return journal
+        for line in content.splitlines(keepends=True):
+            if not line.endswith(b"\n") or not journal._take(line):
+                break
+            journal._length += len(line)
+        return journal
+
+    def write(self, part: str, **said: Any) -> None:
+        """Add a line, and come back when it is on the disk.
+
+        Parameters
+        ----------
+        part : str
+            Name of the part.
+        **said
+            ``sha256`` of a part that is stored, ``failed``, why a part failed, or ``dropped``, why a stored part is
+            not to be used any more; ``seconds`` since the line before.
+        """
+        line = json.dumps({"part": part, **said}, ensure_ascii=True).encode() + b"\n"
+        with self.path.open("r+b" if self.path.exists() else "xb") as file:
+            file.truncate(self._length)  # a torn line must not spoil the one after it
+            file.seek(self._length)
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+        self._length += len(line)
+        self._take(line)
+
+    def _take(self, line: bytes) -> bool:
+        """Take in a line; false where it is none."""
+        try:
+            said = json.loads(line)
+            part, digest, seconds = str(said["part"]), said.get("sha256"), float(said.get("seconds", 0.0))
+        except (ValueError, KeyError, TypeError, AttributeError):
+            return False
+        self.done.pop(part, None)
+        self.failed.pop(part, None)
+        if digest is not None:
+            self.done[part] = str(digest)
+        elif "failed" in said:
+            self.failed[part] = str(said["failed"])
+        self.seconds += seconds
+        return True

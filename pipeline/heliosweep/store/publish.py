@@ -1,0 +1,112 @@
+"""From a working store that holds every part to the result: `result.nc`, or `result.zarr`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from heliosweep.config.blocks import Output
+from heliosweep.grid.plan import Plan
+from heliosweep.store import zarr_result
+from heliosweep.store.manifest import DESCRIPTIONS
+from heliosweep.store.netcdf import ResultWriter
+from heliosweep.store.open_result import RESULTS
+from heliosweep.store.skeleton import Skeleton
+from heliosweep.store.temporary import temporary_name
+from heliosweep.store.working import WorkingStore, writing
+
+
+def publish(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output, folder: Path) -> Path:
+    """Leave the result in its folder, whole or not at all; it takes the place of one of either format.
+
+    Parameters
+    ----------
+    store : WorkingStore
+        With every part.
+    skeleton : Skeleton
+        Of the result.
+    plan : Plan
+        How it was cut.
+    output : Output
+        Format and compression.
+    folder : pathlib.Path
+        Result folder.
+
+    Returns
+    -------
+    pathlib.Path
+        The result.
+
+    Raises
+    ------
+    HeliosweepError
+        Where it cannot be written, or a part was damaged since it was stored.
+    """
+    path = folder / RESULTS[output.format]
+    if output.format == "zarr":
+        _publish_zarr(store, skeleton, plan, output, path)
+    else:
+        _publish_netcdf(store, skeleton, plan, output, path)
+    for other in (folder / name for name in RESULTS.values() if folder / name != path):
+        with writing(other):
+            remove_result(other)
+    return path
+
+
+def _publish_netcdf(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output, path: Path) -> None:
+    level = output.compression_level if output.compression != "none" else 0
+    with ResultWriter(
+        path,
+        skeleton.sizes,
+        skeleton.coordinates,
+        skeleton.variables,
+        skeleton.attributes,
+        level,
+        replaces=DESCRIPTIONS,
+    ) as writer:
+        for part in plan.parts():
+            writer.write(store.read(part), part.region)
+
+
+def _publish_zarr(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output, path: Path) -> None:
+    temporary = temporary_name(path)
+    with writing(path), _removed(temporary):
+        skeleton.create_zarr(temporary, plan.cut, output.compression, output.compression_level)
+        for name in skeleton.variables:
+            for chunk in (store.values / name).iterdir():
+                if not chunk.name.startswith("."):
+                    _link(chunk, temporary / name / chunk.name)
+        zarr_result.finish(temporary)
+        for name in DESCRIPTIONS:
+            path.with_name(name).unlink(missing_ok=True)
+        remove_result(path)
+        temporary.rename(path)
+
+
+def remove_result(path: Path) -> None:
+    """Remove a result of either format, where there is one."""
+    if path.is_dir() and not path.is_symlink():
+        doomed = temporary_name(path)
+        path.rename(doomed)
+        shutil.rmtree(doomed)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _link(source: Path, target: Path) -> None:
+    """Give a file a second name, or copy it where the file system knows no such."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+@contextmanager
+def _removed(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,256 @@
+"""The working store: what a run has computed so far, on disk, part by part.
+
+It is a folder ``working/`` in the result folder while the study is unfinished. A part is done when its chunks are in
+``values.zarr`` and on the disk, and then its digest in the journal: whatever kills a run, no other part is lost, and
+none is half there. There is one Zarr chunk for each part and variable, so that no two parts ever share a file.
+
+Icechunk would make the same promises; with parts of eight small variables it took 22 ms a part against 5 ms here, and
+its store of local files is not meant for two writers at a time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.limits import human_bytes
+from heliosweep.grid.slabs import Part
+from heliosweep.store import zarr_result
+from heliosweep.store.digest import part_digest
+from heliosweep.store.encoding import numbers
+from heliosweep.store.journal import Journal
+from heliosweep.store.skeleton import Skeleton
+from heliosweep.store.temporary import temporary_name
+
+#: Folder of an unfinished study in its result folder.
+NAME = "working"
+#: Version of this layout on disk.
+FORMAT = 1
+#: With less room than this, a write that failed did so because the disk is full. [bytes]
+_FULL = 2**20
+
+
+class WorkingStore:
+    """Parts of an unfinished result.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The folder ``working/``, made by `create`.
+
+    Attributes
+    ----------
+    identity : dict
+        What the parts belong to: study, output, code and cut.
+    journal : Journal
+        What is done.
+
+    Raises
+    ------
+    HeliosweepError
+        Where the folder holds no working store of this version.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.identity = read_identity(folder)
+        self.journal = Journal.read(folder / "journal.jsonl")
+        arrays = zarr_result.arrays(self.values)
+        self._arrays = {name: arrays[name] for name in self.identity["variables"]}
+        self._clock = time.monotonic()
+
+    @classmethod
+    def create(
+        cls,
+        folder: Path,
+        identity: Mapping[str, Any],
+        skeleton: Skeleton,
+        cut: Mapping[str, Mapping[str, int]],
+        compression: zarr_result.Compression = "none",
+        level: int = 1,
+    ) -> WorkingStore:
+        """Make an empty working store, whole or not at all.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Where it shall stand.
+        identity : mapping
+            What its parts belong to.
+        skeleton : Skeleton
+            Dimensions, coordinates, variables and attributes of the result.
+        cut : mapping of str to mapping of str to int
+            Lengths of a part, by kind.
+        compression, level : str, int
+            Of the values.
+        """
+        temporary = temporary_name(folder)
+        with writing(folder):
+            try:
+                temporary.mkdir()
+                skeleton.create_zarr(temporary / "values.zarr", cut, compression, level)
+                said = {"format": FORMAT, "variables": list(skeleton.variables), "cut": cut, **identity}
+                text = json.dumps(said, indent=2, sort_keys=True, ensure_ascii=False)
+                (temporary / "study.json").write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
+                for place in temporary.rglob("*"):
+                    _sync(place)
+                temporary.rename(folder)
+                _sync(folder.parent)
+            finally:
+                shutil.rmtree(temporary, ignore_errors=True)
+        return cls(folder)
+
+    @property
+    def values(self) -> Path:
+        """The Zarr group with the values."""
+        return self.folder / "values.zarr"
+
+    def commit(self, part: Part, values: Mapping[str, np.ndarray]) -> None:
+        """Store a part; when this returns, it is done for good.
+
+        Parameters
+        ----------
+        part : Part
+            Which one.
+        values : mapping of str to ndarray
+            Its variables, whole over the part.
+        """
+        encoded = {name: numbers(array) for name, array in values.items()}
+        with writing(self.folder):
+            for name, array in encoded.items():
+                target = self._arrays[name]
+                index = self._index(name, part)
+                target[index] = array
+                _sync(self._chunk(name, index))
+            for name in encoded:
+                _sync(self.values / name)
+            self._write(part, sha256=part_digest(encoded))
+
+    def fail(self, part: Part, why: str) -> None:
+        """Note that a part failed."""
+        with writing(self.folder):
+            self._write(part, failed=why)
+
+    def read(self, part: Part) -> dict[str, np.ndarray]:
+        """Values of a part that is done, as stored, checked against their digest.
+
+        Raises
+        ------
+        HeliosweepError
+            Where they are not what was stored.
+        """
+        values = self._read(part)
+        if values is None:
+            raise HeliosweepError(f"{self.folder}: {part.name} was damaged on the disk; run again to compute it anew")
+        return values
+
+    def drop_damaged(self, parts: Iterable[Part]) -> list[Part]:
+        """Check the parts that are done, and count those as not done that are not what was stored.
+
+        Returns
+        -------
+        list of Part
+            The damaged ones.
+        """
+        damaged = [part for part in parts if part.name in self.journal.done and self._read(part) is None]
+        with writing(self.folder):
+            for part in damaged:
+                self._write(part, dropped="damaged on the disk")
+        return damaged
+
+    def remove(self) -> None:
+        """Remove the folder."""
+        remove(self.folder)
+
+    def _read(self, part: Part) -> dict[str, np.ndarray] | None:
+        try:
+            values = {name: np.asarray(self._arrays[name][self._index(name, part)]) for name in self._of(part)}
+        except (OSError, ValueError, RuntimeError):  # a chunk that is gone, short, or no compressed data
+            return None
+        return values if part_digest(values) == self.journal.done[part.name] else None
+
+    def _of(self, part: Part) -> Iterator[str]:
+        """Variables of the kind of a part."""
+        for name, array in self._arrays.items():
+            dims = array.attrs["_ARRAY_DIMENSIONS"]
+            if ("time" in dims) == (part.kind == "series"):
+                yield name
+
+    def _index(self, name: str, part: Part) -> tuple[slice, ...]:
+        array = self._arrays[name]
+        dims = zip(array.attrs["_ARRAY_DIMENSIONS"], array.shape, strict=True)
+        return tuple(part.region.get(dim, slice(0, size)) for dim, size in dims)
+
+    def _chunk(self, name: str, index: tuple[slice, ...]) -> Path:
+        lengths = self._arrays[name].chunks
+        numbers = [str(span.start // length) for span, length in zip(index, lengths, strict=True)]
+        return self.values / name / (".".join(numbers) or "0")
+
+    def _write(self, part: Part, **said: Any) -> None:
+        now = time.monotonic()
+        seconds, self._clock = now - self._clock, now
+        self.journal.write(part.name, **said, seconds=round(seconds, 6))
+
+
+def read_identity(folder: Path) -> dict[str, Any]:
+    """What the parts of a working store belong to.
+
+    Raises
+    ------
+    HeliosweepError
+        Where the folder holds no working store of this version.
+    """
+    try:
+        identity = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+        if identity["format"] == FORMAT:
+            return identity
+        said = f"its format is {identity['format']}, not {FORMAT}"
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        said = f"{type(error).__name__}: {error}"
+    raise HeliosweepError(f"{folder}: is no working store ({said}); --force removes it and starts anew")
+
+
+def remove(folder: Path) -> None:
+    """Remove a working store; one that is half removed is none any more."""
+    with writing(folder):
+        if folder.exists():
+            doomed = temporary_name(folder)
+            folder.rename(doomed)
+            shutil.rmtree(doomed)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Say in words why something could not be written.
+
+    Raises
+    ------
+    HeliosweepError
+        In place of OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        free = shutil.disk_usage(path if path.exists() else path.parent).free
+        cause = "disk full" if free < _FULL else error.strerror or error
+        raise HeliosweepError(f"{path}: cannot be written: {cause} ({human_bytes(free)} free)") from error
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file or folder is on the disk."""
+    if os.name != "posix" and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
