@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
-import netCDF4
 import numpy as np
 
 from heliosweep.store.encoding import numbers
-from heliosweep.store.lock import LIBRARY_LOCK
 
 #: Values hashed at a time. [bytes]
 _PIECE = 16 * 2**20
@@ -59,65 +56,43 @@ def part_digest(values: Mapping[str, np.ndarray]) -> str:
     for name in sorted(values):
         array = numbers(values[name])
         digest.update(name.encode() + b"\0")
-        digest.update(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view(np.uint8))
+        digest.update(_bytes(array))
     return digest.hexdigest()
 
 
 def content_digest(path: str | os.PathLike[str]) -> str:
-    """SHA-256 over names, dimensions, types, attributes and values of a NetCDF file.
+    """SHA-256 over names, dimensions, types, attributes and values of a result.
 
-    Equal for files that say the same, whatever library version, storage layout or compression wrote them.
+    Equal for results that say the same, whatever library version, format, storage layout or compression wrote them.
 
     Parameters
     ----------
     path : path
-        NetCDF file.
+        NetCDF file or Zarr group.
 
     Returns
     -------
     str
         Hexadecimal digits.
     """
+    from heliosweep.store.raw import open_raw
+
     digest = hashlib.sha256()
-    with LIBRARY_LOCK, netCDF4.Dataset(path) as file:
-        file.set_auto_maskandscale(False)
-        digest.update(_canonical({name: len(dim) for name, dim in file.dimensions.items()}))
-        digest.update(_canonical(_attributes(file)))
-        for name in sorted(file.variables):
-            variable = file.variables[name]
-            text = variable.dtype is str
-            digest.update(_canonical([name, variable.dimensions, "str" if text else variable.dtype.str]))
-            digest.update(_canonical(_attributes(variable)))
-            for piece in _pieces(variable):
-                digest.update(_canonical(piece.tolist()) if text else np.ascontiguousarray(piece).tobytes())
+    with open_raw(path) as raw:
+        digest.update(_canonical(raw.sizes))
+        digest.update(_canonical(raw.attributes))
+        for name, variable in sorted(raw.variables.items()):
+            digest.update(_canonical([name, variable.dims, "str" if variable.text else variable.dtype.str]))
+            digest.update(_canonical(variable.attributes))
+            for index in raw.pieces(name):
+                piece = raw.read(name, index)
+                digest.update(_canonical(piece.tolist()) if variable.text else _bytes(piece))
     return digest.hexdigest()
-
-
-def _attributes(item: netCDF4.Dataset | netCDF4.Variable) -> dict[str, object]:
-    values = {name: item.getncattr(name) for name in sorted(item.ncattrs())}
-    return {name: np.asarray(value).tolist() for name, value in values.items()}
 
 
 def _canonical(value: object) -> bytes:
     return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
 
 
-def _pieces(variable: netCDF4.Variable) -> Iterator[np.ndarray]:
-    """The values in the order of their dimensions, in pieces of bounded size made of whole storage chunks."""
-    if variable.ndim == 0:
-        yield np.asarray(variable[...])
-        return
-    storage = variable.chunking()
-    if storage == "contiguous" or variable.dtype is str:
-        storage = [1] * variable.ndim
-    else:
-        variable.set_var_chunk_cache(size=0, nelems=1)  # every chunk is read once
-    room = _PIECE // 8
-    lengths = []
-    for size, stored in zip(reversed(variable.shape), reversed(storage), strict=True):
-        lengths.append(min(size, max(room // stored, 1) * stored) if room else 1)
-        room //= max(1, size)
-    lengths.reverse()
-    starts = [range(0, size, length) for size, length in zip(variable.shape, lengths, strict=True)]
-    for corner in itertools.product(*starts):
-        yield variable[tuple(slice(i, i + n) for i, n in zip(corner, lengths, strict=True))]
+def _bytes(values: np.ndarray) -> memoryview:
+    return np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1).view(np.uint8).data

@@ -73,7 +73,7 @@ def create(
         out chunks of nothing but NaN.
     """
     import zarr
-    from numcodecs import VLenUTF8
+    from numcodecs import VLenUTF8  # type: ignore[import-untyped]
 
     types: dict[str, dict[str, str]] = {}
     group = zarr.create_group(path, zarr_format=2, attributes=_plain("", attributes, types))
@@ -87,7 +87,7 @@ def create(
             chunks=values.shape,
             dtype=np.dtypes.StringDType() if text else _little(values.dtype),
             fill_value=None,
-            filters=[VLenUTF8()] if text else None,  # type: ignore[list-item]
+            filters=[VLenUTF8()] if text else None,
             compressors=None,
             attributes={"_ARRAY_DIMENSIONS": list(map(str, coordinate.dims)), **_plain(name, attrs, types)},
             config={"write_empty_chunks": True},
@@ -113,6 +113,7 @@ def create(
     record = {
         "sizes": list(map(list, sizes.items())),
         "types": types,
+        "variables": list(variables),
         "cut": {key: list(map(list, lengths.items())) for key, lengths in (cut or {}).items()},
     }
     _consolidate(Path(path), [*map(str, coordinates.coords), *variables], record)
@@ -197,8 +198,8 @@ def read_metadata(path: str | os.PathLike[str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Of ``metadata``, one entry for each metadata file, and ``heliosweep``: ``sizes``, ``types`` and ``cut``, which
-        are empty where another program consolidated.
+        Of ``metadata``, one entry for each metadata file, and ``heliosweep``: ``sizes``, ``types``, ``variables`` and
+        ``cut``, which are empty where another program consolidated.
 
     Raises
     ------
@@ -219,7 +220,7 @@ def read_metadata(path: str | os.PathLike[str]) -> dict[str, Any]:
     record = content.get(_RECORD)
     return {
         "metadata": entries,
-        _RECORD: {"sizes": [], "types": {}, "cut": {}, **(record if isinstance(record, dict) else {})},
+        _RECORD: {"sizes": [], "types": {}, "variables": [], "cut": {}, **(record if isinstance(record, dict) else {})},
     }
 
 
