@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -11,7 +12,8 @@ import xarray as xr
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import PlanError
 from heliosweep.grid.axes import Grid
-from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+from heliosweep.grid.evaluate import Made
+from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, Recipe, generated
 
 _POSITIONS = {
     "x": ("distance of the heliostat east of the tower", "projection_x_coordinate"),
@@ -35,6 +37,8 @@ class LayoutAxis:
     x, y, z : xarray.DataArray
         Base of each heliostat, east, north and up of the tower's base, over (swept layout parameters,
         ``heliostat``); NaN where a layout is padded. [m]
+    inputs : list of xarray.DataArray or Made
+        `x`, `y` and `z` as `evaluate` takes them: generated layouts need not travel with a graph.
     numbers : xarray.DataArray
         0, 1, ... along ``heliostat``.
     """
@@ -46,7 +50,14 @@ class LayoutAxis:
         spans = [range(len(dim))[grid.part(dim.name)] for dim in layouts.dimensions]
         self._shape = tuple(len(span) for span in spans)
         self._layouts = [layouts[index] for index in itertools.product(*spans)]
-        self.x, self.y, self.z = (self._positions(name) for name in ("x", "y", "z"))
+        self.x, self.y, self.z = (self._positions(name) for name in _POSITIONS)
+        recipes = tuple(layouts.recipe(index) for index in itertools.product(*spans))
+        self.inputs: list[xr.DataArray | Made] = [self.x, self.y, self.z]
+        if None not in recipes:
+            self.inputs = [
+                Made(array, _generated_table, (recipes, self._shape, self.size, name))
+                for array, name in zip((self.x, self.y, self.z), _POSITIONS, strict=True)
+            ]
         self.numbers = xr.DataArray(
             np.arange(self.size),
             dims="heliostat",
@@ -54,14 +65,7 @@ class LayoutAxis:
         )
 
     def _labelled(self, columns: list[np.ndarray], padding: object) -> xr.DataArray:
-        kinds = {column.dtype.kind for column in columns}
-        whole = len(self._layouts) == 1 and self.size == len(columns[0])
-        dtype = object if "U" in kinds else columns[0].dtype if whole else np.dtype(float)
-        table = np.full((len(columns), self.size), padding, dtype=dtype) if not whole else np.array(columns, dtype)
-        if not whole:
-            for row, column in zip(table, columns, strict=True):
-                row[: len(column)] = column
-        return xr.DataArray(table.reshape(*self._shape, self.size), dims=(*self._dims, "heliostat"))
+        return xr.DataArray(_table(columns, padding, self._shape, self.size), dims=(*self._dims, "heliostat"))
 
     def _positions(self, name: str) -> xr.DataArray:
         long_name, standard_name = _POSITIONS[name]
@@ -104,6 +108,23 @@ class LayoutAxis:
                 _column_attributes(name, "text" in kinds)
             )
         return coordinates
+
+
+def _table(columns: Sequence[np.ndarray], padding: object, shape: tuple[int, ...], size: int) -> np.ndarray:
+    """Columns of layouts over (swept layout parameters, heliostat), the shorter ones padded."""
+    kinds = {column.dtype.kind for column in columns}
+    whole = len(columns) == 1 and size == len(columns[0])
+    dtype = object if "U" in kinds else columns[0].dtype if whole else np.dtype(float)
+    table = np.full((len(columns), size), padding, dtype=dtype) if not whole else np.array(columns, dtype)
+    if not whole:
+        for row, column in zip(table, columns, strict=True):
+            row[: len(column)] = column
+    return table.reshape(*shape, size)
+
+
+def _generated_table(recipes: tuple[Recipe, ...], shape: tuple[int, ...], size: int, name: str) -> np.ndarray:
+    """One coordinate of generated layouts, as `LayoutAxis` has it."""
+    return _table([getattr(generated(recipe), name) for recipe in recipes], np.nan, shape, size)
 
 
 def _column_attributes(name: str, text: bool) -> dict[str, str]:

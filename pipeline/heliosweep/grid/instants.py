@@ -43,12 +43,14 @@ class Instants:
         labels = {name: label.isel(site=part) if "site" in label.dims else label for name, label in self.labels.items()}
         return Instants(labels, self.clock)
 
+    def part(self, span: slice) -> Instants:
+        """Some of the instants."""
+        return Instants({name: label.isel(time=span) for name, label in self.labels.items()}, self.clock)
+
     def thinned(self, count: int) -> Instants:
         """Some `count` of the instants at the most, evenly picked."""
         step = max(1, -(-self.size // count))
-        return Instants(
-            {name: label.isel(time=slice(None, None, step)) for name, label in self.labels.items()}, self.clock
-        )
+        return self.part(slice(None, None, step))
 
     @property
     def size(self) -> int:

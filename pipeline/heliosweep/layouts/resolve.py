@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from heliosweep.config.blocks import RadialStagger
 from heliosweep.config.study import Dimension, Study
@@ -17,6 +17,16 @@ from heliosweep.layouts.radial_stagger import Zone, radial_stagger
 
 #: Columns of a layout that are mirror sizes; they stand for ``heliostat.width`` and ``heliostat.height``.
 SIZE_COLUMNS = ("width", "height")
+
+
+class Recipe(NamedTuple):
+    """Parameters of `radial_stagger`."""
+
+    clearance: float
+    inner_radius: float
+    rings: int | None
+    heliostats: int | None
+    zones: tuple[Zone, ...] | None
 
 
 class Layouts:
@@ -61,10 +71,7 @@ class Layouts:
         """Layout for the values of what is swept, by dotted key; other keys are passed over. Raises StudyError."""
         if self._block.file is not None:
             return self._read(values.get("layout.file", self._block.file))
-        prefix = "layout.radial_stagger."
-        return self._generate(
-            {key.removeprefix(prefix): value for key, value in values.items() if key.startswith(prefix)}
-        )
+        return self._generate(values)
 
     def _read(self, name: str) -> Layout:
         path = self._study.resolve(name)
@@ -82,15 +89,25 @@ class Layouts:
                 ]
             ) from None
 
-    def _generate(self, swept: Mapping[str, Any]) -> Layout:
+    def recipe(self, index: tuple[int, ...]) -> Recipe | None:
+        """What the layout at a position can be generated from anew by `generated`; None for one from a file."""
+        if self._block.file is not None:
+            return None
+        return self._recipe(values_at(self.dimensions, index))
+
+    def _recipe(self, swept: Mapping[str, Any]) -> Recipe:
         block: RadialStagger = self._block.radial_stagger
         given = {
-            key: swept.get(key, getattr(block, key)) for key in ("clearance", "inner_radius", "rings", "heliostats")
+            key: swept.get(f"layout.radial_stagger.{key}", getattr(block, key))
+            for key in ("clearance", "inner_radius", "rings", "heliostats")
         }
-        counts = {key: None if given[key] is None else int(given[key]) for key in ("rings", "heliostats")}
+        rings, heliostats = (None if given[key] is None else int(given[key]) for key in ("rings", "heliostats"))
         zones = None if block.zones is None else tuple(Zone(z.start, z.rings, z.pitch) for z in block.zones)
+        return Recipe(given["clearance"], given["inner_radius"], rings, heliostats, zones)
+
+    def _generate(self, swept: Mapping[str, Any]) -> Layout:
         try:
-            return _generate_cached(given["clearance"], given["inner_radius"], **counts, zones=zones)
+            return generated(self._recipe(swept))
         except StudyError as error:
             raise StudyError(
                 [
@@ -115,4 +132,8 @@ def _read_cached(path: Path, reserved: frozenset[str], stamp: int | None) -> Lay
     return read_csv(path, reserved)
 
 
-_generate_cached = lru_cache(maxsize=8)(radial_stagger)
+@lru_cache(maxsize=8)
+def generated(recipe: Recipe) -> Layout:
+    """The layout that a generator makes of its parameters, the same in every process."""
+    clearance, inner_radius, rings, heliostats, zones = recipe
+    return radial_stagger(clearance, inner_radius, rings=rings, heliostats=heliostats, zones=zones)

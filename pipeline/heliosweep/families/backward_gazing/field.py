@@ -89,7 +89,7 @@ def build(
     """Lazy result over a part of the parameter grid; see `scenes.build`."""
     assert study.field is not None
     grid, layout, row = Grid(study, select), _layout(study), _row(study)
-    places = [layout.numbers, layout.x, layout.y, layout.z]
+    places = [layout.numbers, *layout.inputs]
     own = [grid.parameter(f"field.{key}") for key in _FIELD_KEYS]
     common: dict[str, Any] = {
         "dims": (*grid.sizes, "heliostat"),
@@ -101,11 +101,10 @@ def build(
         partial(_block, row=row, given=points.given(study), hours=study.field.hours.values()),
         inputs,
         core=[()] * len(inputs),
-        outputs={"row": {}},
+        outputs=row.outputs(),
         name="field",
-        output_core={"row": row.length},
         **common,
-    )["row"]
+    )
     ranges = evaluate(
         _ranges,
         [*places[1:], *own[2:4]],
@@ -115,7 +114,7 @@ def build(
         work=False,
         **common,
     )
-    result = ranges | row.unpacked(made)
+    result = ranges | made
     found = coordinates(study, select)
     return xr.Dataset({name: result[name] for name in FIELD}).assign_coords(found.coords).assign_attrs(found.attrs)
 

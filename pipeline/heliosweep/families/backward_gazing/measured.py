@@ -123,18 +123,18 @@ def build(
     row = Row(named.MEASURED, labels.sizes_of(_mapped(study)))
     inputs = points.inputs(grid)
     made = evaluate(
-        partial(block, row=row, given=given(study)),
+        partial(block, row=row),
         inputs,
         dims=tuple(grid.sizes),
         core=[()] * len(inputs),
         sizes=grid.sizes,
         chunks=chunks,
-        outputs={"row": {}},
+        outputs=row.outputs(),
         name="measured",
-        output_core={"row": row.length},
-    )["row"]
+        shared={"given": given(study)},
+    )
     found = coordinates(study, select)
-    return xr.Dataset(row.unpacked(made)).assign_coords(found.coords).assign_attrs(found.attrs)
+    return xr.Dataset(made).assign_coords(found.coords).assign_attrs(found.attrs)
 
 
 def _mapped(study: BackwardGazingStudy) -> BackwardGazingStudy:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from heliosweep.families.backward_gazing.variables import DTYPES, Entry
+from heliosweep.grid.evaluate import Output
 
 
 class Row:
@@ -47,12 +48,18 @@ class Row:
                 row[place] = 0.0
         return row
 
-    def unpacked(self, rows: xr.DataArray) -> dict[str, xr.DataArray]:
-        """The variables of lazy rows, which stand along the last dimension of an array."""
-        lead = rows.shape[:-1]
-        made = {}
-        for name, (dims, attrs) in self.entries.items():
-            data = rows.data[..., self._places[name]].reshape(*lead, *self.shape(name))
-            array = xr.DataArray(data, dims=(*rows.dims[:-1], *dims), attrs=attrs)
-            made[name] = array.astype(DTYPES[name]) if name in DTYPES else array
-        return made
+    def outputs(self) -> dict[str, Output]:
+        """How `evaluate` cuts the variables out of rows, which stand along the last dimension of a block."""
+        return {
+            name: Output(
+                attrs,
+                partial(_cut, place=self._places[name], shape=self.shape(name), dtype=DTYPES.get(name, np.float64)),
+                {dim: self._sizes[dim] for dim in dims},
+                DTYPES.get(name, np.float64),
+            )
+            for name, (dims, attrs) in self.entries.items()
+        }
+
+
+def _cut(rows: NDArray[np.float64], place: slice, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    return rows[..., place].reshape((*rows.shape[:-1], *shape)).astype(dtype, copy=False)

@@ -94,18 +94,16 @@ def build(
     grid = Grid(study, select)
     row = Row(_entries(study), labels.sizes_of(study))
     inputs = points.inputs(grid)
-    made = evaluate(
+    result = evaluate(
         partial(_block, row=row, given=points.given(study), maps=study.output.maps),
         inputs,
         dims=tuple(grid.sizes),
         core=[()] * len(inputs),
         sizes=grid.sizes,
         chunks=chunks,
-        outputs={"row": {}},
+        outputs=row.outputs(),
         name="scenes",
-        output_core={"row": row.length},
-    )["row"]
-    result = row.unpacked(made)
+    )
     result |= over_seeds(result, _statistics(study), seed_dims(study), chunks)
     found = coordinates(study, select)
     return xr.Dataset(result).assign_coords(found.coords).assign_attrs(found.attrs)

@@ -221,6 +221,7 @@ class _Evaluation:
         self, study: DishTrackingStudy, grid: Grid, axes: Axes, labels: xr.Dataset, chunks: Mapping[str, int]
     ) -> None:
         self._study, self._axes, self._labels, self._chunks = study, axes, labels, chunks
+        self._order = _dims_of(study, axes)
         self._sizes = {**grid.sizes, **{str(dim): size for dim, size in labels.sizes.items()}}
         site = site_of(grid)
         zones = np.array(grid.timezones(), dtype=object)
@@ -244,6 +245,7 @@ class _Evaluation:
             outputs=variables.DAILY,
             name="daily",
             output_core=days,
+            order=self._order,
         )
         return result | evaluate(
             partial(blocks.empty_windows, **settings),
@@ -272,6 +274,7 @@ class _Evaluation:
             outputs=variables.TOLERABLE,
             name="tolerable",
             output_core={"required_factor": self._sizes["required_factor"]},
+            order=self._order,
             work=False,
         )
 
@@ -297,6 +300,7 @@ class _Evaluation:
             outputs=outputs,
             name="statistics",
             output_core=output_core,
+            order=self._order,
             work=False,
             dtype=dtype,
         )

@@ -17,7 +17,7 @@ from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
 from heliosweep.families.layout_axis import LayoutAxis, longest
 from heliosweep.families.sun import instants_of, site_of, sun_attributes, sun_vectors
 from heliosweep.grid.axes import Grid
-from heliosweep.grid.evaluate import evaluate
+from heliosweep.grid.evaluate import Made, evaluate
 from heliosweep.grid.instants import instant_count
 from heliosweep.grid.plan import Workload
 from heliosweep.kernels import field, mounts, packets
@@ -114,7 +114,8 @@ def build(
     chunks : mapping of str to int
         Block lengths, from the plan.
     select : mapping of str to slice, optional
-        Part of the swept dimensions; all of them where left out.
+        Part of the swept dimensions; all of them where left out. With a part of ``time`` or ``heliostat`` too, there
+        are the time series of that part and nothing else.
 
     Returns
     -------
@@ -123,10 +124,14 @@ def build(
     """
     grid = Grid(study, select)
     layouts = LayoutAxis(grid)
+    inner = {dim: span for dim, span in (select or {}).items() if dim in ("time", "heliostat")}
+    if inner:
+        series = _series(grid, layouts, inner, chunks)
+        return series.assign_coords(coordinates(study, select).isel(inner).coords)
     instants = instants_of(grid)
     sunlight = sun_vectors(site_of(grid), instants, chunks)
     arguments = [*_mirrors(grid, layouts), sunlight, layouts.numbers]
-    sizes = {**grid.sizes, "time": instants.size, "heliostat": layouts.size}
+    sizes = {**grid.sizes, "heliostat": layouts.size}
 
     result = xr.Dataset(
         evaluate(
@@ -142,19 +147,30 @@ def build(
     )
     result = result.assign(_field_means(result, _area(grid, layouts), chunks))
     if study.output.time_series:
-        result = result.assign(
-            evaluate(
-                _series_block,
-                arguments,
-                dims=(*grid.sizes, "time", "heliostat"),
-                core=[*_MIRROR_CORE, ("xyz",), ()],
-                sizes=sizes,
-                chunks=chunks,
-                outputs=variables.SERIES,
-                name="series",
-            )
-        )
+        result = result.assign(_series(grid, layouts, {}, chunks))
     return result.assign_coords(coordinates(study, select).coords)
+
+
+def _series(
+    grid: Grid,
+    layouts: LayoutAxis,
+    inner: Mapping[str, slice],
+    chunks: Mapping[str, int],
+) -> xr.Dataset:
+    """Lazy time series over a part of the instants and heliostats, whose graph is as small as the part."""
+    instants = instants_of(grid).part(inner.get("time", slice(None)))
+    numbers = layouts.numbers.isel(heliostat=inner.get("heliostat", slice(None)))
+    made = evaluate(
+        _series_block,
+        [*_mirrors(grid, layouts), sun_vectors(site_of(grid), instants, chunks), numbers],
+        dims=(*grid.sizes, "time", "heliostat"),
+        core=[*_MIRROR_CORE, ("xyz",), ()],
+        sizes={**grid.sizes, "time": instants.size, "heliostat": numbers.size},
+        chunks=chunks,
+        outputs=variables.SERIES,
+        name="series",
+    )
+    return xr.Dataset(made)
 
 
 def coordinates(study: FieldEfficiencyStudy, select: Mapping[str, slice] | None = None) -> xr.Dataset:
@@ -193,12 +209,12 @@ def _field_means(annual: xr.Dataset, area: xr.DataArray, chunks: Mapping[str, in
 _MIRROR_CORE = [("mirror",)] * 5 + [()] * 3
 
 
-def _mirrors(grid: Grid, layouts: LayoutAxis) -> list[xr.DataArray]:
+def _mirrors(grid: Grid, layouts: LayoutAxis) -> list[xr.DataArray | Made]:
     """What the kernels are told of the field, over any sweep."""
     names = grid.parameter("tracking")
     codes = np.array([TRACKING_CODES[str(name)] for name in names.to_numpy().flat], dtype=np.int64)
     return [
-        *(array.rename(heliostat="mirror") for array in (layouts.x, layouts.y, layouts.z)),
+        *(array.rename(heliostat="mirror") for array in layouts.inputs),
         layouts.mirror_size(grid, "width").rename(heliostat="mirror"),
         layouts.mirror_size(grid, "height").rename(heliostat="mirror"),
         grid.parameter("heliostat.pivot_height"),

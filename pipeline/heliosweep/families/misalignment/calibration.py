@@ -29,7 +29,7 @@ from heliosweep.families.misalignment.measured import measured_spots, most_spots
 from heliosweep.families.misalignment.places import heliostat_count, place_bytes
 from heliosweep.families.misalignment.scene import Scene
 from heliosweep.grid.axes import Grid
-from heliosweep.grid.evaluate import evaluate
+from heliosweep.grid.evaluate import Output, evaluate
 from heliosweep.grid.plan import Workload
 
 __all__ = ["build", "coordinates", "remarks", "workload"]
@@ -109,15 +109,18 @@ def build(study: MisalignmentStudy, chunks: Mapping[str, int], select: Mapping[s
     """
     scene, row = Scene(study, chunks, select), _row(study)
     common: dict[str, Any] = {"dims": scene.dims, "sizes": scene.sizes, "chunks": chunks}
-    made = evaluate(
+    dims, attributes, labels = _dims_of(study, tuple(scene.grid.sizes)), _attributes(study), _coordinates(scene)
+    measured = measured_spots(study)
+    found = evaluate(
         _face(study, row),
         [*scene.arguments, *_arguments(scene)],
         core=[*scene.core, *([()] * len(_arguments(scene)))],
-        outputs={"row": {}},
-        output_core={"sample": _samples(study), "row": row.length},
+        outputs={name: _output(study, row, name, attributes[name]) for name in row.places},
+        order=dims,
+        shared={} if measured is None else {"measured": measured},
         name="calibration",
         **common,
-    )["row"]
+    )
     nominal = evaluate(
         partial(blocks.nominal_block, sizes=scene.instants.sizes),
         scene.arguments,
@@ -128,8 +131,6 @@ def build(study: MisalignmentStudy, chunks: Mapping[str, int], select: Mapping[s
         work=False,
         **common,
     )
-    dims, attributes, labels = _dims_of(study, tuple(scene.grid.sizes)), _attributes(study), _coordinates(scene)
-    found = {name: _taken(made, row, name, dims[name], attributes[name]) for name in row.places}
     result = xr.Dataset({name: (found | nominal)[name].transpose(*order) for name, order in dims.items()})
     return result.assign_coords(labels.coords).assign_attrs(labels.attrs)
 
@@ -185,16 +186,18 @@ def _dims_of(study: MisalignmentStudy, swept: tuple[str, ...]) -> dict[str, tupl
     return dims | dict.fromkeys(NOMINAL, (*swept, "heliostat", *instant_sizes(study)))
 
 
-def _taken(
-    made: xr.DataArray, row: blocks.Row, name: str, dims: tuple[str, ...], attrs: Mapping[str, Any]
-) -> xr.DataArray:
-    """A variable out of the rows, over dimensions in the order of the rows."""
+def _output(study: MisalignmentStudy, row: blocks.Row, name: str, attrs: Mapping[str, Any]) -> Output:
+    """How a variable is cut out of the rows."""
     _, shape = row.places[name]
-    part = made.isel(row=row.span(name))
-    inner = dims[len(dims) - len(shape) :]
-    data = part.data.reshape(*part.shape[:-1], *shape).astype(DTYPES.get(name, np.float64))
-    array = xr.DataArray(data, dims=(*part.dims[:-1], *inner), attrs=dict(attrs))
-    return array if "sample" in dims else array.isel(sample=0)
+    dtype, drawn = DTYPES.get(name, np.float64), _drawn(study)
+    sizes = ({"sample": _samples(study)} if drawn else {}) | dict(zip(_inner(study)[name], shape, strict=True))
+    return Output(attrs, partial(_cut, span=row.span(name), shape=shape, drawn=drawn, dtype=dtype), sizes, dtype)
+
+
+def _cut(rows: np.ndarray, span: slice, shape: tuple[int, ...], drawn: bool, dtype: type) -> np.ndarray:
+    """A variable out of rows over (dimensions of a block, draw, row)."""
+    values: np.ndarray = rows[..., span].reshape((*rows.shape[:-1], *shape)).astype(dtype, copy=False)
+    return values if drawn else values.take(0, axis=rows.ndim - 2)
 
 
 def _arguments(scene: Scene) -> list[xr.DataArray]:
@@ -220,9 +223,8 @@ def _arguments(scene: Scene) -> list[xr.DataArray]:
 def _face(study: MisalignmentStudy, row: blocks.Row) -> Any:
     """What computes a block."""
     limit = _block(study).condition_limit
-    measured = measured_spots(study)
-    if measured is not None:
-        return partial(blocks.measured_block, row=row, measured=measured, limit=limit)
+    if _block(study).spots is not None:
+        return partial(blocks.measured_block, row=row, limit=limit)
     assert study.mount_errors is not None
     _, hours = instant_sizes(study).values()
     return partial(

@@ -22,7 +22,7 @@ from heliosweep.families.misalignment.remarks import status_remarks
 from heliosweep.families.misalignment.scene import Block, Scene, block_result, coordinates_of, points
 from heliosweep.families.misalignment.spots import flagged, hit_fractions
 from heliosweep.grid.axes import Grid
-from heliosweep.grid.evaluate import evaluate
+from heliosweep.grid.evaluate import Output, evaluate
 from heliosweep.grid.plan import Workload
 from heliosweep.kernels.conics import conics
 from heliosweep.kernels.detectors import crossings
@@ -187,11 +187,17 @@ class _Evaluation:
         """Tolerances and conics."""
         result = self._of_curve(_tolerances, variables.TOLERANCES, "tolerances", {})
         count = len(variables.COEFFICIENTS)
-        stacked = self._of_curve(_conics, {"all": {}}, "conics", {"conic_coefficient": count + 3})["all"]
-        result["conic"] = stacked.isel(conic_coefficient=slice(0, count))
-        for place, name in enumerate(("eccentricity", "focus_y", "focus_z"), start=count):
-            result[name] = stacked.isel(conic_coefficient=place)
-        return {name: array.assign_attrs(_CURVES[name]) for name, array in result.items()}
+        cuts: dict[str, int | slice] = {"conic": slice(0, count), "eccentricity": count}
+        cuts |= {"focus_y": count + 1, "focus_z": count + 2}
+        outputs = {
+            name: Output(
+                variables.CONICS[name],
+                partial(_of_last, place=place),
+                {**self._instants, **({"conic_coefficient": count} if name == "conic" else {})},
+            )
+            for name, place in cuts.items()
+        }
+        return result | self._of_curve(_conics, outputs, "conics", {})
 
     def crossings(self, lines: np.ndarray) -> dict[str, xr.DataArray]:
         """Crossings with the lines of detectors."""
@@ -199,7 +205,7 @@ class _Evaluation:
         return self._of_curve(face, variables.CROSSINGS, "crossings", {"detector": len(lines)})
 
     def _of_curve(
-        self, face: Any, outputs: Mapping[str, Mapping[str, Any]], name: str, inner: Mapping[str, int]
+        self, face: Any, outputs: Mapping[str, Mapping[str, Any] | Output], name: str, inner: Mapping[str, int]
     ) -> dict[str, xr.DataArray]:
         """What does not depend on the size of the error."""
         return evaluate(
@@ -243,11 +249,12 @@ class _Evaluation:
             outputs=outputs,
             name="least",
             work=False,
-            dtype=np.dtype("datetime64[ns]") if dated else np.float64,  # type: ignore[arg-type]
+            dtype=np.dtype("datetime64[ns]") if dated else np.float64,
         )
 
 
-_CURVES = {**variables.TOLERANCES, **variables.CONICS}
+def _of_last(values: np.ndarray, place: int | slice) -> np.ndarray:
+    return values[..., place]
 
 
 def _misaligned(block: Block) -> tuple[np.ndarray, np.ndarray]:

@@ -28,7 +28,7 @@ from heliosweep.families.misalignment.scene import Scene
 from heliosweep.families.misalignment.spots import flagged, hit_fractions
 from heliosweep.families.misalignment.variables import FLAGS, HITS, SPOTS
 from heliosweep.grid.axes import Grid
-from heliosweep.grid.evaluate import evaluate
+from heliosweep.grid.evaluate import Output, evaluate
 from heliosweep.grid.plan import Workload
 
 if TYPE_CHECKING:
@@ -222,8 +222,18 @@ def _statistics(scene: Scene) -> dict[str, xr.DataArray]:
     """Statistics over the draws, and what follows from the hit fraction."""
     study, instants = scene.study, scene.instants.sizes
     block, percentiles = _block(study), _percentiles(study)
-    rows = blocks.row_count(percentiles.size)
-    made = evaluate(
+    outputs = {
+        name: Output(attrs, partial(_row, place=place), instants)
+        for place, (name, attrs) in enumerate(STATISTICS.items())
+    }
+    ((status, status_attrs),) = STATUS.items()
+    outputs[status] = Output(status_attrs, partial(_status, place=len(STATISTICS)), instants, np.int8)
+    ((tolerance, tolerance_attrs),) = TOLERANCE.items()
+    axes = {"tolerance_axis": len(TOLERANCE_AXES), "percentile": percentiles.size}
+    outputs[tolerance] = Output(
+        tolerance_attrs, partial(_tolerances, first=len(STATISTICS) + 1, shape=tuple(axes.values())), axes | instants
+    )
+    result = evaluate(
         partial(
             blocks.statistics_block,
             errors=errors_of(block),
@@ -233,30 +243,10 @@ def _statistics(scene: Scene) -> dict[str, xr.DataArray]:
             sizes=instants,
         ),
         **_arguments(scene),
-        outputs={"statistics": {}},
-        output_core={"row": rows, **instants},
+        outputs=outputs,
+        order=_dims_of(study, tuple(scene.grid.sizes)),
         name="mount-statistics",
-    )["statistics"]
-    result = {name: made.isel(row=row).assign_attrs(attrs) for row, (name, attrs) in enumerate(STATISTICS.items())}
-    first = len(STATISTICS) + 1
-    result |= evaluate(
-        blocks.status_block,
-        [made.isel(row=first - 1)],
-        dims=scene.dims,
-        core=[tuple(instants)],
-        sizes=scene.sizes,
-        chunks=scene.chunks,
-        outputs=STATUS,
-        name="status",
-        output_core=instants,
-        work=False,
-        dtype=np.int8,
     )
-    tolerances = [
-        made.isel(row=slice(start, start + percentiles.size)).rename(row="percentile")
-        for start in range(first, rows, percentiles.size)
-    ]
-    remaining = xr.concat(tolerances, "tolerance_axis").assign_attrs(TOLERANCE["remaining_tolerance"])
     means = {
         "day_hit_fraction": ("hour", (*scene.dims, scene.instants.day)),
         "field_hit_fraction": ("heliostat", (*scene.grid.sizes, *instants)),
@@ -273,4 +263,19 @@ def _statistics(scene: Scene) -> dict[str, xr.DataArray]:
             name="hit-fraction",
             work=False,
         )
-    return result | {"remaining_tolerance": remaining}
+    return result
+
+
+def _row(rows: Floats, place: int) -> Floats:
+    """One statistic out of rows over (dimensions of a block, row, day, hour)."""
+    return rows[..., place, :, :]
+
+
+def _status(rows: Floats, place: int) -> NDArray[np.int8]:
+    status: NDArray[np.int8] = blocks.status_block(_row(rows, place))[0]
+    return status
+
+
+def _tolerances(rows: Floats, first: int, shape: tuple[int, ...]) -> Floats:
+    """Percentiles about each axis."""
+    return rows[..., first:, :, :].reshape((*rows.shape[:-3], *shape, *rows.shape[-2:]))

@@ -36,6 +36,8 @@ class Places:
     x, y, z : xarray.DataArray
         Position of each heliostat, east, north and up of the tower's base, over (swept layout parameters,
         ``heliostat``): of its pivot, or of its base where there is a layout. [m]
+    inputs : list of xarray.DataArray or Made
+        `x`, `y` and `z` as `evaluate` takes them.
     pivot_height : xarray.DataArray
         Height of the pivots above these positions. [m]
     numbers : xarray.DataArray
@@ -50,6 +52,7 @@ class Places:
             layouts = LayoutAxis(grid)
             self.size, self.numbers = layouts.size, layouts.numbers
             self.x, self.y, self.z = layouts.x, layouts.y, layouts.z
+            self.inputs = layouts.inputs
             self.coordinates = layouts.coordinates()
         else:
             positions = np.array(study.heliostats.positions, np.float64)
@@ -63,6 +66,7 @@ class Places:
                 xr.DataArray(column, dims="heliostat", attrs={"long_name": name, "units": "m"})
                 for column, name in zip(positions.T, _POSITIONS.values(), strict=True)
             )
+            self.inputs = [self.x, self.y, self.z]
             self.coordinates = {"heliostat": self.numbers, "x": self.x, "y": self.y, "z": self.z}
         key = "heliostats.pivot_height"
         self.pivot_height = grid.parameter(key) if grid.has(key) else xr.DataArray(0.0)

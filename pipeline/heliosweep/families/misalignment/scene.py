@@ -18,6 +18,7 @@ from heliosweep.families.misalignment.instants import DayHours, day_hours, insta
 from heliosweep.families.misalignment.places import Places
 from heliosweep.families.sun import site_of
 from heliosweep.grid.axes import Grid
+from heliosweep.grid.evaluate import Made
 from heliosweep.kernels.receiver import Setting
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Scene:
         Dimensions of a block: the swept ones, then ``heliostat``.
     sizes : dict of str to int
         Lengths of `dims`.
-    arguments : list of xarray.DataArray
+    arguments : list of xarray.DataArray or Made
         What `Block` takes first.
     core : list of tuple of str
         Core dimensions of the arguments.
@@ -80,10 +81,8 @@ class Scene:
         self.sizes = {**self.grid.sizes, "heliostat": self.places.size}
         latitude = site_of(self.grid).get("latitude", xr.DataArray(0.0))
         places = self.places
-        self.arguments = [
-            places.x,
-            places.y,
-            places.z,
+        self.arguments: list[xr.DataArray | Made] = [
+            *places.inputs,
             places.pivot_height,
             places.numbers,
             *(self.grid.parameter(key) for key in (*_RECEIVER, *_MOUNT)),

@@ -34,7 +34,7 @@ def flagged(scene: Scene, spots: Mapping[str, xr.DataArray], chunks: Mapping[str
     sides = [scene.grid.parameter(f"receiver.{side}") for side in ("width", "height_extent")]
     return evaluate(
         _flags,
-        [*(spots[name] for name in ("spot_y", "spot_z", "status")), scene.places.x, *sides],
+        [*(spots[name] for name in ("spot_y", "spot_z", "status")), scene.places.inputs[0], *sides],
         dims=scene.dims,
         core=[instants] * 3 + [()] * 3,
         sizes=scene.sizes,
