@@ -18,6 +18,7 @@ import yaml
 from heliosweep import workflow
 from heliosweep.cli import main
 from heliosweep.kernels import compiled
+from heliosweep.runtime.run import prepare_kernels
 from tests.conftest import SMALL, STUDIES
 from tests.test_imports import HEAVY
 
@@ -241,11 +242,11 @@ def test_the_first_run_tells_of_the_compilation_also_without_logging_set_up(monk
         def prepare(self, study: object) -> tuple[float, bool]:
             return 12.0, True
 
-    monkeypatch.setattr(workflow, "family_of", lambda study: Slow())
+    slow: Any = Slow()
     monkeypatch.setattr(compiled, "UNCACHED", [])
-    workflow._prepare_kernels(object())  # type: ignore[arg-type]
+    prepare_kernels(slow, slow)
     monkeypatch.setattr(compiled, "UNCACHED", ["sweep"])
-    workflow._prepare_kernels(object())  # type: ignore[arg-type]
+    prepare_kernels(slow, slow)
     cached, uncached = caplog.records
     assert "compiled the kernels in 12 s; later runs find them" in cached.getMessage()
     assert "NUMBA_CACHE_DIR" in uncached.getMessage()

@@ -231,6 +231,7 @@ def run(
     == "__main__":``. Where another process runs the same study, this one waits for it.
     """
     from heliosweep.runtime.run import Run, made
+    from heliosweep.runtime.signals import uninterrupted
     from heliosweep.store.claim import claimed
 
     folder = result_folder(study, output)
@@ -246,8 +247,12 @@ def run(
             if report and (now.seconds or not (folder / "report.html").exists()):
                 with now.timed("report"):
                     _report(folder, study)
-        except KeyboardInterrupt:
-            raise RunInterrupted(f"interrupted: {now.left()}; run the same command again to go on") from None
+        except BaseException as error:
+            with uninterrupted():
+                now.tidy()
+            if isinstance(error, KeyboardInterrupt):
+                raise RunInterrupted(f"interrupted: {now.left()}; run the same command again to go on") from None
+            raise
     return Result(path, now.seconds)
 
 

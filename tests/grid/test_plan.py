@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.grid.limits import Limits, human_bytes, human_seconds
-from heliosweep.grid.plan import BASE_MEMORY, PART_BLOCKS, PART_BYTES, Workload, make_plan
+from heliosweep.grid.plan import BASE_MEMORY, PART_BLOCKS, PART_BYTES, PART_SECONDS, Plan, Workload, make_plan
 from heliosweep.grid.slabs import SERIES_PART_BYTES, STORAGE_BYTES, slabs
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
@@ -41,6 +42,15 @@ CHUNKS = st.dictionaries(st.sampled_from(["a", "b", "heliostat"]), st.integers(1
 SIZES = st.dictionaries(st.sampled_from("abcd"), st.integers(1, 12), max_size=4)
 
 
+def made(work: Workload, limits: Limits, chunks: dict[str, int]) -> Plan:
+    """A plan, or no test where the chunks asked for are refused for being too many."""
+    try:
+        return make_plan(work, limits, chunks)
+    except StudyError as error:
+        assert re.search(r"would cut one part of the work into [\d,]+ blocks, more than 1,000", str(error))
+        reject()
+
+
 def covered(regions, shape: dict[str, int]) -> bool:
     """Whether regions cover a grid, each point once."""
     seen = np.zeros(tuple(shape.values()), int)
@@ -52,8 +62,12 @@ def covered(regions, shape: dict[str, int]) -> bool:
 @given(sizes=SIZES, evaluations=st.integers(1, 10**9), workers=st.integers(1, 64), chunks=CHUNKS)
 def test_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
     work = workload({"a": 2, "b": 3, **sizes}, 300, 0, evaluations)
-    plan = make_plan(work, Limits(workers, 2**36, 2**50), chunks)
-    assert covered(plan.parts(), dict(work.parameters))
+    plan = made(work, Limits(workers, 2**36, 2**50), chunks)
+    parts = list(plan.parts())
+    assert covered((part.region for part in parts), dict(work.parameters))
+    assert [part.name for part in parts] == [f"points-{number:05}" for number in range(plan.part_count)]
+    assert max(map(plan.blocks_of, parts)) <= PART_BLOCKS
+    assert plan.part == make_plan(work, ROOMY).part  # whatever the machine
     for dim, length in plan.chunks.items():
         assert 1 <= length <= work.sizes[dim]
 
@@ -66,7 +80,7 @@ def test_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
 )
 def test_series_are_written_in_an_order_that_chunks_and_workers_do_not_change(sizes, heliostats, times, chunks):
     work = workload(sizes, heliostats, times)
-    plan = make_plan(work, Limits(2, 2**36, 2**50), chunks)
+    plan = made(work, Limits(2, 2**36, 2**50), chunks)
     other = make_plan(work, Limits(7, 2**37, 2**50))
     assert plan.series is not None
     assert other.series is not None
@@ -81,7 +95,7 @@ def test_series_are_written_in_an_order_that_chunks_and_workers_do_not_change(si
             dim: slice(span.start // (n := plan.series.storage.get(dim, 1)), -(-span.stop // n))
             for dim, span in region.items()
         }
-        for region in plan.series_parts()
+        for region in (part.region for part in plan.parts() if part.kind == "series")
     )
     assert covered(in_cells, cells)
     assert 8 * math.prod(plan.series.part.values()) <= SERIES_PART_BYTES
@@ -98,6 +112,7 @@ def test_one_graph_stays_small(sizes):
     blocks = math.prod(-(-plan.part[dim] // plan.chunks[dim]) for dim in sizes) * -(-300 // plan.chunks["heliostat"])
     assert blocks <= PART_BLOCKS
     assert math.prod(plan.part.values()) * 301 * 8 <= PART_BYTES
+    assert math.prod(plan.part.values()) * plan.workload.point_seconds <= PART_SECONDS
 
 
 def test_a_large_point_is_cut_and_small_points_are_grouped():

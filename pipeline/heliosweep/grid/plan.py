@@ -30,7 +30,7 @@ BLOCKS_PER_WORKER = 8
 #: Blocks of one part at the most; a block is some ten tasks, and two parts are in flight.
 PART_BLOCKS = 1000
 #: What one part may hold, so that some of them fit any memory, and take on one core, so that a kill costs little.
-PART_BYTES, PART_SECONDS = 64 * 2**20, 30.0
+PART_BYTES, PART_SECONDS = 64 * 2**20, 5.0
 #: Parts that are in memory at a time: two computed and one written.
 PARTS_HELD = 3
 
@@ -230,6 +230,7 @@ def make_plan(
     if series:
         # One part being written, one being computed in blocks and put together, and what the allocator keeps.
         fixed += 4 * workload.bytes_of({**workload.inner, **series.part})
+        _check_blocks(series.part, series.chunks, asked)
     whole = {dim: workload.parameters[dim] for dim in workload.whole}
     free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}
     lengths = {**slab_lengths(free, partial(_part_fits, workload, whole)), **whole}

@@ -55,8 +55,9 @@ def engine(execution: Execution, plan: Plan, progress: Progress) -> Iterator[Eng
         case "synchronous":
             yield _InTurn(progress)
         case "threads":
-            with _pool(ThreadPoolExecutor(plan.workers)) as pool:
-                yield _Threads(progress, pool)
+            # Left the other way round: without workers, those who hand out blocks end too.
+            with _pool(ThreadPoolExecutor(IN_FLIGHT)) as drivers, _pool(ThreadPoolExecutor(plan.workers)) as workers:
+                yield _Threads(progress, drivers, workers)
         case "processes":
             with _Processes(progress, plan.workers) as processes:
                 yield processes
@@ -100,21 +101,20 @@ class _InTurn:
 class _Threads(_InTurn):
     """Blocks on the threads of one pool, those of two parts at a time."""
 
-    def __init__(self, progress: Progress, pool: Executor) -> None:
+    def __init__(self, progress: Progress, drivers: Executor, workers: Executor) -> None:
         super().__init__(progress)
-        self._workers = pool
+        self._drivers = drivers  # which only hand out blocks, so that this thread stays free for interruptions
+        self._workers = workers
 
     def run(self, works: Iterator[Work]) -> Iterator[Outcome]:
         """Compute all `works`."""
-        # These threads only hand out blocks: this one stays free for interruptions.
-        with _pool(ThreadPoolExecutor(IN_FLIGHT)) as drivers:
-            pending: deque[Future[Outcome]] = deque()
-            for work in works:
-                pending.append(drivers.submit(self._attempt, work))
-                if len(pending) == IN_FLIGHT:
-                    yield pending.popleft().result()
-            while pending:
+        pending: deque[Future[Outcome]] = deque()
+        for work in works:
+            pending.append(self._drivers.submit(self._attempt, work))
+            if len(pending) == IN_FLIGHT:
                 yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
 
     def _values(self, lazy: xr.Dataset) -> dict[str, np.ndarray]:
         return _computed(lazy, self._progress, scheduler="threads", pool=self._workers)

@@ -102,7 +102,7 @@ class Run:
             self._take_over(earlier)
         if len(self.store.journal.done) < self.plan.part_count:
             with self.timed("prepare"):
-                self._prepare_kernels()
+                prepare_kernels(self.family, self.study)
             with self.timed("compute"):
                 execute(self.family, self.study, self.plan, self.store, self.inputs, progress)
         with self.timed("publish"):
@@ -113,16 +113,17 @@ class Run:
         return path
 
     def left(self) -> str:
-        """What an interruption leaves, in words; parts are only worth keeping where there are some."""
+        """What a run that ends now leaves, in words."""
         if self.stage == "report":
             return "the result is whole, but its report is not"
         if self.store is None or not self.store.folder.exists():
             return "nothing was computed yet"
-        done = len(self.store.journal.done)
-        if not done:
+        return f"{len(self.store.journal.done):,} of {self.plan.part_count:,} parts are done and kept in {self.folder}"
+
+    def tidy(self) -> None:
+        """Remove the working store where nothing came into it."""
+        if self.store and not self.store.journal.done and not self.store.journal.failed:
             self.store.remove()
-            return "nothing was computed yet"
-        return f"{done:,} of {self.plan.part_count:,} parts are done and kept in {self.store.folder}"
 
     def _earlier(self, identity: dict[str, Any]) -> Finished | None:
         """The finished result in the folder, where its numbers are those of this study."""
@@ -185,28 +186,6 @@ class Run:
             if values is not None:
                 self.store.commit(part, values)
 
-    def _prepare_kernels(self) -> None:
-        """Load the kernels, and tell a user who waits that the first run compiles them.
-
-        Logged as warnings, which Python shows also where nobody set up logging.
-        """
-        from heliosweep.kernels import compiled
-
-        waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])
-        waiting.start()
-        try:
-            seconds, fresh = self.family.prepare(self.study)
-        finally:
-            waiting.cancel()
-        if fresh and compiled.UNCACHED:
-            log.warning(
-                "compiled the kernels in %.0f s; no folder for compiled code can be written, so every run compiles "
-                "them: name one in the environment variable NUMBA_CACHE_DIR",
-                seconds,
-            )
-        elif fresh:
-            log.warning("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
-
     def _record(self, path: Path, identity: dict[str, Any], digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study."""
         from heliosweep.config.identity import resolved_yaml
@@ -247,6 +226,29 @@ class Run:
                 "environment": environment(),
             },
         )
+
+
+def prepare_kernels(family: Family[Any], study: Study) -> None:
+    """Load the kernels, and tell a user who waits that the first run compiles them.
+
+    Logged as warnings, which Python shows also where nobody set up logging.
+    """
+    from heliosweep.kernels import compiled
+
+    waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])
+    waiting.start()
+    try:
+        seconds, fresh = family.prepare(study)
+    finally:
+        waiting.cancel()
+    if fresh and compiled.UNCACHED:
+        log.warning(
+            "compiled the kernels in %.0f s; no folder for compiled code can be written, so every run compiles them: "
+            "name one in the environment variable NUMBA_CACHE_DIR",
+            seconds,
+        )
+    elif fresh:
+        log.warning("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
 
 
 @contextmanager

@@ -64,11 +64,13 @@ def holder(folder: Path) -> str | None:
 def _wait(path: Path) -> int:
     start, told = time.monotonic(), False
     while True:
+        path.parent.mkdir(parents=True, exist_ok=True)  # a run that left nothing takes its folder with it
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             if _take(descriptor) and _is(path, descriptor):
-                os.ftruncate(descriptor, 0)
-                os.write(descriptor, json.dumps({"process": os.getpid(), "host": platform.node()}).encode())
+                with suppress(OSError):  # a full disk; it is only a courtesy to others
+                    os.ftruncate(descriptor, 0)
+                    os.write(descriptor, json.dumps({"process": os.getpid(), "host": platform.node()}).encode())
                 return descriptor
         except BaseException:
             os.close(descriptor)

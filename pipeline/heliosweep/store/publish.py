@@ -15,7 +15,7 @@ from heliosweep.store.manifest import DESCRIPTIONS
 from heliosweep.store.netcdf import ResultWriter
 from heliosweep.store.open_result import RESULTS
 from heliosweep.store.skeleton import Skeleton
-from heliosweep.store.temporary import temporary_name
+from heliosweep.store.temporary import remove, temporary_name
 from heliosweep.store.working import WorkingStore, writing
 
 
@@ -87,13 +87,11 @@ def _publish_zarr(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: O
 
 
 def remove_result(path: Path) -> None:
-    """Remove a result of either format, where there is one."""
-    if path.is_dir() and not path.is_symlink():
+    """Remove a result of either format, where there is one: first its name, so that none is half removed."""
+    if path.exists():
         doomed = temporary_name(path)
         path.rename(doomed)
-        shutil.rmtree(doomed)
-    else:
-        path.unlink(missing_ok=True)
+        remove(doomed)
 
 
 def _link(source: Path, target: Path) -> None:

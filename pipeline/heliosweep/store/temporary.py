@@ -1,4 +1,4 @@
-"""Files that are not whole yet: their names, and what killed runs have left of them."""
+"""Files and folders that are not whole yet: their names, and what killed runs have left of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import os
 import platform
+import shutil
 from pathlib import Path
 
 _numbers = itertools.count()
@@ -17,11 +18,19 @@ def temporary_name(path: Path) -> Path:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files of processes of this machine that are no more."""
+    """Remove the temporary files and folders of processes of this machine that are no more."""
     for path in folder.glob(f".*.{platform.node()}.*-*.part"):
         pid = path.name.split(".")[-2].partition("-")[0]
         if pid.isdecimal() and not _alive(int(pid)):
-            path.unlink(missing_ok=True)
+            remove(path)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a folder with all that is in it; nothing where it is gone."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _alive(pid: int) -> bool:

@@ -24,12 +24,11 @@ import numpy as np
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.limits import human_bytes
 from heliosweep.grid.slabs import Part
-from heliosweep.store import zarr_result
+from heliosweep.store import temporary, zarr_result
 from heliosweep.store.digest import part_digest
 from heliosweep.store.encoding import numbers
 from heliosweep.store.journal import Journal
 from heliosweep.store.skeleton import Skeleton
-from heliosweep.store.temporary import temporary_name
 
 #: Folder of an unfinished study in its result folder.
 NAME = "working"
@@ -93,20 +92,20 @@ class WorkingStore:
         compression, level : str, int
             Of the values.
         """
-        temporary = temporary_name(folder)
+        unfinished = temporary.temporary_name(folder)
         with writing(folder):
             try:
-                temporary.mkdir()
-                skeleton.create_zarr(temporary / "values.zarr", cut, compression, level)
+                unfinished.mkdir()
+                skeleton.create_zarr(unfinished / "values.zarr", cut, compression, level)
                 said = {"format": FORMAT, "variables": list(skeleton.variables), "cut": cut, **identity}
                 text = json.dumps(said, indent=2, sort_keys=True, ensure_ascii=False)
-                (temporary / "study.json").write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
-                for place in temporary.rglob("*"):
+                (unfinished / "study.json").write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
+                for place in unfinished.rglob("*"):
                     _sync(place)
-                temporary.rename(folder)
+                unfinished.rename(folder)
                 _sync(folder.parent)
             finally:
-                shutil.rmtree(temporary, ignore_errors=True)
+                shutil.rmtree(unfinished, ignore_errors=True)
         return cls(folder)
 
     @property
@@ -220,12 +219,12 @@ def read_identity(folder: Path) -> dict[str, Any]:
 
 
 def remove(folder: Path) -> None:
-    """Remove a working store; one that is half removed is none any more."""
+    """Remove a working store: first its name, so that none is half removed."""
     with writing(folder):
         if folder.exists():
-            doomed = temporary_name(folder)
+            doomed = temporary.temporary_name(folder)
             folder.rename(doomed)
-            shutil.rmtree(doomed)
+            temporary.remove(doomed)
 
 
 @contextmanager
