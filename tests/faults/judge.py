@@ -70,7 +70,7 @@ class Overtime(BaseException):
 def complaints(problems: Iterable[Problem], path: str, text: str) -> Iterator[str]:
     """Yield what is wrong with the problems that a study file was refused with."""
     lines = _LINE_END.split(text)
-    problems = list(problems)
+    problems, longest = list(problems), max(map(len, lines))
     for problem in problems:
         if not problem.message or not problem.file:
             yield f"no message or no file: {problem!r}"
@@ -82,7 +82,7 @@ def complaints(problems: Iterable[Problem], path: str, text: str) -> Iterator[st
         if problem.file == path and not problem.message.startswith(_WHOLE_FILE):
             if problem.line is None or problem.column is None:
                 yield f"not located: {problem!r}"
-            elif not (1 <= problem.line <= len(lines) + 1 and 1 <= problem.column <= max(map(len, lines)) + 2):
+            elif not (1 <= problem.line <= len(lines) + 1 and 1 <= problem.column <= longest + 2):
                 yield f"located outside of the file: {problem!r}"
     if not 1 <= len(problems) <= 101:
         yield f"{len(problems)} problems"

@@ -86,6 +86,12 @@ def one_of(names: Iterable[str]) -> str:
     return f"{', '.join(most)} or {last}" if most else last
 
 
+def printable(text: str) -> str:
+    """Return text for messages: what would move or colour a terminal as an escape, and no more than 60 characters."""
+    text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text[:100])
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 def shown(value: object) -> str:
     """Return a short form of a value for messages, on one line and in the spelling of a study file."""
     if value is None:

@@ -16,6 +16,7 @@ import yaml
 
 from heliosweep.config.block import Block
 from heliosweep.config.distribution import Distribution
+from heliosweep.config.faults import printable
 from heliosweep.config.names import FileName
 from heliosweep.config.source import scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
@@ -25,6 +26,9 @@ from heliosweep.errors import StudyError
 if TYPE_CHECKING:
     from heliosweep.config.fields import Parameter
     from heliosweep.config.study import Study
+
+MAX_BYTES = 512 * 2**20
+"""Largest file that a study may name."""
 
 Rewrite = Callable[["Parameter | None", Any], Any]
 """Returns what is to stand for the value of a field with this declaration."""
@@ -133,11 +137,18 @@ def _even_dates(dates: DateList | DateRange) -> DateList | DateRange:
 def _digest(study: Study, key: str, name: str) -> str:
     """Return the SHA-256 of what a table says: without line ends, empty lines and comments."""
     try:
-        lines = study.resolve(name).read_bytes().removeprefix(codecs.BOM_UTF8).splitlines()
+        with study.resolve(name).open("rb") as file:
+            if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
+                raise StudyError(study.problem(key, f"{printable(name)} is larger than {MAX_BYTES // 2**20} MiB"))
+            digest, separator = hashlib.sha256(), b""
+            for number, part in enumerate(file):
+                for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():
+                    if line.strip() and not line.startswith(b"#"):
+                        digest.update(separator + line)
+                        separator = b"\n"
     except OSError as error:
-        raise StudyError(study.problem(key, f"cannot read {name}: {error.strerror}")) from None
-    said = (line for line in lines if line.strip() and not line.startswith(b"#"))
-    return hashlib.sha256(b"\n".join(said)).hexdigest()
+        raise StudyError(study.problem(key, f"cannot read {printable(name)}: {error.strerror}")) from None
+    return digest.hexdigest()
 
 
 class _Dumper(yaml.SafeDumper):

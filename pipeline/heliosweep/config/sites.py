@@ -12,9 +12,11 @@ from heliosweep.config.blocks import NamedSite, SiteFile
 from heliosweep.config.faults import did_you_mean
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
+from heliosweep.config.tables import table_text
 from heliosweep.config.translate import translate
 from heliosweep.errors import Problem, StudyError
 
+MAX_BYTES, MAX_PROBLEMS = 2**20, 100
 _NUMBERS = ("latitude", "longitude", "altitude")
 
 
@@ -32,14 +34,13 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     if not isinstance(sites, SiteFile):
         return sites
     path = study.resolve(sites.file)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(study.problem("sites.file", f"cannot read {sites.file}: {error}")) from None
+    text = table_text(path, str(path), MAX_BYTES)
     table: list[NamedSite] = []
     problems: list[Problem] = []
     lines: dict[str, int] = {}
     for line, row in _rows(text, str(path)):
+        if len(problems) > MAX_PROBLEMS:
+            break
         try:
             site = NamedSite.model_validate(row)
         except ValidationError as error:

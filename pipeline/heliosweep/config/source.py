@@ -16,11 +16,13 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 import yaml
 
-from heliosweep.config.faults import Path
+from heliosweep.config.faults import Path, printable
 from heliosweep.errors import Problem, StudyError
 
 MAX_BYTES = 2**20
 MAX_DEPTH = 50
+MAX_DUPLICATES = 99  # that are listed beside what stops the reading
+MAX_VALUES = 50_000  # with keys; pydantic takes kilobytes for each that is wrong
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _WORDS = {
@@ -113,8 +115,8 @@ def read(path: str | os.PathLike[str]) -> Source:
     ------
     StudyError
         The file cannot be read, is over 1 MiB, is not UTF-8 or not YAML, or uses what study files do not
-        allow: anchors and aliases, tags, several documents, more than 50 levels, a top level that is not a
-        mapping.
+        allow: anchors and aliases, tags, control characters, several documents, more than 50 levels or 50,000
+        keys and values, a top level that is not a mapping.
     """
     try:
         path = pathlib.Path(path)
@@ -164,7 +166,7 @@ def parse(text: str, path: pathlib.Path) -> Source:
 
 def dotted(path: Path) -> str:
     """Write a path as in messages: ``sites[0].latitude``."""
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{printable(str(part))}" for part in path).lstrip(".")
 
 
 class _Reader:
@@ -176,6 +178,7 @@ class _Reader:
         self.keys: dict[Path, Place] = {}
         self.values: dict[Path, Place] = {}
         self.problems: list[Problem] = []
+        self.count = 0
 
     def source(self) -> Source:
         if bad := _NOT_PRINTABLE.search(self.text):
@@ -194,7 +197,7 @@ class _Reader:
         return Source(data, self.path, self.keys, self.values, tuple(self.problems))
 
     def refuse(self, message: str, place: Place, at: Path = ()) -> NoReturn:
-        raise StudyError([*self.problems, Problem(message, dotted(at), str(self.path), *place)])
+        raise StudyError([*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), *place)])
 
     def document(self, events: Iterator[Any]) -> dict[str, Any]:
         next(events)  # the stream starts
@@ -212,7 +215,7 @@ class _Reader:
     def node(self, event: Any, events: Iterator[Any], at: Path) -> Any:
         place = _place(event.start_mark)
         self.values[at] = place
-        self.refuse_references(event, place, at)
+        self.refuse_unwanted(event, place, at)
         if isinstance(event, yaml.ScalarEvent):
             return scalar(event.value) if event.implicit[0] else event.value
         if len(at) >= MAX_DEPTH:
@@ -224,17 +227,23 @@ class _Reader:
             return items
         return self.mapping(events, at)
 
-    def refuse_references(self, event: Any, place: Place, at: Path) -> None:
+    def refuse_unwanted(self, event: Any, place: Place, at: Path) -> None:
+        """Refuse what study files do not allow, whether it stands for a key or for a value."""
+        self.count += 1
+        if self.count > MAX_VALUES:
+            self.refuse(f"holds more than {MAX_VALUES:,} keys and values; put long lists into a CSV table", place)
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             self.refuse("anchors (&) and aliases (*) are not allowed; write the value out", place, at)
         if event.tag is not None:
-            self.refuse(f"tags are not allowed (got {event.tag}); write the plain value", place, at)
+            self.refuse(f"tags are not allowed (got {printable(event.tag)}); write the plain value", place, at)
+        if isinstance(event, yaml.ScalarEvent) and (bad := _NOT_PRINTABLE.search(event.value)):
+            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, written as an escape neither", place, at)
 
     def mapping(self, events: Iterator[Any], at: Path) -> dict[str, Any]:
         data: dict[str, Any] = {}
         while not isinstance(event := next(events), yaml.MappingEndEvent):
             place = _place(event.start_mark)
-            self.refuse_references(event, place, at)
+            self.refuse_unwanted(event, place, at)
             if not isinstance(event, yaml.ScalarEvent):
                 self.refuse("a key must be plain text", place, at)
             key: str = event.value
