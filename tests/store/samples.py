@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from heliosweep.config.identity import resolved_yaml
+from heliosweep.config.study import Study
 from heliosweep.grid.slabs import Part, slabs
 from heliosweep.store import zarr_result
-from heliosweep.store.digest import part_digest
+from heliosweep.store.digest import content_digest, file_digest, part_digest, tree, tree_digest
 from heliosweep.store.encoding import Variable
 from heliosweep.store.netcdf import ResultWriter
 
@@ -65,24 +69,53 @@ def digests() -> dict[str, str]:
     return {part.name: part_digest(values(part)) for part in parts()}
 
 
-def write_netcdf(path: Path, level: int = 0) -> Path:
+def write_netcdf(path: Path, level: int = 0, attributes: Mapping[str, Any] = ATTRIBUTES) -> Path:
     storage = CUT["storage"] if level else {}
     variables = {
         name: Variable(item.dims, item.attrs, item.dtype, storage if "time" in item.dims else {})
         for name, item in VARIABLES.items()
     }
-    with ResultWriter(path, SIZES, COORDINATES, variables, ATTRIBUTES, level) as writer:
+    with ResultWriter(path, SIZES, COORDINATES, variables, attributes, level) as writer:
         for part in parts():
             writer.write(values(part), part.region)
     return path
 
 
-def write_zarr(path: Path, compression: zarr_result.Compression = "none", *, backwards: bool = False) -> Path:
+def write_zarr(
+    path: Path,
+    compression: zarr_result.Compression = "none",
+    *,
+    backwards: bool = False,
+    attributes: Mapping[str, Any] = ATTRIBUTES,
+) -> Path:
     chunks = {name: CUT["series" if "time" in item.dims else "points"] for name, item in VARIABLES.items()}
-    arrays = zarr_result.create(path, SIZES, COORDINATES, VARIABLES, ATTRIBUTES, chunks, compression, 1, CUT)
+    arrays = zarr_result.create(path, SIZES, COORDINATES, VARIABLES, attributes, chunks, compression, 1, CUT)
     for part in reversed([*parts()]) if backwards else parts():
         for name, array in values(part).items():
             index = tuple(part.region.get(dim, slice(None)) for dim in VARIABLES[name].dims)
             arrays[name][index] = array
     zarr_result.finish(path)
     return path
+
+
+def write_folder(folder: Path, study: Study, result: str = "result.nc", compression: str = "none") -> Path:
+    """Leave what a run leaves, but for the report; `compression` is zlib for a NetCDF file that is compressed."""
+    folder.mkdir()
+    attributes = {**ATTRIBUTES, "study_id": study.study_id}
+    if result == "result.nc":
+        path = write_netcdf(folder / result, int(compression == "zlib"), attributes)
+    else:
+        path = write_zarr(folder / result, compression, attributes=attributes)  # type: ignore[arg-type]
+    (folder / "study.resolved.yaml").write_text(resolved_yaml(study, relative_to=folder))
+    said = {
+        "study_id": study.study_id,
+        "result": {
+            "file": result,
+            "bytes": sum(tree(path).values()) if path.is_dir() else path.stat().st_size,
+            "sha256": tree_digest(path) if path.is_dir() else file_digest(path),
+            "content_digest": content_digest(path),
+        },
+        "parts": {"cut": CUT, "digests": digests()},
+    }
+    (folder / "manifest.json").write_text(json.dumps(said, sort_keys=True))
+    return folder

@@ -16,7 +16,7 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.grid.slabs import Part, slabs
 from heliosweep.store import zarr_result
 from heliosweep.store.lock import LIBRARY_LOCK
@@ -155,18 +155,18 @@ def locate(path: str | os.PathLike[str]) -> Path:
 
     Raises
     ------
-    HeliosweepError
+    StudyError
         There is none.
     """
     place = Path(path)
     if not place.exists():
-        raise HeliosweepError(f"{place}: there is no such file or folder")
+        raise StudyError(Problem("no such file or folder", file=str(place)))
     if not place.is_dir() or is_zarr(place):
         return place
     found = next((place / name for name in RESULTS if (place / name).exists()), None)
     if found is None:
         left = "; its run is unfinished" if (place / "working").is_dir() else ""
-        raise HeliosweepError(f"{place}: holds no result{left}")
+        raise StudyError(Problem(f"holds no result{left}", file=str(place)))
     return found
 
 

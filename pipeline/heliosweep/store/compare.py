@@ -1,0 +1,297 @@
+"""`heliosweep compare`: what is different between two results, by meaning and not by bytes."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heliosweep.errors import Problem, StudyError
+from heliosweep.store.digest import file_digest, tree, tree_digest
+from heliosweep.store.identity import changes
+from heliosweep.store.places import Places, units_of, value_text
+from heliosweep.store.raw import Raw, RawVariable, locate, open_raw
+
+#: Longest text of an attribute that is shown whole.
+_LONGEST = 60
+#: Attribute that holds the study as JSON.
+_STUDY = "study"
+
+
+@dataclass
+class Comparison:
+    """What is different between two results.
+
+    Parameters
+    ----------
+    a, b : pathlib.Path
+        The results.
+    same_bytes : bool
+        Whether they are the same to the last bit.
+    differences : list of str
+        One line each; empty where they mean the same.
+    notes : list of str
+        What is different and does not count, as values within the tolerances.
+    """
+
+    a: Path
+    b: Path
+    same_bytes: bool = False
+    differences: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def same(self) -> bool:
+        """Whether they mean the same."""
+        return not self.differences
+
+    @property
+    def lines(self) -> list[str]:
+        """All of it, the verdict last."""
+        if self.same_bytes:
+            verdict = "same bytes"
+        elif self.same:
+            within = " within the tolerances" if self.notes else ", in other bytes"
+            verdict = f"same content{within}"
+        else:
+            count = len(self.differences)
+            verdict = f"{count} difference{'s' if count > 1 else ''}"
+        return [f"A: {self.a}", f"B: {self.b}", *self.differences, *self.notes, verdict]
+
+    @property
+    def text(self) -> str:
+        """The lines as one text."""
+        return "\n".join(self.lines)
+
+
+def compare(
+    a: str | os.PathLike[str], b: str | os.PathLike[str], *, rtol: float = 0.0, atol: float = 0.0
+) -> Comparison:
+    """Tell two results apart: dimensions, variables, types, attributes and values.
+
+    Parameters
+    ----------
+    a, b : path
+        Result folders, NetCDF files or Zarr groups, of any kind each.
+    rtol, atol : float
+        Values count as the same that differ by at most ``atol + rtol * larger magnitude``.
+
+    Returns
+    -------
+    Comparison
+        NaN is the same as NaN; the order of variables and attributes, storage and compression do not count.
+
+    Raises
+    ------
+    StudyError
+        A path that holds no result, or a tolerance that is none.
+    HeliosweepError
+        A result that is damaged.
+    """
+    if not (rtol >= 0 and atol >= 0):
+        raise StudyError(Problem("tolerances must not be negative"))
+    first, second = locate(a), locate(b)
+    comparison = Comparison(first, second)
+    with open_raw(first) as one, open_raw(second) as two:
+        if _same_bytes(first, second):
+            comparison.same_bytes = True
+            return comparison
+        _Comparer(one, two, rtol, atol, comparison).run()
+    return comparison
+
+
+def _same_bytes(a: Path, b: Path) -> bool:
+    if a.is_dir() and b.is_dir():
+        return tree(a) == tree(b) and tree_digest(a) == tree_digest(b)
+    if a.is_dir() or b.is_dir() or a.stat().st_size != b.stat().st_size:
+        return False
+    return a.samefile(b) or file_digest(a) == file_digest(b)
+
+
+class _Comparer:
+    """Two open results, and what has been found so far."""
+
+    def __init__(self, a: Raw, b: Raw, rtol: float, atol: float, found: Comparison) -> None:
+        self.a, self.b, self.rtol, self.atol, self.found = a, b, rtol, atol, found
+        self.places = Places(a)
+
+    def run(self) -> None:
+        for dim in _either(self.a.sizes, self.b.sizes):
+            self._scalar(f"dimension {dim}", self.a.sizes.get(dim), self.b.sizes.get(dim))
+        self._attributes("", self.a.attributes, self.b.attributes)
+        for name in _either(self.a.variables, self.b.variables):
+            one, two = self.a.variables.get(name), self.b.variables.get(name)
+            if one is None or two is None:
+                self._say(f"{name}: only in {'B' if one is None else 'A'}")
+            else:
+                self._variable(name, one, two)
+
+    def _say(self, line: str) -> None:
+        self.found.differences.append(line)
+
+    def _scalar(self, what: str, a: object, b: object) -> None:
+        if a is None or b is None:
+            self._say(f"{what}: only in {'B' if a is None else 'A'}: {_short(b if a is None else a)}")
+        elif a != b:
+            self._say(f"{what}: {_short(a)} in A, {_short(b)} in B")
+
+    def _attributes(self, owner: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> None:
+        for name in _either(a, b):
+            one, two = _listed(a.get(name)), _listed(b.get(name))
+            if _equal(one, two):
+                continue
+            if not owner and name == _STUDY and (studies := _studies(one, two)):
+                for line in changes(*studies):
+                    self._say(f"study: {line}")
+                continue
+            self._scalar(f"{owner}attribute {name}", one, two)
+
+    def _variable(self, name: str, a: RawVariable, b: RawVariable) -> None:
+        self._attributes(f"{name}: ", a.attributes, b.attributes)
+        types = [("str" if item.text else item.dtype.name) for item in (a, b)]
+        if types[0] != types[1]:
+            self._say(f"{name}: {types[0]} in A, {types[1]} in B")
+        if a.dims != b.dims:
+            self._say(f"{name}: over {_dims(a)} in A, over {_dims(b)} in B; values not compared")
+        elif a.shape != b.shape:
+            self._say(f"{name}: values not compared, for the lengths differ")
+        elif a.text != b.text:
+            self._say(f"{name}: values not compared")
+        elif a.text:
+            self._texts(name, a)
+        else:
+            self._numbers(name, a)
+
+    def _texts(self, name: str, variable: RawVariable) -> None:
+        count, first = 0, ""
+        for index in self.a.pieces(name):
+            one, two = self.a.read(name, index), self.b.read(name, index)
+            different = np.asarray(one != two, dtype=bool)
+            if not count and different.any():
+                at = _first(different)
+                first = f"{one[at]!r} in A, {two[at]!r} in B{self._at(variable, index, at)}"
+            count += int(different.sum())
+        if count:
+            self._say(f"{name}: {_of(count, variable)} differ, first {first}")
+
+    def _numbers(self, name: str, variable: RawVariable) -> None:
+        tally = _Tally(self.rtol, self.atol)
+        for index in self.a.pieces(name):
+            tally.add(self.a.read(name, index), self.b.read(name, index), index)
+        for only, (count, place) in tally.nans.items():
+            if count:
+                where = self._at(variable, place, (0,) * len(place))
+                self._say(f"{name}: {_of(count, variable)} are NaN in {only} alone, first{where or ' the only one'}")
+        if tally.count:
+            self._say(f"{name}: {_of(tally.count, variable)} differ{self._largest(tally, variable)}")
+        if tally.within:
+            line = f"{name}: {_of(tally.within, variable)} differ within the tolerances"
+            self.found.notes.append(line if tally.count else f"{line}{self._largest(tally, variable)}")
+
+    def _largest(self, tally: _Tally, variable: RawVariable) -> str:
+        units = units_of(variable.attributes)
+        (size, one, two, place), (relative, *_, other) = tally.absolute, tally.relative
+        values = f"{value_text(one, units)} in A, {value_text(two, units)} in B"
+        length = f"{size:.6g} {'s' if ' since ' in units else units}".rstrip()
+        text = f"; largest difference {length}: {values}{self._at(variable, place, (0,) * len(place))}"
+        if np.isfinite(relative) and " since " not in units:
+            elsewhere = self._at(variable, other, (0,) * len(other)) if other != place else ""
+            text += f"; largest relative difference {relative:.3g}{elsewhere}"
+        return text
+
+    def _at(self, variable: RawVariable, index: tuple[slice, ...], at: tuple[int, ...]) -> str:
+        position = tuple(span.start + step for span, step in zip(index, at, strict=True))
+        return f" at {self.places.at(variable.dims, position)}" if position else ""
+
+
+Place = tuple[slice, ...]
+
+
+class _Tally:
+    """Differences between two arrays that come in pieces."""
+
+    def __init__(self, rtol: float, atol: float) -> None:
+        self.rtol, self.atol = rtol, atol
+        self.count = self.within = 0
+        self.nans: dict[str, tuple[int, Place]] = {"A": (0, ()), "B": (0, ())}
+        nothing = (-1.0, np.float64(0), np.float64(0), ())
+        self.absolute: tuple[float, Any, Any, Place] = nothing
+        self.relative: tuple[float, Any, Any, Place] = nothing
+
+    def add(self, a: np.ndarray, b: np.ndarray, index: Place) -> None:
+        """Take in one piece of both."""
+        different = np.asarray(a != b)
+        if not different.any():
+            return
+        if a.dtype.kind == "f" or b.dtype.kind == "f":
+            nan_a, nan_b = np.isnan(a), np.isnan(b)
+            for only, alone in (("A", nan_a & ~nan_b), ("B", nan_b & ~nan_a)):
+                count, place = self.nans[only]
+                if new := int(alone.sum()):
+                    self.nans[only] = count + new, place if count else _place(index, _first(alone))
+            different &= ~(nan_a | nan_b)
+            if not different.any():
+                return
+        at = np.nonzero(np.atleast_1d(different))
+        one, two = np.atleast_1d(a)[at], np.atleast_1d(b)[at]
+        x, y = one.astype(np.float64), two.astype(np.float64)
+        with np.errstate(all="ignore"):
+            size, larger = np.abs(x - y), np.maximum(np.abs(x), np.abs(y))
+            relative = np.where(np.isfinite(larger), size / larger, np.inf)
+            beyond = ~(size <= self.atol + self.rtol * larger) | ~np.isfinite(size)
+        if not self.atol and not self.rtol:
+            beyond[:] = True  # also of integers too long for these numbers to tell apart
+        self.count += int(beyond.sum())
+        self.within += int((~beyond).sum())
+        for key, values in (("absolute", size), ("relative", relative)):
+            largest = int(np.argmax(values))
+            if values[largest] > getattr(self, key)[0]:
+                place = _place(index, tuple(int(axis[largest]) for axis in at))
+                setattr(self, key, (float(values[largest]), one[largest], two[largest], place))
+
+
+def _place(index: Place, at: tuple[int, ...]) -> Place:
+    return tuple(slice(span.start + step, span.start + step + 1) for span, step in zip(index, at, strict=False))
+
+
+def _first(mask: np.ndarray) -> tuple[int, ...]:
+    return tuple(int(axis) for axis in np.unravel_index(int(mask.argmax()), mask.shape))
+
+
+def _either(a: Iterable[str], b: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys([*a, *b]))
+
+
+def _listed(value: Any) -> Any:
+    """One number and a list of one are the same to NetCDF."""
+    return value[0] if isinstance(value, list) and len(value) == 1 else value
+
+
+def _equal(a: Any, b: Any) -> bool:
+    return a == b or (a != a and b != b)  # NaN, as the fill value
+
+
+def _studies(a: Any, b: Any) -> tuple[Any, Any] | None:
+    try:
+        studies = json.loads(a), json.loads(b)
+    except (TypeError, ValueError, RecursionError):
+        return None
+    return studies if changes(*studies) else None
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...{text[-1]}"
+
+
+def _dims(variable: RawVariable) -> str:
+    return f"({', '.join(variable.dims)})"
+
+
+def _of(count: int, variable: RawVariable) -> str:
+    return f"{count:,} of {int(np.prod(variable.shape, dtype=np.int64)):,} values"

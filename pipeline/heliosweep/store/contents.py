@@ -1,0 +1,179 @@
+"""What a result holds against what its manifest says, part by part.
+
+A damaged NetCDF file can keep the HDF5 library in an endless loop, which nothing inside the process ends. What is
+known to be damaged is therefore read by a process of its own (`check_apart`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.slabs import Part
+from heliosweep.store.digest import content_digest, part_digest
+from heliosweep.store.places import Places
+from heliosweep.store.raw import Raw, open_raw, stored_parts
+
+#: Damaged parts that are named; of more, the number is told.
+_NAMED = 20
+#: Time for reading what is damaged, besides that for its length; and address space. [s, bytes]
+_PATIENCE, _BYTES_PER_SECOND, _ROOM = 60.0, 20e6, 8 * 2**30
+
+
+def read_part(path: str | os.PathLike[str], part: Part, digest: str | None = None) -> dict[str, np.ndarray] | None:
+    """Values of one part of a result, as stored.
+
+    Parameters
+    ----------
+    path : path
+        The result, of either format.
+    part : Part
+        Which part.
+    digest : str, optional
+        What `part_digest` of its values must be.
+
+    Returns
+    -------
+    dict of str to ndarray, optional
+        None where they cannot be read, or are others than the digest says.
+    """
+    try:
+        with open_raw(path) as raw:
+            values = part_values(raw, part)
+    except HeliosweepError:
+        return None
+    return values if digest is None or part_digest(values) == digest else None
+
+
+def part_values(raw: Raw, part: Part) -> dict[str, np.ndarray]:
+    """Values of one part of an open result.
+
+    Raises
+    ------
+    HeliosweepError
+        They cannot be read.
+    """
+    return {name: raw.read(name, raw.index(name, part.region)) for name in raw.of_kind(part.kind)}
+
+
+def check_parts(raw: Raw, cut: Mapping[str, Any], digests: Mapping[str, str]) -> tuple[int, list[str]]:
+    """Compare the digests of parts with those of the values.
+
+    Parameters
+    ----------
+    raw : Raw
+        Open result.
+    cut : mapping
+        How it was cut.
+    digests : mapping of str to str
+        SHA-256 by name of the part; parts that are not named are passed over.
+
+    Returns
+    -------
+    int
+        Parts that there are.
+    list of str
+        What is wrong, one line for each damaged part.
+    """
+    places, count, wrong = Places(raw), 0, []
+    for part in stored_parts(cut, raw.sizes):
+        count += 1
+        if part.name not in digests:
+            continue
+        try:
+            damage = "" if part_digest(part_values(raw, part)) == digests[part.name] else "is not what was computed"
+        except HeliosweepError as error:
+            damage = str(error).removeprefix(f"{raw.path}: ")
+        if damage:
+            where = places.within(part.region)
+            wrong.append(f"part {part.name}{f' ({where})' if where else ''}: {damage}")
+    return count, wrong
+
+
+def check(path: Path, manifest: Mapping[str, Any]) -> list[str]:
+    """Compare what a result holds with its manifest.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The result.
+    manifest : mapping
+        Its manifest.
+
+    Returns
+    -------
+    list of str
+        What is wrong.
+    """
+    try:
+        with open_raw(path) as raw:
+            wrong = _check_identity(raw, manifest)
+            parts = manifest.get("parts")
+            if isinstance(parts, Mapping):
+                if names := parts.get("variables"):
+                    raw = replace(raw, record={**raw.record, "variables": names})
+                digests = parts["digests"]
+                count, damaged = check_parts(raw, parts["cut"], digests)
+                wrong += damaged[:_NAMED]
+                if len(damaged) > _NAMED:
+                    wrong.append(f"and {len(damaged) - _NAMED:,} more parts are damaged")
+                if len(digests) != count:
+                    wrong.append(f"manifest.json has digests of {len(digests):,} parts, the result has {count:,}")
+            expected = manifest["result"].get("content_digest")
+            if not wrong and expected and content_digest(path) != expected:
+                wrong.append("attributes or coordinates are not those that were written (the values are)")
+    except HeliosweepError as error:
+        return [str(error).removeprefix(f"{path}: ")]
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        return [f"manifest.json does not fit the result ({type(error).__name__}: {error})"]
+    return wrong
+
+
+def _check_identity(raw: Raw, manifest: Mapping[str, Any]) -> list[str]:
+    said, found = manifest.get("study_id"), raw.attributes.get("study_id")
+    return [] if said == found else [f"is of study {found}, manifest.json of study {said}"]
+
+
+def check_apart(path: Path, manifest: Mapping[str, Any]) -> list[str]:
+    """Do `check` in a process of its own, which may hang or die of what it reads."""
+    size = path.stat().st_size
+    command = [sys.executable, "-m", "heliosweep.store.contents", str(path)]
+    try:
+        done = subprocess.run(
+            command,
+            input=json.dumps(manifest),
+            capture_output=True,
+            text=True,
+            timeout=_PATIENCE + size / _BYTES_PER_SECOND,
+            check=False,
+        )
+        wrong = json.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        return ["cannot be read to its end: its structure is damaged"]
+    except ValueError:
+        return [f"cannot be read: its structure is damaged (the library ended with code {done.returncode})"]
+    return [str(line) for line in wrong]
+
+
+def main() -> int:
+    """Check the result named on the command line against the manifest on standard input."""
+    if os.name == "posix":
+        import resource
+
+        with_limit = (_ROOM, resource.getrlimit(resource.RLIMIT_AS)[1])
+        resource.setrlimit(resource.RLIMIT_AS, with_limit)
+    print(json.dumps(check(Path(sys.argv[1]), json.load(sys.stdin))))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
