@@ -47,3 +47,61 @@ def test_the_user_has_the_last_word(groups, tmp_path):
 @pytest.mark.parametrize("name", ["a/b/c", "n" * 300, "nul\0"])
 def test_free_disk_of_the_nearest_parent_that_can_be_looked_at(tmp_path, name):
     assert limits.machine_limits(1, 1, tmp_path / name).disk > 0
+
+
+@pytest.fixture
+def old_groups(groups, tmp_path) -> Path:
+    """Control groups of version 1 around the same processes; returns the folder of all."""
+    lines = "9:name=systemd:/\n4:memory:/outer/inner\n3:cpu,cpuacct:/outer/inner\n0::/\n"
+    (tmp_path / "proc/self/cgroup").write_text(lines)
+    for folder in ("memory/outer/inner", "cpu,cpuacct/outer/inner"):
+        (groups / folder).mkdir(parents=True)
+    return groups
+
+
+def test_control_groups_of_version_1_count_as_well(old_groups, tmp_path):
+    (old_groups / "memory/memory.limit_in_bytes").write_text("9223372036854771712\n")
+    (old_groups / "memory/outer/memory.limit_in_bytes").write_text("2000000000\n")
+    (old_groups / "memory/outer/inner/memory.limit_in_bytes").write_text("9223372036854771712\n")
+    (old_groups / "cpu,cpuacct/cpu.cfs_quota_us").write_text("-1\n")
+    (old_groups / "cpu,cpuacct/cpu.cfs_period_us").write_text("100000\n")
+    (old_groups / "cpu,cpuacct/outer/inner/cpu.cfs_quota_us").write_text("250000\n")
+    (old_groups / "cpu,cpuacct/outer/inner/cpu.cfs_period_us").write_text("100000\n")
+    found = limits.machine_limits(None, None, tmp_path)
+    assert (found.workers, found.memory) == (3, 1_600_000_000)
+
+
+def test_a_container_sees_its_group_as_the_root(old_groups, tmp_path):
+    (tmp_path / "proc/self/cgroup").write_text("4:memory:/docker/0123\n0::/docker/0123\n")
+    (old_groups / "memory/memory.limit_in_bytes").write_text("1000000000\n")
+    assert limits.machine_limits(None, None, tmp_path).memory == 800_000_000
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_what_others_of_the_group_hold_is_not_available(old_groups, tmp_path, version):
+    folder = old_groups / ("memory/outer" if version == 1 else "")
+    limit, used, cached = (
+        ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_cache")
+        if version == 1
+        else ("memory.max", "memory.current", "file")
+    )
+    (tmp_path / "proc/self/statm").write_text(f"900 {100_000_000 // os.sysconf('SC_PAGE_SIZE')} 0\n")
+    (folder / limit).write_text("2000000000\n")
+    (folder / used).write_text("900000000\n")
+    (folder / "memory.stat").write_text(f"anon 1\n{cached} 300000000\n")
+    memory = limits.machine_limits(None, None, tmp_path).memory
+    assert memory == pytest.approx(0.8 * 1_500_000_000, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "left"), [("RLIMIT_AS", limits.UNUSED_ADDRESSES), ("RLIMIT_DATA", limits.UNUSED_DATA)]
+)
+def test_limits_of_the_process_count(groups, tmp_path, monkeypatch, kind, left):
+    resource = pytest.importorskip("resource")
+    given = {getattr(resource, kind): 3 * 2**30}
+    unlimited = resource.RLIM_INFINITY
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (given.get(kind, unlimited), unlimited))
+    found = limits.machine_limits(2, None, tmp_path)
+    assert found.memory == int(0.8 * (3 * 2**30 - left - 2 * limits.UNUSED_PER_WORKER))
+    given[getattr(resource, kind)] = 2**20
+    assert limits.machine_limits(2, None, tmp_path).memory == 0

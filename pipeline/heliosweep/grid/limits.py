@@ -10,8 +10,17 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-#: What the system says of this process, and where the limits of control groups (version 2) are; Linux only.
+try:
+    import resource
+except ImportError:  # no Unix
+    resource = None  # type: ignore[assignment]
+
+#: What the system says of this process, and where the limits of control groups are; Linux only.
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+#: Names of limit, use and cached files in control groups of version 1, and what stands there without a limit. [bytes]
+_MEMORY_1, _NO_LIMIT = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_cache"), 2**60
+#: Addresses and data that a process asks for and does not use: of the libraries, and of each thread. [bytes]
+UNUSED_ADDRESSES, UNUSED_DATA, UNUSED_PER_WORKER = 1100 * 2**20, 200 * 2**20, 80 * 2**20
 
 
 @dataclass(frozen=True)
@@ -31,7 +40,8 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     workers : int, optional
         Asked for by the user; otherwise the processors that this process may use, its control group considered.
     memory : int, optional
-        Asked for by the user; otherwise 80 % of what is available now, or of the limit of its control group. [bytes]
+        Asked for by the user; otherwise 80 % of what is available now, or of what its control groups and the limits
+        of the process (``ulimit -v``, ``-d``) leave. [bytes]
     folder : path
         Where the result will be written; the nearest existing parent tells the free disk.
 
@@ -39,9 +49,10 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     -------
     Limits
     """
+    workers = workers or _processors()
     return Limits(
-        workers or _processors(),
-        memory or int(0.8 * _available_memory()),
+        workers,
+        memory or int(0.8 * _available_memory(workers)),
         _free_disk(Path(folder).absolute()),
     )
 
@@ -49,10 +60,11 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
 def _processors() -> int:
     affinity = getattr(os, "sched_getaffinity", None)
     usable = len(affinity(0)) if affinity else os.cpu_count() or 1
-    return min([usable, *(math.ceil(int(quota) / int(period)) for quota, period in _group_limits("cpu.max"))])
+    quotas = [math.ceil(quota / period) for quota, period in _group_quotas() if quota > 0 and period > 0]
+    return max(1, min([usable, *quotas]))
 
 
-def _available_memory() -> int:
+def _available_memory(workers: int) -> int:
     """Memory that can be had without swapping; where the system does not tell, a careful 4 GB. [bytes]."""
     try:
         text = (_PROC / "meminfo").read_text(encoding="ascii")
@@ -60,23 +72,87 @@ def _available_memory() -> int:
         available = int(lines["MemAvailable"].split()[0]) * 1024
     except (OSError, KeyError, ValueError):
         available = 4 * 2**30
-    return min([available, *(int(limit) for (limit,) in _group_limits("memory.max"))])
+    return max(0, min([available, *_group_memory(), *_process_memory(workers)]))
 
 
-def _group_limits(name: str) -> Iterator[list[str]]:
-    """Words of the file `name` in this process's control group and in those around it that set a limit."""
+def _process_memory(workers: int) -> Iterator[int]:
+    """What the limits of this process (``ulimit -v`` and ``-d``) leave of memory. [bytes]."""
+    if resource is None:
+        return
+    for kind, unused in (("RLIMIT_AS", UNUSED_ADDRESSES), ("RLIMIT_DATA", UNUSED_DATA)):
+        limit, _ = resource.getrlimit(getattr(resource, kind))
+        if limit != resource.RLIM_INFINITY:
+            yield limit - unused - workers * UNUSED_PER_WORKER
+
+
+def _group_memory() -> Iterator[int]:
+    """What the limits of this process's control groups leave of memory. [bytes]."""
+    for place in _group_folders("memory"):
+        for limit, used, cached in (("memory.max", "memory.current", "file"), _MEMORY_1):
+            allowed = _number(place / limit)
+            if allowed is not None and allowed < _NO_LIMIT:
+                # What other processes of the group hold; files in the cache give way.
+                others = (_number(place / used) or 0) - _statistic(place / "memory.stat", cached) - _own_memory()
+                yield allowed - max(0, others)
+
+
+def _group_quotas() -> Iterator[tuple[int, int]]:
+    """Processor time and the period it is for, of this process's control groups."""
+    for place in _group_folders("cpu"):
+        with suppress(OSError, ValueError):
+            quota, period = (place / "cpu.max").read_text(encoding="ascii").split()
+            if quota != "max":
+                yield int(quota), int(period)
+        quota_1, period_1 = (_number(place / f"cpu.cfs_{name}_us") for name in ("quota", "period"))
+        if quota_1 is not None and period_1 is not None:
+            yield quota_1, period_1
+
+
+def _group_folders(controller: str) -> Iterator[Path]:
+    """Folders of this process's control groups and of those around them, of both versions, innermost first."""
     try:
         groups = (_PROC / "self/cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
     except OSError:
         return
-    for own in (line.removeprefix("0::/") for line in groups if line.startswith("0::/")):
-        place = _CGROUPS / own
-        while place.is_relative_to(_CGROUPS):
-            with suppress(OSError):
-                words = (place / name).read_text(encoding="ascii").split()
-                if words[0] != "max":
-                    yield words
-            place = place.parent
+    for line in groups:
+        number, _, rest = line.partition(":")
+        controllers, _, own = rest.partition(":")
+        if number == "0" and not controllers:
+            roots = [_CGROUPS, _CGROUPS / "unified"]
+        elif controller in controllers.split(","):
+            roots = [_CGROUPS / controllers, _CGROUPS / controller]
+        else:
+            continue
+        for root in roots:
+            # Within a container the name is that outside of it, and the group itself is the root.
+            place = root / own.removeprefix("/")
+            while place.is_relative_to(root):
+                yield place
+                place = place.parent
+
+
+def _number(file: Path) -> int | None:
+    try:
+        return int(file.read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
+def _statistic(file: Path, name: str) -> int:
+    """A number of a file of names and numbers; 0 where it is missing."""
+    with suppress(OSError, ValueError):
+        for line in file.read_text(encoding="ascii").splitlines():
+            if line.startswith(f"{name} "):
+                return int(line.split()[1])
+    return 0
+
+
+def _own_memory() -> int:
+    """Memory that this process holds already. [bytes]."""
+    with suppress(OSError, ValueError, IndexError):
+        pages = int((_PROC / "self/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    return 0
 
 
 def _free_disk(folder: Path) -> int:
