@@ -106,7 +106,7 @@ def test_a_flipped_bit_anywhere_in_a_file_is_found(folder):
     if not path.exists():
         pytest.skip("of NetCDF files")
     rng, whole = random.Random(1), path.read_bytes()
-    for _ in range(6):
+    for _ in range(3):
         flip(path, rng.randrange(len(whole)), rng.randrange(8))
         assert not verify(folder).ok
         path.write_bytes(whole)
@@ -171,11 +171,18 @@ def test_a_changed_attribute_is_found_though_the_values_are_right(plain):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"result": 3}', '{"result": {}}', "[" * 50_000, "\x00"])
-def test_a_manifest_that_is_none(folder, text):
-    (folder / "manifest.json").write_text(text)
-    done = verify(folder)
+def test_a_manifest_that_is_none(zarr, text):
+    (zarr / "manifest.json").write_text(text)
+    done = verify(zarr)
     assert not done.ok
     assert "manifest.json" in done.text
+
+
+def test_a_file_without_its_manifest(plain):
+    (plain / "manifest.json").unlink()
+    assert verify(plain).problems == ["manifest.json: is missing; run the study again to write it"]
+    os.truncate(plain / "result.nc", 9000)
+    assert "is no NetCDF file, or damaged" in verify(plain).text
 
 
 @pytest.mark.parametrize(
