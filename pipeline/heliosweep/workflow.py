@@ -86,7 +86,14 @@ def plan(study: Study, output: str | os.PathLike[str] | None = None) -> Plan:
     # The parts stay on the disk until the file that is made of them is whole; what is there already takes no more.
     copies = 2 if study.output.format == "netcdf" else 1
     limits = replace(limits, disk=limits.disk + _size(folder / "working"))
-    return make_plan(family_of(study).workload(study), limits, execution.chunks, processes=processes, copies=copies)
+    workload = family_of(study).workload(study)
+    try:
+        return make_plan(workload, limits, execution.chunks, processes=processes, copies=copies)
+    except StudyError as error:  # the plan knows keys, not where they stand
+        located = (
+            problem if problem.file else study.problem(problem.key, problem.message) for problem in error.problems
+        )
+        raise StudyError(located) from None
 
 
 def _size(folder: Path) -> int:

@@ -125,7 +125,7 @@ def judge(path: Path, text: str, name: str, run_into: Path | None = None) -> Ver
 
 def _is_tiny(study: Any, planned: Any) -> bool:
     quick = planned.seconds < RUN_SECONDS and planned.output_bytes < RUN_BYTES and planned.blocks < 100
-    return quick and study.execution.scheduler != "processes"
+    return quick and study.execution.scheduler in ("threads", "synchronous")
 
 
 def _last_calls(error: BaseException) -> str:

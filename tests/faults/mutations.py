@@ -384,6 +384,29 @@ def _sweep_numbers(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str]
 
 
 @_structure
+def _nudge_numbers(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+    numbers = [(where, key) for where, key in places if isinstance(where[key], str) and _is_number(where[key])]
+    for where, key in random.sample(numbers, min(len(numbers), 2)):
+        changed = float(where[key]) * random.choice((0.5, 0.9, 1, 1.1, 2))
+        where[key] = f"{changed + random.choice((-1, 0, 0, 1)):.6g}"
+
+
+@_structure
+def _options(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+    """Change what never changes a number."""
+    lengths = random.choice(("1", "7", "1000000000000", "0", "x", "18446744073709551616"))
+    names = random.choice(("time", "hour", "heliostat", "site", "nowhere", "latitude", "seed", "'../../x'", "''"))
+    raw["OPTIONS"] = random.choice((
+        f"{{chunks: {{{names}: {lengths}}}}}", f"{{workers: {lengths}}}", f"{{memory: {lengths}}}", "{memory: 1 GB}",
+        f"{{scheduler: {random.choice(('threads', 'processes', 'synchronous', 'tcp://0.0.0.0:1', 'dask'))}}}",
+        "{time_series: true}", "{time_series: true, compression: zlib, compression_level: 9}", "{compression: pickle}",
+        f"{{published: {{file: {random.choice(FILES)}, source: x}}}}",
+    ))  # fmt: skip
+    if isinstance(data, dict):
+        data[random.choice(("execution", "execution", "output", "report"))] = "OPTIONS"
+
+
+@_structure
 def _title(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
     raw[token := _TOKEN.format(0)] = random.choice(SCALARS)
     key = random.choice(("title", "description", "references"))
@@ -438,6 +461,12 @@ _CHANGES: list[Change] = [
     lambda text, random: _flood(text, random) if random.random() < 0.15 else _word(text, random),
 ]  # fmt: skip
 _GENTLE: list[Change] = [
+    _nudge_numbers,
+    _nudge_numbers,
+    _nudge_numbers,
+    _options,
+    _options,
+    _title,
     _scale_numbers,
     _scale_numbers,
     _sweep_numbers,

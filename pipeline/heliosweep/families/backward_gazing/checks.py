@@ -175,6 +175,7 @@ def _seen(places: np.ndarray, azimuth: float, elevation: float, tilt: float, fac
 
 def _in_line(places: np.ndarray) -> bool:
     spread = places - places.mean(axis=0)
+    spread /= np.abs(spread).max() or 1.0  # squares of far places overflow
     yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
     return not yy * zz - yz * yz > 1e-12 * (yy + zz) ** 2
 

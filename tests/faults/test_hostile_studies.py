@@ -1,0 +1,339 @@
+"""Whatever a study file holds, it can be planned or is refused where it is wrong, quickly and in little memory.
+
+``make faults`` tries thousands of mutated files, ``make test`` some hundreds.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import re
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import heliosweep
+from heliosweep import workflow
+from heliosweep.config.source import MAX_BYTES, MAX_VALUES
+from heliosweep.errors import StudyError
+from tests.conftest import SMALL
+from tests.faults.judge import Pool, Verdict, complaints
+from tests.faults.mutations import (
+    FILES,
+    FLOOD_HEADS,
+    FLOODS,
+    KEYS,
+    SCALARS,
+    STRUCTURES,
+    corpus,
+    flooded,
+    hostile_folder,
+    mutated,
+)
+
+#: How many mutated files are tried by `make test` and by `make faults`; every which one of them is also run.
+QUICK, LONG, RUN_EVERY = 300, 12_000, 20
+
+
+@pytest.fixture(scope="module")
+def pool(tmp_path_factory):
+    pool = Pool(tmp_path_factory.mktemp("hostile"))
+    yield pool
+    pool.close()
+
+
+def all_right(verdicts: Iterable[Verdict]) -> Counter[str]:
+    """Count the outcomes, and fail where one is a defect."""
+    verdicts = list(verdicts)
+    defects = [f"{verdict.name}: {verdict.defect}" for verdict in verdicts if verdict.defect]
+    if len(verdicts) > 1:  # shown by pytest -rP
+        slowest, largest = max(verdicts, key=lambda one: one.seconds), max(verdicts, key=lambda one: one.bytes)
+        most = f"{slowest.seconds:.2f} s ({slowest.name}), {largest.bytes / 1e6:.0f} MB ({largest.name})"
+        print(f"{Counter(verdict.outcome for verdict in verdicts)}, at most {most}")
+    assert not defects, "\n".join([f"{len(defects)} of {len(verdicts)} files", *defects[:20]])
+    return Counter(verdict.outcome for verdict in verdicts)
+
+
+def test_some_mutated_files(pool):
+    outcomes = all_right(pool.judge((str(seed), None, seed % RUN_EVERY == 0) for seed in range(QUICK)))
+    assert outcomes["refused"] > QUICK / 2
+    assert outcomes["plan"] > QUICK / 20  # or the mutations would only ever try the reader
+    assert outcomes["ran"]
+
+
+@pytest.mark.long
+def test_many_mutated_files(pool):
+    seeds = range(QUICK, QUICK + LONG)
+    outcomes = all_right(pool.judge((str(seed), None, seed % RUN_EVERY == 0) for seed in seeds))
+    assert outcomes["plan"] > LONG / 20
+    assert outcomes["ran"] > LONG / RUN_EVERY / 20
+
+
+@pytest.mark.long
+def test_floods(pool):
+    """Files of the largest size that is read, full of something small."""
+
+    def tasks() -> Iterable[tuple[str, bytes, bool]]:
+        for head, piece in itertools.product(FLOOD_HEADS, FLOODS):
+            text = flooded("" if head.startswith("{") else corpus()[0], piece, head, MAX_BYTES - 5000)
+            ends = "]" * head.count("[") + "}" * head.count("{")
+            for end in {"", ends}:
+                content = (text + end).encode()
+                yield f"{head!r} {piece!r} {end!r}", content[:MAX_BYTES], False
+
+    all_right(pool.judge(tasks()))
+
+
+def test_some_floods(pool):
+    pieces = ("[], ", "a: 1\n", "1, ", "{name: a, latitude: 91, timezone: x}, ", "? ")
+    heads = ("x: " + "[" * 45, "sites: [", "")
+    contents = (flooded(corpus()[0], piece, head, MAX_BYTES) for head, piece in itertools.product(heads, pieces))
+    all_right(pool.judge((f"flood {number}", text.encode(), False) for number, text in enumerate(contents)))
+
+
+hostile = st.sampled_from([*SCALARS, *STRUCTURES, *FILES])
+values = st.recursive(
+    hostile | st.floats().map(str) | st.integers().map(str) | st.text(max_size=20),
+    lambda inner: (
+        st.lists(inner, max_size=4).map(lambda items: f"[{', '.join(items)}]")
+        | st.dictionaries(st.sampled_from(KEYS), inner, max_size=4).map(
+            lambda items: "{" + ", ".join(f"{key}: {item}" for key, item in items.items()) + "}"
+        )
+    ),
+    max_leaves=6,
+)
+keys = st.sampled_from([*KEYS, *SMALL, "sites", "zip", "execution", "output", "report", "references"])
+relaxed = settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@given(content=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode(errors="surrogatepass")))
+@relaxed
+def test_any_content(pool, content):
+    all_right([pool.one(content)])
+
+
+@given(changes=st.lists(st.tuples(keys, values), min_size=1, max_size=4), family=st.sampled_from(corpus()))
+@relaxed
+def test_any_structure(pool, changes, family):
+    """Keys of a study, replaced or added, with anything below them."""
+    blocks = yaml.safe_load(family)
+    lines = [
+        yaml.safe_dump({key: value}, default_flow_style=True, width=10**6).strip()[1:-1] + "\n"
+        for key, value in blocks.items()
+        if key not in dict(changes)
+    ]
+    content = "".join([*lines, *(f"{key}: {value}\n" for key, value in changes)])
+    all_right([pool.one(content.encode(errors="surrogatepass"))])
+
+
+def test_mutations_follow_from_the_seed():
+    assert [mutated(seed) for seed in range(40)] == [mutated(seed) for seed in range(40)]
+    assert len({mutated(seed) for seed in range(200)}) > 190
+
+
+# The judge itself must be able to say no.
+
+
+def test_the_judge_tells_time_memory_and_tracebacks(pool, tmp_path, monkeypatch):
+    from tests.faults import judge
+
+    path = tmp_path / "study.yaml"
+    path.write_text("family: x")
+
+    monkeypatch.setattr(judge, "SECONDS", 0.2)
+
+    def verdict(load) -> str:
+        monkeypatch.setattr(judge.workflow, "load", load)
+        return judge.judge(path, "family: x", "one").defect
+
+    def forever(_):
+        while True:
+            pass
+
+    assert "Overtime" in verdict(forever)
+    assert "MemoryError" in verdict(lambda _: bytearray(8 * judge.BYTES))
+    assert "ZeroDivisionError" in verdict(lambda _: 1 / 0)
+    assert "RecursionError" in verdict(lambda _: (deep := lambda: deep())())
+
+
+@pytest.mark.parametrize(
+    ("problem", "said"),
+    [
+        ({"message": "is wrong", "file": "s.yaml", "line": 1, "column": 1}, ""),
+        ({"message": "is wrong", "file": "s.yaml", "key": "a"}, "not located"),
+        ({"message": "is wrong", "key": "a"}, "no file"),
+        ({"message": "is wrong", "file": "s.yaml", "line": 9, "column": 1}, "outside"),
+        ({"message": "is \x1b[31m", "file": "t.csv"}, "terminal"),
+    ],
+)
+def test_the_judge_reads_the_problems(problem, said):
+    from heliosweep.errors import Problem
+
+    found = "\n".join(complaints([Problem(**problem)], "s.yaml", "family: x\n"))
+    assert said in found
+    assert bool(found) == bool(said)
+
+
+# What was found, each by the smallest file that shows it.
+
+
+def refusal(folder: Path, text: str | bytes) -> list[str]:
+    """Return the messages with which a study file is refused, the name of its folder left out."""
+    path = folder / "study.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(StudyError) as error:
+        workflow.plan(workflow.load(path))
+    return [str(problem).replace(f"{folder}/", "") for problem in error.value.problems]
+
+
+def test_control_characters_written_as_escapes(tmp_path):
+    said = refusal(tmp_path, 'title: "\\e[2J\\0"\n')
+    assert said == ["study.yaml:1:8: title: character U+001B is not allowed, written as an escape neither"]
+
+
+def test_keys_that_would_move_a_terminal(tmp_path):
+    said = refusal(tmp_path, 'family: dish_tracking\n"a\\n\u202e": 1\n')
+    assert any(line.startswith("study.yaml:2:1: a\\n\\u202e: unknown key") for line in said)
+    said = refusal(tmp_path, "a: !%0A%E2%80%AE x\n")
+    assert said == ["study.yaml:1:4: a: tags are not allowed (got !\\n\\u202e); write the plain value"]
+
+
+def test_long_keys_are_cut(tmp_path):
+    assert all(len(line) < 300 for line in refusal(tmp_path, "family: dish_tracking\n" + "k" * 900 + ": 1\n"))
+
+
+def test_more_values_than_a_study_holds(tmp_path):
+    said = refusal(tmp_path, "x: " + "[" * 45 + "1," * MAX_VALUES)
+    assert said == [
+        f"study.yaml:1:{49 + 2 * (MAX_VALUES - 47)}: holds more than 50,000 keys and values; "
+        "put long lists into a CSV table"
+    ]
+
+
+def test_many_duplicates_before_what_cannot_be_read(tmp_path):
+    assert len(refusal(tmp_path, "a: 1\n" * 500 + "b: *c\n")) == 100
+
+
+def test_tables_of_wrong_sites_are_cut(tmp_path):
+    (tmp_path / "sites.csv").write_text("name,latitude\n" + "".join(f"n{number},91\n" for number in range(500)))
+    text = yaml.safe_dump({**SMALL, "site": None, "sites": {"file": "sites.csv"}}).replace("site: null\n", "")
+    assert len(refusal(tmp_path, text)) == 101
+
+
+@pytest.mark.parametrize(
+    "name", ["sparse.csv", "fifo", "/proc/self/mem", "/dev/zero", "../../../../dev/zero", "folder"]
+)
+@pytest.mark.parametrize(
+    "block", ["sites: {file: FILE}", "layout: {file: FILE}", "report: {published: {file: FILE, source: x}}"]
+)
+def test_files_that_nobody_should_read(pool, name, block):
+    key = block.partition(":")[0]
+    others = {name: value for name, value in SMALL.items() if name != key and (key, name) != ("sites", "site")}
+    verdict = pool.one((yaml.safe_dump(others) + block.replace("FILE", name) + "\n").encode())
+    assert not verdict.defect
+    assert verdict.outcome == "refused" or key == "report"  # read when the run begins
+
+
+def test_chunks_of_no_dimension_are_located(tmp_path):
+    said = refusal(tmp_path, yaml.safe_dump(SMALL) + "execution: {chunks: {nowhere: 3}}\n")
+    assert len(said) == 1
+    line = yaml.safe_dump(SMALL).count("\n") + 1
+    assert said[0].startswith(f"study.yaml:{line}:31: execution.chunks.nowhere: unknown dimension")
+
+
+def test_cameras_far_apart(tmp_path):
+    study = yaml.safe_load(next(text for text in corpus() if text.count("arrangement: square")))
+    study["cameras"] = {"positions": [[1e200, 0], [0, 1e200], [0, -1e200], [-1e200, 0]]}
+    hostile_folder(tmp_path / "tables")
+    path = tmp_path / "tables/study.yaml"
+    path.write_text(yaml.safe_dump(study))
+    assert workflow.load(path).family == "backward_gazing"  # warnings are errors here
+
+
+# Names that lead elsewhere.
+
+
+@pytest.mark.parametrize("name", ["../../x", "..", "<b>x</b>", "/x"])
+def test_names_cannot_lead_out_of_the_result_folder(tmp_path, name, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sites = [{"name": name, "latitude": 0}, {"name": "b", "latitude": 40}]
+    study = {**{key: value for key, value in SMALL.items() if key != "site"}, "sites": sites, "title": name}
+    folder = tmp_path / "in/study"
+    path = folder / f"{name.replace('/', '_')}.yaml"
+    folder.mkdir(parents=True)
+    path.write_text(yaml.safe_dump(study))
+    before = {path, *path.parents}
+    result = workflow.run(workflow.load(path))
+    assert result.folder.resolve().parent == tmp_path / "outputs"
+    written = {place for place in tmp_path.rglob("*") if place.is_file()} - before
+    assert result.path.resolve() in written
+    assert all(place.is_relative_to(result.folder.resolve()) for place in written)
+    page = (result.folder / "report.html").read_text(encoding="utf-8")
+    assert "<b>x" not in page
+
+
+# No pickle.
+
+#: Modules that pickle between processes of one run, in memory; they read no file at all.
+IN_MEMORY = {"grid/pieces.py"}
+
+
+def _pickles(tree: ast.AST) -> list[str]:
+    """Return what in a module could unpickle, by line."""
+    modules = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
+    calls = {"read_pickle", "full_load", "unsafe_load", "unsafe_load_all", "full_load_all"}
+    loaders = {"Loader", "UnsafeLoader", "FullLoader", "CLoader", "CUnsafeLoader", "CFullLoader"}
+    found = []
+    for node in ast.walk(tree):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name.partition(".")[0] for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [(node.module or "").partition(".")[0], *(alias.name for alias in node.names)]
+        if set(names) & (modules | calls):
+            found.append(f"{node.lineno}: imports {names}")  # type: ignore[attr-defined]
+        if isinstance(node, ast.Attribute) and (
+            node.attr in calls or (node.attr in loaders and getattr(node.value, "id", "") == "yaml")
+        ):
+            found.append(f"{node.lineno}: {node.attr}")
+        if isinstance(node, ast.Call):
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            owner = getattr(node.func.value, "id", "") if isinstance(node.func, ast.Attribute) else ""
+            allowed = {word.arg: getattr(word.value, "value", True) for word in node.keywords}
+            if allowed.get("allow_pickle"):
+                found.append(f"{node.lineno}: allow_pickle")
+            if owner in ("np", "numpy") and name in ("load", "lib") and "allow_pickle" not in allowed:
+                found.append(f"{node.lineno}: numpy.load without a word on pickles")
+    return found
+
+
+def test_no_pickle_is_read_from_disk():
+    """Nothing in the package unpickles a file.
+
+    The one exception stands outside of it: numba keeps the machine code of our kernels as pickles in its own cache,
+    beside our modules or where NUMBA_CACHE_DIR says, which nobody else must be able to write to.
+    """
+    package = Path(heliosweep.__file__).parent
+    sources = {path.relative_to(package).as_posix(): path.read_text(encoding="utf-8") for path in package.rglob("*.py")}
+    assert len(sources) > 100
+    for name in IN_MEMORY:
+        assert not re.search(r"pickle\.load\(|\bopen\(|read_bytes|Path\b", sources.pop(name)), name
+    found = {name: _pickles(ast.parse(text)) for name, text in sources.items()}
+    assert not {name: calls for name, calls in found.items() if calls}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import pickle", "from pickle import loads", "import joblib", "import shelve", "np.load(p)",
+        "np.load(p, allow_pickle=True)", "pd.read_pickle(p)", "yaml.load(p, yaml.UnsafeLoader)", "yaml.unsafe_load(p)",
+        "from yaml import full_load", "np.load(p, allow_pickle=flag)",
+    ],
+)  # fmt: skip
+def test_the_scan_sees_pickles(code):
+    assert _pickles(ast.parse(code))
