@@ -127,7 +127,8 @@ def _works(family: Family[Any], study: Study, plan: Plan, parts: list[Part]) -> 
 
 def _of_kind(lazy: xr.Dataset, kind: str) -> xr.Dataset:
     names = [name for name, array in lazy.data_vars.items() if ("time" in array.dims) == (kind == "series")]
-    return lazy[names].drop_vars(lazy.coords)
+    chosen = lazy[names]
+    return chosen.drop_vars(chosen.coords)
 
 
 def _failures(failed: dict[str, str], plan: Plan, store: WorkingStore) -> str:
