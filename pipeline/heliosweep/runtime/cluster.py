@@ -110,8 +110,8 @@ class _Load:
 
     @classmethod
     def of(cls, work: Work) -> _Load:
-        layers = work.lazy.__dask_graph__().layers if work.lazy.__dask_graph__() else {}
-        sizes = {name: len(layer) for name, layer in layers.items()}
+        graph = work.lazy.__dask_graph__()
+        sizes = {name: len(layer) for name, layer in graph.layers.items()} if graph else {}
         blocks = sum(size for name, size in sizes.items() if TASK_MARK in name)
         return cls(work, sum(sizes.values()), blocks, work.lazy.nbytes)
 
@@ -162,7 +162,8 @@ class _Cluster:
         return len(flying) < 2 or sum(one.blocks for one in flying) < BLOCKS_PER_WORKER * self._workers
 
     def _submit(self, load: _Load, flight: dict[Future, _Load], done: queue.SimpleQueue[Future]) -> None:
-        future = self._client.compute(load.work.lazy, retries=TRIES - 1)
+        lazy = load.work.lazy if load.tasks else load.work.lazy.chunk()
+        future = self._client.compute(lazy, retries=TRIES - 1)
         flight[future] = load
         future.add_done_callback(done.put)
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import os
 import signal
 import socket
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -121,6 +125,8 @@ def _client(cluster: Any) -> Iterator[Client]:
     from distributed import Client
 
     try:
+        if isinstance(cluster, str):
+            _shake_hands(cluster)
         client = Client(cluster, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         if not isinstance(cluster, str):
@@ -131,6 +137,32 @@ def _client(cluster: Any) -> Iterator[Client]:
     finally:
         with suppress(OSError, TimeoutError):
             client.close(timeout=2)
+
+
+def _shake_hands(address: str) -> None:
+    """Find out whether a scheduler answers: a client would wait forever for a silent program. Raises OSError."""
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    async def shake() -> None:
+        options = Security().get_connection_args("client")
+        comm = await asyncio.wait_for(connect(address, timeout=PATIENCE, **options), PATIENCE + 1)
+        comm.abort()
+
+    answer: Future[None] = Future()
+
+    def work() -> None:
+        try:
+            answer.set_result(asyncio.run(shake()))
+        except BaseException as error:
+            answer.set_exception(error)
+
+    # Not in this thread, which may have a loop of its own, as in a notebook.
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        answer.result()
+    except TimeoutError:
+        raise OSError(f"something listens there, but said nothing in {PATIENCE} s") from None
 
 
 def _unreachable(address: str, error: Exception) -> str:
@@ -187,8 +219,6 @@ def _local(workers: int, memory: int | None) -> Iterator[Any]:
 
 def _close(cluster: Any) -> None:
     """End the workers at once: what they still compute nobody waits for."""
-    import os
-
     for nanny in cluster.workers.values():
         nanny.auto_restart = False
         if nanny.pid:

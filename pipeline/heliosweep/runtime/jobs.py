@@ -1,0 +1,207 @@
+"""Clusters whose workers are jobs of a job queue, through dask-jobqueue."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from heliosweep.config.execution import Job
+from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.runtime.connect import WORKER_SETTINGS, free_dashboard
+
+if TYPE_CHECKING:
+    from heliosweep.config.blocks import Execution
+
+log = logging.getLogger("heliosweep")
+
+#: Jobs that ended are submitted again, at most so often. [s]
+RENEWAL_SECONDS = 20.0
+
+_CLUSTERS = {
+    "slurm": "SLURMCluster",
+    "pbs": "PBSCluster",
+    "sge": "SGECluster",
+    "lsf": "LSFCluster",
+    "htcondor": "HTCondorCluster",
+    "oar": "OARCluster",
+}
+#: Whom the queue calls project instead of account.
+_PROJECT = ("sge", "lsf", "oar")
+
+
+@contextmanager
+def job_queue(execution: Execution, workers: int) -> Iterator[tuple[Any, Callable[[], None]]]:
+    """Submit the jobs that hold so many workers, and cancel them at the end.
+
+    Parameters
+    ----------
+    execution : Execution
+        With the name of a job queue as `scheduler`.
+    workers : int
+        How many workers, one a core.
+
+    Yields
+    ------
+    cluster : dask_jobqueue.JobQueueCluster
+    look_after : callable
+        To be called now and then: submits jobs again that ended, and raises HeliosweepError where the queue refuses.
+
+    Raises
+    ------
+    StudyError
+        Where dask-jobqueue or the queue's commands are not installed.
+    """
+    job = execution.job or Job()
+    jobs = -(-workers // job.cores)
+    refusals: list[str] = []
+    cluster_class, job_class = _classes(execution.scheduler, refusals)
+    _check_command(execution.scheduler, job_class)
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="heliosweep-", ignore_cleanup_errors=True))
+        local = execution.scheduler == "local-jobs"
+        options = _job_options(execution.scheduler, job)
+        options["local_directory"] = folder if local else "${TMPDIR:-/tmp}"  # read by the shell of the job
+        scheduler = {"dashboard_address": free_dashboard("127.0.0.1")}
+        if local:
+            scheduler["host"] = "127.0.0.1"
+        try:
+            cluster = cluster_class(
+                job_cls=job_class, scheduler_options=scheduler, silence_logs=logging.CRITICAL, **options
+            )
+        except (OSError, ValueError, RuntimeError) as error:
+            problem = f"the job queue cannot be used: {str(error).splitlines()[0]}"
+            raise StudyError(Problem(problem, "execution.scheduler")) from None
+        stack.callback(_close, cluster)
+        log.info("dashboard: %s", cluster.dashboard_link)
+        cluster.scale(jobs=jobs)
+        yield cluster, _Keeper(cluster, jobs, refusals).look_after
+
+
+class _Keeper:
+    """Keeps the number of jobs."""
+
+    def __init__(self, cluster: Any, jobs: int, refusals: list[str]) -> None:
+        self._cluster, self._jobs, self._refusals = cluster, jobs, refusals
+        self._next = time.monotonic() + RENEWAL_SECONDS
+
+    def look_after(self) -> None:
+        if self._refusals:
+            raise HeliosweepError(f"the job queue refused a job: {self._refusals[0]}")
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + RENEWAL_SECONDS
+            self._cluster.scale(jobs=self._jobs)  # submits those again that are gone
+
+
+def _classes(name: str, refusals: list[str]) -> tuple[Any, Any]:
+    """Classes of the cluster and of its jobs, which note what the queue refuses."""
+    try:
+        import dask_jobqueue
+    except ImportError:
+        problem = f"the job queue {name} needs dask-jobqueue: pip install 'heliosweep[jobqueue]'"
+        raise StudyError(Problem(problem, "execution.scheduler")) from None
+    if name == "local-jobs":
+        return dask_jobqueue.JobQueueCluster, _noting(_shell_job(), refusals)
+    cluster_class = getattr(dask_jobqueue, _CLUSTERS[name])
+    return cluster_class, _noting(cluster_class.job_cls, refusals)
+
+
+def _noting(job_class: Any, refusals: list[str]) -> Any:
+    class Noting(job_class):  # type: ignore[misc]
+        async def _submit_job(self, script_filename: str) -> Any:
+            try:
+                return await super()._submit_job(script_filename)
+            except Exception as error:
+                said = [line for line in str(error).splitlines() if line.strip()]
+                refusals.append(" ".join(said) or type(error).__name__)
+                raise
+
+    return Noting
+
+
+def _shell_job() -> Any:
+    from dask_jobqueue.core import Job as QueueJob
+
+    class ShellJob(QueueJob):
+        """Job script that runs at once, on this machine."""
+
+        submit_command = "bash"
+        cancel_command = "kill"
+        config_name = "local"
+
+        def __init__(self, scheduler: Any = None, name: Any = None, config_name: Any = None, **options: Any) -> None:
+            super().__init__(scheduler=scheduler, name=name, config_name=config_name, **options)
+            self.job_header = ""
+
+        async def _submit_job(self, script_filename: str) -> str:
+            with open(script_filename) as script:  # noqa: PTH123  # it is removed when this returns
+                text = script.read()
+            quiet = subprocess.DEVNULL
+            self._shell = subprocess.Popen(
+                [self.submit_command, "-c", text], stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
+            )
+            return str(self._shell.pid)
+
+        def _job_id_from_submit_output(self, out: str) -> str:
+            return out
+
+        async def close(self) -> None:
+            if (shell := getattr(self, "_shell", None)) is not None:
+                with suppress(ProcessLookupError, PermissionError):
+                    os.killpg(shell.pid, signal.SIGKILL)
+                shell.wait()
+            self.job_id = ""
+            await super().close()
+
+        @classmethod
+        async def _close_job(cls, job_id: str, cancel_command: str) -> None:
+            """Nothing is left to cancel."""
+
+    return ShellJob
+
+
+def _check_command(name: str, job_class: Any) -> None:
+    command = job_class.submit_command.split()[0]
+    if shutil.which(command) is None:
+        problem = f"the job queue {name} is not usable from this machine: there is no command {command}"
+        raise StudyError(Problem(problem, "execution.scheduler"))
+
+
+def _job_options(name: str, job: Job) -> dict[str, Any]:
+    settings = [
+        f"export DASK_{key.replace('.', '__').replace('-', '_').upper()}={value}"
+        for key, value in WORKER_SETTINGS.items()
+        if key.startswith("distributed.worker.")
+    ]
+    options: dict[str, Any] = {
+        "cores": job.cores,
+        "processes": job.cores,
+        "memory": f"{job.memory} B",
+        "job_extra_directives": list(job.directives),
+        "job_script_prologue": [*settings, *job.setup],
+    }
+    if job.python:
+        options["python"] = job.python
+    if name == "local-jobs":
+        return options
+    if name == "htcondor":
+        pairs = (line.partition("=") for line in job.directives)
+        options["job_extra_directives"] = {key.strip(): value.strip() for key, _, value in pairs}
+        options["disk"] = "1 GB"
+        return options
+    options["account" if name not in _PROJECT else "project"] = job.account
+    options["queue"] = job.queue
+    options["walltime"] = job.walltime
+    return {key: value for key, value in options.items() if value is not None}
+
+
+def _close(cluster: Any) -> None:
+    with suppress(TimeoutError):
+        cluster.close(timeout=10)
