@@ -13,8 +13,21 @@ import numpy as np
 import pytest
 
 from heliosweep.store import contents
-from heliosweep.store.verify import read_part, verify
-from tests.store.samples import VALUES, digests, parts, write_folder
+from heliosweep.store.skeleton import Skeleton
+from heliosweep.store.verify import read_part, read_parts, verify
+from heliosweep.store.working import WorkingStore
+from tests.store.samples import (
+    ATTRIBUTES,
+    COORDINATES,
+    CUT,
+    SIZES,
+    VALUES,
+    VARIABLES,
+    digests,
+    parts,
+    values,
+    write_folder,
+)
 
 KINDS = [("result.nc", "none"), ("result.nc", "zlib"), ("result.zarr", "none"), ("result.zarr", "zstd")]
 
@@ -50,7 +63,7 @@ def test_a_whole_folder_is_all_right(folder):
     done = verify(folder)
     assert done.ok, done.text
     assert done.finished
-    assert f"all {len(digests())} parts as computed" in done.text
+    assert f"{len(digests())} parts as computed" in done.text
     assert "study.resolved.yaml: study" in done.text
     assert [note for note in done.notes if "report.html" in note]
 
@@ -240,8 +253,57 @@ def test_a_reader_that_hangs_is_ended(plain, monkeypatch):
 
 def test_parts_are_read_alike_from_both_formats(folder):
     path = next(folder.glob("result.*"))
-    for part in parts():
-        values = read_part(path, part, digests()[part.name])
-        assert values is not None
-        assert read_part(path, part, "0" * 64) is None
+    for part, read in zip(parts(), read_parts(path, parts(), digests()), strict=True):
+        assert read is not None
+        assert set(read) == set(values(part))
+    assert read_part(path, part, "0" * 64) is None
+    assert read_part(path, part) is not None
     assert read_part(folder / "manifest.json", part) is None
+
+
+@pytest.fixture
+def unfinished(tmp_path) -> Path:
+    """Three parts done, one failed, the others left."""
+    store = WorkingStore.create(tmp_path / "working", {}, Skeleton(SIZES, COORDINATES, VARIABLES, ATTRIBUTES), CUT)
+    first, second, third, fourth, *_ = parts()
+    for part in (third, first, second):
+        store.commit(part, values(part))
+    store.fail(fourth, "ValueError: no such thing")
+    return tmp_path
+
+
+def test_an_unfinished_run(unfinished):
+    done = verify(unfinished)
+    assert not done.finished
+    assert done.found == [f"3 of {len(digests())} parts are done, 1 failed, {len(digests()) - 4} are left to compute"]
+    assert done.problems == ["part series-00001: failed: ValueError: no such thing"]
+    journal = unfinished / "working" / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[:3]) + lines[3][:7])
+    done = verify(unfinished)
+    assert done.ok
+    assert done.lines[0].endswith("unfinished, all right so far")
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "remove"])
+def test_a_damaged_part_of_an_unfinished_run(unfinished, damage):
+    chunk = unfinished / "working" / "values.zarr" / "mean" / "1.0"
+    if damage == "flip":
+        flip(chunk, 9)
+    elif damage == "truncate":
+        os.truncate(chunk, 20)
+    else:
+        chunk.unlink()
+    done = verify(unfinished)
+    assert done.problems[0].startswith("part points-00001 (latitude 45 degrees_north): ")
+    assert done.found[0].startswith("2 of ")
+
+
+@pytest.mark.parametrize("name", ["study.json", "values.zarr/.zmetadata"])
+@pytest.mark.parametrize("text", ["", "{}", "[]", '{"format": 1}', '{"format": 1, "cut": {"points": 3}}', None])
+def test_an_unfinished_run_that_is_none(unfinished, name, text):
+    path = unfinished / "working" / name
+    path.unlink() if text is None else path.write_text(text)
+    done = verify(unfinished)
+    assert not done.ok
+    assert "Traceback" not in done.text

@@ -10,7 +10,8 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,12 +47,27 @@ def read_part(path: str | os.PathLike[str], part: Part, digest: str | None = Non
     dict of str to ndarray, optional
         None where they cannot be read, or are others than the digest says.
     """
-    try:
-        with open_raw(path) as raw:
-            values = part_values(raw, part)
-    except HeliosweepError:
-        return None
-    return values if digest is None or part_digest(values) == digest else None
+    return next(read_parts(path, [part], {part.name: digest} if digest else {}))
+
+
+def read_parts(
+    path: str | os.PathLike[str], parts: Iterable[Part], digests: Mapping[str, str]
+) -> Iterator[dict[str, np.ndarray] | None]:
+    """Values of several parts, as by `read_part`, one after the other; a part without a digest is not checked."""
+    with ExitStack() as stack:
+        try:
+            raw = stack.enter_context(open_raw(path))
+        except HeliosweepError:
+            yield from (None for _ in parts)
+            return
+        for part in parts:
+            try:
+                values = part_values(raw, part)
+            except HeliosweepError:
+                yield None
+                continue
+            digest = digests.get(part.name)
+            yield values if digest is None or part_digest(values) == digest else None
 
 
 def part_values(raw: Raw, part: Part) -> dict[str, np.ndarray]:

@@ -12,12 +12,12 @@ from typing import Any
 
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.grid.limits import human_bytes
-from heliosweep.store.contents import check, check_apart, check_parts, read_part
+from heliosweep.store.contents import check, check_apart, check_parts, read_part, read_parts
 from heliosweep.store.digest import file_digest, tree, tree_digest
 from heliosweep.store.journal import Journal
 from heliosweep.store.raw import RESULTS, open_raw
 
-__all__ = ["Verification", "read_part", "verify"]
+__all__ = ["Verification", "read_part", "read_parts", "verify"]
 
 _WORKING = "working"
 
@@ -128,8 +128,9 @@ def _check_finished(folder: Path, verification: Verification) -> None:
     if whole and not wrong:
         size = human_bytes(sum(tree(path).values()) if path.is_dir() else path.stat().st_size)
         parts = manifest.get("parts")
-        count = f"all {len(parts['digests']):,} parts" if parts else "no parts are listed; all values"
-        verification.found.append(f"{path.name}: {size}; bytes and content as written, {count} as computed")
+        count = len(parts["digests"]) if parts else 0
+        said = f", {count:,} part{'s' if count > 1 else ''} as computed" if count else ""
+        verification.found.append(f"{path.name}: {size}; bytes and content as written{said}")
     _check_study(folder, manifest, verification)
     _check_rest(folder, verification)
 
@@ -204,6 +205,7 @@ def _check_rest(folder: Path, verification: Verification) -> None:
 
 
 def _check_unfinished(folder: Path, verification: Verification) -> None:
+    from heliosweep.store.claim import holder
     from heliosweep.store.working import read_identity
 
     verification.finished = False
@@ -225,5 +227,7 @@ def _check_unfinished(folder: Path, verification: Verification) -> None:
     )
     verification.problems += damaged
     verification.problems += [f"part {name}: failed: {why}" for name, why in sorted(journal.failed.items())]
+    if who := holder(folder):
+        verification.notes.append(f"{who} is at work in it now")
     if any((folder / name).exists() for name in RESULTS):
         verification.notes.append("a result is there without its manifest; run the study again to complete it")
