@@ -17,11 +17,12 @@ __all__ = [
     "open_result",
     "plan",
     "run",
+    "status",
 ]
 
 if TYPE_CHECKING:
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
-    from heliosweep.workflow import build, load, open_result, plan, run
+    from heliosweep.workflow import build, load, open_result, plan, run, status
 
 _ERRORS = ("HeliosweepError", "PlanError", "RunInterrupted", "StudyError")
 

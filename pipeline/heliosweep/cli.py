@@ -8,7 +8,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
 _EXIT_CODES = """\
-exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted, 1 anything else"""
+exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted but resumable,
+1 anything else, and for verify and compare: not all right, not the same"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -92,10 +93,31 @@ def _parser() -> argparse.ArgumentParser:
     plan = command("plan", _plan, "say what a study will cost before it runs")
     _study_arguments(plan)
 
-    run = command("run", _run, "run a study and leave its result folder; prints the path of result.nc")
+    run = command(
+        "run", _run, "run a study, or go on with it, and leave its result folder; prints the path of the result"
+    )
     _study_arguments(run)
+    run.add_argument("--force", action="store_true", help="compute everything anew, whatever is there")
     run.add_argument("--no-report", action="store_true", help="leave out figures and the HTML page")
     run.add_argument("-q", "--quiet", action="store_true", help="show no progress")
+
+    status = command("status", _status, "say what is done, failed and left, and how long it will take")
+    status.add_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)")
+
+    verify = command("verify", _verify, "check result folders against their digests, part by part")
+    verify.add_argument("folders", nargs="+", metavar="DIR")
+
+    compare = command("compare", _compare, "tell two results apart by meaning: dimensions, attributes, values")
+    compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder")
+    compare.add_argument("second", metavar="B")
+    compare.add_argument("--rtol", type=_tolerance, default=0.0, help="relative difference that does not count")
+    compare.add_argument("--atol", type=_tolerance, default=0.0, help="absolute difference that does not count")
+
+    export = command("export", _export, "write a Zarr result as one NetCDF file; prints its path")
+    export.add_argument("source", metavar="DIR", help="result folder, or its result.zarr")
+    export.add_argument("-o", "--output", metavar="FILE.nc", help="file to write (default: result.nc beside it)")
+    export.add_argument("--compression", choices=("none", "zlib"), default="none", help="of time series")
+    export.add_argument("--force", action="store_true", help="replace a file that is there")
 
     report = command("report", _report, "draw the figures and the HTML page of a result folder again")
     report.add_argument("folder", metavar="DIR")
@@ -111,18 +133,24 @@ def _parser() -> argparse.ArgumentParser:
 def _study_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY.yaml")
     parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
-    parser.add_argument("--scheduler", choices=("threads", "processes", "synchronous"), help="where the work runs")
-    parser.add_argument("--workers", type=_workers, metavar="N", help="blocks that run at a time (default: all cores)")
+    parser.add_argument(
+        "--scheduler",
+        metavar="WHERE",
+        help="where the work runs: threads, processes, synchronous, distributed, tcp://HOST:PORT, slurm, ...",
+    )
+    parser.add_argument("--workers", metavar="N", help="blocks that run at a time (default: all cores)")
+    parser.add_argument("--memory", metavar="SIZE", help='memory the run may use, as "2 GB" (default: what is free)')
+    parser.add_argument("--profile", metavar="NAME", help="which of the study's execution.profiles is used")
 
 
-def _workers(text: str) -> int | None:
-    """Read ``--workers`` within the bounds of ``execution.workers`` in a study file."""
-    from heliosweep.config.blocks import Execution
-
+def _tolerance(text: str) -> float:
     try:
-        return Execution(workers=int(text)).workers
+        value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a whole number between 1 and 65536 (got {text})") from None
+        value = -1.0
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a number, 0 or more (got {text})")
+    return value
 
 
 def _load(options: argparse.Namespace) -> Study:
@@ -130,9 +158,27 @@ def _load(options: argparse.Namespace) -> Study:
     from heliosweep import workflow
 
     study = workflow.load(options.study)
-    asked = {name: getattr(options, name) for name in ("scheduler", "workers") if getattr(options, name) is not None}
+    execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
     _warn(study)
-    return study.model_copy(update={"execution": study.execution.model_copy(update=asked)})
+    return study.model_copy(update={"execution": execution})
+
+
+def _asked(options: argparse.Namespace) -> dict[str, Any]:
+    """Keys of ``execution`` that the command line gives, read as those of a study file are."""
+    from pydantic import ValidationError
+
+    from heliosweep.config.execution import Profile
+    from heliosweep.config.source import Source, scalar
+    from heliosweep.config.translate import translate
+
+    texts = {name: getattr(options, name) for name in ("scheduler", "workers", "memory")}
+    given = {name: scalar(text) for name, text in texts.items() if text is not None}
+    try:
+        asked = Profile.model_validate(given)
+    except ValidationError as error:
+        found = translate(error, Profile, Source(given))
+        raise StudyError([Problem(problem.message, f"--{problem.key}") for problem in found]) from None
+    return {name: getattr(asked, name) for name in given}
 
 
 def _warn(study: Study) -> None:
@@ -169,8 +215,43 @@ def _run(options: argparse.Namespace) -> None:
     from heliosweep import workflow
 
     study = _load(options)
-    result = workflow.run(study, options.output, progress=not options.quiet, report=not options.no_report)
+    result = workflow.run(
+        study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
+    )
     print(result.path)
+
+
+def _status(options: argparse.Namespace) -> None:
+    from heliosweep import workflow
+    from heliosweep.runtime.status import status_lines
+
+    found = workflow.status(*options.of)
+    print("\n".join(status_lines(found)) or f"no study was run in {workflow.OUTPUTS}/ yet")
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from heliosweep.store.verify import verify
+
+    code = 0
+    for folder in options.folders:
+        found = verify(folder)
+        print(found.text)
+        code = code if found.ok else 1
+    return code
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from heliosweep.store.compare import compare
+
+    found = compare(options.first, options.second, rtol=options.rtol, atol=options.atol)
+    print(found.text)
+    return 0 if found.same else 1
+
+
+def _export(options: argparse.Namespace) -> None:
+    from heliosweep.store.export import export
+
+    print(export(options.source, options.output, compression=options.compression, force=options.force))
 
 
 def _report(options: argparse.Namespace) -> None:

@@ -1,7 +1,4 @@
-"""From a study file to a result folder: load, plan, build, run, open.
-
-These five functions are the library's public face; the command line calls nothing else.
-"""
+"""From a study file to a result folder: load, plan, build, run, status, open: the library's public face."""
 
 from __future__ import annotations
 
@@ -24,6 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.grid.plan import Plan
+    from heliosweep.runtime.status import Status
 
 log = logging.getLogger("heliosweep")
 
@@ -127,7 +125,8 @@ def result_folder(study: Study, output: str | os.PathLike[str] | None = None) ->
     """
     if output is None:
         name = Path(study.source.path).stem if study.source.path else study.family
-        printable = "".join(letter if letter.isprintable() else "_" for letter in name)
+        # The NetCDF library takes a backslash for what parts folders.
+        printable = "".join(letter if letter.isprintable() and letter != "\\" else "_" for letter in name)
         return Path(OUTPUTS) / f"{printable}-{study.study_id}"
     if not os.fspath(output):
         raise StudyError(Problem("the name of the result folder is empty"))
@@ -261,6 +260,30 @@ def run(
                 raise RunInterrupted(f"interrupted: {now.left()}; run the same command again to go on") from None
             raise
     return Result(path, now.seconds)
+
+
+def status(*of: str | os.PathLike[str]) -> list[Status]:
+    """What became of studies.
+
+    Parameters
+    ----------
+    *of : path
+        Study files or result folders; without any, all result folders in ``outputs``.
+
+    Returns
+    -------
+    list of Status
+
+    Raises
+    ------
+    StudyError
+        A study file that is wrong, or a path that is neither.
+    """
+    from heliosweep.runtime.status import result_folders, status_of
+
+    if not of:
+        return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
+    return [status_of(Path(path) if Path(path).is_dir() else result_folder(load(path))) for path in of]
 
 
 def _report(folder: Path, study: Study) -> None:

@@ -13,7 +13,6 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heliosweep.errors import Problem, StudyError
 from heliosweep.report import comparison, sections
 from heliosweep.report.html import Html, element, join
 from heliosweep.report.published import read_published
@@ -41,7 +40,7 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     Parameters
     ----------
     folder : path
-        Result folder with ``result.nc``; ``manifest.json`` and ``study.resolved.yaml`` are shown where they are.
+        Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` are shown where they are.
     study : Study, optional
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
     vector : sequence of {"svg", "pdf"}
@@ -57,11 +56,10 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     StudyError
         No result in the folder, or published numbers that do not fit it.
     """
+    from heliosweep.store.raw import locate
     from heliosweep.workflow import open_result
 
     place = Path(folder)
-    if not (place / "result.nc").is_file():
-        raise StudyError(Problem("holds no result.nc; run the study first", file=str(place)))
     with open_result(place) as result:
         compared = _comparison(place, study, result)
         manifest = _manifest(place)
@@ -85,7 +83,7 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
                     "\n",
                 ),
             ),
-            sections.footer(),
+            sections.footer(locate(place).name),
         ]
         title = str(result.attrs.get("title", place.name))
     page = place / PAGE

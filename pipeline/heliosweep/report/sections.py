@@ -130,7 +130,7 @@ def headline(result: xr.Dataset) -> Html:
         "new" if len(dims) > 1 and i and index[:-1] != indices[i - 1][:-1] else "" for i, index in enumerate(indices)
     ]
     words = [*range(len(dims)), *(len(dims) + i for i, array in enumerate(shown) if is_flag(array))]
-    more = f"The first {len(indices)} of {points:,} points; all are in result.nc." if points > len(indices) else ""
+    more = f"The first {len(indices)} of {points:,} points; all are in the data set." if points > len(indices) else ""
     notes = [(str(array.name).replace("_", " "), _described(array)) for array in shown]
     return section(
         "Results",
@@ -290,7 +290,7 @@ def provenance(manifest: Mapping[str, Any]) -> Html:
         ("scheduler", _workers(manifest)),
         ("evaluations", _count(manifest.get("plan", {}).get("evaluations"))),
         ("time", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in manifest.get("seconds", {}).items())),
-        ("result.nc", f"{result['bytes']:,} bytes" if "bytes" in result else None),
+        (result.get("file", "result.nc"), f"{result['bytes']:,} bytes" if "bytes" in result else None),
         ("sha256 of the file", _code(result.get("sha256"))),
         ("digest of the content", _code(result.get("content_digest"))),
     ]
@@ -326,12 +326,12 @@ def references(result: xr.Dataset) -> Html:
     return section("References", element("ul", "\n", join(items, "\n"))) if items else _NONE
 
 
-def footer() -> Html:
-    """Where the numbers are."""
+def footer(result: str) -> Html:
+    """Where the numbers are: the name of the result's file."""
     return element(
         "footer",
         "The numbers are in ",
-        element("code", "result.nc"),
+        element("code", result),
         ", the figures in ",
         element("code", "figures/"),
         ", both beside this page.",

@@ -21,7 +21,7 @@ from heliosweep.store.digest import content_digest
 from heliosweep.store.finished import Finished, result_digest
 from heliosweep.store.identity import identity_of, listed
 from heliosweep.store.manifest import environment, write_atomically, write_manifest
-from heliosweep.store.open_result import RESULTS, open_result
+from heliosweep.store.open_result import open_result
 from heliosweep.store.publish import publish
 from heliosweep.store.skeleton import Skeleton
 from heliosweep.store.temporary import remove_leftovers, temporary_name
@@ -148,9 +148,8 @@ class Run:
         if not place.exists():
             output = self.study.output
             compression: Any = output.compression if output.format == "zarr" else "none"
-            return WorkingStore.create(
-                place, identity, self.skeleton, self.plan.cut, compression, output.compression_level
-            )
+            said = {**identity, "parts": self.plan.part_count}
+            return WorkingStore.create(place, said, self.skeleton, self.plan.cut, compression, output.compression_level)
         self._refuse_to_mix(working.read_identity(place), identity, place)
         store = WorkingStore(place)
         damaged = store.drop_damaged(self.plan.parts())
@@ -175,16 +174,15 @@ class Run:
 
     def _take_over(self, earlier: Finished) -> None:
         """Use the parts of a finished result of the same numbers, of which other words or another format are wanted."""
-        from heliosweep.store.verify import read_part
+        from heliosweep.store.contents import read_part
 
         assert self.store is not None
         for part in self.plan.parts():
             digest = earlier.digests.get(part.name)
-            if digest is None or part.name in self.store.journal.done:
-                continue
-            values = read_part(earlier.path, part)
-            if values is not None:
-                self.store.commit(part, values)
+            if digest and part.name not in self.store.journal.done:
+                values = read_part(earlier.path, part, digest)
+                if values is not None:
+                    self.store.commit(part, values)
 
     def _record(self, path: Path, identity: dict[str, Any], digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study."""
@@ -274,7 +272,7 @@ def made(folder: Path) -> Iterator[None]:
         except OSError as error:
             problem = f"cannot write there: {error.strerror}; name another folder with --output"
             raise StudyError(Problem(problem, file=str(folder))) from None
-        if (folder / RESULTS["netcdf"]).is_dir():
+        if (folder / "result.nc").is_dir():
             raise StudyError(Problem("is a folder, where the result shall stand", file=str(folder / "result.nc")))
         yield
     except BaseException:

@@ -13,7 +13,7 @@ from heliosweep.grid.plan import Plan
 from heliosweep.store import zarr_result
 from heliosweep.store.manifest import DESCRIPTIONS
 from heliosweep.store.netcdf import ResultWriter
-from heliosweep.store.open_result import RESULTS
+from heliosweep.store.raw import RESULTS
 from heliosweep.store.skeleton import Skeleton
 from heliosweep.store.temporary import remove, temporary_name
 from heliosweep.store.working import WorkingStore, writing
@@ -45,12 +45,12 @@ def publish(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output,
     HeliosweepError
         Where it cannot be written, or a part was damaged since it was stored.
     """
-    path = folder / RESULTS[output.format]
+    path = folder / dict(zip(("netcdf", "zarr"), RESULTS, strict=True))[output.format]
     if output.format == "zarr":
         _publish_zarr(store, skeleton, plan, output, path)
     else:
         _publish_netcdf(store, skeleton, plan, output, path)
-    for other in (folder / name for name in RESULTS.values() if folder / name != path):
+    for other in (folder / name for name in RESULTS if folder / name != path):
         with writing(other):
             remove_result(other)
     return path

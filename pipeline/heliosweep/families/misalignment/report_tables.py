@@ -132,7 +132,9 @@ def _rows(result: xr.Dataset, dims: Sequence[str]) -> tuple[list[Point], str]:
         {dim: int(i) for dim, i in zip(dims, np.unravel_index(index, sizes), strict=True)} if dims else {}
         for index in map(int, kept)
     ]
-    return points, f" Shown are {len(points)} of {total:,} rows; all are in result.nc." if total > len(points) else ""
+    return points, f" Shown are {len(points)} of {total:,} rows; all are in the data set." if total > len(
+        points
+    ) else ""
 
 
 def _names(result: xr.Dataset, point: Point) -> list[str]:
