@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,56 +11,8 @@ import xarray as xr
 from heliosweep.errors import HeliosweepError
 from heliosweep.store import zarr_result
 from heliosweep.store.digest import part_digest, tree_digest
-from heliosweep.store.encoding import Variable
-from heliosweep.store.netcdf import ResultWriter
-
-SIZES = {"latitude": 2, "time": 10, "heliostat": 7}
-COORDINATES = xr.Dataset(
-    coords={
-        "latitude": ("latitude", [0.0, 30.0], {"units": "degrees_north"}),
-        "time": ("time", np.datetime64("2021-06-21T00:00", "ns") + np.arange(10) * np.timedelta64(1, "h")),
-        "ring": ("heliostat", np.arange(7)),
-        "label": ("heliostat", np.array([*"abcdé", "", "none"], dtype=object), {"long_name": "name"}),
-        "model": "rotary",
-        "height": 95.0,
-    }
-)
-VARIABLES = {
-    "mean": Variable(("latitude", "heliostat"), {"units": "1", "valid_range": np.array([0.0, 1.0])}),
-    "empty": Variable(("latitude",), {"flag_values": np.array([0, 1], dtype=np.int8)}, np.dtype(np.int8)),
-    "noon": Variable(("latitude",), {"long_name": "noon"}, np.dtype("datetime64[ns]")),
-    "power": Variable(("latitude", "time", "heliostat"), {"units": "W"}),
-}
-VALUES: dict[str, np.ndarray] = {
-    "mean": np.linspace(0, 1, 14).reshape(2, 7),
-    "empty": np.array([0, 1], dtype=np.int8),
-    "noon": np.array([1.5e9, np.nan]),
-    "power": np.linspace(0, 1, 140).reshape(2, 10, 7),
-}
-VALUES["mean"][1] = np.nan
-CHUNKS = {
-    "mean": {"latitude": 1},
-    "empty": {"latitude": 1},
-    "noon": {"latitude": 1},
-    "power": {"latitude": 1, "time": 4},
-}
-ATTRIBUTES = {"title": "test", "Conventions": "CF-1.11", "version": 1}
-CUT = {"points": {"latitude": 1}, "series": {"latitude": 1, "time": 4, "heliostat": 7}, "storage": {"time": 4}}
-
-
-def regions() -> list[tuple[str, tuple[slice, ...]]]:
-    points = [slice(0, 1), slice(1, 2)]
-    times = [slice(0, 4), slice(4, 8), slice(8, 10)]
-    annual = [(name, (point,)) for name in ("mean", "empty", "noon") for point in points]
-    return annual + [("power", cell) for cell in itertools.product(points, times)]
-
-
-def write(path: Path, compression: zarr_result.Compression = "none", backwards: bool = False) -> Path:
-    arrays = zarr_result.create(path, SIZES, COORDINATES, VARIABLES, ATTRIBUTES, CHUNKS, compression, 1, CUT)
-    for name, region in reversed(regions()) if backwards else regions():
-        arrays[name][region] = VALUES[name][region]
-    zarr_result.finish(path)
-    return path
+from tests.store.samples import write_netcdf
+from tests.store.samples import write_zarr as write
 
 
 @pytest.mark.parametrize("compression", ["none", "zlib", "zstd"])
@@ -86,10 +36,8 @@ def test_the_tree_digest_sees_names_and_bytes(tmp_path):
 @pytest.mark.parametrize("compression", ["none", "zlib", "zstd"])
 def test_reads_like_the_netcdf_file(tmp_path, compression):
     path = write(tmp_path / "result.zarr", compression)
-    with ResultWriter(tmp_path / "result.nc", SIZES, COORDINATES, VARIABLES, ATTRIBUTES) as writer:
-        writer.write(VALUES, {})
     with (
-        xr.open_dataset(tmp_path / "result.nc") as netcdf,
+        xr.open_dataset(write_netcdf(tmp_path / "result.nc")) as netcdf,
         xr.open_zarr(path) as plain,
         zarr_result.open_zarr(path) as ours,
     ):
@@ -99,7 +47,7 @@ def test_reads_like_the_netcdf_file(tmp_path, compression):
         assert {name: ours[name].dtype for name in ours.variables} == {
             name: netcdf[name].dtype for name in netcdf.variables
         }
-        assert ours["empty"].dtype == np.int8
+        assert ours["flag"].dtype == np.int8
         assert ours["noon"].dtype.kind == "M"
 
 
@@ -116,9 +64,9 @@ def test_every_chunk_is_there_also_those_of_nothing_but_nan(tmp_path):
 
 def test_what_zarr_cannot_hold_is_beside_the_metadata(tmp_path):
     record = zarr_result.read_metadata(write(tmp_path / "result.zarr"))["heliosweep"]
-    assert record["sizes"] == [["latitude", 2], ["time", 10], ["heliostat", 7]]
-    assert record["types"] == {"empty": {"flag_values": "|i1"}}
-    assert record["cut"]["series"] == [["latitude", 1], ["time", 4], ["heliostat", 7]]
+    assert record["sizes"] == [["latitude", 3], ["time", 10], ["heliostat", 7]]
+    assert record["types"] == {"flag": {"flag_values": "|i1"}, "": {"version": "<i4"}}
+    assert record["cut"]["series"] == [["latitude", 1], ["time", 4], ["heliostat", 4]]
 
 
 def test_no_pickle_is_read(tmp_path):
