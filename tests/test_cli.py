@@ -208,11 +208,20 @@ def test_usage_errors(folder, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["run"])
     assert stop.value.code == 2
-    for workers in ("0", "65537", "many"):
-        with pytest.raises(SystemExit) as stop:
-            main(["run", study(folder), "--workers", workers])
-        assert stop.value.code == 2
-        assert "--workers: must be a whole number between 1 and 65536" in capsys.readouterr().err
+    for option, text, message in [
+        ("--workers", "0", "must be between 1 and 65536 (got 0)"),
+        ("--workers", "65537", "must be between 1 and 65536 (got 65537)"),
+        ("--workers", "1.5", "must be a whole number"),
+        ("--workers", "many", "must be a number"),
+        ("--memory", "2 parsec", "unknown unit 'parsec'"),
+        ("--scheduler", "thread", "unknown choice; did you mean 'threads'?"),
+        ("--scheduler", "tcp://host", "must be tcp://HOST:PORT"),
+        ("--profile", "laptop", "unknown profile; the study has no profiles"),
+    ]:
+        assert main(["run", study(folder), option, text]) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert option in error or option == "--profile"
     assert main(["run", "nowhere.yaml"]) == 2
     assert main(["schema", "nothing"]) == 2
     assert main(["report", "nowhere"]) == 2
@@ -302,3 +311,51 @@ def test_bad_input_of_a_dish_is_code_2_and_nothing_written(folder, capsys, block
     assert main(["run", "dish.yaml"]) == 2
     assert "dish.yaml:" in capsys.readouterr().err
     assert contents(folder) == before
+
+
+def test_from_run_to_status_verify_compare_and_export(folder, capsys):
+    path = study(folder)
+    assert main(["status"]) == 0
+    assert "no study was run" in capsys.readouterr().out
+    assert main(["run", path, "--no-report", "-q"]) == 0
+    result = Path(capsys.readouterr().out.strip())
+    assert main(["run", path, "--no-report", "-q"]) == 0  # found, not computed again
+    assert Path(capsys.readouterr().out.strip()) == result
+    assert main(["status"]) == main(["status", path]) == main(["status", str(result.parent)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert len(set(lines)) == 1
+    assert re.match(rf"{result.parent}  complete  [\d.]+ kB, finished 20", lines[0])
+    assert main(["verify", str(result.parent)]) == 0
+    assert "all right" in capsys.readouterr().out
+
+    path = study(folder, output={"format": "zarr"})
+    assert main(["run", path, "--no-report", "-q", "--output", "other"]) == 0
+    assert Path(capsys.readouterr().out.strip()) == Path("other/result.zarr")
+    assert main(["compare", str(result.parent), "other"]) == 0
+    assert "same content" in capsys.readouterr().out
+    assert main(["export", "other", "-o", "again.nc"]) == 0
+    assert Path("again.nc").read_bytes() == result.read_bytes()
+    assert main(["export", "other", "-o", "again.nc"]) == 2
+    assert "again.nc" in capsys.readouterr().err
+
+    path = study(folder, receiver={"height": 70})
+    assert main(["plan", path]) == 0
+    assert re.search(r"parts +1, each of which is kept once it is done\n", capsys.readouterr().out)
+    assert main(["run", path, "--no-report", "-q", "--output", "third"]) == 0
+    capsys.readouterr()
+    assert main(["compare", str(result), "third"]) == 1
+    assert "receiver.height: 60" in capsys.readouterr().out
+    with result.open("r+b") as file:
+        file.seek(-100, os.SEEK_END)
+        file.write(b"\xff" * 8)
+    assert main(["verify", str(result.parent), "third"]) == 1
+    assert "NOT all right" in capsys.readouterr().out
+
+
+def test_an_edited_study_says_what_changed(folder, capsys, caplog):
+    assert main(["run", study(folder), "--no-report", "-q"]) == 0
+    assert main(["run", study(folder, receiver={"height": 70}), "--no-report", "-q"]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first != second
+    assert "changed receiver.height: 60.0 -> 70.0" in caplog.text
