@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import os
+import re
 import shutil
 import struct
 import sys
@@ -312,8 +313,8 @@ def _structure(change: Callable[[Any, list[tuple[Any, Any]], dict[str, str], Ran
 
 
 def _unquoted(text: str) -> str:
-    """Take the quotes off everything: the loader read numbers as text."""
-    return text.replace("'", "") if "''" not in text else text
+    """Take the quotes off numbers and flags, which the loader read as text."""
+    return re.sub(r"'([-+.0-9eE]+|true|false)'", r"\1", text)
 
 
 @_structure

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -35,6 +36,7 @@ from tests.faults.mutations import (
     hostile_folder,
     mutated,
 )
+from tests.report.test_page import Page
 
 #: How many mutated files are tried by `make test` and by `make faults`; every which one of them is also run.
 QUICK, LONG, RUN_EVERY = 300, 12_000, 20
@@ -151,6 +153,9 @@ def test_the_judge_tells_time_memory_and_tracebacks(pool, tmp_path, monkeypatch)
         monkeypatch.setattr(judge.workflow, "load", load)
         return judge.judge(path, "family: x", "one").defect
 
+    def deep(_):
+        return deep(_)
+
     def forever(_):
         while True:
             pass
@@ -158,7 +163,7 @@ def test_the_judge_tells_time_memory_and_tracebacks(pool, tmp_path, monkeypatch)
     assert "Overtime" in verdict(forever)
     assert "MemoryError" in verdict(lambda _: bytearray(8 * judge.BYTES))
     assert "ZeroDivisionError" in verdict(lambda _: 1 / 0)
-    assert "RecursionError" in verdict(lambda _: (deep := lambda: deep())())
+    assert "RecursionError" in verdict(deep)
 
 
 @pytest.mark.parametrize(
@@ -246,6 +251,24 @@ def test_chunks_of_no_dimension_are_located(tmp_path):
     assert said[0].startswith(f"study.yaml:{line}:31: execution.chunks.nowhere: unknown dimension")
 
 
+@pytest.mark.parametrize("family", ["field_efficiency", "misalignment"])
+def test_more_hours_than_memory_holds(pool, family):
+    study = yaml.safe_load(next(text for text in corpus() if f"family: {family}" in text and "clock: solar" in text))
+    study["time"] = {"clock": "solar", "days": [81], "hours": {"start": 8, "stop": 16, "num": 10**13}}
+    assert not pool.one(yaml.safe_dump(study).encode()).defect
+
+
+def test_lines_that_end_as_on_old_machines(tmp_path):
+    assert refusal(tmp_path, "a: 1\rb: \x07\r") == ["study.yaml:2:4: character U+0007 is not allowed"]
+
+
+def test_a_study_named_with_a_backslash(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a\\b.yaml").write_text(yaml.safe_dump(SMALL))
+    study = workflow.load("a\\b.yaml")
+    assert workflow.result_folder(study).name == f"a_b-{study.study_id}"
+
+
 def test_cameras_far_apart(tmp_path):
     study = yaml.safe_load(next(text for text in corpus() if text.count("arrangement: square")))
     study["cameras"] = {"positions": [[1e200, 0], [0, 1e200], [0, -1e200], [-1e200, 0]]}
@@ -275,6 +298,35 @@ def test_names_cannot_lead_out_of_the_result_folder(tmp_path, name, monkeypatch)
     assert all(place.is_relative_to(result.folder.resolve()) for place in written)
     page = (result.folder / "report.html").read_text(encoding="utf-8")
     assert "<b>x" not in page
+
+
+EVIL = "<script>alert('&')</script>"
+
+
+@pytest.mark.parametrize(
+    "evil", [EVIL, "$\\frac{$ \\x {0} %s", "\u202e\u0627\u2066"], ids=["markup", "formula", "bidi"]
+)
+def test_words_and_names_of_a_study_on_its_page(tmp_path, monkeypatch, evil):
+    monkeypatch.chdir(tmp_path)
+    file = evil.replace("/", "_")
+    rows = [f"{radius * math.sin(angle)},{radius * math.cos(angle)}" for radius in (60, 80) for angle in range(6)]
+    for name in (f"{file}.csv", "b.csv"):
+        (tmp_path / name).write_text("\n".join(["x,y,note", *(f'{row},"{evil}"' for row in rows)]), encoding="utf-8")
+    study = {
+        **{key: value for key, value in SMALL.items() if key != "site"},
+        "title": evil,
+        "description": f"{evil} {evil}",
+        "references": [evil, f"doi:10.1/{evil}"],
+        "sites": [{"name": evil, "latitude": 0}, {"name": f"{evil}2", "latitude": 40}],
+        "layout": {"file": [f"{file}.csv", "b.csv"]},
+    }
+    path = tmp_path / f"{file}.yaml"
+    path.write_text(yaml.safe_dump(study, allow_unicode=True), encoding="utf-8")
+    result = workflow.run(workflow.load(path))
+    page = Page((result.folder / "report.html").read_text(encoding="utf-8"))
+    assert page.all("script") == []
+    assert page.text.count(evil) > 3
+    assert not [value for _, attrs in page.elements for key, value in attrs.items() if key.startswith("on")]
 
 
 # No pickle.

@@ -34,6 +34,7 @@ _INTEGER = re.compile(r"[-+]?[0-9]{1,20}")
 _BASED = re.compile(r"0o[0-7]{1,20}|0x[0-9a-fA-F]{1,15}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
+_LINE_END = re.compile("\r\n|[\n\r\x85\u2028\u2029]")  # as YAML counts lines
 _NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -182,7 +183,7 @@ class _Reader:
 
     def source(self) -> Source:
         if bad := _NOT_PRINTABLE.search(self.text):
-            before = self.text[: bad.start()].split("\n")
+            before = _LINE_END.split(self.text[: bad.start()])
             self.refuse(f"character U+{ord(bad[0]):04X} is not allowed", Place(len(before), len(before[-1]) + 1))
         try:
             data = self.document(yaml.parse(self.text, _LOADER))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import NoReturn
 
@@ -9,6 +10,9 @@ from heliosweep.errors import Problem, StudyError
 
 MAX_BYTES = 64 * 2**20
 """Largest table that is read: 600 bytes for each of 100,000 heliostats."""
+
+_UNTOLD = 2**20
+"""Most that is read of a file that does not tell its size. [bytes]"""
 
 
 def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
@@ -39,12 +43,14 @@ def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
         if path.exists() and not path.is_file():
             fail("is not a regular file")
         with path.open("rb") as file:
-            data = file.read(most + 1)
+            size = os.fstat(file.fileno()).st_size
+            # Reading takes memory for all that is asked for; files of the system say that they are empty.
+            data = b"" if size > most else file.read(min(most, size or _UNTOLD) + 1)
     except FileNotFoundError:
         fail("there is no such file")
     except (OSError, ValueError) as error:
         fail(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-    if len(data) > most:
+    if max(size, len(data)) > most or (len(data) > _UNTOLD and not size):
         fail(f"is larger than {most // 2**20} MiB")
     if data.startswith(b"PK\x03\x04"):
         fail("is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)")

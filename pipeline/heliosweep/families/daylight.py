@@ -63,7 +63,8 @@ def _places(study: Study, time: SolarTime | CivilTime) -> Iterator[Place]:
     single: Any = getattr(study, "site", None)
     sites = [single] if single is not None else site_table(study)
     clock = None if isinstance(time, SolarTime) else time.timezone
-    if sum(_count(site.latitude) + _count(site.longitude) for site in sites) * _days(time) > MAX_SUNS:
+    suns = sum(_count(site.latitude) + _count(site.longitude) for site in sites) * _days(time)
+    if suns > MAX_SUNS or (isinstance(time, SolarTime) and len(time.hours) > MAX_SUNS):
         return
     for site in sites:
         yield Place(_values(site.latitude), _values(site.longitude), clock or site.timezone or "+00:00")

@@ -37,6 +37,7 @@ DIFFERENCES = "RdBu_r"
 NO_VALUE = "#c8c8c8"
 
 _RC: Any = {
+    "text.parse_math": False,  # titles and names of sites are words, whatever dollars they hold
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,

@@ -13,7 +13,7 @@ from heliosweep.config.blocks import Layout, Site, Sites
 from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.names import Choice
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import CivilTime, SolarTime, Time
 from heliosweep.errors import Problem
 from heliosweep.families.misalignment import checks
@@ -160,9 +160,13 @@ def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
     if isinstance(time, CivilTime):
         axes = {"dates": time.date_list()}
     else:
-        axes = {"days": time.day_numbers().tolist(), "hours": time.solar_hours().tolist()}
-        if (declinations := time.declinations()) is not None:
-            axes["declination"] = declinations.tolist()
+        sweeps = {"days": time.days, "hours": time.hours, "declination": time.declination}
+        # A range rises as its ends do, and may have more values than memory holds.
+        axes = {
+            key: sweep.items if isinstance(sweep, Listed) else [sweep.first, sweep.last][: len(sweep)]
+            for key, sweep in sweeps.items()
+            if sweep is not None
+        }
     for key, values in axes.items():
         if any(later <= earlier for earlier, later in itertools.pairwise(values)):
             yield Fault("must rise", ("time", key), show_value=False)
