@@ -146,10 +146,11 @@ def arrays(path: str | os.PathLike[str], mode: Literal["r", "r+"] = "r+") -> dic
     group = zarr.open_group(path, mode=mode, zarr_format=2, use_consolidated=True)
     names = [name.removesuffix("/.zarray") for name in metadata["metadata"] if name.endswith("/.zarray")]
     made = {}
-    for name in names:
-        array = group[name]
-        assert isinstance(array, zarr.Array)
-        made[name] = array.with_config({"write_empty_chunks": True})
+    with zarr.config.set({"array.write_empty_chunks": True}):  # arrays keep what it was when they were opened
+        for name in names:
+            array = group[name]
+            assert isinstance(array, zarr.Array)
+            made[name] = array
     return made
 
 
