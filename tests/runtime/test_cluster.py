@@ -23,7 +23,6 @@ from heliosweep.config.blocks import Execution
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.registry import families
 from heliosweep.runtime import cluster, connect, versions
-from heliosweep.runtime.work import Engine
 from heliosweep.store import fingerprint
 from tests.conftest import SMALL
 from tests.runtime.clusters import (
@@ -273,28 +272,22 @@ def certificates(tmp_path) -> Callable[[], tuple[str, str]]:
 
 @pytest.mark.long
 def test_encrypted(tmp_path, certificates):
+    pytest.importorskip("distributed")  # brings settings of its own
     cert, key = certificates()
     options = ("--tls-ca-file", cert, "--tls-cert", cert, "--tls-key", key)
-    settings = {"ca-file": cert, "client": {"cert": cert, "key": key}}
-    with scheduler_and_workers(tmp_path, 1, options, "tls") as (address, _), engine_of(settings, address) as started:
-        np.testing.assert_array_equal(outcomes(started, iter([work(1)]))[1].values["a"], expected(1))
-
-
-def engine_of(settings: dict[str, Any], address: str) -> Any:
-    from contextlib import ExitStack, contextmanager
-
-    @contextmanager
-    def made() -> Iterator[Engine]:
-        with ExitStack() as stack:
-            stack.enter_context(dask.config.set({"distributed.comm.tls": settings}))
-            yield stack.enter_context(engine(address))
-
-    return made()
+    settings = {"ca-file": cert, "client.cert": cert, "client.key": key}
+    with scheduler_and_workers(tmp_path, 1, options, "tls") as (address, _):
+        named = dask.config.set({f"distributed.comm.tls.{name}": value for name, value in settings.items()})
+        with named, engine(address) as started:
+            np.testing.assert_array_equal(outcomes(started, iter([work(1)]))[1].values["a"], expected(1))
 
 
 FAKE = """#!/bin/bash
 case "$(basename "$0")" in
-  sbatch) cp "$1" "$FAKE_FOLDER/script"; setsid bash "$1" >/dev/null 2>&1 & echo "Submitted batch job $!" ;;
+  sbatch)
+    cp "$1" "$FAKE_FOLDER/script"
+    setsid bash "$FAKE_FOLDER/script" >/dev/null 2>&1 &
+    echo "Submitted batch job $!" ;;
   scancel) echo "$@" >>"$FAKE_FOLDER/cancelled"; kill -9 -- "-$1" ;;
 esac
 """

@@ -114,6 +114,8 @@ def _classes(name: str, refusals: list[str]) -> tuple[Any, Any]:
 
 
 def _noting(job_class: Any, refusals: list[str]) -> Any:
+    from distributed.core import Status
+
     class Noting(job_class):  # type: ignore[misc]
         async def _submit_job(self, script_filename: str) -> Any:
             try:
@@ -121,6 +123,7 @@ def _noting(job_class: Any, refusals: list[str]) -> Any:
             except Exception as error:
                 said = [line for line in str(error).splitlines() if line.strip()]
                 refusals.append(" ".join(said) or type(error).__name__)
+                self.status = Status.failed  # which a cluster wants to know when it closes
                 raise
 
     return Noting
@@ -137,7 +140,7 @@ def _shell_job() -> Any:
         config_name = "local"
 
         def __init__(self, scheduler: Any = None, name: Any = None, config_name: Any = None, **options: Any) -> None:
-            super().__init__(scheduler=scheduler, name=name, config_name=config_name, **options)
+            super().__init__(scheduler=scheduler, name=name, config_name=config_name, shebang="", **options)
             self.job_header = ""
 
         async def _submit_job(self, script_filename: str) -> str:

@@ -1,0 +1,167 @@
+"""Faults of clusters: workers that die, a scheduler that is lost, Ctrl-C on a terminal."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from heliosweep.errors import RunInterrupted
+from heliosweep.runtime.work import Work
+from tests.runtime.clusters import ROOT, engine, expected, outcomes, scheduler_and_workers, wait_until, work
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="signals of POSIX systems")
+
+
+def slow(block: np.ndarray) -> np.ndarray:
+    time.sleep(0.1)
+    return block
+
+
+def test_a_worker_is_killed_and_replaced():
+    with engine() as started:
+        client = started._client  # type: ignore[attr-defined]
+        pids = set(client.run(os.getpid).values())
+        killed = 0
+        for number, outcome in enumerate(started.run(work(number, slow, blocks=6) for number in range(8))):
+            assert outcome.error is None
+            assert outcome.values is not None
+            np.testing.assert_array_equal(outcome.values["a"], expected(int(outcome.part.name[-5:]), 6))
+            if number == 1:
+                os.kill(killed := min(pids), signal.SIGKILL)
+        wait_until(lambda: len(client.nthreads()) == 2)
+        assert killed not in client.run(os.getpid).values()
+
+
+def test_a_part_that_kills_its_workers():
+    def kill(block: np.ndarray) -> np.ndarray:
+        if block[0] == 203:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return block
+
+    with engine() as started:
+        done = outcomes(started, (work(number, kill, blocks=4) for number in range(6)))
+    assert len(done) == 6
+    assert done[2].values is None
+    assert str(done[2].error).startswith("its worker died 3 times; there may be too little memory: raise execution.mem")
+    for number in (0, 1, 3, 4, 5):
+        np.testing.assert_array_equal(done[number].values["a"], expected(number, 4))
+
+
+@pytest.mark.parametrize("moment", ["before the first part", "between parts"])
+def test_a_lost_scheduler(moment, tmp_path, capfd):
+    with scheduler_and_workers(tmp_path) as (address, scheduler), engine(address) as started:
+        flow = started.run(work(number, slow, blocks=6) for number in range(50))
+        first = moment == "before the first part"
+        if not first:
+            assert next(flow).error is None
+        killer = threading.Timer(0.3 if first else 0.0, scheduler.kill)
+        killer.start()
+        before = time.monotonic()
+        with pytest.raises(RunInterrupted, match=f"the scheduler of {address} is gone; the parts that were done are"):
+            for _ in flow:
+                pass
+        assert time.monotonic() - before < 8
+    assert "Traceback" not in capfd.readouterr().err
+
+
+SCRIPT = """
+import os, sys, time
+from tests.runtime.clusters import engine, work
+
+def slow(block):
+    time.sleep(0.3)
+    return block
+
+if __name__ == "__main__":
+    from heliosweep.runtime.signals import interruptible
+    try:
+        with interruptible(), engine() as started:
+            for outcome in started.run(work(number, slow) for number in range(1000)):
+                print(outcome.part.name, flush=True)
+    except KeyboardInterrupt:
+        sys.exit(4)
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGINT", pytest.param("SIGHUP", marks=pytest.mark.long)])
+def test_interrupted_on_a_terminal(number, tmp_path):
+    """Every process of the terminal gets the signal: the client alone acts on it."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path / "scratch")}
+    (tmp_path / "scratch").mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "script.py"], cwd=tmp_path, env=environment, start_new_session=True, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "points-00000\n"
+    os.killpg(process.pid, getattr(signal, number))
+    before = time.monotonic()
+    _, errors = process.communicate(timeout=30)
+    assert time.monotonic() - before < 5
+    assert process.returncode == 4
+    assert errors == ""
+    wait_until(lambda: not alive(process.pid), 5)
+    assert not list((tmp_path / "scratch").iterdir())
+    assert {path.name for path in tmp_path.iterdir()} == {"script.py", "scratch"}
+
+
+@pytest.mark.long
+def test_the_client_is_killed(tmp_path):
+    """Nothing of a local cluster outlives its client."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    process = subprocess.Popen(
+        [sys.executable, "script.py"], cwd=tmp_path, env=environment, start_new_session=True, text=True,
+        stdout=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "points-00000\n"
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    wait_until(lambda: not alive(process.pid), 15)
+
+
+def alive(group: int) -> bool:
+    """Whether a group of processes has any left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.long
+def test_many_workers_are_killed():
+    """A worker dies now and then: all parts come through, for none is to blame."""
+    stop = threading.Event()
+
+    def works() -> Iterator[Work]:
+        yield from (work(number, slow, blocks=10) for number in range(20))
+
+    with engine() as started:
+        client = started._client  # type: ignore[attr-defined]
+
+        def kill() -> None:
+            for _ in range(5):
+                if stop.wait(4.0):
+                    return
+                for pid in list(client.run(os.getpid, on_error="ignore").values())[:1]:
+                    os.kill(pid, signal.SIGKILL)
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        done = outcomes(started, works())
+        stop.set()
+        killer.join()
+    assert all(outcome.error is None for outcome in done.values())
+    assert len(done) == 20
