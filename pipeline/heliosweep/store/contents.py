@@ -162,7 +162,7 @@ def _check_identity(raw: Raw, manifest: Mapping[str, Any]) -> list[str]:
 def check_apart(path: Path, manifest: Mapping[str, Any]) -> list[str]:
     """Do `check` in a process of its own, which may hang or die of what it reads."""
     size = path.stat().st_size
-    command = [sys.executable, "-m", "heliosweep.store.contents", str(path)]
+    command = [sys.executable, "-P", "-m", "heliosweep.store.contents", str(path)]
     try:
         done = subprocess.run(
             command,
