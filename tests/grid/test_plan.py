@@ -47,7 +47,7 @@ def made(work: Workload, limits: Limits, chunks: dict[str, int]) -> Plan:
     try:
         return make_plan(work, limits, chunks)
     except StudyError as error:
-        assert re.search(r"would cut one part of the work into [\d,]+ blocks, more than 1,000", str(error))
+        assert re.search(rf"would cut one part of the work into [\d,]+ blocks, more than {PART_BLOCKS:,};", str(error))
         reject()
 
 

@@ -18,7 +18,7 @@ from heliosweep.grid.limits import Limits, human_bytes
 from heliosweep.grid.slabs import Part, Series, series_lengths, slab_lengths, slabs
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
-BASE_MEMORY, WORKER_PROCESS_MEMORY = 270 * 2**20, 150 * 2**20
+BASE_MEMORY, WORKER_PROCESS_MEMORY = 385 * 2**20, 150 * 2**20
 #: A NetCDF file without any data. [bytes]
 EMPTY_FILE = 40 * 2**10
 #: Work that a block should hold: long against a task's overhead of 0.2 ms, short against the run. [s]
@@ -27,8 +27,8 @@ BLOCK_SECONDS = 0.25
 LEAST_SECONDS = 0.005
 #: Blocks per worker that keep all workers busy to the end of a part.
 BLOCKS_PER_WORKER = 8
-#: Blocks of one part at the most; a block is some ten tasks, and two parts are in flight.
-PART_BLOCKS = 1000
+#: Blocks of one part at the most: a block is up to 33 tasks, and two parts are in flight with 20,000 tasks at the most.
+PART_BLOCKS = 300
 #: What one part may hold, so that some of them fit any memory, and take on one core, so that a kill costs little.
 PART_BYTES, PART_SECONDS = 64 * 2**20, 5.0
 #: Parts that are in memory at a time: two computed and one written.

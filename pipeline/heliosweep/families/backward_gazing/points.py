@@ -234,7 +234,7 @@ def seconds_per_pixel(study: BackwardGazingStudy) -> float:
 
 def bytes_per_pixel(study: BackwardGazingStudy) -> int:
     """Working memory of a block for each pixel, what is remembered included. [bytes]"""
-    return 8 * (5 * 2 * len(study.method) * len(study.referential) + 60)
+    return 8 * (4 * 2 * len(study.method) * len(study.referential) + 45)
 
 
 def observed(point: Point, given: Given) -> Observation:

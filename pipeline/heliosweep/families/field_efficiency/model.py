@@ -29,6 +29,8 @@ from heliosweep.reduce.weighted import weighted_mean
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 100e-6
+#: Mirrors around a block that may stand in its way, with a low sun; and what is known of each of the field. [1, bytes]
+HALO, BYTES_PER_MIRROR = 5000, 200
 #: Sites and instants from which the plan estimates the elevation of the sun.
 SAMPLED_SITES, SAMPLED_INSTANTS = 9, 500
 
@@ -68,8 +70,9 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     fields = len(Layouts(study))
 
     def block_bytes(points: int, length: int) -> int:
-        frames = min(heliostats, 4 * length + 2000) * packets.PACKET * 10 * 8
-        lists = length * 200 * 16
+        # Frames of the block and of the mirrors around it that may stand in the way, and who these are.
+        frames = min(heliostats, length + HALO) * packets.PACKET * 10 * 8
+        lists = length * 200 * 16 + heliostats * BYTES_PER_MIRROR
         sunlight = (min(points, places) + 3) * instants * 24
         return frames + lists + sunlight + points * length * 4 * 8
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 #: Time of a spot on one core: least squares with all its iterations, aiming twice, spots before and after. [s]
 SECONDS_PER_SPOT = 6e-6
 #: Working memory of a spot. [bytes]
-BYTES_PER_SPOT = 600
+BYTES_PER_SPOT = 200
 
 _PARAMETERS = {"parameter": len(ERRORS), "parameter_2": len(ERRORS)}
 

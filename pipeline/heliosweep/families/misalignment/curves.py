@@ -62,8 +62,8 @@ def workload(study: MisalignmentStudy) -> Workload:
     per_curve = SECONDS_PER_CURVE + lines * SECONDS_PER_CROSSING
 
     def block_bytes(points: int, length: int) -> int:
-        # Spots with their status as the kernel makes them, apart, and as flags are made of them; curves, with a copy.
-        return points * length * number * (3 * 3 * 8 + 3 + math.ceil(2 * 8 * (10 + 3 * lines) / sizes)) + 24 * number
+        # Spots with their status as the kernel makes them, and as flags are made of them; curves, with a copy.
+        return points * length * number * (2 * 3 * 8 + 3 + math.ceil(2 * 8 * (10 + 3 * lines) / sizes)) + 24 * number
 
     inner = {"heliostat": heliostats, **instants, "conic_coefficient": len(variables.COEFFICIENTS)}
     return Workload(
