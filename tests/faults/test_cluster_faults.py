@@ -9,6 +9,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -91,21 +93,31 @@ if __name__ == "__main__":
 """
 
 
+@contextmanager
+def script_that_computes(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """A script with a local cluster, in a session of its own, when its first part is done."""
+    (folder / "script.py").write_text(SCRIPT)
+    (folder / "scratch").mkdir()
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(folder / "scratch")}
+    command, pipe = [sys.executable, "script.py"], subprocess.PIPE
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, start_new_session=True, text=True, stdout=pipe, stderr=pipe
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("points-")
+            yield process
+        finally:
+            process.kill()
+
+
 @pytest.mark.parametrize("number", ["SIGINT", pytest.param("SIGHUP", marks=pytest.mark.long)])
 def test_interrupted_on_a_terminal(number, tmp_path):
     """Every process of the terminal gets the signal: the client alone acts on it."""
-    (tmp_path / "script.py").write_text(SCRIPT)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path / "scratch")}
-    (tmp_path / "scratch").mkdir()
-    process = subprocess.Popen(
-        [sys.executable, "script.py"], cwd=tmp_path, env=environment, start_new_session=True, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    assert process.stdout is not None
-    assert process.stdout.readline() == "points-00000\n"
-    os.killpg(process.pid, getattr(signal, number))
-    before = time.monotonic()
-    _, errors = process.communicate(timeout=30)
+    with script_that_computes(tmp_path) as process:
+        os.killpg(process.pid, getattr(signal, number))
+        before = time.monotonic()
+        _, errors = process.communicate(timeout=30)
     assert time.monotonic() - before < 5
     assert process.returncode == 4
     assert errors == ""
@@ -117,17 +129,8 @@ def test_interrupted_on_a_terminal(number, tmp_path):
 @pytest.mark.long
 def test_the_client_is_killed(tmp_path):
     """Nothing of a local cluster outlives its client."""
-    (tmp_path / "script.py").write_text(SCRIPT)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
-    process = subprocess.Popen(
-        [sys.executable, "script.py"], cwd=tmp_path, env=environment, start_new_session=True, text=True,
-        stdout=subprocess.PIPE,
-    )  # fmt: skip
-    assert process.stdout is not None
-    assert process.stdout.readline() == "points-00000\n"
-    process.kill()
-    process.wait()
-    process.stdout.close()
+    with script_that_computes(tmp_path) as process:
+        process.kill()
     wait_until(lambda: not alive(process.pid), 15)
 
 

@@ -206,6 +206,7 @@ def _local(workers: int, memory: int | None) -> Iterator[Any]:
                     dashboard_address=free_dashboard("127.0.0.1"),
                     silence_logs=logging.CRITICAL,
                     local_directory=folder,
+                    scheduler_kwargs={"local_directory": folder},
                 )
         except RuntimeError as error:
             raise HeliosweepError(

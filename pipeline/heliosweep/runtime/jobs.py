@@ -69,7 +69,7 @@ def job_queue(execution: Execution, workers: int) -> Iterator[tuple[Any, Callabl
         local = execution.scheduler == "local-jobs"
         options = _job_options(execution.scheduler, job)
         options["local_directory"] = folder if local else "${TMPDIR:-/tmp}"  # read by the shell of the job
-        scheduler = {"dashboard_address": free_dashboard("127.0.0.1")}
+        scheduler = {"dashboard_address": free_dashboard("127.0.0.1"), "local_directory": folder}
         if local:
             scheduler["host"] = "127.0.0.1"
         try:
