@@ -17,7 +17,7 @@ import pytest
 
 from heliosweep.errors import RunInterrupted
 from heliosweep.runtime.work import Work
-from tests.runtime.clusters import ROOT, engine, expected, outcomes, scheduler_and_workers, wait_until, work
+from tests.runtime.clusters import ROOT, check, engine, outcomes, scheduler_and_workers, wait_until, work
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="signals of POSIX systems")
 
@@ -33,9 +33,7 @@ def test_a_worker_is_killed_and_replaced():
         pids = set(client.run(os.getpid).values())
         killed = 0
         for number, outcome in enumerate(started.run(work(number, slow, blocks=6) for number in range(8))):
-            assert outcome.error is None
-            assert outcome.values is not None
-            np.testing.assert_array_equal(outcome.values["a"], expected(int(outcome.part.name[-5:]), 6))
+            check(outcome, blocks=6)
             if number == 1:
                 os.kill(killed := min(pids), signal.SIGKILL)
         wait_until(lambda: len(client.nthreads()) == 2)
@@ -54,7 +52,7 @@ def test_a_part_that_kills_its_workers():
     assert done[2].values is None
     assert str(done[2].error).startswith("its worker died 3 times; there may be too little memory: raise execution.mem")
     for number in (0, 1, 3, 4, 5):
-        np.testing.assert_array_equal(done[number].values["a"], expected(number, 4))
+        check(done[number], blocks=4)
 
 
 @pytest.mark.parametrize("moment", ["before the first part", "between parts"])

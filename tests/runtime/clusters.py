@@ -63,6 +63,12 @@ def expected(number: int, blocks: int = 3) -> np.ndarray:
     return np.arange(100.0 * number, 100 * number + 3 * blocks)
 
 
+def check(outcome: Outcome, blocks: int = 3) -> None:
+    """Check the values of what `work` made."""
+    assert outcome.values is not None, outcome.error
+    np.testing.assert_array_equal(outcome.values["a"], expected(int(outcome.part.name[-5:]), blocks))
+
+
 def outcomes(engine: Engine, works: Iterator[Work]) -> dict[int, Outcome]:
     return {int(outcome.part.name[-5:]): outcome for outcome in engine.run(works)}
 

@@ -47,8 +47,7 @@ class Scheduler(Choice):
     @property
     def purpose(self) -> str:
         """The description and what each name means."""
-        meanings = "; ".join(f"{name}: {meaning}" for name, meaning in dict(self.options).items())
-        return f"{self.description} ({meanings}; tcp://HOST:PORT or tls://HOST:PORT: a dask scheduler that runs there)"
+        return f"{super().purpose[:-1]}; tcp://HOST:PORT or tls://HOST:PORT: a dask scheduler that runs there)"
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of the name or address."""

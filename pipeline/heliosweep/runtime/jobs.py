@@ -116,7 +116,7 @@ def _classes(name: str, refusals: list[str]) -> tuple[Any, Any]:
 def _noting(job_class: Any, refusals: list[str]) -> Any:
     from distributed.core import Status
 
-    class Noting(job_class):  # type: ignore[misc]
+    class Noting(job_class):
         async def _submit_job(self, script_filename: str) -> Any:
             try:
                 return await super()._submit_job(script_filename)
@@ -135,8 +135,8 @@ def _shell_job() -> Any:
     class ShellJob(QueueJob):
         """Job script that runs at once, on this machine."""
 
-        submit_command = "bash"
-        cancel_command = "kill"
+        submit_command: Any = "bash"
+        cancel_command: Any = "kill"
         config_name = "local"
 
         def __init__(self, scheduler: Any = None, name: Any = None, config_name: Any = None, **options: Any) -> None:
