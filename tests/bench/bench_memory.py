@@ -1,0 +1,167 @@
+"""Peak memory of whole runs beside what the plan said: shipped studies, and larger ones for each part of the estimate.
+
+Each run is a process of its own. Its memory is what the system says it held at most; with worker processes, the sum
+over all processes, looked at every 20 ms. Names of studies as arguments measure these alone.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+ROOT = Path(__file__).parent.parent.parent
+STUDIES = ROOT / "studies"
+#: How far the plan may be from what is measured.
+FACTOR = 1.5
+#: The system is looked at so often. [s]
+INTERVAL = 0.02
+
+
+def peak_memory(study: Path, output: Path, *arguments: str) -> int:
+    """Run a study in a process of its own; the most memory that it and its children held. [bytes]."""
+    command = [sys.executable, "-m", "heliosweep", "run", str(study), "--output", str(output), *arguments]
+    with tempfile.TemporaryFile() as errors:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors)
+        alone = together = 0
+        while process.poll() is None:
+            # Not that of the usage at its end: that one begins with the memory of the process that started it.
+            alone = _held(process.pid, "status", "VmHWM") or alone
+            children = list(_below(process.pid))
+            if children:
+                together = max(
+                    together, sum(_held(number, "smaps_rollup", "Pss") for number in (process.pid, *children))
+                )
+            time.sleep(INTERVAL)
+        if process.returncode:
+            errors.seek(0)
+            raise RuntimeError(f"{study.name}: {errors.read().decode()[-2000:]}")
+    return max(alone, together)
+
+
+def _below(number: int) -> Iterator[int]:
+    """All processes below one."""
+    with suppress(OSError):  # it has ended
+        for task in Path(f"/proc/{number}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                yield int(child)
+                yield from _below(int(child))
+
+
+def _held(number: int, file: str, name: str) -> int:
+    """Memory of a process as the system counts it; shared pages by their share in ``Pss``. [bytes]."""
+    with suppress(OSError):
+        for line in Path(f"/proc/{number}/{file}").read_text().splitlines():
+            if line.startswith(f"{name}:"):
+                return int(line.split()[1]) * 1024
+    return 0
+
+
+def _shipped(name: str, **blocks: Any) -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load((STUDIES / f"{name}.yaml").read_text(encoding="utf-8"))
+    content.pop("report", None)
+    return content | blocks
+
+
+def _stagger(heliostats: int) -> dict[str, Any]:
+    return {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}}
+
+
+def _field(heliostats: int, days: int, hours: int, **blocks: Any) -> dict[str, Any]:
+    time_block = {
+        "clock": "solar",
+        "days": {"start": 1, "stop": days, "step": 1},
+        "hours": {"start": 6, "stop": 18, "step": 12 / hours},
+        "sampling": "midpoint",
+    }
+    one = {"tracking": "azimuth_elevation", "site": {"latitude": 30}, "layout": _stagger(heliostats)}
+    return _shipped("latitude_sweep", **one, time=time_block) | blocks
+
+
+def _changed(content: dict[str, Any], block: str, **keys: Any) -> dict[str, Any]:
+    return content | {block: content.get(block, {}) | keys}
+
+
+def larger_studies() -> dict[str, dict[str, Any]]:
+    """Studies whose memory is that of one part of the estimate."""
+    series = {"output": {"time_series": True}}
+    latitudes = {"latitude": {"start": -60, "stop": 60, "step": 0.04}}
+    return {
+        "series_300_MB": _field(1000, 365, 26, **series),
+        "series_600_MB": _field(1000, 365, 52, **series),
+        "series_600_MB_zarr": _field(1000, 365, 52, output={"time_series": True, "format": "zarr"}),
+        "series_4_workers": _field(1000, 365, 26, **series, execution={"workers": 4}),
+        "series_2_processes": _field(1000, 365, 26, **series, execution={"workers": 2, "scheduler": "processes"}),
+        "field_2_processes": _field(1000, 180, 12, execution={"workers": 2, "scheduler": "processes"}),
+        "field_100k_heliostats": _field(100_000, 2, 2),
+        "field_100k_series": _field(100_000, 2, 24, **series),
+        "field_100k_instants": _field(20, 365, 480),
+        "field_3000_latitudes": _field(200, 1, 4, site=latitudes),
+        "field_1_worker": _field(2000, 60, 12, execution={"workers": 1}),
+        "dish_300_latitudes": _shipped(
+            "dish_world",
+            site={"latitude": {"start": -60, "stop": 60, "step": 0.4}, "longitude": 0},
+            statistics={"required_factor": [0.5]},
+        ),
+        "drift_3000_sizes": _changed(
+            _shipped("spot_drift"), "error", size={"start": -12, "stop": 12, "step": 24 / 2999}
+        ),
+        "drift_4_workers": _changed(
+            _shipped("spot_drift", execution={"workers": 4}),
+            "error",
+            size={"start": -12, "stop": 12, "step": 24 / 2999},
+        ),
+        "tolerance_20k_heliostats": _shipped("field_tolerance", layout=_stagger(20_000)),
+        "draws_1000_heliostats": _shipped("mount_error_monte_carlo", layout=_stagger(1000)),
+        "draws_100k_samples": _changed(
+            _shipped("mount_error_monte_carlo", layout=_stagger(10)), "mount_errors", samples=100_000
+        ),
+        "calibration_1000_draws": _changed(_shipped("calibration_synthetic"), "mount_errors", samples=1000),
+        "gazing_maps": _changed(_shipped("camera_radius", output={"maps": True}), "heliostat", pixel=0.05),
+        "gazing_fine_pixels": _changed(_shipped("defieux2020_figures"), "heliostat", pixel=0.02),
+    }
+
+
+def measured(name: str, content: dict[str, Any] | None, folder: Path) -> Iterator[tuple[bool, int, int]]:
+    """Whether with a report, what the plan says and what is measured [bytes]."""
+    study = STUDIES / f"{name}.yaml"
+    if content is not None:
+        for place in STUDIES.iterdir():
+            if place.is_dir() and not (folder / place.name).exists():
+                (folder / place.name).symlink_to(place)
+        study = folder / f"{name}.yaml"
+        study.write_text(yaml.safe_dump(content), encoding="utf-8")
+    for report in (False, True):
+        output = folder / f"{name}-{report}"
+        peak = peak_memory(study, output, *([] if report else ["--no-report"]))
+        manifest = json.loads((output / "manifest.json").read_text(encoding="utf-8"))
+        yield report, manifest["plan"]["peak_memory"], peak
+
+
+def main(names: list[str]) -> None:
+    """Print one table."""
+    larger = larger_studies()
+    wanted = names or [*(path.stem for path in sorted(STUDIES.glob("*.yaml"))), *larger]
+    print("\npeak memory of whole runs")
+    print(f"  {'study':32} {'report':>6} {'plan MB':>8} {'measured':>8} {'ratio':>6}")
+    with tempfile.TemporaryDirectory() as folder:
+        for name in wanted:
+            for report, plan, peak in measured(name, larger.get(name), Path(folder)):
+                ratio = plan / peak
+                far = "" if 1 / FACTOR <= ratio <= FACTOR else "  more than a factor 1.5"
+                line = (
+                    f"  {name:32} {'yes' if report else 'no':>6} {plan / 1e6:8.0f} {peak / 1e6:8.0f} {ratio:6.2f}{far}"
+                )
+                print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,82 @@
+"""Peak memory of whole runs, each in a process of its own, beside what the plan says; more in `tests.bench`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from heliosweep import workflow
+from heliosweep.errors import PlanError
+from heliosweep.grid.plan import BASE_MEMORY
+from tests.bench.bench_memory import FACTOR, STUDIES, peak_memory
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from /proc")
+
+
+def shipped(name: str, **blocks: Any) -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load((STUDIES / f"{name}.yaml").read_text(encoding="utf-8"))
+    return content | {"execution": {"workers": 2}} | blocks
+
+
+def series() -> dict[str, Any]:
+    """Time series of 70 MB: of two parts."""
+    return shipped(
+        "latitude_sweep",
+        site={"latitude": 30},
+        tracking="azimuth_elevation",
+        layout={"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": 500}},
+        time={
+            "clock": "solar",
+            "days": {"start": 1, "stop": 365, "step": 4},
+            "hours": {"start": 6, "stop": 18, "step": 0.25},
+            "sampling": "midpoint",
+        },
+        output={"time_series": True},
+    )
+
+
+def draws(memory: int | None = None) -> dict[str, Any]:
+    """Calibrations of 3,000 draws of each of six heliostats: blocks of 180 MB, where nothing bounds them."""
+    content = shipped("calibration_synthetic")
+    content["mount_errors"]["samples"] = 3000
+    content["calibration"] = {"parameters": 4, "noise": content["calibration"]["noise"]}
+    if memory is not None:
+        content["execution"]["memory"] = f"{memory} B"
+    return content
+
+
+def written(content: dict[str, Any], folder: Path) -> Path:
+    path = folder / "study.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("content", [shipped("figure7_hyperbolas"), series()], ids=["little", "time series"])
+def test_plan_foresees_the_peak(content, tmp_path):
+    path = written(content, tmp_path)
+    planned = workflow.plan(workflow.load(path), tmp_path / "result").peak_memory
+    measured = peak_memory(path, tmp_path / "result", "--no-report")
+    assert planned / FACTOR < measured < planned * FACTOR
+
+
+@pytest.mark.slow
+def test_a_run_keeps_to_the_memory_it_is_given(tmp_path):
+    given = BASE_MEMORY + 200 * 2**20
+    path = written(draws(given), tmp_path)
+    planned = workflow.plan(workflow.load(path), tmp_path / "result")
+    free = workflow.plan(workflow.load(draws()), tmp_path / "result")
+    assert planned.chunks["heliostat"] < free.chunks["heliostat"]
+    assert planned.peak_memory <= given < free.peak_memory
+    assert peak_memory(path, tmp_path / "result", "--no-report") <= given
+
+
+def test_a_run_that_cannot_keep_to_it_is_refused(tmp_path):
+    with pytest.raises(PlanError, match=r"the program and the axes would take .* raise execution\.memory to"):
+        workflow.plan(workflow.load(draws(BASE_MEMORY - 2**20)), tmp_path / "result")
+    with pytest.raises(PlanError, match=r"the smallest block of work would take .* raise execution\.memory to"):
+        workflow.plan(workflow.load(draws(BASE_MEMORY + 50 * 2**20)), tmp_path / "result")
