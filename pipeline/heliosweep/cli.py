@@ -230,7 +230,7 @@ def _status(options: argparse.Namespace) -> None:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from heliosweep.store.verify import verify
+    from heliosweep.runtime.verify import verify
 
     code = 0
     for folder in options.folders:

@@ -790,7 +790,7 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "family: field_efficiency\noutput: {time_series: yes, compression: gzip, compression_level: 10}",
         [
             "study.yaml:2:23: output.time_series: must be true or false (got 'yes')",
-            "study.yaml:2:41: output.compression: unknown choice; use 'none' or 'zlib' (got 'gzip')",
+            "study.yaml:2:41: output.compression: unknown choice; use 'none', 'zlib' or 'zstd' (got 'gzip')",
             "study.yaml:2:66: output.compression_level: must be between 1 and 9 (got 10)",
         ],
     ),

@@ -136,7 +136,7 @@ def test_bad_tables(table, text, expected):
 
 def test_a_table_that_is_not_there(tmp_path):
     assert problems(read_published, tmp_path / "none.csv", "", "none.csv") == [
-        "none.csv: cannot read the published numbers: No such file or directory"
+        "none.csv: there is no such file"
     ]
 
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
 from heliosweep.report.labels import latitude_text
-from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, VALUES, new_figure, styled
+from heliosweep.report.style import COLOURS, DASHES, MARKERS, PAGE_WIDTH, VALUES, PlainPowers, new_figure, styled
 
 #: More points than this are drawn without markers.
 MARKED = 40
@@ -136,6 +136,8 @@ def curve_figure(
             axes.xaxis.set_major_locator(MultipleLocator(step))
         elif logarithmic:
             axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(PlainPowers())
+            axes.xaxis.set_minor_formatter(PlainPowers(labelOnlyBase=False))
         elif latitude:
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 1.5, 2, 3, 5, 10]))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: latitude_text(round(value, 6))))

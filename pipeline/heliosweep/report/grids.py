@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from heliosweep.report.labels import latitude_text
-from heliosweep.report.style import NO_VALUE, PAGE_WIDTH, VALUES, new_figure, styled
+from heliosweep.report.style import NO_VALUE, PAGE_WIDTH, VALUES, PlainPowers, new_figure, styled
 
 #: Least span of a colour scale as a part of the largest value.
 LEAST_PART = 0.01
@@ -73,6 +73,8 @@ class Side:
     def tick(self, axis: Axis) -> None:
         """Place and word the ticks of an axis."""
         if self.logarithmic:
+            axis.set_major_formatter(PlainPowers())
+            axis.set_minor_formatter(PlainPowers(labelOnlyBase=False))
             return
         few = MaxNLocator(7, steps=[1, 1.5, 2, 2.5, 3, 5, 10])
         axis.set_major_locator(MultipleLocator(self.step) if self.step else few)

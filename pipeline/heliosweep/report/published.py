@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from heliosweep.config.tables import table_text
 from heliosweep.errors import Problem, StudyError
 
 #: Columns that every table has; all others are coordinates of the result.
@@ -88,11 +89,7 @@ def read_published(path: Path, source: str = "", name: str = "") -> PublishedTab
         The file cannot be read or is no such table; every problem found, each at its line.
     """
     file = name or str(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not text in UTF-8"
-        raise StudyError(Problem(f"cannot read the published numbers: {reason}", file=file)) from None
+    text = table_text(path, file)
     rows = list(_rows(text))
     if not rows:
         raise StudyError(Problem("holds no table of published numbers", file=file))

@@ -6,6 +6,7 @@ Figures are made without pyplot and without touching matplotlib's global setting
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -14,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -37,7 +39,7 @@ DIFFERENCES = "RdBu_r"
 NO_VALUE = "#c8c8c8"
 
 _RC: Any = {
-    "text.parse_math": False,  # titles and names of sites are words, whatever dollars they hold
+    "text.parse_math": False,  # titles and names of sites are words, whatever dollars they hold; see `PlainPowers`
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
@@ -94,6 +96,19 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
     return figure
+
+
+_FORMULA, _POWER = re.compile(r"\$\\mathdefault\{(.*)\}\$"), re.compile(r"\^\{([-0-9]+)\}")
+_RAISED = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+
+
+class PlainPowers(LogFormatterSciNotation):
+    """Ticks of logarithmic axes as text: formulas are not set, since titles and names may hold dollars."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Text of a tick."""
+        text = _FORMULA.sub(r"\1", super().__call__(x, pos)).replace(r"\times", "\N{MULTIPLICATION SIGN}")
+        return _POWER.sub(lambda found: found.group(1).translate(_RAISED), text)
 
 
 def image(figure: Figure, kind: str = "png") -> bytes:

@@ -17,7 +17,8 @@ from heliosweep.grid.plan import Plan
 from heliosweep.runtime.execute import execute, skeleton_of
 from heliosweep.runtime.inputs import Inputs
 from heliosweep.store import working
-from heliosweep.store.digest import content_digest
+from heliosweep.store.contents import read_parts
+from heliosweep.store.digest import content_digest, tree
 from heliosweep.store.finished import Finished, result_digest
 from heliosweep.store.identity import identity_of, listed
 from heliosweep.store.manifest import environment, write_atomically, write_manifest
@@ -174,15 +175,11 @@ class Run:
 
     def _take_over(self, earlier: Finished) -> None:
         """Use the parts of a finished result of the same numbers, of which other words or another format are wanted."""
-        from heliosweep.store.contents import read_part
-
         assert self.store is not None
-        for part in self.plan.parts():
-            digest = earlier.digests.get(part.name)
-            if digest and part.name not in self.store.journal.done:
-                values = read_part(earlier.path, part, digest)
-                if values is not None:
-                    self.store.commit(part, values)
+        parts = [part for part in self.plan.parts() if part.name in earlier.digests]
+        for part, values in zip(parts, read_parts(earlier.path, parts, earlier.digests), strict=True):
+            if values is not None and part.name not in self.store.journal.done:
+                self.store.commit(part, values)
 
     def _record(self, path: Path, identity: dict[str, Any], digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study."""
@@ -203,11 +200,11 @@ class Run:
                 "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                 "result": {
                     "file": path.name,
-                    "bytes": sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])),
+                    "bytes": sum(tree(path).values()) if path.is_dir() else path.stat().st_size,
                     "sha256": result_digest(path),
                     "content_digest": content_digest(path),
                 },
-                "parts": {"cut": plan.cut, "digests": digests},
+                "parts": {"cut": plan.cut, "digests": digests, "variables": list(self.skeleton.variables)},
                 "plan": {
                     "dimensions": plan.workload.sizes,
                     "points": plan.workload.points,

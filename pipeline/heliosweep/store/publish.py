@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from heliosweep.config.blocks import Output
 from heliosweep.grid.plan import Plan
@@ -16,7 +17,7 @@ from heliosweep.store.netcdf import ResultWriter
 from heliosweep.store.raw import RESULTS
 from heliosweep.store.skeleton import Skeleton
 from heliosweep.store.temporary import remove, temporary_name
-from heliosweep.store.working import WorkingStore, writing
+from heliosweep.store.working import WorkingStore, sync, writing
 
 
 def publish(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output, folder: Path) -> Path:
@@ -74,16 +75,21 @@ def _publish_netcdf(store: WorkingStore, skeleton: Skeleton, plan: Plan, output:
 def _publish_zarr(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output, path: Path) -> None:
     temporary = temporary_name(path)
     with writing(path), _removed(temporary):
-        skeleton.create_zarr(temporary, plan.cut, output.compression, output.compression_level)
+        compression: Any = output.compression
+        skeleton.create_zarr(temporary, plan.cut, compression, output.compression_level)
         for name in skeleton.variables:
             for chunk in (store.values / name).iterdir():
                 if not chunk.name.startswith("."):
                     _link(chunk, temporary / name / chunk.name)
         zarr_result.finish(temporary)
+        for place in temporary.rglob("*"):
+            if place.is_dir() or place.name.startswith("."):  # chunks are on the disk since they were stored
+                sync(place)
         for name in DESCRIPTIONS:
             path.with_name(name).unlink(missing_ok=True)
         remove_result(path)
         temporary.rename(path)
+        sync(path.parent)
 
 
 def remove_result(path: Path) -> None:

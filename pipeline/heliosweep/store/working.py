@@ -65,6 +65,8 @@ class WorkingStore:
         self.journal = Journal.read(folder / "journal.jsonl")
         arrays = zarr_result.arrays(self.values)
         self._arrays = {name: arrays[name] for name in self.identity["variables"]}
+        found: dict[str, Any] = {name: array.attrs["_ARRAY_DIMENSIONS"] for name, array in self._arrays.items()}
+        self._dims: dict[str, tuple[str, ...]] = {name: tuple(dims) for name, dims in found.items()}
         self._clock = time.monotonic()
 
     @classmethod
@@ -101,9 +103,9 @@ class WorkingStore:
                 text = json.dumps(said, indent=2, sort_keys=True, ensure_ascii=False)
                 (unfinished / "study.json").write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
                 for place in unfinished.rglob("*"):
-                    _sync(place)
+                    sync(place)
                 unfinished.rename(folder)
-                _sync(folder.parent)
+                sync(folder.parent)
             finally:
                 shutil.rmtree(unfinished, ignore_errors=True)
         return cls(folder)
@@ -129,9 +131,9 @@ class WorkingStore:
                 target = self._arrays[name]
                 index = self._index(name, part)
                 target[index] = array
-                _sync(self._chunk(name, index))
+                sync(self._chunk(name, index))
             for name in encoded:
-                _sync(self.values / name)
+                sync(self.values / name)
             self._write(part, sha256=part_digest(encoded))
 
     def fail(self, part: Part, why: str) -> None:
@@ -179,15 +181,11 @@ class WorkingStore:
 
     def _of(self, part: Part) -> Iterator[str]:
         """Variables of the kind of a part."""
-        for name, array in self._arrays.items():
-            dims = array.attrs["_ARRAY_DIMENSIONS"]
-            if ("time" in dims) == (part.kind == "series"):
-                yield name
+        return (name for name, dims in self._dims.items() if ("time" in dims) == (part.kind == "series"))
 
     def _index(self, name: str, part: Part) -> tuple[slice, ...]:
-        array = self._arrays[name]
-        dims = zip(array.attrs["_ARRAY_DIMENSIONS"], array.shape, strict=True)
-        return tuple(part.region.get(dim, slice(0, size)) for dim, size in dims)
+        sizes = zip(self._dims[name], self._arrays[name].shape, strict=True)
+        return tuple(part.region.get(dim, slice(0, size)) for dim, size in sizes)
 
     def _chunk(self, name: str, index: tuple[slice, ...]) -> Path:
         lengths = self._arrays[name].chunks
@@ -244,7 +242,7 @@ def writing(path: Path) -> Iterator[None]:
         raise HeliosweepError(f"{path}: cannot be written: {cause} ({human_bytes(free)} free)") from error
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
     """Wait until a file or folder is on the disk."""
     if os.name != "posix" and path.is_dir():
         return

@@ -12,9 +12,9 @@ import netCDF4
 import numpy as np
 import pytest
 
+from heliosweep.runtime.verify import read_part, read_parts, verify
 from heliosweep.store import contents
 from heliosweep.store.skeleton import Skeleton
-from heliosweep.store.verify import read_part, read_parts, verify
 from heliosweep.store.working import WorkingStore
 from tests.store.samples import (
     ATTRIBUTES,

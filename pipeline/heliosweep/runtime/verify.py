@@ -176,14 +176,15 @@ def _check_alone(path: Path, problems: list[str]) -> None:
 
 
 def _check_study(folder: Path, manifest: Mapping[str, Any], verification: Verification) -> None:
-    from heliosweep.workflow import load
+    from heliosweep.config.load import load
+    from heliosweep.families.registry import study_classes
 
     path = folder / "study.resolved.yaml"
     if not path.exists():
         verification.problems.append(f"{path.name}: is missing")
         return
     try:
-        found = load(path).study_id
+        found = load(path, study_classes()).study_id
     except StudyError as error:
         first = str(error.problems[0]).removeprefix(f"{path}:")
         if all("no such file" in str(problem) for problem in error.problems):
