@@ -64,9 +64,8 @@ def main() -> None:
     print(f"  {'engine':12} {'workers':>7} {'seconds':>8} {'1 worker / this':>16} {'this / in memory':>17}")
     one = {engine: seconds for engine, workers, seconds in rows if workers == 1}
     for engine, workers, seconds in rows:
-        print(
-            f"  {engine:12} {workers:7} {seconds:8.1f} {one[engine] / seconds:16.2f} {seconds / baseline[workers]:17.2f}"
-        )
+        gain, cost = one[engine] / seconds, seconds / baseline[workers]
+        print(f"  {engine:12} {workers:7} {seconds:8.1f} {gain:16.2f} {cost:17.2f}")
     print(f"  result.nc of all runs: {'the same bytes' if len(same) == 1 else 'DIFFERENT BYTES'}")
 
 
