@@ -125,7 +125,11 @@ def larger_studies() -> dict[str, dict[str, Any]]:
             _shipped("mount_error_monte_carlo", layout=_stagger(10)), "mount_errors", samples=100_000
         ),
         "calibration_1000_draws": _changed(_shipped("calibration_synthetic"), "mount_errors", samples=1000),
-        "gazing_maps": _changed(_shipped("camera_radius", output={"maps": True}), "heliostat", pixel=0.05),
+        "gazing_maps": _changed(
+            _changed(_shipped("camera_radius", output={"maps": True}), "heliostat", pixel=0.05),
+            "cameras",
+            radius=[0.2, 0.24, 0.28],
+        ),
         "gazing_fine_pixels": _changed(_shipped("defieux2020_figures"), "heliostat", pixel=0.02),
     }
 

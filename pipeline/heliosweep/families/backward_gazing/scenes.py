@@ -49,7 +49,7 @@ def workload(study: BackwardGazingStudy) -> Workload:
     variables |= {name: (*rest, *dims) for name, (dims, _) in _statistics(study).items()}
 
     def block_bytes(number: int, _: int) -> int:
-        return pixels * points.bytes_per_pixel(study) + 3 * 8 * row * number
+        return pixels * points.bytes_per_pixel(study) + 2 * 8 * row * number
 
     return Workload(
         parameters=grid.sizes,
