@@ -35,6 +35,12 @@ DASHBOARD_PORT = 8787
 #: A task whose worker dies more often has failed.
 ALLOWED_FAILURES = 2
 
+#: What workers need, imported once for all of them.
+_IMPORTS = (
+    "distributed", "xarray", "numba", "scipy", "pvlib", "heliosweep.workflow", "heliosweep.runtime.versions",
+    "heliosweep.kernels.warm",
+)  # fmt: skip
+
 #: Nothing is read back from disk: values on workers stay in memory, and are few.
 WORKER_SETTINGS: dict[str, Any] = {
     "distributed.worker.memory.target": False,
@@ -196,6 +202,7 @@ def _local(workers: int, memory: int | None) -> Iterator[Any]:
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="heliosweep-", ignore_cleanup_errors=True))
         try:
+            stack.enter_context(_forked())
             with _interruptions_blocked():
                 cluster = LocalCluster(
                     n_workers=workers,
@@ -216,6 +223,22 @@ def _local(workers: int, memory: int | None) -> Iterator[Any]:
         stack.callback(_close, cluster)
         log.info("dashboard: %s", cluster.dashboard_link)
         yield cluster
+
+
+@contextmanager
+def _forked() -> Iterator[None]:
+    """Start workers, also those that replace others, from one process that has imported all they need."""
+    import multiprocessing
+
+    import dask
+    from distributed.utils import get_mp_context
+
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        yield
+        return
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        get_mp_context().set_forkserver_preload(list(_IMPORTS))
+        yield
 
 
 def _close(cluster: Any) -> None:
