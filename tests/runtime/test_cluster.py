@@ -195,7 +195,7 @@ def test_nothing_is_left(monkeypatch, tmp_path, caplog, capfd):
     caplog.set_level(logging.INFO, "heliosweep")
     pytest.importorskip("distributed")  # brings levels and settings of its own
     levels = {name: logging.getLogger(name).level for name in ("distributed", "tornado", "distributed.client")}
-    settings = dask.config.get("distributed")
+    settings, path = dask.config.get("distributed"), list(sys.path)
     with engine(workers=1) as started:
         outcomes(started, iter([work(0)]))
         flow = started.run(work(number, slow) for number in range(5))
@@ -205,6 +205,7 @@ def test_nothing_is_left(monkeypatch, tmp_path, caplog, capfd):
     assert not list(tmp_path.iterdir())
     assert {name: logging.getLogger(name).level for name in levels} == levels
     assert dask.config.get("distributed") == settings
+    assert sys.path == path
     assert [said.message for said in caplog.records if said.message.startswith("dashboard: http://127.0.0.1:")]
     assert capfd.readouterr().err == ""
     names = [thread.name for thread in threading.enumerate()]

@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 import socket
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -101,6 +102,7 @@ def connected(execution: Execution, workers: int) -> Iterator[Connection]:
     import dask
 
     with TidyStack() as stack:
+        stack.callback(sys.path.__setitem__, slice(None), list(sys.path))  # to which a scheduler adds its folder
         stack.enter_context(_quiet())
         stack.enter_context(dask.config.set(_COMM_SETTINGS))
         if "://" in execution.scheduler:
