@@ -20,6 +20,7 @@ from heliosweep.families.registry import Family, families, study_classes
 if TYPE_CHECKING:
     import xarray as xr
 
+    from heliosweep.config.execution import Execution
     from heliosweep.grid.plan import Plan
     from heliosweep.runtime.status import Status
 
@@ -78,20 +79,30 @@ def plan(study: Study, output: str | os.PathLike[str] | None = None) -> Plan:
     from heliosweep.grid.limits import machine_limits
     from heliosweep.grid.plan import make_plan
 
-    execution, folder = study.execution, result_folder(study, output)
-    limits = machine_limits(execution.workers, execution.memory, folder)
-    processes = execution.scheduler in ("processes", "distributed")
+    execution, folder = study.execution.resolved(), result_folder(study, output)
+    elsewhere = _workers_elsewhere(execution)
+    limits = machine_limits(elsewhere or execution.workers, execution.memory, folder)
+    where: Any = "processes" if execution.scheduler in ("processes", "distributed") else "here"
     # The parts stay on the disk until the file that is made of them is whole; what is there already takes no more.
     copies = 2 if study.output.format == "netcdf" else 1
     limits = replace(limits, disk=limits.disk + _size(folder / "working"))
     workload = family_of(study).workload(study)
     try:
-        return make_plan(workload, limits, execution.chunks, processes=processes, copies=copies)
+        return make_plan(workload, limits, execution.chunks, where="elsewhere" if elsewhere else where, copies=copies)
     except StudyError as error:  # the plan knows keys, not where they stand
         located = (
             problem if problem.file else study.problem(problem.key, problem.message) for problem in error.problems
         )
         raise StudyError(located) from None
+
+
+def _workers_elsewhere(execution: Execution) -> int | None:
+    """How many workers there are that are not of this machine; None where they are."""
+    if execution.scheduler in ("synchronous", "threads", "processes", "distributed"):
+        return None
+    from heliosweep.runtime.cluster import worker_count
+
+    return worker_count(execution)
 
 
 def _size(folder: Path) -> int:
@@ -240,6 +251,7 @@ def run(
     from heliosweep.runtime.signals import uninterrupted
     from heliosweep.store.claim import claimed
 
+    study = study.model_copy(update={"execution": study.execution.resolved()})
     folder = result_folder(study, output)
     planned = plan(study, folder)
     if output is None:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Literal
 
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
@@ -187,7 +188,7 @@ def make_plan(
     limits: Limits,
     chunks: Mapping[str, int] | None = None,
     *,
-    processes: bool = False,
+    where: Literal["here", "processes", "elsewhere"] = "here",
     copies: int = 1,
 ) -> Plan:
     """Cut a study into blocks and parts and estimate its cost.
@@ -200,8 +201,8 @@ def make_plan(
         Workers, memory and disk.
     chunks : mapping of str to int, optional
         Block lengths asked for by the user; the rest is chosen here.
-    processes : bool
-        Whether the workers are processes.
+    where : {"here", "processes", "elsewhere"}
+        Whether the workers are in this process, processes of this machine, or others with memory of their own.
     copies : int
         How often the result is on the disk at the end of a run.
 
@@ -244,7 +245,8 @@ def make_plan(
         workers = min(limits.workers, plan.blocks)
         points = math.prod(blocks[dim] for dim in workload.parameters)
         work = workers * workload.block_bytes(points, blocks.get(workload.splittable, 1))
-        peak = fixed + work + (workers * WORKER_PROCESS_MEMORY if processes else 0)
+        processes = workers * WORKER_PROCESS_MEMORY if where == "processes" else 0
+        peak = fixed + (0 if where == "elsewhere" else work + processes)
         if peak <= limits.memory:
             break
         if not _halve(blocks, workload, asked) or _pieces(sizes, blocks) > PART_BLOCKS:
