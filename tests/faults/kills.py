@@ -16,6 +16,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -310,15 +311,13 @@ def _lines(path: Path) -> list[str]:
 
 def _nurse() -> None:
     """Fork a child for each order that comes."""
-    import matplotlib.pyplot
-    import zarr  # noqa: F401
+    from importlib import import_module
 
-    from heliosweep import cli, workflow
-    from heliosweep.report import page
-    from heliosweep.runtime import run
+    from heliosweep import workflow
     from heliosweep.store.fingerprint import code_fingerprint
 
-    assert cli and page and run and matplotlib.pyplot
+    for name in ("matplotlib.pyplot", "zarr", "heliosweep.cli", "heliosweep.report.page", "heliosweep.runtime.run"):
+        import_module(name)
     code_fingerprint()
     for content in STUDIES.values():  # load all that is loaded late, but start no thread: none outlives a fork
         study = workflow.load(content)
@@ -415,36 +414,37 @@ class _Watch:
         self._log = open(log, "a", encoding="utf-8")  # noqa: PTH123, SIM115
         self._kill_at, self._full_at = kill_at, full_at
         self._count = 0
+        self._lock = threading.Lock()
 
     def begin(self) -> None:
-        fsync, replace = os.fsync, os.replace
+        fsync = os.fsync
 
         def watched_fsync(descriptor: int) -> None:
-            self._touch("fsync", os.readlink(f"/proc/self/fd/{descriptor}"))
+            self._touch("fsync", str(Path(f"/proc/self/fd/{descriptor}").readlink()))
             fsync(descriptor)
 
         os.fsync = watched_fsync
         sys.addaudithook(self._audit)
-        del replace
 
     def _audit(self, event: str, said: tuple[Any, ...]) -> None:
         if event not in self._EVENTS:
             return
         if event == "open" and not (isinstance(said[2], int) and said[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)):
             return
-        paths = [os.fsdecode(one) for one in said[:2] if isinstance(one, str | bytes | os.PathLike)]
-        if any(os.path.abspath(one).startswith(self._folder) for one in paths):  # noqa: PTH100
-            self._touch(event.removeprefix("os."), paths[-1])
-        elif event in ("os.remove", "os.rmdir", "os.mkdir") and paths and not os.path.isabs(paths[0]):
-            self._touch(event.removeprefix("os."), paths[0])  # by a folder's descriptor, as rmtree does
+        paths = [Path(os.fsdecode(one)) for one in said[:2] if isinstance(one, str | bytes | os.PathLike)]
+        # What rmtree removes it names relative to a folder's descriptor.
+        if any(path.is_relative_to(self._folder) or not path.is_absolute() for path in paths):
+            self._touch(event.removeprefix("os."), str(paths[-1]))
 
     def _touch(self, what: str, path: str) -> None:
-        self._count += 1
-        self._log.write(f"{what} {kind_of(path)}\n")
-        self._log.flush()
-        if self._count == self._kill_at:
+        with self._lock:  # zarr writes from several threads
+            self._count += 1
+            number = self._count
+            self._log.write(f"{what} {kind_of(path)}\n")
+            self._log.flush()
+        if number == self._kill_at:
             os.kill(os.getpid(), signal.SIGKILL)
-        if self._full_at and self._count >= self._full_at and what not in ("remove", "rmdir", "rename"):
+        if self._full_at and number >= self._full_at and what not in ("remove", "rmdir", "rename"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), path)
 
 

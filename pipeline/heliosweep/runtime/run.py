@@ -97,6 +97,7 @@ class Run:
         earlier = None if force else self._earlier(identity)
         if earlier and not any(earlier.changes(identity, key) for key in ("output", "attributes")):
             log.info("%s is complete already; --force computes it anew", earlier.path)
+            self._clear(identity)
             return earlier.path
         self.store = self._store(identity, force)
         if earlier:
@@ -117,8 +118,10 @@ class Run:
         """What a run that ends now leaves, in words."""
         if self.stage == "report":
             return "the result is whole, but its report is not"
-        if self.store is None or not self.store.folder.exists():
+        if not (self.folder / working.NAME).exists():
             return "nothing was computed yet"
+        if self.store is None:
+            return f"the parts that were done are kept in {self.folder}"
         return f"{len(self.store.journal.done):,} of {self.plan.part_count:,} parts are done and kept in {self.folder}"
 
     def tidy(self) -> None:
@@ -158,6 +161,13 @@ class Run:
             log.warning("%d parts were damaged on the disk and are computed anew: %s", len(damaged), damaged[0].name)
         log.info("goes on: %d of %d parts are done", len(store.journal.done), self.plan.part_count)
         return store
+
+    def _clear(self, identity: dict[str, Any]) -> None:
+        """Remove what a run has left that was killed when its result was complete, but not the parts of another."""
+        place = self.folder / working.NAME
+        with suppress(HeliosweepError):
+            if place.exists() and working.read_identity(place).get("study_id") == identity["study_id"]:
+                working.remove(place)
 
     def _refuse_to_mix(self, found: dict[str, Any], identity: dict[str, Any], place: Path) -> None:
         found["cut"], identity = dict(found["cut"]), {**identity, "cut": self.plan.cut}

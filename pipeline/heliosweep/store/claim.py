@@ -64,8 +64,11 @@ def holder(folder: Path) -> str | None:
 def _wait(path: Path) -> int:
     start, told = time.monotonic(), False
     while True:
-        path.parent.mkdir(parents=True, exist_ok=True)  # a run that left nothing takes its folder with it
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        except FileNotFoundError:  # a run that left nothing takes its folder with it
+            path.parent.mkdir(parents=True, exist_ok=True)
+            continue
         try:
             if _take(descriptor) and _is(path, descriptor):
                 with suppress(OSError):  # a full disk; it is only a courtesy to others

@@ -37,7 +37,8 @@ class Finished:
         try:
             manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
             found = cls(folder, manifest)
-            if found.path.exists() and isinstance(found.identity["study"], dict):
+            said = found.digests, found.identity, found.identity["study"], manifest["result"]["sha256"]
+            if found.path.exists() and [type(one) for one in said] == [dict, dict, dict, str]:
                 return found
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             pass

@@ -36,19 +36,18 @@ class Journal:
 
     @classmethod
     def read(cls, path: Path) -> Journal:
-        """Read a journal as far as it is whole; without a file it is empty.
+        """Read a journal; without a file it is empty.
 
-        A killed run may leave its last line torn. What follows a line that is none was never promised.
+        A killed run may leave its last line torn, and a bad disk any other: these are passed over.
         """
         journal = cls(path)
         try:
             content = path.read_bytes()
         except FileNotFoundError:
             return journal
-        for line in content.splitlines(keepends=True):
-            if not line.endswith(b"\n") or not journal._take(line):
-                break
-            journal._length += len(line)
+        journal._length = content.rfind(b"\n") + 1
+        for line in content[: journal._length].splitlines():
+            journal._take(line)
         return journal
 
     def write(self, part: str, **said: Any) -> None:
@@ -72,13 +71,13 @@ class Journal:
         self._length += len(line)
         self._take(line)
 
-    def _take(self, line: bytes) -> bool:
-        """Take in a line; false where it is none."""
+    def _take(self, line: bytes) -> None:
+        """Take in a line, if it is one."""
         try:
             said = json.loads(line)
             part, digest, seconds = str(said["part"]), said.get("sha256"), float(said.get("seconds", 0.0))
-        except (ValueError, KeyError, TypeError, AttributeError):
-            return False
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return
         self.done.pop(part, None)
         self.failed.pop(part, None)
         if digest is not None:
@@ -86,4 +85,3 @@ class Journal:
         elif "failed" in said:
             self.failed[part] = str(said["failed"])
         self.seconds += seconds
-        return True

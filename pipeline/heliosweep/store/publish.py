@@ -79,7 +79,7 @@ def _publish_zarr(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: O
         skeleton.create_zarr(temporary, plan.cut, compression, output.compression_level)
         for name in skeleton.variables:
             for chunk in (store.values / name).iterdir():
-                if not chunk.name.startswith("."):
+                if chunk.name.replace(".", "").isdecimal():  # not what a killed run has begun to write
                     _link(chunk, temporary / name / chunk.name)
         zarr_result.finish(temporary)
         for place in temporary.rglob("*"):

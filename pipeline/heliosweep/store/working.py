@@ -25,7 +25,7 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.grid.limits import human_bytes
 from heliosweep.grid.slabs import Part
 from heliosweep.store import temporary, zarr_result
-from heliosweep.store.digest import part_digest
+from heliosweep.store.digest import file_digest, part_digest
 from heliosweep.store.encoding import numbers
 from heliosweep.store.journal import Journal
 from heliosweep.store.skeleton import Skeleton
@@ -62,9 +62,14 @@ class WorkingStore:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.identity = read_identity(folder)
-        self.journal = Journal.read(folder / "journal.jsonl")
-        arrays = zarr_result.arrays(self.values)
-        self._arrays = {name: arrays[name] for name in self.identity["variables"]}
+        try:
+            self.journal = Journal.read(folder / "journal.jsonl")
+            whole = file_digest(self.values / zarr_result.CONSOLIDATED) == self.identity["metadata"]
+            arrays = zarr_result.arrays(self.values) if whole else {}
+            self._arrays = {name: arrays[name] for name in self.identity["variables"]}
+        except (OSError, KeyError, TypeError) as error:
+            said = f"{type(error).__name__}: {error}"
+            raise HeliosweepError(f"{folder}: is damaged ({said}); --force removes it and starts anew") from error
         found: dict[str, Any] = {name: array.attrs["_ARRAY_DIMENSIONS"] for name, array in self._arrays.items()}
         self._dims: dict[str, tuple[str, ...]] = {name: tuple(dims) for name, dims in found.items()}
         self._clock = time.monotonic()
@@ -99,15 +104,25 @@ class WorkingStore:
             try:
                 unfinished.mkdir()
                 skeleton.create_zarr(unfinished / "values.zarr", cut, compression, level)
-                said = {"format": FORMAT, "variables": list(skeleton.variables), "cut": cut, **identity}
+                (unfinished / "journal.jsonl").touch()
+                metadata = file_digest(unfinished / "values.zarr" / zarr_result.CONSOLIDATED)
+                said = {
+                    "format": FORMAT,
+                    "variables": list(skeleton.variables),
+                    "metadata": metadata,
+                    "cut": cut,
+                    **identity,
+                }
                 text = json.dumps(said, indent=2, sort_keys=True, ensure_ascii=False)
                 (unfinished / "study.json").write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
                 for place in unfinished.rglob("*"):
                     sync(place)
                 unfinished.rename(folder)
                 sync(folder.parent)
-            finally:
-                shutil.rmtree(unfinished, ignore_errors=True)
+            except BaseException:
+                for place in (unfinished, folder):
+                    temporary.discard(place)
+                raise
         return cls(folder)
 
     @property
@@ -162,9 +177,14 @@ class WorkingStore:
         list of Part
             The damaged ones.
         """
-        damaged = [part for part in parts if part.name in self.journal.done and self._read(part) is None]
+        known = {part.name: part for part in parts}
+        for name in self.journal.done.keys() - known.keys():  # a name that was damaged
+            del self.journal.done[name]
+        damaged = [part for name, part in known.items() if name in self.journal.done and self._read(part) is None]
         with writing(self.folder):
             for part in damaged:
+                for name in self._of(part):
+                    temporary.remove(self._chunk(name, self._index(name, part)))
                 self._write(part, dropped="damaged on the disk")
         return damaged
 
@@ -173,8 +193,11 @@ class WorkingStore:
         remove(self.folder)
 
     def _read(self, part: Part) -> dict[str, np.ndarray] | None:
+        places = {name: self._index(name, part) for name in self._of(part)}
+        if not all(self._chunk(name, index).is_file() for name, index in places.items()):
+            return None  # read as nothing but NaN
         try:
-            values = {name: np.asarray(self._arrays[name][self._index(name, part)]) for name in self._of(part)}
+            values = {name: np.asarray(self._arrays[name][index]) for name, index in places.items()}
         except (OSError, ValueError, RuntimeError):  # a chunk that is gone, short, or no compressed data
             return None
         return values if part_digest(values) == self.journal.done[part.name] else None
