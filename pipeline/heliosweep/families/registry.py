@@ -54,7 +54,7 @@ class Family(Protocol[StudyT]):
         ...
 
     def build(self, study: StudyT, chunks: Mapping[str, int], select: Mapping[str, slice]) -> xr.Dataset:
-        """Lazy result over a part of the parameter grid."""
+        """Lazy result over a part of the parameter grid; time series perhaps over a part of their other dimensions."""
         ...
 
     def coordinates(self, study: StudyT) -> xr.Dataset:

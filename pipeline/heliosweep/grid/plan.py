@@ -19,7 +19,7 @@ from heliosweep.grid.limits import Limits, human_bytes
 from heliosweep.grid.slabs import Part, Series, series_lengths, slab_lengths, slabs
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
-BASE_MEMORY, WORKER_PROCESS_MEMORY = 385 * 2**20, 150 * 2**20
+BASE_MEMORY, WORKER_PROCESS_MEMORY = 385 * 2**20, 100 * 2**20
 #: A NetCDF file without any data. [bytes]
 EMPTY_FILE = 40 * 2**10
 #: Work that a block should hold: long against a task's overhead of 0.2 ms, short against the run. [s]
@@ -34,6 +34,8 @@ PART_BLOCKS = 300
 PART_BYTES, PART_SECONDS = 64 * 2**20, 5.0
 #: Parts that are in memory at a time: two computed and one written.
 PARTS_HELD = 3
+#: The same of time series, with what the allocator keeps and, from process to process, what is sent.
+SERIES_HELD = {"here": 4, "processes": 12, "elsewhere": 4}
 
 
 @dataclass(frozen=True)
@@ -229,8 +231,7 @@ def make_plan(
 
     series = _series(workload, asked) if "time" in workload.inner else None
     if series:
-        # One part being written, one being computed in blocks and put together, and what the allocator keeps.
-        fixed += 4 * workload.bytes_of({**workload.inner, **series.part})
+        fixed += SERIES_HELD[where] * workload.bytes_of({**workload.inner, **series.part})
         _check_blocks(series.part, series.chunks, asked)
     whole = {dim: workload.parameters[dim] for dim in workload.whole}
     free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}

@@ -112,17 +112,19 @@ def place(part: Part, coordinates: xr.Dataset) -> str:
 
 
 def _works(family: Family[Any], study: Study, plan: Plan, parts: list[Part]) -> Iterator[Work]:
-    """Lazy values of parts; graphs of time series are built once for all parts of a point."""
-    series, built = xr.Dataset(), None
+    """Lazy values of parts."""
     for part in parts:
-        point = {dim: span for dim, span in part.region.items() if dim in plan.workload.parameters}
-        if part.kind == "points":
-            lazy = _of_kind(family.build(study, plan.chunks, point), part.kind)
-        else:
-            if point != built and plan.series:
-                series, built = _of_kind(family.build(study, plan.series.chunks, point), part.kind), point
-            lazy = series.isel({dim: span for dim, span in part.region.items() if dim not in point})
-        yield Work(part, lazy)
+        chunks = plan.series.chunks if part.kind == "series" and plan.series else plan.chunks
+        lazy = _of_kind(family.build(study, chunks, part.region), part.kind)
+        # A family may build time series whole along dimensions that are not of the parameter grid.
+        whole = {
+            dim: span for dim, span in part.region.items() if dim in lazy.sizes and lazy.sizes[dim] != _length(span)
+        }
+        yield Work(part, lazy.isel(whole))
+
+
+def _length(span: slice) -> int:
+    return span.stop - span.start
 
 
 def _of_kind(lazy: xr.Dataset, kind: str) -> xr.Dataset:
