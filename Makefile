@@ -10,7 +10,7 @@ STUDIES ?= studies/*.yaml
 PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults check bench setup clean help
+.PHONY: studies run test faults check docs bench setup clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
@@ -30,6 +30,10 @@ check: $(STAMP)  ## lint, formatting and types
 	@$(BIN)/ruff format --check pipeline tests
 	@$(BIN)/mypy
 
+docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
+	@$(BIN)/python -m sphinx -W --keep-going -n -q -j auto -b html docs docs/_build/html
+	@echo docs/_build/html/index.html
+
 bench: $(STAMP)  ## speed of the kernels beside named baselines (PySAM too, where it installs)
 	@$(BIN)/python -c "import PySAM" 2>/dev/null \
 	  || $(BIN)/python -m pip install -q -c constraints.txt -e ".[bench]" \
@@ -44,7 +48,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "setting up $(VENV)/ (once)" >&2
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 \
-	  $(BIN)/python -m pip install -q -e ".[test,check]"
+	  $(BIN)/python -m pip install -q -e ".[test,check,docs]"
 	@touch $@
 
 clean:  ## remove the environment and caches, keep outputs/

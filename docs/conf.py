@@ -1,0 +1,51 @@
+"""How the documentation is built: `make docs`, offline, warnings are errors."""
+
+import sys
+from pathlib import Path
+
+import heliosweep
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+project = "heliosweep"
+author = "The heliosweep developers"
+copyright = "The heliosweep developers, BSD-3-Clause"
+version = release = heliosweep.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "mathml",
+    "study_keys",
+    "variables",
+    "gallery",
+]
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["_build", "examples"]
+default_role = "code"
+nitpicky = True
+nitpick_ignore_regex = [  # types of other packages and words of numpydoc: nothing is fetched to link them
+    ("py:.*", r"(xarray|xr|pandas|pathlib|numpy|np|matplotlib|os|collections|typing|datetime)\..*"),
+    ("py:.*", r"(path|mapping|callable|optional|ndarray|shape.*|Path|Mapping.*|Sequence.*|Iterable.*|Any|StudyT)"),
+    ("py:.*", r"(Study|Status|Plan|EntryPoint|Workload|NamedFigure|Figure|Problem|sequence|iterable|float|int|str)"),
+    ("py:.*", r"heliosweep\.(config|grid|runtime|families|report|store)\..*"),
+]
+
+myst_enable_extensions = ["dollarmath", "deflist", "attrs_block", "attrs_inline", "colon_fence"]
+myst_heading_anchors = 3
+html_math_renderer = "mathml"
+suppress_warnings: list[str] = []
+
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+
+html_theme = "furo"
+html_title = f"heliosweep {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {"top_of_page_buttons": []}
