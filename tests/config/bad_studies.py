@@ -454,14 +454,14 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
         "time",
         "time: {clock: lunar}",
         [
-            "study.yaml:4:15: time.clock: must be 'solar' or 'civil' (got 'lunar')",
+            "study.yaml:4:15: time.clock: must be 'solar', 'civil' or 'sun' (got 'lunar')",
         ],
     ),
     (
         "time",
         "time: {hours: 3}",
         [
-            "study.yaml:4:1: time.clock: is missing: 'solar' or 'civil'",
+            "study.yaml:4:1: time.clock: is missing: 'solar', 'civil' or 'sun'",
         ],
     ),
     (

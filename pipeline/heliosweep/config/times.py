@@ -1,4 +1,4 @@
-"""The time block: which instants a study looks at, on the solar or on the civil clock."""
+"""The time block: which instants a study looks at, on the solar or on the civil clock, or which sun directions."""
 
 from __future__ import annotations
 
@@ -251,6 +251,42 @@ class CivilTime(Block):
 
 
 Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description="The instants looked at")]
+
+
+class SunDirections(Block):
+    """Directions of the sun instead of instants: one, or swept as any other key, each a point of the result."""
+
+    clock: Literal["sun"]
+    azimuth: Annotated[
+        float | Sweep,
+        Quantity(
+            "Azimuth of the sun, from north, clockwise",
+            "deg",
+            ge=-360,
+            le=360,
+            dimension="sun_azimuth",
+            title="azimuth of the sun, from north, clockwise",
+            standard_name="solar_azimuth_angle",
+        ),
+    ]
+    elevation: Annotated[
+        float | Sweep,
+        Quantity(
+            "Elevation of the sun above the horizon; the result is missing where it is not positive",
+            "deg",
+            ge=-90,
+            le=90,
+            dimension="sun_elevation",
+            title="elevation of the sun above the horizon",
+            standard_name="solar_elevation_angle",
+        ),
+    ]
+
+
+TimeOrDirections = Annotated[
+    SolarTime | CivilTime | SunDirections,
+    Field(discriminator="clock", description="The instants looked at, or the directions of the sun"),
+]
 
 
 def parse_timezone(timezone: str) -> dt.tzinfo:

@@ -7,23 +7,30 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.times import CivilTime, SolarTime
+from heliosweep.config.times import CivilTime, SolarTime, SunDirections
 from heliosweep.families import fast_sun
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
-from heliosweep.grid.instants import Instants, civil_instants, solar_instants
+from heliosweep.grid.instants import Instants, civil_instants, direction_instant, solar_instants
 from heliosweep.kernels import sun as sun_kernels
 
 
 def site_of(grid: Grid) -> dict[str, xr.DataArray]:
-    """Latitude and longitude [deg] and altitude [m] of the study's site or sites, over what is swept."""
+    """Latitude and longitude [deg] and altitude [m] of the study's site or sites, over what is swept.
+
+    Where the study gives directions of the sun, its ``azimuth`` and ``elevation`` [deg] instead.
+    """
+    if grid.has("time.azimuth"):
+        return {key: grid.parameter(f"time.{key}") for key in ("azimuth", "elevation")}
     keys = ("latitude", "longitude", "altitude")
     return {key: grid.parameter(f"site.{key}") for key in keys if grid.has(f"site.{key}")}
 
 
 def instants_of(grid: Grid) -> Instants:
     """The instants of the study's ``time`` block, on its clock."""
-    time: SolarTime | CivilTime = grid.study.time  # type: ignore[attr-defined]
+    time: SolarTime | CivilTime | SunDirections = grid.study.time  # type: ignore[attr-defined]
+    if isinstance(time, SunDirections):
+        return direction_instant()
     if isinstance(time, SolarTime):
         return solar_instants(time)
     # Made for all sites: how many there are, and whether sites share them, must not depend on the slab.
@@ -31,19 +38,21 @@ def instants_of(grid: Grid) -> Instants:
 
 
 def sun_attributes(
-    time: SolarTime | CivilTime, delta_t: float | None = None, elevation: str = "geometric"
+    time: SolarTime | CivilTime | SunDirections, delta_t: float | None = None, elevation: str = "geometric"
 ) -> dict[str, str]:
     """What a result says of its sun and its sampling, as global attributes.
 
     Parameters
     ----------
-    time : SolarTime or CivilTime
+    time : SolarTime, CivilTime or SunDirections
         The study's ``time`` block.
     delta_t : float, optional
         Terrestrial minus universal time; by year and month where left out. [s]
     elevation : str
         Geometric, or apparent and in which air.
     """
+    if isinstance(time, SunDirections):
+        return {"sun_position": "directions as given, azimuth from north, clockwise, and geometric elevation"}
     if isinstance(time, SolarTime):
         declination = "Cooper (1969) by day of the year" if time.declination is None else "as given"
         return {"sun_position": f"solar clock, declination {declination}", "time_sampling": time.sampling}
@@ -63,7 +72,8 @@ def sun_vectors(site: Mapping[str, xr.DataArray], instants: Instants, chunks: Ma
     Parameters
     ----------
     site : mapping of str to xarray.DataArray
-        ``latitude`` and, for the civil clock, ``longitude`` (positive north and east) [deg] and ``altitude`` [m].
+        ``latitude`` and, for the civil clock, ``longitude`` (positive north and east) [deg] and ``altitude`` [m]; for
+        given directions ``azimuth``, from north, clockwise, and ``elevation`` [deg].
     instants : Instants
         Of the study.
     chunks : mapping of str to int
@@ -75,7 +85,7 @@ def sun_vectors(site: Mapping[str, xr.DataArray], instants: Instants, chunks: Ma
         Lazy, over the dimensions of the site, then ``time`` and ``xyz`` (east, north, up); NaN where the instants of
         a site are padded. [1]
     """
-    keys = ("latitude",) if instants.clock == "solar" else ("latitude", "longitude", "altitude")
+    keys = _KEYS[instants.clock]
     places = [site[key] for key in keys]
     dims = tuple(dict.fromkeys(str(dim) for place in places for dim in place.dims))
     sizes = {dim: place.sizes[dim] for place in places for dim in map(str, place.dims)}
@@ -114,8 +124,23 @@ def _civil(latitude: np.ndarray, longitude: np.ndarray, altitude: np.ndarray, ut
     return vectors
 
 
+def _directions(azimuth: np.ndarray, elevation: np.ndarray, instant: np.ndarray) -> np.ndarray:
+    """Azimuth from north, clockwise."""
+    azimuth, elevation = np.radians(azimuth), np.radians(elevation)
+    across = np.cos(elevation) + 0 * instant
+    vectors = np.broadcast_arrays(across * np.sin(azimuth), across * np.cos(azimuth), np.sin(elevation))
+    return np.stack(vectors, axis=-1)[np.newaxis]
+
+
+#: What is asked of the site, by clock.
+_KEYS: dict[str, tuple[str, ...]] = {
+    "solar": ("latitude",),
+    "civil": ("latitude", "longitude", "altitude"),
+    "sun": ("azimuth", "elevation"),
+}
 _FACES: dict[str, Callable[..., np.ndarray]] = {
     "solar": _solar_days,
     "declination": _solar_declinations,
     "civil": _civil,
+    "sun": _directions,
 }

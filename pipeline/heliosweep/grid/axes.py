@@ -47,8 +47,8 @@ class Grid:
 
     @property
     def site_dims(self) -> tuple[str, ...]:
-        """Swept dimensions that the site depends on, without expanding any."""
-        swept = {dim for key, dim in self._dims.items() if key.startswith("site.")}
+        """Swept dimensions that the site, or the direction of the sun, depends on, without expanding any."""
+        swept = {dim for key, dim in self._dims.items() if key.startswith(("site.", "time."))}
         return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
 
     def part(self, dim: str) -> slice:

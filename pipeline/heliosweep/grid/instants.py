@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.times import CivilTime, SolarTime, parse_timezone
+from heliosweep.config.times import CivilTime, SolarTime, SunDirections, parse_timezone
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,8 +24,8 @@ class Instants:
     ----------
     labels : dict of str to xarray.DataArray
         Coordinates along ``time``: ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions ``site``
-        and ``time`` where the sites' clocks differ).
-    clock : {"solar", "civil"}
+        and ``time`` where the sites' clocks differ); the one ``instant`` of each direction of the sun.
+    clock : {"solar", "civil", "sun"}
         The clock they are given on.
     """
 
@@ -34,6 +34,8 @@ class Instants:
 
     def coordinates(self) -> dict[str, xr.DataArray]:
         """The labels as coordinates of a result; instants that all sites share are the coordinate ``time`` itself."""
+        if self.clock == "sun":
+            return {}
         if self.clock == "civil" and self.labels["utc"].dims == ("time",):
             return {"time": self.labels["utc"].assign_attrs(standard_name="time")}
         return self.labels
@@ -58,8 +60,10 @@ class Instants:
         return next(iter(self.labels.values())).sizes["time"]
 
 
-def instant_count(time: SolarTime | CivilTime) -> int:
+def instant_count(time: SolarTime | CivilTime | SunDirections) -> int:
     """Number of instants, without making them; on the civil clock not counting changes to daylight-saving time."""
+    if isinstance(time, SunDirections):
+        return 1
     if isinstance(time, SolarTime):
         return time.count()
     start, stop, step = time.window_seconds()
@@ -97,6 +101,11 @@ def solar_instants(time: SolarTime) -> Instants:
         },
         "solar",
     )
+
+
+def direction_instant() -> Instants:
+    """The one instant at which the sun is looked at where a study gives its directions."""
+    return Instants({"instant": xr.DataArray(np.zeros(1), dims="time")}, "sun")
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.study import Dimension, parameters
-from heliosweep.config.sweep import Listed
-from heliosweep.config.times import SolarTime
+from heliosweep.config.sweep import Listed, Sweep
+from heliosweep.config.times import SolarTime, SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.daylight import dark_latitudes
 from heliosweep.families.field_efficiency.variables import ANNUAL, FIELD, SERIES
@@ -37,6 +37,7 @@ RESERVED = frozenset(
         *SERIES,
         *("heliostat", "time", "utc", "day", "declination", "solar_hour"),
         *("site", "latitude", "longitude", "altitude", "tracking", "layout", "clearance", "inner_radius", "rings"),
+        *("sun_azimuth", "sun_elevation"),
         *("pivot_height", "receiver_height", "heliostat_width", "heliostat_height", "heliostat_count"),
     )
 )
@@ -69,6 +70,9 @@ def check(study: FieldEfficiencyStudy) -> tuple[list[Problem], list[str]]:
 
 def _sun(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
     """The sun must rise at some site; where it does not at another, the result is missing there."""
+    if isinstance(study.time, SunDirections):
+        yield from _directions(study, study.time, notes)
+        return
     solar = isinstance(study.time, SolarTime)
     if not solar and (missing := list(civil_clock_problems(study))):
         yield from missing
@@ -80,6 +84,20 @@ def _sun(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
         yield study.problem("time.window", "the sun never rises at these sites on these dates in this window")
     elif dark.size:
         notes.append(f"the sun never rises at latitude {_listed(dark)} deg: the result is missing (NaN) there")
+
+
+def _directions(study: FieldEfficiencyStudy, time: SunDirections, notes: list[str]) -> Iterator[Problem]:
+    """The sun must be up in some direction."""
+    given = time.elevation
+    if isinstance(given, Sweep):  # lists are looked at whole, ranges are monotonic
+        low, high = (min(given.values()), max(given.values())) if isinstance(given, Listed) else (given[0], given[-1])
+        low, high = min(low, high), max(low, high)
+    else:
+        low = high = given
+    if high <= 0:
+        yield study.problem("time.elevation", "the sun is never above the horizon")
+    elif low <= 0:
+        notes.append("the result is missing (NaN) where the sun is not above the horizon")
 
 
 def _mirrors(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:

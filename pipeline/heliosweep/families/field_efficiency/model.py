@@ -135,6 +135,7 @@ def build(
     sunlight = sun_vectors(site_of(grid), instants, chunks)
     arguments = [*_mirrors(grid, layouts), sunlight, layouts.numbers]
     sizes = {**grid.sizes, "heliostat": layouts.size}
+    directions = instants.clock == "sun"
 
     result = xr.Dataset(
         evaluate(
@@ -144,11 +145,11 @@ def build(
             core=[*_MIRROR_CORE, ("time", "xyz"), ()],
             sizes=sizes,
             chunks=chunks,
-            outputs=variables.ANNUAL,
+            outputs=variables.named(variables.ANNUAL, directions=directions),
             name="annual",
         )
     )
-    result = result.assign(_field_means(result, _area(grid, layouts), chunks))
+    result = result.assign(_field_means(result, _area(grid, layouts), chunks, directions))
     if study.output.time_series:
         result = result.assign(_series(grid, layouts, {}, chunks))
     return result.assign_coords(coordinates(study, select).coords)
@@ -189,6 +190,8 @@ def coordinates(study: FieldEfficiencyStudy, select: Mapping[str, slice] | None 
 _LABELS = (
     "site.latitude",
     "site.longitude",
+    "time.azimuth",
+    "time.elevation",
     "tracking",
     "heliostat.width",
     "heliostat.height",
@@ -197,15 +200,18 @@ _LABELS = (
 )
 
 
-def _field_means(annual: xr.Dataset, area: xr.DataArray, chunks: Mapping[str, int]) -> dict[str, xr.DataArray]:
+def _field_means(
+    annual: xr.Dataset, area: xr.DataArray, chunks: Mapping[str, int], directions: bool
+) -> dict[str, xr.DataArray]:
     """Means over the heliostats, weighted by mirror area, and the product of three of them."""
+    described = variables.named(variables.FIELD, directions=directions)
     means = {
-        field_name: weighted_mean(annual[name], area, "heliostat", chunks, variables.FIELD[field_name])
+        field_name: weighted_mean(annual[name], area, "heliostat", chunks, described[field_name])
         for field_name, name in variables.FIELD_MEANS.items()
     }
     cosine, shading, blocking = (means[f"field_{name}_efficiency"] for name in ("cosine", "shading", "blocking"))
     name = "field_efficiency_factored"
-    return {**means, name: (cosine * shading * blocking).assign_attrs(variables.FIELD[name])}
+    return {**means, name: (cosine * shading * blocking).assign_attrs(described[name])}
 
 
 #: Per input of the kernel faces, the dimensions that a block holds whole: see `_mirrors`.

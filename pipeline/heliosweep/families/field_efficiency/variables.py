@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 _MEAN = "time: mean (over the instants with the sun above the horizon)"
@@ -56,6 +57,36 @@ FIELD["field_efficiency_factored"] = _attrs(
     "product of the field's mean cosine, shading and blocking efficiencies",
     "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the product",
 )
+
+
+def named(table: Mapping[str, dict[str, Any]], *, directions: bool) -> dict[str, dict[str, Any]]:
+    """`ANNUAL` or `FIELD`; of a study of sun directions, as values at each of them and no means over time.
+
+    Parameters
+    ----------
+    table : mapping of str to dict
+        Names and attributes.
+    directions : bool
+        Whether the study gives directions of the sun.
+
+    Returns
+    -------
+    dict of str to dict
+    """
+    if not directions:
+        return dict(table)
+    made: dict[str, dict[str, Any]] = {}
+    for name, attributes in table.items():
+        text = attributes["long_name"].replace(" over the period", "")
+        if not name.startswith("field_"):
+            text = text.removeprefix("mean ")
+        comment = attributes["comment"].replace("; over time the mean of this product", "")
+        made[name] = attributes | {"long_name": text, "comment": comment}
+        methods = made[name].pop("cell_methods", "").replace(_MEAN, "").strip()
+        if methods:
+            made[name]["cell_methods"] = methods
+    return made
+
 
 #: Per heliostat and instant.
 SERIES: dict[str, dict[str, Any]] = {
