@@ -49,7 +49,7 @@ _GAZING: dict[str, Any] = {
 }
 _DISH: dict[str, Any] = {
     "family": "dish_tracking",
-    "site": {"latitude": [-40, -20, 0, 20, 40, 60], "longitude": 0},
+    "site": {"latitude": {"start": -60, "stop": 60, "step": 5}, "longitude": 0},
     "time": {
         "clock": "civil",
         "timezone": "+00:00",

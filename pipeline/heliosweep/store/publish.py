@@ -77,6 +77,8 @@ def _publish_zarr(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: O
     with writing(path), _removed(temporary):
         compression: Any = output.compression
         skeleton.create_zarr(temporary, plan.cut, compression, output.compression_level)
+        for part in plan.parts():
+            store.read(part)  # or else it is damaged: nobody reads the chunks that are linked
         for name in skeleton.variables:
             for chunk in (store.values / name).iterdir():
                 if chunk.name.replace(".", "").isdecimal():  # not what a killed run has begun to write

@@ -67,7 +67,7 @@ class WorkingStore:
             whole = file_digest(self.values / zarr_result.CONSOLIDATED) == self.identity["metadata"]
             arrays = zarr_result.arrays(self.values) if whole else {}
             self._arrays = {name: arrays[name] for name in self.identity["variables"]}
-        except (OSError, KeyError, TypeError) as error:
+        except (OSError, KeyError, TypeError, ValueError) as error:
             said = f"{type(error).__name__}: {error}"
             raise HeliosweepError(f"{folder}: is damaged ({said}); --force removes it and starts anew") from error
         found: dict[str, Any] = {name: array.attrs["_ARRAY_DIMENSIONS"] for name, array in self._arrays.items()}
@@ -198,7 +198,7 @@ class WorkingStore:
             return None  # read as nothing but NaN
         try:
             values = {name: np.asarray(self._arrays[name][index]) for name, index in places.items()}
-        except (OSError, ValueError, RuntimeError):  # a chunk that is gone, short, or no compressed data
+        except Exception:  # a chunk that is short or no compressed data: every codec has errors of its own
             return None
         return values if part_digest(values) == self.journal.done[part.name] else None
 
