@@ -390,7 +390,7 @@ def _child(
                 print(work.part.name, file=file, flush=True)
                 yield work
 
-    execute._works = noted
+    execute._works = noted  # type: ignore[assignment]
     if setup:
         exec(setup, {"arguments": arguments})
     if watch:
@@ -423,7 +423,7 @@ class _Watch:
             self._touch("fsync", str(Path(f"/proc/self/fd/{descriptor}").readlink()))
             fsync(descriptor)
 
-        os.fsync = watched_fsync
+        os.fsync = watched_fsync  # type: ignore[assignment]
         sys.addaudithook(self._audit)
 
     def _audit(self, event: str, said: tuple[Any, ...]) -> None:

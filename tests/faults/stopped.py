@@ -60,9 +60,10 @@ class Runs:
             count += 1
             commit(self, part, values)
 
-        with self.monkeypatch.context() as patch, pytest.raises(RunInterrupted):
+        with self.monkeypatch.context() as patch:
             patch.setattr(WorkingStore, "commit", stopping)
-            self.run(study, folder)
+            with pytest.raises(RunInterrupted):
+                self.run(study, folder)
         done = list(Journal.read(folder / "working/journal.jsonl").done)
         assert len(done) == parts
         return done
@@ -96,7 +97,7 @@ Damage = Callable[[Path], None]
 #: What bad disks and good intentions do to a file.
 DAMAGES: dict[str, Damage] = {
     "truncated": truncate,
-    "empty": lambda path: path.write_bytes(b"") and None,
+    "empty": lambda path: os.truncate(path, 0),
     "flipped": flip,
     "deleted": Path.unlink,
     "folder": replace_by_folder,
