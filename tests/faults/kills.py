@@ -41,7 +41,7 @@ _GAZING: dict[str, Any] = {
     "family": "backward_gazing",
     "heliostat": {"distance": 120, "pixel": 0.3},
     "target": {"azimuth": 0, "elevation": 44},
-    "sun": {"azimuth": [0, 20, 40, 60], "elevation": [50, 60, 70, 80]},
+    "sun": {"azimuth": [0, 15, 30, 45, 60], "elevation": [50, 60, 70, 80]},
     "defects": {"canting": {"2": [0, -1], "3": [0, 1]}},
     "method": ["A", "O1"],
     "erosion": 1,
