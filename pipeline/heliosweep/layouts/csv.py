@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -34,6 +35,7 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     The first row names the columns: ``x`` and ``y``, metres east and north of the tower's base, ``z``, metres
     above it (0 if left out), and any others, which are kept as integers, numbers or text. Rows stay in order.
     Empty lines and lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark.
+    Tables of SolarPILOT are known by their header, or by having none, and read as `solarpilot.SolarPilotReader` says.
 
     Parameters
     ----------
@@ -54,13 +56,20 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     StudyError
         If the file cannot be read or is no such table; all bad rows at once, with file, line and column.
     """
-    return _Reader(str(path) if name is None else name).read(Path(path), reserved)
+    from heliosweep.layouts.solarpilot import SolarPilotReader, recognised
+
+    name = str(path) if name is None else name
+    text = table_text(Path(path), name)
+    form = recognised(text)
+    reader = Reader(name) if form is None else SolarPilotReader(name, form)
+    return reader.read(text, reserved)
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
     """Write a layout so that `read_csv` gives back the same numbers, to the last bit.
 
-    The file appears under its name only when it is complete. Text that reads as a number comes back as one.
+    The file appears under its name only when it is complete. Text that reads as a number comes back as one; numbers
+    that are not known (NaN), as SolarPILOT's tables may have them, cannot be read back.
 
     Parameters
     ----------
@@ -75,19 +84,23 @@ def write_csv(layout: Layout, path: str | Path) -> None:
         If the file cannot be written; nothing is left behind.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    write_rows(itertools.chain([columns], rows), path)
+
+
+def write_rows(rows: Iterable[Iterable[object]], path: str | Path) -> None:
+    """Write rows as CSV; the file appears under its name only when it is complete. Raises OSError."""
     path = Path(path)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with unfinished.open("w", encoding="utf-8", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(columns)
-            table.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+            csv.writer(file, lineterminator="\n").writerows(rows)
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
 
 
-class _Reader:
+class Reader:
     """Reads one file and gathers what is wrong with it."""
 
     def __init__(self, name: str) -> None:
@@ -95,9 +108,9 @@ class _Reader:
         self.problems: list[Problem] = []
         self.unlisted = 0
 
-    def read(self, path: Path, reserved: Collection[str]) -> Layout:
-        """Return the layout, or raise with all that is wrong."""
-        self.numbers, self.lines = self._lines(table_text(path, self.name))
+    def read(self, text: str, reserved: Collection[str]) -> Layout:
+        """Return the layout that a text holds, or raise with all that is wrong."""
+        self.numbers, self.lines = self._lines(text)
         header, *rows = self._rows()
         self._check_header(header, reserved)
         if not rows:

@@ -122,9 +122,13 @@ def _mirrors(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]
                     yield problem
 
 
-def _tower(study: FieldEfficiencyStudy, _: list[str]) -> Iterator[Problem]:
-    """The receiver must be above the mirrors."""
+def _tower(study: FieldEfficiencyStudy, notes: list[str]) -> Iterator[Problem]:
+    """The receiver must be above the mirrors; it is the aim of all."""
+    aimed: set[str] = set()
     for layout, values in _points(study, {"heliostat.pivot_height": max, "receiver.height": min}):
+        if "aim_x" in layout.columns and layout.name not in aimed:
+            aimed.add(layout.name)
+            notes.append(f"the aim points of the layout {layout.name} are not used: all heliostats aim at the receiver")
         top = layout.z.max(initial=-np.inf) + values["heliostat.pivot_height"]
         receiver = values["receiver.height"]
         if receiver <= top:
