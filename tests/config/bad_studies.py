@@ -965,4 +965,61 @@ BAD_STUDIES: list[tuple[str, str, list[str]]] = [
             "study.yaml:7:20: receiver.height: unknown unit 'yd'; use 'm', 'mm', 'cm', 'km', 'in' or 'ft' (got '5 yd')",
         ],
     ),
+    (
+        "receiver",
+        "receiver: {height:95}",
+        [
+            "study.yaml:7:12: receiver.height:95: unknown key; write 'height: 95', with a colon and a space",
+        ],
+    ),
+    (
+        "receiver",
+        "receiver: {height 95}",
+        [
+            "study.yaml:7:12: receiver.height 95: unknown key; write 'height: 95', with a colon and a space",
+        ],
+    ),
+    (
+        "receiver",
+        "receiver: {height: 60, 120}",
+        [
+            "study.yaml:7:24: receiver.120: unknown key; several values stand in brackets, as [1, 2.5], and decimals follow a point",
+        ],
+    ),
+    (
+        "receiver",
+        "receiver: {height: '95,5'}",
+        [
+            "study.yaml:7:20: receiver.height: must be a length in m, a number or text such as '1.5 m'; decimals follow a point, not a comma (got '95,5')",
+        ],
+    ),
+    (
+        "receiver",
+        "receiver: {height: '60:120:20'}",
+        [
+            "study.yaml:7:20: receiver.height: must be a length in m, a number or text such as '1.5 m'; a range is {start, stop, step} or {start, stop, num} (got '60:120:20')",
+        ],
+    ),
+    (
+        "site",
+        "site: {lat: 37, lon: -2}",
+        [
+            "study.yaml:2:8: site.lat: unknown key; did you mean 'latitude'?",
+            "study.yaml:2:17: site.lon: unknown key; did you mean 'longitude'?",
+        ],
+    ),
+    (
+        "site",
+        "sites: {Almeria: {latitude: 37}}",
+        [
+            "study.yaml:2:8: sites: must be a list of named sites or {file: NAME.csv} (got a mapping)",
+        ],
+    ),
+    (
+        "file",
+        "site:\n  latitude:30\n  altitude: 3",
+        [
+            "study.yaml:3:11: not valid YAML: mapping values are not allowed in this context; line 2 needs a space after the colon: 'latitude: ...'",
+        ],
+    ),
 ]

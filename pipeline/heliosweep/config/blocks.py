@@ -90,6 +90,8 @@ def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
 def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
+    if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
+        return None  # sites by name: they stand in a list
     return "table" if isinstance(raw, dict | SiteFile) else None
 
 

@@ -14,7 +14,7 @@ from heliosweep.config.faults import Path, did_you_mean, one_of, shown
 from heliosweep.config.names import FileName
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
-from heliosweep.config.translate import translate
+from heliosweep.config.translate import UNKNOWN_KEY, translate
 from heliosweep.errors import Problem, StudyError
 
 MAX_PROBLEMS = 100
@@ -66,14 +66,18 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     problems = list(source.problems)
     study_class = _study_class(source, registry, problems)
     nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
-    problems += (source.problem(path, "nothing is given; write a value or remove the key") for path in nulls)
+    empty = [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
     study = None
     if study_class is not None:
         try:
             study = study_class.model_validate(source.data)
         except ValidationError as error:
-            problems += islice(translate(error, study_class, source), MAX_PROBLEMS + 1)
+            found = list(islice(translate(error, study_class, source), MAX_PROBLEMS + 1))
+            unknown = {problem.key for problem in found if problem.message.startswith(UNKNOWN_KEY)}
+            empty = [problem for problem in empty if problem.key not in unknown]
+            problems += found
         problems += islice(_missing_files(study_class, source), MAX_PROBLEMS + 1)
+    problems += empty
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
@@ -125,7 +129,9 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         for j, entry in enumerate(group):
             key = entry if entry in sweeps else by_name.get(entry, "")
             if not key:
+                whole = [key for key in sweeps if key.rpartition(".")[2] == entry]
                 hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
+                hint = f"; did you mean '{whole[0]}'?" if whole else hint
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
                 yield study.problem(f"zip[{i}][{j}]", f"is tied twice (got {shown(entry)})")

@@ -35,6 +35,7 @@ _BASED = re.compile(r"0o[0-7]{1,20}|0x[0-9a-fA-F]{1,15}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _LINE_END = re.compile("\r\n|[\n\r\x85\u2028\u2029]")  # as YAML counts lines
+_GLUED = re.compile(r"\s*(?:- +)?([A-Za-z_]\w*):[^\s/:]")
 _NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -128,7 +129,9 @@ def read(path: str | os.PathLike[str]) -> Source:
             content = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise StudyError(Problem(f"cannot be read: {reason}", file=str(path))) from None
+        whole = path.with_name(f"{path.name}.yaml") if isinstance(error, FileNotFoundError) and path.name else None
+        hint = f"; did you mean {whole}?" if whole and whole.is_file() else ""
+        raise StudyError(Problem(f"cannot be read: {reason}{hint}", file=str(path))) from None
     if len(content) > MAX_BYTES:
         raise StudyError(Problem("is larger than 1 MiB; is this a study file?", file=str(path)))
     try:
@@ -192,10 +195,19 @@ class _Reader:
             line = self.text.split("\n")[place.line - 1 : place.line]
             at_tab = bool(line) and line[0][place.column - 1 : place.column] == "\t"
             reason = "tabs cannot indent; use spaces" if at_tab else error.problem or error.context
+            reason = f"{reason}{self.glued(place.line)}"
             self.refuse(f"not valid YAML: {reason}", place)
         except yaml.YAMLError as error:
             self.refuse(f"not valid YAML: {' '.join(str(error).split())}", Place(1, 1))
         return Source(data, self.path, self.keys, self.values, tuple(self.problems))
+
+    def glued(self, number: int) -> str:
+        """Return a hint where a line, or the one before, has a colon without a space after it."""
+        for line in (number - 1, number):
+            found = _GLUED.match("".join(self.text.split("\n")[line - 1 : line]))
+            if found:
+                return f"; line {line} needs a space after the colon: '{found[1]}: ...'"
+        return ""
 
     def refuse(self, message: str, place: Place, at: Path = ()) -> NoReturn:
         raise StudyError([*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), *place)])

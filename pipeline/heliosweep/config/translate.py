@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from heliosweep.config.block import Block, blocks_at
-from heliosweep.config.faults import Path, nearest, one_of, shown
+from heliosweep.config.faults import Path, nearest, one_of, printable, shown
 from heliosweep.config.source import Source
 from heliosweep.errors import Problem
 
+UNKNOWN_KEY = "unknown key"
 _MAPPING = "must be a mapping of keys to values"
 _MESSAGES = {
     "model_type": _MAPPING,
@@ -46,10 +48,9 @@ def translate(error: ValidationError, block: type[Block], source: Source) -> Ite
     for details in errors:
         if details["type"] == "extra_forbidden":
             path = _path(details, source.data)
-            key = nearest(str(path[-1]), _known_keys(block, details))
-            meant.add((*path[:-1], key or ""))
-            hint = f"; did you mean '{key}'?" if key else ""
-            yield source.problem(path, f"unknown key{hint}", at_key=True)
+            key, hint = _meant(str(path[-1]), _known_keys(block, details))
+            meant.add((*path[:-1], key))
+            yield source.problem(path, f"{UNKNOWN_KEY}{hint}", at_key=True)
     for details in errors:
         kind, path = details["type"], _path(details, source.data)
         if kind == "extra_forbidden" or path in meant:
@@ -110,6 +111,17 @@ def _holds_null(data: Any) -> bool:
 
 def _known_keys(block: type[Block], details: ErrorDetails) -> list[str]:
     return [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
+
+
+def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
+    """Return the known key that was probably meant, or nothing, and the hint for the user."""
+    glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
+    if glued and glued[1] in known:
+        return glued[1], f"; write '{glued[1]}: {printable(glued[2])}', with a colon and a space"
+    if re.fullmatch(r"[-+.\d]+", word):
+        return "", "; several values stand in brackets, as [1, 2.5], and decimals follow a point"
+    key = nearest(word, known)
+    return key or "", f"; did you mean '{key}'?" if key else ""
 
 
 def _purpose(block: type[Block], details: ErrorDetails) -> str:

@@ -77,7 +77,7 @@ def parse(text: str, unit: str) -> float:
     """
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise Invalid(f"must be {expected(unit)}")
+        raise Invalid(f"must be {expected(unit)}{_hint(text, unit)}")
     number, given = float(match[1]), match[2]
     if not given:
         raise Invalid("must be a number without quotes, or a number with its unit")
@@ -91,6 +91,17 @@ def parse(text: str, unit: str) -> float:
         return number
     factors = _KINDS[kind]
     return float(Decimal(repr(number)) * factors[given] / factors[unit])
+
+
+def _hint(text: str, unit: str) -> str:
+    """Return what was probably meant by text that is no number."""
+    if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text):
+        return "; decimals follow a point, not a comma"
+    if clock := re.fullmatch(r"\s*([0-9]{1,2}):([0-9]{2})\s*", text):
+        return f"; '{text.strip()}' is {int(clock[1]) + int(clock[2]) / 60:g} h" if unit == "h" else ""
+    if re.search(r"[0-9]\s*:\s*[-+0-9]|range|linspace", text):
+        return "; a range is {start, stop, step} or {start, stop, num}"
+    return ""
 
 
 def expected(unit: str) -> str:

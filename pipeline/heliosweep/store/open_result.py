@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+from heliosweep.errors import Problem, StudyError
 from heliosweep.store.lock import LIBRARY_LOCK
 from heliosweep.store.raw import locate
 
@@ -28,7 +29,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Raises
     ------
     StudyError
-        A folder without a result.
+        A folder without a result, or a file that is none.
     """
     place = locate(path)
     if place.is_dir():
@@ -38,4 +39,9 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     import xarray as xr
 
     with LIBRARY_LOCK:
-        return xr.open_dataset(place, engine="netcdf4", lock=LIBRARY_LOCK)
+        try:
+            return xr.open_dataset(place, engine="netcdf4", lock=LIBRARY_LOCK)
+        except OSError as error:
+            if "Unknown file format" not in str(error):
+                raise
+            raise StudyError(Problem("is no result; name a result folder", file=str(place))) from None

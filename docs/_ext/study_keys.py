@@ -1,0 +1,205 @@
+"""Directives `study-keys` and `study-example`: the keys of a family's study files, from its JSON Schema."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+Schema = dict[str, Any]
+
+_UNIT = re.compile(r"\s*\[([^\[\]]+)\]$")
+_MEANINGS = re.compile(r"\s*\((\w[\w-]*: .*)\)$", re.DOTALL)
+
+
+class Key:
+    """One key of a study file.
+
+    Parameters
+    ----------
+    name : str
+        Dotted; ``[]`` stands for any item of a list, ``<name>`` for a name of one's own.
+    schema : dict
+        Its part of the JSON Schema, references followed.
+    required : bool
+        Whether its block needs it.
+    """
+
+    def __init__(self, name: str, schema: Schema, required: bool) -> None:
+        self.name, self.schema, self.required = name, schema, required
+        text = str(schema.get("description", ""))
+        unit = _UNIT.search(text)
+        self.unit = unit.group(1) if unit else ""
+        self.meaning = _UNIT.sub("", text)
+
+    @property
+    def swept(self) -> bool:
+        """Whether a sweep may stand in place of a value."""
+        return any(str(form.get("description", "")).startswith("Swept") for form in _forms(self.schema))
+
+    @property
+    def default(self) -> str:
+        """The default as YAML; empty where there is none."""
+        if "default" not in self.schema:
+            return ""
+        value = self.schema["default"]
+        if isinstance(value, dict):
+            return ""
+        return f"`{str(value).lower() if isinstance(value, bool) else value}`" if value not in ([], "") else ""
+
+    @property
+    def value(self) -> str:
+        """What may stand there."""
+        texts = [text for form in _forms(self.schema) if not _sweeps(form) and (text := _form_text(form))]
+        return "; ".join(dict.fromkeys(texts))
+
+
+def _sweeps(form: Schema) -> bool:
+    return str(form.get("description", "")).startswith("Swept")
+
+
+def _forms(schema: Schema) -> list[Schema]:
+    parts = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
+    forms = [inner for part in parts if "required" not in part or len(part) > 1 for inner in _forms(part)]
+    return forms or [schema]
+
+
+def _form_text(form: Schema) -> str:
+    if "const" in form:
+        return f"`{form['const']}`"
+    if "enum" in form:
+        return ", ".join(f"`{name}`" for name in form["enum"])
+    kind = form.get("type")
+    if kind == "string":
+        if "0-9]*)?)([eE]" in form.get("pattern", ""):
+            return ""  # a number with its unit
+        return "date" if form.get("format") == "date" else "text"
+    if kind == "array":
+        items = _form_text(form["items"]) if isinstance(form.get("items"), dict) else ""
+        return f"list of {items}" if items else "list"
+    if kind == "boolean":
+        return "`true`, `false`"
+    if kind == "object":
+        keys = form.get("properties")
+        return f"{{{', '.join(keys)}}}" if keys else "mapping"
+    if kind in ("number", "integer"):
+        low = form.get("minimum"), form.get("exclusiveMinimum")
+        high = form.get("maximum"), form.get("exclusiveMaximum")
+        words = {"number": "number", "integer": "whole number"}[kind]
+        if low[0] is not None and high[0] is not None:
+            return f"{words}, {low[0]:g} to {high[0]:g}"
+        bounds = [("at least", low[0]), ("above", low[1]), ("at most", high[0]), ("below", high[1])]
+        return ", ".join([words, *(f"{word} {bound:g}" for word, bound in bounds if bound is not None)])
+    return ""
+
+
+def keys_of(schema: Schema) -> Iterator[Key]:
+    """Yield every key of study files with this schema, blocks before what stands in them."""
+    defs = schema.get("$defs", {})
+
+    def resolved(node: Schema) -> Schema:
+        while "$ref" in node:
+            node = defs[node["$ref"].rpartition("/")[2]] | {key: text for key, text in node.items() if key != "$ref"}
+        inner = {key: [resolved(part) for part in node[key]] for key in ("anyOf", "oneOf") if key in node}
+        if isinstance(node.get("items"), dict):
+            inner["items"] = resolved(node["items"])  # type: ignore[assignment]
+        return node | inner
+
+    def walk(prefix: str, node: Schema) -> Iterator[Key]:
+        for name, part in node.get("properties", {}).items():
+            whole = resolved(part)
+            key = Key(f"{prefix}{name}", whole, name in node.get("required", ()))
+            yield key
+            seen: set[str] = set()
+            for form in _forms(whole):
+                if _sweeps(form):
+                    continue
+                for suffix, block in _blocks(form):
+                    for inner in walk(f"{key.name}{suffix}.", block):
+                        if inner.name not in seen:
+                            seen.add(inner.name)
+                            yield inner
+
+    def _blocks(form: Schema) -> Iterator[tuple[str, Schema]]:
+        if "properties" in form:
+            yield "", form
+        if isinstance(form.get("items"), dict) and "properties" in form["items"]:
+            yield "[]", form["items"]
+        more = form.get("additionalProperties")
+        if isinstance(more, dict) and "properties" in resolved(more):
+            yield ".<name>", resolved(more)
+
+    yield from walk("", schema)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
+
+
+def _meaning(key: Key) -> str:
+    """The description; what each of several names means as a list."""
+    found = _MEANINGS.search(key.meaning)
+    if not found:
+        return _cell(key.meaning)
+    options = [option.partition(": ") for option in found.group(1).split("; ")]
+    listed = "; ".join(f"`{name}` {meaning}" for name, _, meaning in options)
+    return _cell(f"{key.meaning[: found.start()]}: {listed}")
+
+
+def table(family: str, keys: list[Key]) -> str:
+    """Return the keys as a table in Markdown, each with an anchor."""
+    lines = ["| key | what | value | unit | default | swept |", "|---|---|---|---|---|---|"]
+    for key in keys:
+        anchor = f"{family}-{key.name}".replace("[]", "").replace("<", "").replace(">", "")
+        default = key.default or ("**needed**" if key.required else "")
+        value = _cell(key.value)
+        cells = [f"[`{key.name}`]{{#{anchor}}}", _meaning(key), value, key.unit, default, "yes" if key.swept else ""]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+class StudyKeys(SphinxDirective):
+    """`{study-keys} FAMILY` with `:only:` or `:without:` top-level keys."""
+
+    required_arguments = 1
+    option_spec: ClassVar = {"only": directives.unchanged, "without": directives.unchanged}
+
+    def run(self) -> list[nodes.Node]:
+        """Return a table for the keys at the top and one for each block."""
+        from heliosweep.config.schema import json_schema
+        from heliosweep.families.registry import families
+
+        family = self.arguments[0]
+        only, without = self.options.get("only", "").split(), self.options.get("without", "").split()
+        found = [
+            key
+            for key in keys_of(json_schema(families()[family].study_class()))
+            if (top := re.split(r"[.\[]", key.name)[0]) not in without and (not only or top in only)
+        ]
+        text = table(family, found)
+        return self.parse_text_to_nodes(text)
+
+
+class StudyExample(SphinxDirective):
+    """`{study-example} FAMILY`: the commented study file to start from."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the file."""
+        from heliosweep.families.registry import families
+
+        text = families()[self.arguments[0]].example()
+        return [nodes.literal_block(text, text, language="yaml")]
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directives."""
+    app.add_directive("study-keys", StudyKeys)
+    app.add_directive("study-example", StudyExample)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,51 @@
+"""Directive `variables`: the quantities of a study's result with dimensions and units, from the lazy result."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import ClassVar
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+class Variables(SphinxDirective):
+    """`{variables} studies/NAME.yaml`; with `:series:` those of time series too."""
+
+    required_arguments = 1
+    option_spec: ClassVar = {"series": directives.flag, "maps": directives.flag}
+
+    def run(self) -> list[nodes.Node]:
+        """Return a table of the variables."""
+        import yaml
+
+        import heliosweep
+
+        path = ROOT / self.arguments[0]
+        self.env.note_dependency(str(path))
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        for option, key in (("series", "time_series"), ("maps", "maps")):
+            if option in self.options:
+                content.setdefault("output", {})[key] = True
+        with contextlib.chdir(path.parent):  # files of a mapping are found from here
+            result = heliosweep.build(heliosweep.load(content))
+        lines = ["| variable | what | unit | over |", "|---|---|---|---|"]
+        for name, array in result.data_vars.items():
+            what = str(array.attrs.get("long_name", ""))
+            if comment := array.attrs.get("comment"):
+                what += f": {comment}"
+            unit = array.attrs.get("units", "date" if array.dtype.kind == "M" else "")
+            over = ", ".join(map(str, array.dims))
+            lines.append(f"| `{name}` | {what.replace('|', chr(92) + '|')} | {unit} | {over} |")
+        return self.parse_text_to_nodes("\n".join(lines))
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directive."""
+    app.add_directive("variables", Variables)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
