@@ -31,7 +31,7 @@ check: $(STAMP)  ## lint, formatting and types
 	@$(BIN)/mypy
 
 docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
-	@$(BIN)/python -m sphinx -W --keep-going -n -q -j auto -b html docs docs/_build/html
+	@$(BIN)/python -m sphinx -W --keep-going -n -E -a -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
 
 bench: $(STAMP)  ## speed of the kernels beside named baselines (PySAM too, where it installs)

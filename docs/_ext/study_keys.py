@@ -11,6 +11,11 @@ from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+from heliosweep.config.block import Block, blocks_at
+from heliosweep.config.quantity import Samples
+from heliosweep.config.schema import json_schema
+from heliosweep.config.study import Study
+
 Schema = dict[str, Any]
 
 _UNIT = re.compile(r"\s*\[([^\[\]]+)\]$")
@@ -32,6 +37,7 @@ class Key:
 
     def __init__(self, name: str, schema: Schema, required: bool) -> None:
         self.name, self.schema, self.required = name, schema, required
+        self.only = ""
         text = str(schema.get("description", ""))
         unit = _UNIT.search(text)
         self.unit = unit.group(1) if unit else ""
@@ -50,12 +56,17 @@ class Key:
         value = self.schema["default"]
         if isinstance(value, dict):
             return ""
-        return f"`{str(value).lower() if isinstance(value, bool) else value}`" if value not in ([], "") else ""
+        if isinstance(value, bool):
+            return f"`{str(value).lower()}`"
+        if isinstance(value, int | float):
+            return f"`{_number(value, self.unit)}`"
+        return f"`{value}`" if value not in ([], "") else ""
 
     @property
     def value(self) -> str:
         """What may stand there."""
-        texts = [text for form in _forms(self.schema) if not _sweeps(form) and (text := _form_text(form))]
+        forms = (form for form in _forms(self.schema) if not _sweeps(form))
+        texts = [text for form in forms if (text := _form_text(form, self.unit))]
         return "; ".join(dict.fromkeys(texts))
 
 
@@ -69,7 +80,14 @@ def _forms(schema: Schema) -> list[Schema]:
     return forms or [schema]
 
 
-def _form_text(form: Schema) -> str:
+def _number(value: float, unit: str = "") -> str:
+    for factor, name in ((2**40, "TiB"), (2**30, "GiB"), (2**20, "MiB")):
+        if unit == "B" and value % factor == 0 and value:
+            return f"{value // factor:,g} {name}"
+    return f"{value:,.12g}"
+
+
+def _form_text(form: Schema, unit: str = "") -> str:
     if "const" in form:
         return f"`{form['const']}`"
     if "enum" in form:
@@ -92,9 +110,9 @@ def _form_text(form: Schema) -> str:
         high = form.get("maximum"), form.get("exclusiveMaximum")
         words = {"number": "number", "integer": "whole number"}[kind]
         if low[0] is not None and high[0] is not None:
-            return f"{words}, {low[0]:g} to {high[0]:g}"
+            return f"{words}, {_number(low[0], unit)} to {_number(high[0], unit)}"
         bounds = [("at least", low[0]), ("above", low[1]), ("at most", high[0]), ("below", high[1])]
-        return ", ".join([words, *(f"{word} {bound:g}" for word, bound in bounds if bound is not None)])
+        return ", ".join([words, *(f"{word} {_number(bound, unit)}" for word, bound in bounds if bound is not None)])
     return ""
 
 
@@ -115,26 +133,33 @@ def keys_of(schema: Schema) -> Iterator[Key]:
             whole = resolved(part)
             key = Key(f"{prefix}{name}", whole, name in node.get("required", ()))
             yield key
-            seen: set[str] = set()
-            for form in _forms(whole):
-                if _sweeps(form):
-                    continue
-                for suffix, block in _blocks(form):
-                    for inner in walk(f"{key.name}{suffix}.", block):
-                        if inner.name not in seen:
-                            seen.add(inner.name)
-                            yield inner
+            blocks = [found for form in _forms(whole) if not _sweeps(form) for found in _blocks(form)]
+            tagged = [f"{name}: {part['const']}" for _, block in blocks for name, part in _constants(block)]
+            known: dict[str, Key] = {}
+            for position, (suffix, block) in enumerate(blocks):
+                for inner in walk(f"{key.name}{suffix}.", block):
+                    first = known.setdefault(inner.name, inner)
+                    if first is not inner and "const" in inner.schema:
+                        first.schema = {"enum": [*first.schema.get("enum", [first.schema.get("const")])]}
+                        first.schema["enum"].append(inner.schema["const"])
+                    elif len(tagged) == len(blocks) > 1:
+                        first.only = ", ".join(filter(None, (first.only, f"`{tagged[position]}`")))
+            for inner in known.values():
+                if inner.only.count("`") == 2 * len(blocks):
+                    inner.only = ""
+            yield from known.values()
 
     def _blocks(form: Schema) -> Iterator[tuple[str, Schema]]:
         if "properties" in form:
             yield "", form
         if isinstance(form.get("items"), dict) and "properties" in form["items"]:
             yield "[]", form["items"]
-        more = form.get("additionalProperties")
-        if isinstance(more, dict) and "properties" in resolved(more):
-            yield ".<name>", resolved(more)
 
     yield from walk("", schema)
+
+
+def _constants(block: Schema) -> list[tuple[str, Schema]]:
+    return [(name, part) for name, part in block["properties"].items() if "const" in part]
 
 
 def _cell(text: str) -> str:
@@ -144,21 +169,31 @@ def _cell(text: str) -> str:
 def _meaning(key: Key) -> str:
     """The description; what each of several names means as a list."""
     found = _MEANINGS.search(key.meaning)
+    where = f" ({key.only})" if key.only else ""
     if not found:
-        return _cell(key.meaning)
+        return _cell(key.meaning + where)
     options = [option.partition(": ") for option in found.group(1).split("; ")]
     listed = "; ".join(f"`{name}` {meaning}" for name, _, meaning in options)
-    return _cell(f"{key.meaning[: found.start()]}: {listed}")
+    return _cell(f"{key.meaning[: found.start()]}: {listed}{where}")
 
 
-def table(family: str, keys: list[Key]) -> str:
+def _samples(study: type[Block], key: Key) -> bool:
+    """Whether the values are instants to average over instead of a dimension of the result."""
+    *outer, last = key.name.replace("[]", "").split(".")
+    found = (block.parameter(last) for block in blocks_at(study, outer) if last in block.model_fields)
+    return any(isinstance(parameter, Samples) for parameter in found)
+
+
+def table(study: type[Study], keys: list[Key]) -> str:
     """Return the keys as a table in Markdown, each with an anchor."""
+    family = study.family_name()
     lines = ["| key | what | value | unit | default | swept |", "|---|---|---|---|---|---|"]
     for key in keys:
-        anchor = f"{family}-{key.name}".replace("[]", "").replace("<", "").replace(">", "")
+        anchor = f"{family}-{key.name}".replace("[]", "").replace(".", "-")
         default = key.default or ("**needed**" if key.required else "")
         value = _cell(key.value)
-        cells = [f"[`{key.name}`]{{#{anchor}}}", _meaning(key), value, key.unit, default, "yes" if key.swept else ""]
+        swept = ("instants" if _samples(study, key) else "yes") if key.swept else ""
+        cells = [f"[`{key.name}`]{{#{anchor}}}", _meaning(key), value, key.unit, default, swept]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -171,17 +206,16 @@ class StudyKeys(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return a table for the keys at the top and one for each block."""
-        from heliosweep.config.schema import json_schema
         from heliosweep.families.registry import families
 
-        family = self.arguments[0]
+        study = families()[self.arguments[0]].study_class()
         only, without = self.options.get("only", "").split(), self.options.get("without", "").split()
         found = [
             key
-            for key in keys_of(json_schema(families()[family].study_class()))
+            for key in keys_of(json_schema(study))
             if (top := re.split(r"[.\[]", key.name)[0]) not in without and (not only or top in only)
         ]
-        text = table(family, found)
+        text = table(study, found)
         return self.parse_text_to_nodes(text)
 
 
