@@ -1,6 +1,6 @@
 """One plain page for a result: what was asked, what came out, and how to get it again.
 
-The page is a single file: images are part of it, nothing is fetched and nothing runs.
+The page is a single file: images and scripts are part of it, nothing is fetched, and no other script can run.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.report import comparison, sections
 from heliosweep.report.html import Html, element, join
+from heliosweep.report.interactive import Interactive, interactive, policy
 from heliosweep.report.published import read_published
-from heliosweep.report.style import image
+from heliosweep.report.style import image, small
+from heliosweep.report.views import View, default_views
 from heliosweep.store.manifest import write_atomically
 
 if TYPE_CHECKING:
@@ -40,7 +42,8 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     Parameters
     ----------
     folder : path
-        Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` are shown where they are.
+        Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` are shown
+        where they are.
     study : Study, optional
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
     vector : sequence of {"svg", "pdf"}
@@ -65,6 +68,7 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
         manifest = _manifest(place)
         marked = comparison.told(result, compared.values) if compared else result
         drawings = list(_draw(place / FIGURES, _figures(marked), vector))
+        live = interactive(result, _views(result))
         body = [
             sections.header(result, compared),
             element(
@@ -73,10 +77,11 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
                 join(
                     [
                         sections.remarks(manifest.get("remarks", ())),
+                        sections.asked(_text(place / "study.resolved.yaml")),
                         sections.results(result, _tables(result)),
                         sections.comparison(compared, result),
+                        live.body,
                         sections.figures(drawings),
-                        sections.asked(_text(place / "study.resolved.yaml")),
                         sections.provenance(manifest),
                         sections.references(result),
                     ],
@@ -84,10 +89,11 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
                 ),
             ),
             sections.footer(locate(place).name),
+            live.end,
         ]
         title = str(result.attrs.get("title", place.name))
     page = place / PAGE
-    write_atomically(page, _document(title, body))
+    write_atomically(page, _document(title, body, live))
     return page
 
 
@@ -101,6 +107,12 @@ def _tables(result: xr.Dataset) -> Iterable[Table]:
     """Tables that the result's family makes of it, if it makes any."""
     make = getattr(_family(result), "tables", None)
     return make(result) if make else ()
+
+
+def _views(result: xr.Dataset) -> Iterable[View]:
+    """Interactive plots that the result's family declares, else those that its dimensions allow."""
+    make = getattr(_family(result), "views", None)
+    return make(result) if make else default_views(result)
 
 
 def _family(result: xr.Dataset) -> Family[Any] | None:
@@ -119,7 +131,7 @@ def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -
             path = folder / f"{named.name}.{kind}"
             _write(path, content)
             written.add(path)
-        yield sections.Drawing(named.caption, images["png"], *map(float, named.figure.get_size_inches()))
+        yield sections.Drawing(named.caption, small(images["png"]), *map(float, named.figure.get_size_inches()))
     for path in folder.iterdir():
         if path.suffix[1:] in _KINDS and path not in written:
             path.unlink()
@@ -159,10 +171,11 @@ def _manifest(place: Path) -> dict[str, Any]:
     return json.loads(text) if text else {}
 
 
-def _document(title: str, body: Iterable[Html]) -> str:
+def _document(title: str, body: Iterable[Html], live: Interactive) -> str:
     css = resources.files(__package__).joinpath("page.css").read_text(encoding="utf-8")
     head = [
         Html('<meta charset="utf-8">'),
+        policy(live.scripts),
         Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
         Html('<meta name="generator" content="heliosweep">'),
         element("title", title),

@@ -16,6 +16,7 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
+from PIL import Image
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -129,4 +130,13 @@ def image(figure: Figure, kind: str = "png") -> bytes:
     buffer = io.BytesIO()
     with style():
         figure.savefig(buffer, format=kind, dpi=DPI, metadata=timeless)
+    return buffer.getvalue()
+
+
+def small(png: bytes) -> bytes:
+    """The same image with 256 colours, for a page: about a quarter of the bytes."""
+    with Image.open(io.BytesIO(png)) as picture:
+        few = picture.convert("RGB").quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    buffer = io.BytesIO()
+    few.save(buffer, "PNG")
     return buffer.getvalue()

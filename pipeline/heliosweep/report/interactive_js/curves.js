@@ -1,0 +1,168 @@
+// Curves over a dimension, and points in a plane: a line for each value of another dimension.
+
+const MARKED = 80;
+
+class Curves {
+  constructor(switches, place) {
+    this.switches = switches;
+    this.view = switches.view;
+    this.plane = this.view.kind === 'plane';
+    this.hidden = new Set();
+    this.place = place;
+    this.keys = place.parentElement.querySelector('.keys');
+    this.open();
+  }
+
+  open() {
+    this.lines = [];
+    this.logarithmic = this.isGeometric();
+    const aspect = this.plane ? { match_aspect: true } : {};
+    const made = newFigure({ x_axis_type: this.logarithmic ? 'log' : 'linear', ...aspect }, [['', '@line'], ['', '@along'], ['', '@text']], {});
+    Object.assign(this, made);
+    if (this.plane && this.view.outline) this.outline();
+    this.update();
+    this.fit();
+    if (!this.watched) {
+      this.watched = new ResizeObserver(() => this.fit());
+      this.watched.observe(this.place);
+    }
+    this.ready = Bokeh.Plotting.show(this.figure, this.place);
+  }
+
+  outline() {
+    const [width, height] = this.view.outline;
+    this.frame = this.figure.rect([0], [0], [width], [height], { fill_color: null, line_color: colours().ink, line_width: 1.5, line_dash: 'dashed' });
+    // Points far off the aperture must not make it vanish: at first, only its surroundings are seen.
+    const around = this.figure.rect([0], [0], [3 * width], [3 * height], { fill_color: null, line_color: null });
+    for (const range of [this.figure.x_range, this.figure.y_range]) range.renderers = [around];
+  }
+
+  fit() {
+    const width = this.place.clientWidth || 600;
+    const height = this.plane ? Math.round(Math.min(width, 620)) : Math.round(Math.min(440, Math.max(300, 0.55 * width)));
+    if (this.figure.height !== height) this.figure.height = height;
+  }
+
+  isGeometric() {
+    const { values, kind } = this.view.dims[this.switches.along];
+    if (this.plane || kind !== 'number' || values.length < 3 || !(Math.min(...values) > 0)) return false;
+    const ratios = values.slice(1).map((value, i) => value / values[i]);
+    return Math.max(...values) >= 10 * Math.min(...values) && ratios.every((ratio) => Math.abs(ratio / ratios[0] - 1) < 1e-4);
+  }
+
+  line(i) {
+    while (this.lines.length <= i) {
+      const source = new Bokeh.ColumnDataSource({ data: { x: [], y: [], line: [], along: [], text: [] } });
+      const path = this.figure.line({ field: 'x' }, { field: 'y' }, { source, line_width: 1.8 });
+      const marks = this.figure.scatter({ field: 'x' }, { field: 'y' }, { source, size: 6 });
+      this.lines.push({ source, path, marks });
+    }
+    return this.lines[i];
+  }
+
+  // Places along the axis in increasing order: words are numbered, numbers and dates are their values.
+  get axis() {
+    const dim = this.view.dims[this.switches.along];
+    const values = dim.values || dim.texts.map((_, i) => i);
+    return { dim, values, order: values.map((_, i) => i).sort((a, b) => values[a] - values[b]) };
+  }
+
+  update() {
+    if (this.isGeometric() !== this.logarithmic) {
+      this.place.replaceChildren();
+      this.open();
+      return;
+    }
+    const { switches, view } = this;
+    const { dim, values, order } = this.axis;
+    const names = switches.lines ? view.dims[switches.lines].texts : [''];
+    const unit = switches.shown.unit;
+    const all = [];
+    names.forEach((name, i) => {
+      const { source, path, marks } = this.line(i);
+      const at = switches.lines ? { ...switches.at, [switches.lines]: i } : switches.at;
+      const y = switches.values([switches.along], at);
+      const x = this.plane ? slice(view.arrays[switches.shown.against], [switches.along], at) : values;
+      source.data = {
+        x: Float64Array.from(order, (k) => x[k]), y: Float64Array.from(order, (k) => y[k]),
+        line: order.map(() => name || switches.place_text || switches.shown.title), along: order.map((k) => `${dim.title} ${dim.texts[k]}`),
+        text: order.map((k) => (this.plane ? `${text(x[k], unit)}, ${text(y[k], unit)}` : text(y[k], unit))),
+      };
+      const shown = !this.hidden.has(name);
+      const { color, dash, mark } = lineLook(i, names.length);
+      path.glyph.setv({ line_color: color, line_dash: dash });
+      marks.glyph.setv({ fill_color: color, line_color: color, marker: mark });
+      path.visible = shown;
+      marks.visible = shown && order.length <= MARKED;
+      if (shown) all.push(...y);
+    });
+    this.lines.slice(names.length).forEach(({ path, marks }) => { path.visible = marks.visible = false; });
+    const shown = this.lines.slice(0, names.length);
+    this.hover.renderers = shown.map(({ path, marks }) => (order.length <= MARKED ? marks : path));
+    this.axes(dim);
+    this.legend(names, switches.lines);
+    const found = extent(all);
+    const range = found ? `${text(found.low, unit)} to ${text(found.high, unit)}` : 'no value';
+    this.said = [switches.place_text, range].filter(Boolean).join(': ');
+  }
+
+  axes(dim) {
+    const [x, y] = [this.figure.xaxes[0], this.figure.yaxes[0]];
+    const against = this.plane && this.view.labels[this.switches.shown.against];
+    x.axis_label = this.plane ? against : dim.label;
+    y.axis_label = this.switches.label;
+    if (this.plane || this.logarithmic) return;
+    if (dim.kind === 'word') {
+      const step = Math.ceil(dim.texts.length / 13);
+      const ticks = dim.texts.map((_, i) => i).filter((i) => i % step === 0);
+      x.setv({
+        ticker: new Bokeh.FixedTicker({ ticks }), formatter: new Bokeh.BasicTickFormatter(),
+        major_label_overrides: new Map(ticks.map((i) => [i, dim.texts[i]])), major_label_orientation: dim.texts.length > 5 ? 0.7 : 'horizontal',
+      });
+    } else {
+      const date = dim.kind === 'date';
+      x.setv({
+        ticker: date ? new Bokeh.DatetimeTicker() : new Bokeh.BasicTicker(), major_label_overrides: new Map(), major_label_orientation: 'horizontal',
+        formatter: date ? new Bokeh.DatetimeTickFormatter() : new Bokeh.BasicTickFormatter(),
+      });
+    }
+    this.figure.xgrids[0].ticker = x.ticker;
+  }
+
+  // Below the plot, where narrow pages have room: a button for each line hides it and shows it again.
+  legend(names, dim) {
+    const told = dim ? names : [];
+    if (this.told === told.join('\n') + dark.matches) return;
+    this.told = told.join('\n') + dark.matches;
+    this.keys.replaceChildren(...told.map((name, i) => {
+      const { color, dash } = lineLook(i, names.length);
+      const style = `border-top: 3px ${dash === 'solid' ? 'solid' : 'dashed'} ${color}`;
+      const swatch = make('span', { class: 'swatch', 'aria-hidden': 'true' });
+      swatch.style.cssText = style;
+      const button = make('button', { type: 'button', 'aria-pressed': `${!this.hidden.has(name)}` }, swatch, name);
+      button.addEventListener('click', () => {
+        if (!this.hidden.delete(name)) this.hidden.add(name);
+        button.setAttribute('aria-pressed', `${!this.hidden.has(name)}`);
+        this.update();
+        this.after();
+      });
+      return button;
+    }));
+    this.keys.setAttribute('role', 'group');
+    this.keys.setAttribute('aria-label', 'Lines: press to hide or show');
+  }
+
+  table() {
+    const { switches } = this;
+    const { dim, order } = this.axis;
+    const names = switches.lines ? this.view.dims[switches.lines].texts : [switches.label];
+    const texts = names.map((_, i) => this.lines[i].source.data.text);
+    return { head: [dim.label, ...names], rows: order.map((k, i) => [dim.texts[k], ...texts.map((column) => column[i])]) };
+  }
+
+  dress() {
+    dress(this.figure);
+    if (this.frame) this.frame.glyph.line_color = colours().ink;
+    this.update();
+  }
+}
