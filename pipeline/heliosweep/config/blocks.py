@@ -26,8 +26,17 @@ _ALTITUDE = "Height above sea level"
 _TIMEZONE = "Time zone, an offset (+08:00) or an IANA name; needed for the civil clock where 'time' has none"
 
 
+def _or_weather_file(schema: dict[str, Any]) -> None:
+    """Let a weather file stand for the keys that are required: see `config.weather`."""
+    text = "EPW or TMY3 weather file whose header gives what is not given here"
+    schema["properties"]["file"] = {"type": "string", "minLength": 1, "description": text}
+    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["file"]}]
+
+
 class Site(Block):
     """Where the plant stands."""
+
+    model_config = ConfigDict(json_schema_extra=_or_weather_file)
 
     latitude: Annotated[
         float | Sweep,
@@ -47,6 +56,8 @@ class Site(Block):
 class NamedSite(Block):
     """One of several sites."""
 
+    model_config = ConfigDict(json_schema_extra=_or_weather_file)
+
     name: Annotated[str, Text("Name of the site, its label in the result")]
     latitude: Annotated[
         float,
@@ -63,8 +74,20 @@ class NamedSite(Block):
     timezone: Annotated[str | None, TimeZone(_TIMEZONE)] = None
 
 
+def _or_weather_files(schema: dict[str, Any]) -> None:
+    """Let several weather files stand for a table."""
+    one = schema["properties"]["file"]
+    name = {"type": "string", "minLength": 1}
+    schema["properties"]["file"] = {
+        "anyOf": [name, {"type": "array", "items": name, "minItems": 1}],
+        "description": f"{one['description']}; or weather files, EPW or TMY3, whose headers give the sites",
+    }
+
+
 class SiteFile(Block):
     """A table of sites."""
+
+    model_config = ConfigDict(json_schema_extra=_or_weather_files)
 
     file: Annotated[
         str,

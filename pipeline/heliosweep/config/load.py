@@ -15,6 +15,7 @@ from heliosweep.config.names import FileName
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
 from heliosweep.config.translate import UNKNOWN_KEY, translate
+from heliosweep.config.weather import with_weather_sites
 from heliosweep.errors import Problem, StudyError
 
 MAX_PROBLEMS = 100
@@ -65,6 +66,8 @@ def load_mapping(data: Mapping[str, Any], registry: Mapping[str, type[StudyT]]) 
 def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     problems = list(source.problems)
     study_class = _study_class(source, registry, problems)
+    if study_class is not None and {"site", "sites"} & set(study_class.model_fields):
+        source = with_weather_sites(source, problems)
     nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
     empty = [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
     study = None
