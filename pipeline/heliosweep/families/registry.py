@@ -31,6 +31,10 @@ class Family(Protocol[StudyT]):
     """A kind of study: one folder beside this file, or an entry point of another package.
 
     Each method imports what it needs when it is called, so that validating a study stays quick.
+
+    A family may also have ``tables(result)``, see `Table`; ``views(result)``, which yields the interactive plots of
+    the page, see `heliosweep.report.views.View`; and ``headlines``, names of variables of which the first that a
+    result has is told in the list of all studies.
     """
 
     name: str

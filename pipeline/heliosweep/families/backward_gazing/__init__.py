@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.config import BackwardGazingStudy
     from heliosweep.families.registry import NamedFigure
     from heliosweep.grid.plan import Workload
+    from heliosweep.report.views import View
 
 
 class BackwardGazing:
@@ -24,6 +25,7 @@ class BackwardGazing:
     name = "backward_gazing"
     title = "slopes of mirrors from four camera images of the reflected sun"
     references = ("Defieux, Caliot and Henault (2020), AIP Conf. Proc. 2303, 100002, doi 10.1063/5.0029270",)
+    headlines = ("relative_error_x_median", "slope_rms_x", "canting_x")
 
     def study_class(self) -> type[BackwardGazingStudy]:
         """Pydantic model of the study file."""
@@ -72,6 +74,12 @@ class BackwardGazing:
         from heliosweep.families.backward_gazing import report
 
         return report.figures(result)
+
+    def views(self, result: xr.Dataset) -> Iterable[View]:
+        """Slopes, maps and errors that a reader may turn and switch."""
+        from heliosweep.families.backward_gazing import interactive
+
+        return interactive.views(result)
 
 
 FAMILY = BackwardGazing()

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from heliosweep.families.dish_tracking.config import DishTrackingStudy
     from heliosweep.families.registry import NamedFigure
     from heliosweep.grid.plan import Workload
+    from heliosweep.report.views import View
 
 
 class DishTracking:
@@ -23,6 +24,7 @@ class DishTracking:
     name = "dish_tracking"
     title = "effective tracking factor of a solar dish whose azimuth axis is tilted"
     references = ("Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261",)
+    headlines = ("annual_effective_tracking_factor_mean", "effective_tracking_factor_min")
 
     def study_class(self) -> type[DishTrackingStudy]:
         """Pydantic model of the study file."""
@@ -69,6 +71,12 @@ class DishTracking:
         from heliosweep.families.dish_tracking import report
 
         return report.figures(result)
+
+    def views(self, result: xr.Dataset) -> Iterable[View]:
+        """Factors over months, directions and days, with switches."""
+        from heliosweep.families.dish_tracking import interactive
+
+        return interactive.views(result)
 
 
 FAMILY = DishTracking()

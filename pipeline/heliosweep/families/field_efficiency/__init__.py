@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
     from heliosweep.families.registry import NamedFigure
     from heliosweep.grid.plan import Workload
+    from heliosweep.report.views import View
 
 
 class FieldEfficiency:
@@ -23,6 +24,7 @@ class FieldEfficiency:
     name = "field_efficiency"
     title = "annual cosine, shading, blocking and optical efficiency of a heliostat field"
     references = ("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",)
+    headlines = ("field_optical_efficiency",)
 
     def study_class(self) -> type[FieldEfficiencyStudy]:
         """Pydantic model of the study file."""
@@ -67,6 +69,12 @@ class FieldEfficiency:
         from heliosweep.families.field_efficiency import report
 
         return report.figures(result)
+
+    def views(self, result: xr.Dataset) -> Iterable[View]:
+        """Maps and curves that a reader may turn and switch."""
+        from heliosweep.families.field_efficiency import interactive
+
+        return interactive.views(result)
 
 
 FAMILY = FieldEfficiency()

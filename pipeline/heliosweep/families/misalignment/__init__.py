@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from heliosweep.families.misalignment.config import MisalignmentStudy
     from heliosweep.families.registry import NamedFigure, Table
     from heliosweep.grid.plan import Workload
+    from heliosweep.report.views import View
 
 
 class Misalignment:
@@ -27,6 +28,7 @@ class Misalignment:
         "Evaluation and measurement of heliostat misalignment in solar power plant using vector model, Optics Express "
         "27 (8), A257 (2019)",
     )
+    headlines = ("least_tolerance", "day_hit_fraction", "hit_fraction", "residual_rms", "tolerance")
 
     def study_class(self) -> type[MisalignmentStudy]:
         """Pydantic model of the study file."""
@@ -85,6 +87,12 @@ class Misalignment:
         from heliosweep.families.misalignment import report_tables
 
         return report_tables.tables(result)
+
+    def views(self, result: xr.Dataset) -> Iterable[View]:
+        """Maps, spots and curves that a reader may turn and switch."""
+        from heliosweep.families.misalignment import interactive
+
+        return interactive.views(result)
 
 
 FAMILY = Misalignment()

@@ -148,8 +148,8 @@ class Raster extends Coloured {
 
   draw() {
     const [x, y] = this.sides;
-    this.figure.image({ field: 'image' }, {
-      source: this.source, x: x.low, y: y.low, dw: x.high - x.low, dh: y.high - y.low, color_mapper: this.mapper,
+    this.figure.image({
+      image: { field: 'image' }, source: this.source, x: x.low, y: y.low, dw: x.high - x.low, dh: y.high - y.low, color_mapper: this.mapper,
     });
   }
 
