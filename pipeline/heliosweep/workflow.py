@@ -7,6 +7,7 @@ import logging
 import os
 import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,7 +108,11 @@ def _workers_elsewhere(execution: Execution) -> int | None:
 
 def _size(folder: Path) -> int:
     """Size of all files in a folder. [bytes]."""
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    size = 0
+    with suppress(OSError):  # there is none, or another run is at work in it
+        for file in folder.rglob("*"):
+            size += file.stat().st_size if file.is_file() else 0
+    return size
 
 
 def build(study: Study) -> xr.Dataset:

@@ -381,6 +381,7 @@ def _child(
     null = os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)
     os.dup2(null, 1)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background may ignore it
     plan.PART_SECONDS, slabs.SERIES_PART_BYTES = part_seconds, 8 * 2**10
     works = execute._works
 

@@ -1,4 +1,4 @@
-"""A disk that fills up, or a quota, in the middle of a run: a message, exit code 1 and nothing left."""
+"""A disk that fills up, or a quota, in the middle of a run: a message, exit code 1, what is done kept."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import yaml
 from heliosweep import workflow
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels.warm import warm_field
+from heliosweep.store.journal import Journal
 from tests.conftest import SMALL
+from tests.faults.kills import content_of
 
 HOURS = {"start": 7, "stop": 17, "step": 0.05}
 BLOCKS = {"time": {**SMALL["time"], "hours": HOURS}, "output": {"time_series": True}}
@@ -35,9 +37,28 @@ def small_disk(tmp_path) -> Iterator[Path]:
 
 def test_full_disk(small, small_disk, monkeypatch):
     monkeypatch.setattr("heliosweep.grid.limits._free_disk", lambda _: 2**40)  # it fills up after the plan
-    with pytest.raises(HeliosweepError, match=r"new/out/result\.nc: cannot be written: disk full \(.*B free\)"):
+    with pytest.raises(HeliosweepError, match=r"new/out/working: cannot be written: disk full \(.*B free\)"):
         workflow.run(small(**BLOCKS), small_disk / "new/out", report=False)
-    assert list(small_disk.iterdir()) == []
+    assert [path.name for path in (small_disk / "new/out").iterdir()] == ["working"]
+    assert Journal.read(small_disk / "new/out/working/journal.jsonl").done
+
+
+@pytest.mark.parametrize("size", ["40k", "200k", "400k", "3m"])
+def test_full_disk_and_room_again(small, small_disk, tmp_path, monkeypatch, size):
+    """In the store or in the result: once there is room again, the run goes on."""
+    monkeypatch.setattr("heliosweep.grid.limits._free_disk", lambda _: 2**40)
+    monkeypatch.setattr("heliosweep.grid.plan.PART_SECONDS", 0.0)
+    subprocess.run(["mount", "-o", f"remount,size={size}", str(small_disk)], check=True)
+    with pytest.raises(HeliosweepError, match=r"cannot be written: "):
+        workflow.run(small(**BLOCKS), small_disk / "out", report=False)
+    assert not list(small_disk.glob("out/result*"))
+    assert not list(small_disk.glob("out/.*"))
+    done = Journal.read(small_disk / "out/working/journal.jsonl").done
+    assert bool(done) == (small_disk / "out").exists()
+    subprocess.run(["mount", "-o", "remount,size=32m", str(small_disk)], check=True)
+    workflow.run(small(**BLOCKS), small_disk / "out", report=False)
+    workflow.run(small(**BLOCKS), tmp_path / "peace", report=False)
+    assert content_of(small_disk / "out") == content_of(tmp_path / "peace")
 
 
 def test_largest_file_size(tmp_path):
@@ -54,6 +75,6 @@ def test_largest_file_size(tmp_path):
         check=False,
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("new/out/result.nc: cannot be written: ")
+    assert done.stderr.startswith("new/out/working: cannot be written: File too large")
     assert len(done.stderr.splitlines()) == 1
-    assert list(tmp_path.iterdir()) == [study]
+    assert Journal.read(tmp_path / "new/out/working/journal.jsonl").done

@@ -1,4 +1,4 @@
-"""Runs that are stopped: exit code 4, one line, nothing half written, no empty folder."""
+"""Runs that are stopped: exit code 4, one line, parts kept, nothing half written, no empty folder."""
 
 from __future__ import annotations
 
@@ -6,44 +6,102 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
-import yaml
 
 from heliosweep import workflow
 from heliosweep.errors import RunInterrupted
-from tests.conftest import SMALL
+from heliosweep.runtime import run as runtime
+from tests.faults.kills import STUDIES, Nursery, content_of, done_parts, leftovers, write_study
 
-#: Computed in a second, and written for much longer.
-LONG: dict[str, Any] = {
-    **SMALL,
-    "time": {**SMALL["time"], "hours": {"start": 8, "stop": 16, "step": 0.005}},
-    "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 50, "heliostats": 300}},
-    "output": {"time_series": True, "compression": "zlib", "compression_level": 9},
-}
+#: Slows a run down where it shall be stopped.
+SLOW_WRITING = """
+import time
+from heliosweep.store.netcdf import ResultWriter
+write = ResultWriter.write
+ResultWriter.write = lambda *said: (time.sleep(0.3), write(*said))
+"""
+SLOW_KERNELS = """
+import time
+from heliosweep.runtime import run
+run.prepare_kernels = lambda *_: time.sleep(30)
+"""
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX systems")
-@pytest.mark.parametrize(
-    ("number", "pauses"), [("SIGTERM", [0]), ("SIGHUP", [0]), ("SIGINT", [0, 0.05]), ("SIGINT", [0, 0.1, 0.1, 0.1])]
-)
-def test_signals(tmp_path, number, pauses):
-    (tmp_path / "study.yaml").write_text(yaml.safe_dump(LONG))
-    command = [sys.executable, "-m", "heliosweep", "run", "study.yaml", "--output", "new/out"]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
-    part, deadline = (lambda: next(tmp_path.glob("new/out/.result.nc.*"), None)), time.monotonic() + 120
-    while ((found := part()) is None or found.stat().st_size < 10**6) and time.monotonic() < deadline:
-        time.sleep(0.05)  # until it writes
-    assert process.poll() is None
+@pytest.fixture(scope="module")
+def nursery(tmp_path_factory) -> Iterator[Nursery]:
+    if not hasattr(signal, "SIGHUP"):
+        pytest.skip("signals of POSIX systems")
+    with Nursery(tmp_path_factory.mktemp("nursery")) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def expected(nursery) -> dict[str, bytes]:
+    study = write_study(nursery.folder, STUDIES["field"])
+    assert nursery.run(["run", str(study), "-q", "--no-report", "--output", str(nursery.folder / "peace")]).code == 0
+    return content_of(nursery.folder / "peace")
+
+
+def wait_for(sight: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 60
+    while not sight():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def interrupt(nursery: Nursery, number: str, pauses: list[float]) -> None:
     for pause in pauses:
         time.sleep(pause)
-        process.send_signal(getattr(signal, number))
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 4, errors
-    assert errors.splitlines()[-1].startswith("interrupted: nothing half written was left")
-    assert "Traceback" not in errors
-    assert {path.name for path in tmp_path.iterdir()} == {"study.yaml"}
+        nursery.signal(getattr(signal, number))
+
+
+@pytest.mark.parametrize(
+    ("when", "number", "pauses"),
+    [
+        ("computing", "SIGTERM", [0]),
+        ("computing", "SIGINT", [0, 0.01, 0.01, 0.01]),
+        ("publishing", "SIGHUP", [0]),
+        ("publishing", "SIGINT", [0, 0.05]),
+    ],
+)
+def test_signals(nursery, expected, tmp_path, when, number, pauses):
+    place = tmp_path / "new/out"
+    command = ["run", str(nursery.folder / "study.yaml"), "-q", "--no-report", "--output", str(place)]
+    total = len(done_parts(nursery.folder / "peace"))
+    nursery.start(command, setup=SLOW_WRITING)
+    if when == "computing":
+        wait_for(lambda: len(done_parts(place)) >= 5)
+    else:
+        wait_for(lambda: len(done_parts(place)) == total and list(place.glob(".result.nc.*")))
+    interrupt(nursery, number, pauses)
+    outcome = nursery.end()
+    assert outcome.code == 4, outcome.errors
+    done = done_parts(place)
+    said = (
+        f"interrupted: {len(done)} of {len(set(expected_parts(nursery)))} parts are done and kept in {place}; run the"
+    )
+    assert outcome.errors.splitlines()[-1].startswith(said)
+    assert len(outcome.errors.splitlines()) == 1
+    assert [path.name for path in place.iterdir()] == ["working"]
+    again = nursery.run(command)
+    assert again.code == 0
+    assert not set(again.begun) & set(done)
+    assert content_of(place) == expected
+    assert not leftovers(place)
+
+
+def test_signal_before_anything_is_done(nursery, expected, tmp_path):
+    command = ["run", str(nursery.folder / "study.yaml"), "-q", "--no-report", "--output", str(tmp_path / "new/out")]
+    nursery.start(command, setup=SLOW_KERNELS)
+    wait_for(lambda: (tmp_path / "new/out/working").exists())
+    interrupt(nursery, "SIGTERM", [0.2])
+    outcome = nursery.end()
+    assert outcome.code == 4
+    assert outcome.errors == "interrupted: nothing was computed yet; run the same command again to go on\n"
+    assert not list(tmp_path.iterdir())
 
 
 def stop(*_: object, **__: object) -> None:
@@ -53,35 +111,53 @@ def stop(*_: object, **__: object) -> None:
 @pytest.mark.parametrize(
     ("where", "message", "left"),
     [
-        ("_prepare_kernels", "nothing was computed", set()),
-        ("_record", "its manifest is missing", {"result.nc"}),
+        ("prepare_kernels", "nothing was computed yet", set()),
+        ("publish", "2 of 2 parts are done and kept", {"working"}),
+        ("write_manifest", "2 of 2 parts are done and kept", {"working", "result.nc", "study.resolved.yaml"}),
     ],
 )
 def test_the_message_says_what_was_left(small, tmp_path, monkeypatch, where, message, left):
-    monkeypatch.setattr(workflow, where, stop)
-    with pytest.raises(RunInterrupted, match=message):
-        workflow.run(small(), tmp_path / "out", report=False)
+    monkeypatch.setattr("heliosweep.grid.plan.PART_SECONDS", 0.0)
+    study = small(site={"latitude": 40})
+    with monkeypatch.context() as patch:
+        patch.setattr(runtime, where, stop)
+        with pytest.raises(RunInterrupted, match=message):
+            workflow.run(study, tmp_path / "out", report=False)
     assert {path.name for path in tmp_path.glob("out/*")} == left
     assert (tmp_path / "out").exists() == bool(left)
+    workflow.run(study, tmp_path / "out", report=False)
+    assert not leftovers(tmp_path / "out")
+
+
+def test_interrupted_before_the_parts_were_looked_at(small, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(runtime, "publish", stop)
+        with pytest.raises(RunInterrupted):
+            workflow.run(small(), tmp_path, report=False)
+    with monkeypatch.context() as patch:
+        patch.setattr(runtime.Run, "_earlier", stop)
+        with pytest.raises(RunInterrupted, match="the parts that were done are kept"):
+            workflow.run(small(), tmp_path, report=False)
+    assert done_parts(tmp_path)
 
 
 def test_a_manifest_never_stands_beside_another_result(small, tmp_path, monkeypatch):
     workflow.run(small(), tmp_path)
-    monkeypatch.setattr(workflow, "_record", stop)
+    monkeypatch.setattr(runtime.Run, "_record", stop)
     with pytest.raises(RunInterrupted):
         workflow.run(small(receiver={"height": 70}), tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"result.nc", "figures"}
+    assert {path.name for path in tmp_path.iterdir()} == {"result.nc", "figures", "working"}
 
 
 def test_folders_that_were_there_stay(small, tmp_path, monkeypatch):
     (tmp_path / "there").mkdir()
-    monkeypatch.setattr(workflow, "_prepare_kernels", stop)
+    monkeypatch.setattr(runtime, "prepare_kernels", stop)
     with pytest.raises(RunInterrupted):
         workflow.run(small(), tmp_path / "there/new/out")
     assert [path.name for path in tmp_path.rglob("*")] == ["there"]
 
 
-def test_a_killed_run_is_tidied_up_by_the_next(small, tmp_path):
+def test_a_killed_run_is_tidied_up_by_the_next(small, tmp_path: Path):
     program = (
         "import os, sys; from pathlib import Path; from heliosweep.store.temporary import temporary_name\n"
         "temporary_name(Path(sys.argv[1]) / 'result.nc').touch(); os.kill(os.getpid(), 9)"

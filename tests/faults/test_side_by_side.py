@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+
+import pytest
+
+from heliosweep import workflow
+from heliosweep.cli import main
+from tests.faults.kills import STUDIES, Nursery, content_of, done_parts, leftovers, write_study
 
 STUDY = "from tests.conftest import SMALL as study\nimport heliosweep\n"
 
@@ -58,12 +68,66 @@ def test_processes_without_a_guard_are_told_of_it(tmp_path):
         tmp_path,
         """
 study["execution"] = {"scheduler": "processes", "workers": 1}
-try:
-    heliosweep.run(heliosweep.load(study), "out", report=False)
-except heliosweep.HeliosweepError as error:
-    print("told:", error)
+heliosweep.run(heliosweep.load(study), "out", report=False)
 """,
     )
-    assert done.returncode == 0
-    assert 'if __name__ == "__main__":' in done.stdout
-    assert not (tmp_path / "out").exists()
+    assert done.returncode != 0
+    assert 'if __name__ == "__main__":' in done.stderr.splitlines()[-1]
+    assert not (tmp_path / "out/result.nc").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_two_processes(tmp_path):
+    """The second says whom it waits for, then finds the result, or takes over what a killed one has done."""
+    study = write_study(tmp_path, STUDIES["field"])
+    command = ["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    slow = "import time\nfrom heliosweep.store import working\nc = working.WorkingStore.commit\n"
+    slow += "working.WorkingStore.commit = lambda *said: (time.sleep(0.02), c(*said))"
+    with Nursery(tmp_path / "a") as first, Nursery(tmp_path / "b") as second:
+        pid = first.start(command, setup=slow)
+        _wait_for(lambda: len(done_parts(tmp_path / "out")) > 3)
+        assert json.loads((tmp_path / "out/.lock").read_text())["process"] == pid
+        second.start(command)
+        _wait_for(lambda: "is at work in" in second.log())
+        assert second.log().startswith(f"process {pid} on ")
+        second.signal(signal.SIGTERM)  # who waits can give up
+        assert second.end().code == 4
+        assert (tmp_path / "out/.lock").exists()
+        second.start(command)
+        _wait_for(lambda: "is at work in" in second.log())
+        first.signal()
+        killed = first.end()
+        done = done_parts(tmp_path / "out")
+        again = second.end()
+        assert killed.code == -signal.SIGKILL
+        assert again.code == 0, again.errors
+        assert not set(again.begun) & set(done)
+        peace = first.run([*command[:-1], str(tmp_path / "peace")], setup=slow)
+        third = second.run(command)
+        assert (peace.code, third.code, third.begun) == (0, 0, [])
+        assert "is complete already" in third.errors
+    assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
+    assert not leftovers(tmp_path / "out")
+
+
+def test_a_claim_of_a_dead_process_stops_nobody(small, tmp_path):
+    (tmp_path / ".lock").write_text(json.dumps({"process": 1, "host": "here"}))
+    workflow.run(small(), tmp_path, report=False)
+    assert not leftovers(tmp_path)
+
+
+def test_different_studies_into_one_folder(tmp_path, capsys):
+    for latitude in (10, 20, 10):
+        study = write_study(tmp_path, {**STUDIES["field"], "site": {"latitude": latitude}, "output": {}})
+        assert main(["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]) == 0
+    assert "replaces the result of another study: site.latitude" in capsys.readouterr().err
+    assert not leftovers(tmp_path / "out")
+
+
+def _wait_for(sight) -> None:
+    deadline = time.monotonic() + 60
+    while not sight():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)

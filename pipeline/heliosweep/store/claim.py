@@ -5,12 +5,15 @@ from __future__ import annotations
 import errno
 import json
 import logging
+import multiprocessing
 import os
 import platform
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from heliosweep.errors import HeliosweepError
 
 if os.name == "posix":
     import fcntl
@@ -37,7 +40,15 @@ def claimed(folder: Path) -> Iterator[None]:
     ----------
     folder : pathlib.Path
         Existing folder.
+
+    Raises
+    ------
+    HeliosweepError
+        In a worker process that only begins.
     """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        # Waiting would never end: the process that waits for this one to start holds the folder.
+        raise HeliosweepError('a script that runs a study must do so below `if __name__ == "__main__":`')
     path = folder / NAME
     descriptor = _wait(path)
     try:
