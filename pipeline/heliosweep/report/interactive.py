@@ -21,7 +21,7 @@ import xarray as xr
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.report.html import Html, element, join, section
-from heliosweep.report.payload import PAGE_VALUES, VIEW_VALUES, view_payload
+from heliosweep.report.payload import PAGE_VALUES, shares, view_payload, wanted
 from heliosweep.report.views import View, usable
 
 #: Bundles of Bokeh's scripts that are needed, in the order in which they run.
@@ -72,15 +72,16 @@ def interactive(result: xr.Dataset, views: Iterable[View]) -> Interactive:
     chosen = usable(result, views)
     if not chosen:
         return Interactive(Html(""), Html(""), ())
-    budget = min(VIEW_VALUES, PAGE_VALUES // len(chosen))
-    payloads = [view_payload(result, view, budget) for view in chosen]
+    budgets = shares([wanted(result, view) for view in chosen], PAGE_VALUES)
+    payloads = [view_payload(result, view, budget) for view, budget in zip(chosen, budgets, strict=True)]
     frames = [_frame(number, view, made) for number, (view, made) in enumerate(zip(chosen, payloads, strict=True))]
     missing = element(
         "noscript", element("p", "These plots need JavaScript. The figures below and the tables above do without.")
     )
     words = element(
         "p",
-        "Hover for values, drag a rectangle to zoom in, and choose what is shown; every plot can be read as a table.",
+        "Choose what is shown, hover for values, drag a rectangle to zoom in; with the keyboard, arrows move a plot, "
+        "+ and \N{MINUS SIGN} zoom, 0 shows everything again. Every plot can be read as a table.",
         class_="hint",
     )
     data = script_json({"views": payloads, "palettes": _palettes()})
@@ -125,7 +126,14 @@ def _frame(number: int, view: View, made: dict[str, Any]) -> Html:
         element("h3", view.title, id=f"{name}-title"),
         element("div", class_="switches", role="group", aria_label=f"Choose what is shown: {view.title}"),
         element("p", class_="said", role="status", aria_live="polite"),
-        element("div", class_="plot", role="group", aria_labelledby=f"{name}-title"),
+        element(
+            "div",
+            class_="plot",
+            role="group",
+            tabindex=0,
+            aria_labelledby=f"{name}-title",
+            aria_description="Arrow keys move, plus and minus zoom, 0 shows everything again.",
+        ),
         element("div", class_="keys"),
         element("details", element("summary", "Values as a table"), element("div"), class_="values"),
         element("figcaption", said) if said else Html(""),

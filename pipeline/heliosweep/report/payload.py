@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,11 +15,14 @@ from heliosweep.report.labels import axis_label, is_fraction, title_of, unit_of,
 from heliosweep.report.selection import evenly
 from heliosweep.report.views import HELIOSTAT, View, is_ordered, position
 
-#: Numbers on one page and in one view at the most, of four bytes each.
-PAGE_VALUES, VIEW_VALUES = 420_000, 220_000
+#: Numbers on one page at the most, of four bytes each.
+PAGE_VALUES = 480_000
 
-#: Values of a dimension that thinning leaves at the least.
-LEAST = 3
+#: Values of a dimension that thinning leaves at the least: at first, and where that is not enough.
+LEAST = (12, 3)
+
+#: Dimensions of at most so many values are thinned only where nothing else is left: of directions all are wanted.
+SHORT = 24
 
 #: Part of the values that each step of thinning leaves.
 STEP = 0.75
@@ -32,7 +36,7 @@ PACKING, SEEN = 0.55, 1 / 250
 Kept = dict[str, np.ndarray]
 
 
-def view_payload(result: xr.Dataset, view: View, budget: int = VIEW_VALUES) -> dict[str, Any]:
+def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> dict[str, Any]:
     """What the script draws a view from.
 
     Parameters
@@ -49,8 +53,7 @@ def view_payload(result: xr.Dataset, view: View, budget: int = VIEW_VALUES) -> d
     dict
         Of what JSON knows.
     """
-    names = list(dict.fromkeys([*view.quantities, *(view.against[name] for name in view.quantities if view.against)]))
-    kept, names = thinned(result, view, names, budget)
+    kept, names = thinned(result, view, _names(view), budget)
     arrays = {name: _array(result[name], kept) for name in names}
     quantities = [
         {
@@ -82,6 +85,25 @@ def view_payload(result: xr.Dataset, view: View, budget: int = VIEW_VALUES) -> d
     return payload
 
 
+def _names(view: View) -> list[str]:
+    return list(dict.fromkeys([*view.quantities, *(view.against[name] for name in view.quantities if view.against)]))
+
+
+def wanted(result: xr.Dataset, view: View) -> int:
+    """Numbers of all that a view could show."""
+    return sum(result[name].size for name in _names(view))
+
+
+def shares(wishes: Sequence[int], budget: int) -> list[int]:
+    """What each of several may take of a budget: small wishes are granted, large ones share what is left evenly."""
+    order = sorted(range(len(wishes)), key=wishes.__getitem__)
+    granted = [0] * len(wishes)
+    for done, i in enumerate(order):
+        granted[i] = min(wishes[i], budget // (len(wishes) - done))
+        budget -= granted[i]
+    return granted
+
+
 def thinned(result: xr.Dataset, view: View, names: Sequence[str], budget: int) -> tuple[Kept, list[str]]:
     """Which values of each dimension are kept, and of which quantities.
 
@@ -100,12 +122,13 @@ def thinned(result: xr.Dataset, view: View, names: Sequence[str], budget: int) -
         return sum(math.prod(counts[str(dim)] for dim in result[name].dims) for name in names)
 
     while total() > budget:
-        free = [dim for dim in counts if counts[dim] > LEAST and dim != HELIOSTAT and is_ordered(result, dim)]
-        longest = max(free, key=counts.__getitem__, default="")
+        numbers = [dim for dim in counts if dim != HELIOSTAT and is_ordered(result, dim)]
+        long = [dim for dim in numbers if sizes[dim] > SHORT and counts[dim] > LEAST[0]]
+        longest = max(long or [dim for dim in numbers if counts[dim] > LEAST[1]], key=counts.__getitem__, default="")
         if longest:
             dims = view.along if view.kind == "raster" and longest in view.along else [longest]
             for dim in dims:
-                counts[dim] = max(LEAST, math.floor(counts[dim] * STEP))
+                counts[dim] = max(LEAST[0] if long else LEAST[1], math.floor(counts[dim] * STEP))
         elif len(names) > 1 and not view.against:
             names.pop()
         else:
@@ -167,7 +190,7 @@ def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]
     else:
         texts = [_word(coordinate.isel({dim: i})) for i in range(kept.size)]
     return {
-        "title": title_of(coordinate).split(":")[0],
+        "title": re.split("[:,]", title_of(coordinate))[0],
         "label": axis_label(coordinate).split(":")[0],
         "kind": kind,
         "ordered": is_ordered(result, dim),
@@ -209,6 +232,6 @@ def _said(result: xr.Dataset, kept: Mapping[str, np.ndarray]) -> str:
     parts = []
     for dim, index in kept.items():
         if index.size < result.sizes[dim]:
-            title = title_of(result[dim]).split(":")[0] if dim in result.coords else dim.replace("_", " ")
+            title = re.split("[:,]", title_of(result[dim]))[0] if dim in result.coords else dim.replace("_", " ")
             parts.append(f"{index.size} of {result.sizes[dim]:,} values of {title}")
     return f"Thinned for this page: {', '.join(parts)}; all are in the data set." if parts else ""

@@ -32,12 +32,13 @@ def views(result: xr.Dataset) -> Iterator[View]:
     instants = [dim for dim in (HOUR, *DAYS) if dim in result.sizes]
     words = [str(dim) for dim in result.sizes if dim not in ordered and dim not in NOT_SWEPT]
     yield View("field", "Map of the field", names, (HELIOSTAT,), less=next(iter(words), ""), start=_TYPICAL)
+    along = sorted([*swept, *instants], key=lambda dim: (dim != "error_size", dim != HOUR))
     across = {z: y for y, z in _SPOTS}
     yield View(
         "plane",
         "Spots on the receiver's plane",
         list(across),
-        (*swept, *instants),
+        along,
         (HELIOSTAT, *words),
         start=_TYPICAL,
         against=across,
@@ -45,7 +46,7 @@ def views(result: xr.Dataset) -> Iterator[View]:
         caption="As someone in the field sees the receiver. Dashed: the aperture. At first the view shows the "
         "surroundings of the aperture; points farther off come with the tool that moves the plane.",
     )
-    yield View("curves", "Curves", names, (*swept, *instants, "spot"), (*words, HELIOSTAT), start=_TYPICAL)
+    yield View("curves", "Curves", names, (*along, "spot"), (*words, HELIOSTAT), start=_TYPICAL)
     yield View(
         "curves",
         "Errors of the mount",

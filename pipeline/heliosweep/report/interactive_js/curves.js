@@ -20,13 +20,9 @@ class Curves {
     const made = newFigure({ x_axis_type: this.logarithmic ? 'log' : 'linear', ...aspect }, [['', '@line'], ['', '@along'], ['', '@text']], {});
     Object.assign(this, made);
     if (this.plane && this.view.outline) this.outline();
-    this.update();
     this.fit();
-    if (!this.watched) {
-      this.watched = new ResizeObserver(() => this.fit());
-      this.watched.observe(this.place);
-    }
-    this.ready = Bokeh.Plotting.show(this.figure, this.place);
+    this.update();
+    this.ready = show(this);
   }
 
   outline() {
@@ -109,8 +105,9 @@ class Curves {
   axes(dim) {
     const [x, y] = [this.figure.xaxes[0], this.figure.yaxes[0]];
     const against = this.plane && this.view.labels[this.switches.shown.against];
-    x.axis_label = this.plane ? against : dim.label;
-    y.axis_label = this.switches.label;
+    const [width, height] = [(this.place.clientWidth || 600) - 80, this.figure.height - 110];
+    x.axis_label = folded(this.plane ? against : dim.label, width);
+    y.axis_label = folded(this.switches.label, height);
     if (this.plane || this.logarithmic) return;
     if (dim.kind === 'word') {
       const step = Math.ceil(dim.texts.length / 13);
@@ -134,7 +131,8 @@ class Curves {
     const told = dim ? names : [];
     if (this.told === told.join('\n') + dark.matches) return;
     this.told = told.join('\n') + dark.matches;
-    this.keys.replaceChildren(...told.map((name, i) => {
+    const about = make('span', { class: 'about-lines' }, dim ? `${this.view.dims[dim].title}:` : '');
+    this.keys.replaceChildren(about, ...told.map((name, i) => {
       const { color, dash } = lineLook(i, names.length);
       const style = `border-top: 3px ${dash === 'solid' ? 'solid' : 'dashed'} ${color}`;
       const swatch = make('span', { class: 'swatch', 'aria-hidden': 'true' });

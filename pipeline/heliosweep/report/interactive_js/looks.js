@@ -59,3 +59,47 @@ function newFigure(attributes, tooltips, label) {
   dress(figure);
   return { figure, hover };
 }
+
+// A label on several lines where it is longer than its axis. [pixel]
+function folded(label, room) {
+  const most = Math.max(18, Math.floor(room / 6.8));
+  const lines = [''];
+  for (const word of label.split(' ')) {
+    const line = lines[lines.length - 1];
+    if (line && line.length + word.length + 1 > most) lines.push(word);
+    else lines[lines.length - 1] = line ? `${line} ${word}` : word;
+  }
+  return lines.join('\n');
+}
+
+// Show the figure of a plot in its place, which then moves and zooms by keys as well.
+function show(plot) {
+  const { place, figure } = plot;
+  if (!plot.watched) {
+    plot.watched = new ResizeObserver(() => plot.fit());
+    plot.watched.observe(place);
+    place.addEventListener('keydown', (event) => {
+      if (event.target === place && !event.ctrlKey && !event.metaKey && !event.altKey && move(plot.figure, event.key)) event.preventDefault();
+    });
+  }
+  return Bokeh.Plotting.show(figure, place);
+}
+
+const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] };
+
+function move(figure, key) {
+  if (key === '0') figure.reset.emit();
+  const zoom = { '+': 0.8, '=': 0.8, '-': 1.25 }[key];
+  const step = MOVES[key];
+  if (zoom || step) {
+    [[figure.x_range, figure.x_scale], [figure.y_range, figure.y_scale]].forEach(([range, scale], i) => {
+      const logarithmic = scale.type === 'LogScale';
+      const [start, end] = [range.start, range.end].map((at) => (logarithmic ? Math.log(at) : at));
+      const middle = (start + end) / 2 + (step ? 0.1 * step[i] * (end - start) : 0);
+      const half = (end - start) / 2 * (zoom || 1);
+      const [low, high] = [middle - half, middle + half].map((at) => (logarithmic ? Math.exp(at) : at));
+      range.setv({ start: low, end: high });
+    });
+  }
+  return Boolean(zoom || step || key === '0');
+}

@@ -4,28 +4,27 @@ class Coloured {
   constructor(switches, place) {
     this.switches = switches;
     this.view = switches.view;
+    this.place = place;
     this.mapper = new Bokeh.LinearColorMapper({ palette: data.palettes.values, low: 0, high: 1, nan_color: data.palettes.none[0] });
-    this.open(place);
+    this.open();
   }
 
-  async show(place, attributes, tooltips, hover) {
+  async show(attributes, tooltips, hover) {
     const made = newFigure({ match_aspect: true, ...attributes }, tooltips, hover);
     this.figure = made.figure;
     this.figure.toolbar.tools.find((tool) => tool.type === 'BoxZoomTool').match_aspect = true;
     this.draw();
-    this.bar = new Bokeh.ColorBar({ color_mapper: this.mapper, height: 10, width: 'auto', padding: 8, margin: 0, title: '' });
+    this.bar = new Bokeh.ColorBar({ color_mapper: this.mapper, height: 10, width: 'auto', padding: 8, margin: 0, title: '', title_standoff: 6 });
     this.figure.add_layout(this.bar, 'below');
     dressBar(this.bar);
     this.update();
-    this.fit(place);
-    this.shown = Bokeh.Plotting.show(this.figure, place);
-    new ResizeObserver(() => this.fit(place)).observe(place);
-    await this.shown;
+    this.fit();
+    await show(this);
   }
 
   // High enough for its width, yet not higher than a screen.
-  fit(place) {
-    const width = place.clientWidth || 600;
+  fit() {
+    const width = this.place.clientWidth || 600;
     const height = Math.round(Math.min(Math.max(this.aspect * (width - 70), 180), 560) + 130);
     if (this.figure.height !== height) this.figure.height = height;
   }
@@ -59,7 +58,7 @@ class Coloured {
     const values = switches.values(this.along);
     this.scale(values);
     this.fill(values);
-    this.bar.title = switches.label;
+    this.bar.title = folded(switches.label, (this.place.clientWidth || 600) - 90);
     const found = extent(values);
     const unit = switches.shown.unit;
     const range = found
@@ -75,13 +74,13 @@ class Coloured {
 }
 
 class Field extends Coloured {
-  open(place) {
+  open() {
     this.along = this.view.along;
     this.what = 'heliostats';
     this.source = new Bokeh.ColumnDataSource({ data: {} });
     const [x, y] = ['x', 'y'].map((name) => extent(decoded(this.view.arrays[`place_${name}`])) || { low: 0, high: 1 });
     this.aspect = Math.min(1.2, Math.max(0.4, (Math.max(y.high, 0) - Math.min(y.low, 0)) / (Math.max(x.high, 0) - Math.min(x.low, 0) || 1)));
-    this.ready = this.show(place, { x_axis_label: 'east (m)', y_axis_label: 'north (m)' },
+    this.ready = this.show({ x_axis_label: 'east (m)', y_axis_label: 'north (m)' },
       [['heliostat', '@name'], ['value', '@text'], ['east, north', '@place']]);
   }
 
@@ -130,7 +129,7 @@ class Field extends Coloured {
 }
 
 class Raster extends Coloured {
-  open(place) {
+  open() {
     this.along = this.view.along;
     this.what = 'pixels';
     const [rows, columns] = this.along.map((dim) => this.view.dims[dim]);
@@ -142,7 +141,7 @@ class Raster extends Coloured {
     const [across, up] = this.sides.map(({ low, high }) => high - low);
     this.aspect = up / across;
     this.source = new Bokeh.ColumnDataSource({ data: { image: [], text: [] } });
-    this.ready = this.show(place, { x_axis_label: columns.label, y_axis_label: rows.label },
+    this.ready = this.show({ x_axis_label: columns.label, y_axis_label: rows.label },
       [['value', '@image'], ['at', '$x, $y']]);
   }
 
@@ -163,7 +162,7 @@ class Raster extends Coloured {
       }
     }
     this.drawn = values;
-    this.source.data = { image: [Bokeh.LinAlg.ndarray(placed, { shape: [rows, columns], dtype: 'float64' })] };
+    this.source.data = { image: [Bokeh.require('core/util/ndarray').ndarray(placed, { shape: [rows, columns], dtype: 'float64' })] };
   }
 
   // Every so many pixels: nobody reads ten thousand.
