@@ -12,6 +12,7 @@ from pydantic import Field, PrivateAttr
 from heliosweep.config import identity
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Execution, Output, Report
+from heliosweep.config.dataset import Dataset
 from heliosweep.config.fields import Parameter
 from heliosweep.config.names import FileName, Text
 from heliosweep.config.quantity import Samples
@@ -43,7 +44,7 @@ class Dimension:
 class Study(Block):
     """A validated study. A family subclasses it, sets `family` to ``Literal["its name"]`` and adds its blocks."""
 
-    DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "execution", "output", "report")
+    DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "dataset", "execution", "output", "report")
     """Keys that never change a number and so are no part of the study's identity."""
 
     family: Annotated[str, Text("Name of the study family")]
@@ -56,6 +57,7 @@ class Study(Block):
         tuple[tuple[Annotated[str, Text("Key")], ...], ...],
         Field(description="Groups of swept keys that vary together on one dimension instead of as a product"),
     ] = ()
+    dataset: Annotated[Dataset | None, Field(description="Who made the data set, and how it may be used")] = None
     execution: Annotated[Execution, Field(description="How the study is computed")] = Execution()
     output: Annotated[Output, Field(description="What is stored and how")] = Output()
     report: Annotated[Report, Field(description="What the report shows")] = Report()

@@ -15,6 +15,16 @@ from heliosweep.config.times import CivilTime, SolarTime, SunDirections, parse_t
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+#: Attributes of a coordinate of calendar dates.
+DATE = {
+    "long_name": "date at the site",
+    "comment": (
+        "date of the calendar in the time zone of the site; its midnight stands for it, without that zone's offset, "
+        "so that sites of several zones share the dates"
+    ),
+    "axis": "T",
+}
+
 
 @dataclass(frozen=True)
 class Instants:

@@ -179,7 +179,8 @@ def _check_study(folder: Path, manifest: Mapping[str, Any], verification: Verifi
     from heliosweep.config.load import load
     from heliosweep.families.registry import study_classes
 
-    path = folder / "study.resolved.yaml"
+    names = ("study.resolved.yaml", "study.yaml")  # of a run, and of an unpacked archive
+    path = next((folder / name for name in names if (folder / name).exists()), folder / names[0])
     if not path.exists():
         verification.problems.append(f"{path.name}: is missing")
         return

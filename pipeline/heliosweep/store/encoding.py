@@ -36,9 +36,10 @@ class Variable:
 
 def stored(variable: Variable) -> tuple[np.dtype, dict[str, Any]]:
     """Type and attributes of a data variable as they are stored."""
+    attrs = {**variable.attrs, "coverage_content_type": "modelResult"}
     if variable.dtype.kind == "M":
-        return np.dtype(np.float64), {**variable.attrs, **_TIME_ATTRIBUTES}
-    return variable.dtype, dict(variable.attrs)
+        return np.dtype(np.float64), {**attrs, **_TIME_ATTRIBUTES}
+    return variable.dtype, attrs
 
 
 def numbers(values: np.ndarray) -> np.ndarray:
@@ -54,7 +55,9 @@ def encode(coordinate: xr.DataArray) -> tuple[np.ndarray, dict[str, Any]]:
     if values.dtype.kind in "UOT":
         return values.astype(str).astype(object), attrs
     if values.dtype.kind == "M":
-        return numbers(values), {**attrs, **_TIME_ATTRIBUTES}
+        values, attrs = numbers(values), {**attrs, **_TIME_ATTRIBUTES}
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        attrs["missing_value"] = values.dtype.type(np.nan)
     return values, attrs
 
 

@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 #: Folders of the package whose code no number depends on.
-_WORDS = ("report", "runtime")
+_WORDS = ("report", "runtime", "pack")
 #: Packages that numbers go through; xarray and dask only carry them.
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "astropy", "pillow", "tzdata")
 

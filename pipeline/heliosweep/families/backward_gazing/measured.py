@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,7 +93,7 @@ def coordinates(study: BackwardGazingStudy, select: Mapping[str, slice] | None =
             world = (180.0 - said[f"{name}_azimuth"]) % 360.0
             said[f"{name}_world_azimuth"] = world.assign_attrs(common.COORDINATES[f"{name}_world_azimuth"])
     return found.assign_coords(said).assign_attrs(
-        image_files=" ".join(entry.file for entry in study.images or ()),
+        image_files=", ".join(PurePath(entry.file).name for entry in study.images or ()),
         white_levels=" ".join(seen.white_from),
         pixel_noise_from="residuals" if np.isnan(seen.noise) else "study",
         gain_of_each_pixel="fitted" if study.fit_gain or seen.needs_gain else "1",

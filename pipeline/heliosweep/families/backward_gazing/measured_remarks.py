@@ -34,7 +34,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         )
     if failed := int(np.count_nonzero((status != SEEN) & (status != NOT_SEEN))):
         yield f"no slopes at {failed:,} of {status.size:,} points: the cameras are in one line (scene_status)"
-    files = str(result.attrs.get("image_files", "")).split()
+    files = [name for name in str(result.attrs.get("image_files", "")).split(", ") if name]
     yield from _of_cameras(result, files)
     yield from _of_levels(result)
     usable = result["usable_fraction"].where(result["scene_status"] == SEEN)

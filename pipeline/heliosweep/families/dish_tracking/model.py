@@ -18,7 +18,7 @@ from heliosweep.families.dish_tracking.config import DishTrackingStudy
 from heliosweep.families.sun import site_of, sun_attributes
 from heliosweep.grid.axes import Grid
 from heliosweep.grid.evaluate import evaluate
-from heliosweep.grid.instants import instant_count
+from heliosweep.grid.instants import DATE, instant_count
 from heliosweep.grid.plan import Workload
 
 #: Time of one tilt, direction and instant on one core: where tilts share powers of one sine, with one tilt and with the
@@ -146,7 +146,7 @@ def coordinates(study: DishTrackingStudy, select: Mapping[str, slice] | None = N
         dims=("site",) if "site" in grid.sizes else (),
         attrs={"long_name": "time zone of dates and windows"},
     )
-    labels["date"] = xr.DataArray(dates, dims="date", attrs={"long_name": "local date", "standard_name": "time"})
+    labels["date"] = xr.DataArray(dates, dims="date", attrs=DATE)
     if dates.size > 1:
         names, _ = _months(study)
         labels["month"] = xr.DataArray(names, dims="month", attrs={"long_name": "month"})

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-_WINDOW = "time: {} (over the instants of the window that count)"
+_INSTANTS = "{}: {} (over the instants of the window that count)"
 _FACTOR = (
     "one minus the mean tracking error over the tolerance; 1 for perfect tracking, negative where the mean error "
     "is larger than the tolerance (unless the study clips each error at it)"
@@ -22,12 +22,13 @@ def _error(long_name: str, method: str) -> dict[str, Any]:
         "units": "mrad",
         "long_name": long_name,
         "comment": "angle between the directions to the sun and of the focal axis",
-        "cell_methods": _WINDOW.format(method),
+        "cell_methods": _INSTANTS.format("date", method),
     }
 
 
-_DAILY = _WINDOW.format("mean")
-_OVER_DATES = f"{_DAILY} date: "
+_DAILY = _INSTANTS.format("date", "mean")
+# Without the dimension, CF knows the dates by the standard name of their axis.
+_OVER_DATES = f"{_INSTANTS.format('time', 'mean')} time: "
 
 #: Per date.
 DAILY: dict[str, dict[str, Any]] = {
@@ -50,25 +51,29 @@ WINDOW: dict[str, dict[str, Any]] = {
 #: Over the directions of the tilt, per date.
 DIRECTIONS: dict[str, dict[str, Any]] = {
     "effective_tracking_factor_mean": _factor(
-        "mean over the directions of the effective tracking factor of a day", f"{_DAILY} axis_tilt_direction: mean"
+        "mean over the directions of the effective tracking factor of a day", _DAILY
     ),
     "effective_tracking_factor_std": _factor(
         "sample standard deviation over the directions of the effective tracking factor of a day",
-        f"{_DAILY} axis_tilt_direction: standard_deviation (comment: n - 1)",
+        _DAILY,
     ),
 }
 
 #: Over all dates.
 ANNUAL: dict[str, dict[str, Any]] = {
     "annual_effective_tracking_factor_mean": _factor(
-        "mean over the dates of the effective tracking factor", f"{_OVER_DATES}mean"
+        "mean over the dates of the effective tracking factor", f"{_OVER_DATES}mean (over the dates)"
     ),
     "annual_effective_tracking_factor_std": _factor(
         "sample standard deviation over the dates of the effective tracking factor",
-        f"{_OVER_DATES}standard_deviation (comment: n - 1)",
+        f"{_OVER_DATES}standard_deviation (over the dates, n - 1)",
     ),
-    "effective_tracking_factor_min": _factor("least effective tracking factor of all dates", f"{_OVER_DATES}minimum"),
-    "effective_tracking_factor_max": _factor("largest effective tracking factor of all dates", f"{_OVER_DATES}maximum"),
+    "effective_tracking_factor_min": _factor(
+        "least effective tracking factor of all dates", f"{_OVER_DATES}minimum (over the dates)"
+    ),
+    "effective_tracking_factor_max": _factor(
+        "largest effective tracking factor of all dates", f"{_OVER_DATES}maximum (over the dates)"
+    ),
 }
 
 #: The dates on which the extremes fall, the first one where several tie.
@@ -84,7 +89,7 @@ MONTHLY: dict[str, dict[str, Any]] = {
     ),
     "monthly_effective_tracking_factor_std": _factor(
         "sample standard deviation over the dates of a month of the effective tracking factor",
-        f"{_OVER_DATES}standard_deviation (comment: within months, n - 1)",
+        f"{_OVER_DATES}standard_deviation (within months, n - 1)",
     ),
 }
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 _MEAN = "time: mean (over the instants with the sun above the horizon)"
-_AREA = "heliostat: mean (weighted by mirror area)"
+_AREA = "area: mean (weighted by mirror area)"
 
 _QUANTITIES: dict[str, tuple[str, str]] = {
     "cosine_efficiency": (

@@ -14,7 +14,7 @@ import xarray as xr
 from heliosweep.config.times import CivilTime, SolarTime, parse_timezone
 from heliosweep.families.sun import site_of, sun_attributes, sun_vectors
 from heliosweep.grid.axes import Grid
-from heliosweep.grid.instants import Instants, solar_instants
+from heliosweep.grid.instants import DATE, Instants, solar_instants
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _DAY = {"long_name": "day of the year", "units": "1"}
 _DECLINATION = {"long_name": "declination of the sun", "units": "degree"}
-_DATE = {"long_name": "local date", "standard_name": "time"}
 _SOLAR_HOUR = {"long_name": "solar time of day", "units": "h"}
 _WALL_HOUR = {"long_name": "wall-clock time of day", "units": "h"}
 
@@ -97,7 +96,7 @@ def day_hours(grid: Grid) -> DayHours:
         utc = xr.DataArray(np.stack(tables)[grid.part("site")], dims=("site", *sizes), attrs=attrs)
     dates = np.array(time.date_list(), dtype="datetime64[ns]")
     labels = {
-        "date": xr.DataArray(dates, dims="date", attrs=_DATE),
+        "date": xr.DataArray(dates, dims="date", attrs=DATE),
         "hour": xr.DataArray(_wall_seconds(time) / 3600, dims="hour", attrs=_WALL_HOUR),
         "utc": utc,
     }

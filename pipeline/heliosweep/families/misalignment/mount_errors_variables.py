@@ -12,7 +12,7 @@ from heliosweep.kernels import receiver
 _RIGHT = "positive to the right for someone in the field who looks at the receiver"
 _UP = "positive upwards along the receiver's face"
 _REAL = "over the draws whose ray reaches the receiver's plane; missing without any, and without sun"
-_DRAWS = "realization: {} (comment: over the draws of the mount errors)"
+_DRAWS = "realization: {} (over the draws of the mount errors)"
 
 
 def _moment(long_name: str, units: str, method: str) -> dict[str, Any]:
@@ -79,12 +79,12 @@ MEANS: dict[str, dict[str, Any]] = {
     "day_hit_fraction": {
         "long_name": "part of the draws and of the hours with sun in which the spot lies in the aperture",
         "units": "1",
-        "cell_methods": f"{_DRAWS.format('mean')} hour: mean (comment: where the sun is above the horizon)",
+        "cell_methods": f"{_DRAWS.format('mean')} time: mean (where the sun is above the horizon)",
     },
     "field_hit_fraction": {
         "long_name": "part of the draws and of the heliostats whose spot lies in the aperture",
         "units": "1",
-        "comment": "missing without sun",
-        "cell_methods": f"{_DRAWS.format('mean')} heliostat: mean",
+        "comment": "mean over the heliostats, each counting the same; missing without sun",
+        "cell_methods": _DRAWS.format("mean"),
     },
 }

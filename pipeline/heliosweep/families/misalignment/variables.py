@@ -65,7 +65,7 @@ HITS: dict[str, dict[str, Any]] = {
         "units": "1",
         "long_name": "part of the hours with sun in which the spot lies in the aperture",
         "comment": "missing on days without sun and where there is no heliostat",
-        "cell_methods": "hour: mean (over the hours with sun)",
+        "cell_methods": "time: mean (over the hours with sun)",
         "valid_range": [0.0, 1.0],
     }
 }
