@@ -25,7 +25,11 @@ ORDER = [
     "report",
     "families",
     "runtime",
+    "exchange",
+    "plots",
+    "accessor",
     "workflow",
+    "interactive",
     "cli",
 ]
 #: What a layer knows of a layer to its right, and why.

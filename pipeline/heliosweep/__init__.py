@@ -13,25 +13,49 @@ __all__ = [
     "StudyError",
     "__version__",
     "build",
+    "efficiency_table",
+    "layout_of",
     "load",
+    "logspace",
     "open_result",
     "plan",
+    "read_layout",
     "run",
+    "save",
     "status",
+    "study",
+    "sweep",
+    "to_frame",
+    "write_csv",
+    "write_layout",
+    "write_table",
 ]
 
 if TYPE_CHECKING:
+    from heliosweep.config.building import logspace, sweep
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
+    from heliosweep.exchange.fields import layout_of, read_layout, write_layout
+    from heliosweep.exchange.frames import to_frame, write_csv
+    from heliosweep.exchange.sam import write_table
+    from heliosweep.interactive import efficiency_table, save, study
     from heliosweep.workflow import build, load, open_result, plan, run, status
 
-_ERRORS = ("HeliosweepError", "PlanError", "RunInterrupted", "StudyError")
+#: Where public names are, of those that are not in `workflow`.
+_MODULES = {
+    **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
+    **dict.fromkeys(("logspace", "sweep"), "config.building"),
+    **dict.fromkeys(("layout_of", "read_layout", "write_layout"), "exchange.fields"),
+    **dict.fromkeys(("to_frame", "write_csv"), "exchange.frames"),
+    "write_table": "exchange.sam",
+    **dict.fromkeys(("efficiency_table", "save", "study"), "interactive"),
+}
 
 
 def __getattr__(name: str) -> Any:
     """Import public names when they are first used, so that the command line answers at once."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{'errors' if name in _ERRORS else 'workflow'}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULES.get(name, 'workflow')}"), name)
 
 
 def __dir__() -> list[str]:

@@ -113,11 +113,37 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--rtol", type=_tolerance, default=0.0, help="relative difference that does not count")
     compare.add_argument("--atol", type=_tolerance, default=0.0, help="absolute difference that does not count")
 
-    export = command("export", _export, "write a Zarr result as one NetCDF file; prints its path")
+    export = command("export", _export, "write a Zarr result as one NetCDF file, or a result as CSV; prints its path")
     export.add_argument("source", metavar="DIR", help="result folder, or its result.zarr")
     export.add_argument("-o", "--output", metavar="FILE.nc", help="file to write (default: result.nc beside it)")
     export.add_argument("--compression", choices=("none", "zlib"), default="none", help="of time series")
     export.add_argument("--force", action="store_true", help="replace a file that is there")
+    export.add_argument("--csv", metavar="FILE.csv", help="write variables as a table instead, a row for each point")
+    export.add_argument(
+        "--variable", metavar="NAME", action="append", help="of the table, may be repeated (default: all, if they fit)"
+    )
+
+    convert = command("convert", _convert, "write the layout of a study or file as SolarPILOT or heliosweep has it")
+    convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv")
+    convert.add_argument("target", metavar="FILE.csv")
+    convert.add_argument("--to", choices=("solarpilot", "csv"), default="solarpilot", help="form of the file")
+    convert.add_argument("--force", action="store_true", help="replace a file that is there")
+
+    table = command("table", _table, "write a field's efficiency over directions of the sun, for SAM or SolarPILOT")
+    table.add_argument("source", metavar="STUDY.yaml|DIR")
+    table.add_argument("-o", "--output", metavar="FILE.csv", required=True, help="file to write")
+    table.add_argument(
+        "--form",
+        choices=("tower", "generic", "solarpilot"),
+        default="tower",
+        help="for SAM's power tower (default) or generic solar field, or as SolarPILOT writes it",
+    )
+    angles = "in deg, as 0,30,60 or START:STOP:STEP"
+    table.add_argument("--azimuth", type=_angles, help=f"of the sun, from north, clockwise, {angles} (0:360:15)")
+    table.add_argument("--elevation", type=_angles, help=f"of the sun, {angles} (0:90:5)")
+    table.add_argument("--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="what is swept")
+    table.add_argument("--factor", type=float, default=1.0, help="reflectivity and what else is not computed, 0 to 1")
+    table.add_argument("--force", action="store_true", help="replace a file that is there")
 
     report = command("report", _report, "draw the figures and the HTML page of a result folder again")
     report.add_argument("folder", metavar="DIR")
@@ -151,6 +177,23 @@ def _tolerance(text: str) -> float:
     if not 0 <= value < float("inf"):
         raise argparse.ArgumentTypeError(f"must be a number, 0 or more (got {text})")
     return value
+
+
+def _angles(text: str) -> Any:
+    """Numbers of a list or of a range, as a study has them."""
+    try:
+        if ":" in text:
+            return dict(zip(("start", "stop", "step"), map(float, text.split(":")), strict=True))
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be numbers as 0,30,60 or START:STOP:STEP (got {text})") from None
+
+
+def _choice(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"must be KEY=VALUE (got {text})")
+    return name.strip(), value.strip()
 
 
 def _load(options: argparse.Namespace) -> Study:
@@ -249,9 +292,43 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> None:
+    if options.csv is not None:
+        from heliosweep import workflow
+        from heliosweep.exchange.frames import write_csv
+
+        with workflow.open_result(options.source) as result:
+            print(write_csv(result, options.csv, options.variable, force=options.force))
+        return
+    if options.variable:
+        raise StudyError(Problem("is for --csv", "--variable"))
     from heliosweep.store.export import export
 
     print(export(options.source, options.output, compression=options.compression, force=options.force))
+
+
+def _convert(options: argparse.Namespace) -> None:
+    from heliosweep import workflow
+    from heliosweep.exchange.fields import layout_of, read_layout, write_layout
+
+    is_study = options.source.lower().endswith((".yaml", ".yml"))
+    layout = layout_of(workflow.load(options.source)) if is_study else read_layout(options.source)
+    print(write_layout(layout, options.target, options.to, force=options.force))
+
+
+def _table(options: argparse.Namespace) -> None:
+    from heliosweep.exchange.files import target_file
+    from heliosweep.exchange.sam import write_table
+    from heliosweep.interactive import efficiency_table
+
+    target_file(options.output, options.force)  # before anything is computed
+    table = efficiency_table(
+        options.source,
+        dict(options.select),
+        azimuth=options.azimuth,
+        elevation=options.elevation,
+        factor=options.factor,
+    )
+    print(write_table(table, options.output, options.form, force=options.force))
 
 
 def _report(options: argparse.Namespace) -> None:

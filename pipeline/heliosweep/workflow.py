@@ -126,9 +126,14 @@ def build(study: Study) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
+        With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
     """
-    planned = plan(study)
-    return family_of(study).build(study, planned.chunks, {})
+    import heliosweep.accessor  # noqa: F401  (registers with xarray)
+    from heliosweep.store.attributes import global_attributes
+
+    planned, family = plan(study), family_of(study)
+    dataset = family.build(study, planned.chunks, {})
+    return dataset.assign_attrs({**global_attributes(study, family.title, family.references), **dataset.attrs})
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
@@ -198,6 +203,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     StudyError
         A folder without a result.
     """
+    import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.store import open_result as store
 
     return store.open_result(path)

@@ -101,6 +101,19 @@ def resolved_yaml(study: Study, relative_to: Path | None = None) -> str:
     study : Study
         The study.
     relative_to : Path, optional
+        As for `resolved`.
+    """
+    return yaml.dump(resolved(study, relative_to), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def resolved(study: Study, relative_to: Path | None = None) -> dict[str, Any]:
+    """Return the study with all defaults as plain data that loads to the same study.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    relative_to : Path, optional
         Folder in which the text will be saved: file names are written as seen from there. Without it they stay as
         they were given, relative to the folder of the original study file.
     """
@@ -113,8 +126,7 @@ def resolved_yaml(study: Study, relative_to: Path | None = None) -> str:
             return value
         return [seen_from(name) for name in value.values()] if isinstance(value, Sweep) else seen_from(value)
 
-    content = {key: entry for key, entry in plain(study, rewrite).items() if entry not in ("", [], {})}
-    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return {key: entry for key, entry in plain(study, rewrite).items() if entry not in ("", [], {})}
 
 
 def _even(values: Listed) -> Sweep:

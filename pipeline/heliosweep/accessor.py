@@ -1,0 +1,230 @@
+"""What a notebook asks of a result: ``result.heliosweep``, and the same as functions.
+
+Importing this module registers the accessor with xarray; `build` and `open_result` do.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.exchange import frames, sam
+from heliosweep.plots import Drawing, plot_curve, plot_map
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from heliosweep.config.study import Study
+    from heliosweep.families.registry import Family
+
+
+def study_of(result: xr.Dataset) -> Study:
+    """Return the study that a result is of.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `open_result` or `build`.
+
+    Returns
+    -------
+    Study
+        From ``study.resolved.yaml`` beside the result where that is of the same study; else from what the result says
+        of itself, which does not hold the files that a study names.
+
+    Raises
+    ------
+    HeliosweepError
+        The result tells of no study, or of one that names files.
+    """
+    from heliosweep.config.load import load, load_mapping
+    from heliosweep.families.registry import study_classes
+
+    if "study" not in result.attrs:
+        raise HeliosweepError("the data set does not say of which study it is")
+    source = result.encoding.get("source")
+    beside = Path(source).parent / "study.resolved.yaml" if isinstance(source, str) else None
+    if beside is not None and beside.is_file():
+        study = load(beside, study_classes())
+        if study.study_id == result.attrs.get("study_id"):
+            return study
+    said: dict[str, Any] = json.loads(result.attrs["study"])
+    said["zip"] = said.get("zip", [])
+    try:
+        return load_mapping({key: value for key, value in said.items() if value != []}, study_classes())
+    except StudyError as error:
+        message = "the study cannot be made from the data set alone; load its study.resolved.yaml"
+        raise HeliosweepError(f"{message} ({error})") from error
+
+
+def figures(result: xr.Dataset) -> list[Drawing]:
+    """Draw the figures that the report of a result has.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `open_result` or `build`; or a part of it.
+
+    Returns
+    -------
+    list of Drawing
+        Shown as images in a notebook.
+    """
+    return [Drawing(one.name, one.caption, one.figure) for one in _family(result).figures(result)]
+
+
+def tables(result: xr.Dataset) -> dict[str, pd.DataFrame]:
+    """Headline numbers of a result, as its report has them.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `open_result` or `build`.
+
+    Returns
+    -------
+    dict of str to pandas.DataFrame
+        By what each table holds; where the family makes none, the variables with the fewest dimensions.
+    """
+    import pandas as pd
+
+    make = getattr(_family(result), "tables", None)
+    if make is None:
+        dims, names = min(frames.groups(result).items(), key=lambda group: len(group[0]))
+        return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
+    made = {}
+    for table in make(result):
+        frame = pd.DataFrame([list(row) for row in table.rows], columns=list(table.header))
+        for place, name in enumerate(table.header):
+            if place not in table.words:
+                numbers = pd.to_numeric(frame.iloc[:, place], errors="coerce")
+                if numbers.notna().all():
+                    frame[name] = numbers
+        made[table.label] = frame
+    return made
+
+
+def compare_published(result: xr.Dataset, published: str | os.PathLike[str]) -> pd.DataFrame:
+    """Set published numbers against those of a result.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `open_result` or `build`.
+    published : path
+        CSV table: columns ``quantity``, ``published``, ``unit``, ``tolerance``, all others coordinates of the result.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each number, with what was computed, the difference and whether it is within the tolerance.
+
+    Raises
+    ------
+    StudyError
+        The table is wrong or does not fit the result, at its lines.
+    """
+    import pandas as pd
+
+    from heliosweep.report.comparison import compare
+    from heliosweep.report.published import read_published
+
+    compared = compare(result, read_published(Path(published)))
+    rows = [
+        {
+            "quantity": one.quantity,
+            **one.where,
+            "computed": one.computed,
+            "published": one.published,
+            "difference": one.difference,
+            "tolerance": one.tolerance,
+            "unit": one.unit,
+            "agrees": one.agrees,
+        }
+        for one in compared
+    ]
+    return pd.DataFrame(rows)
+
+
+class Plots:
+    """Plots of a result: ``result.heliosweep.plot.map("optical_efficiency", latitude=30, tracking=...)``."""
+
+    def __init__(self, result: xr.Dataset) -> None:
+        self._result = result
+
+    def map(self, variable: str = "optical_efficiency", **select: Any) -> Drawing:
+        """Draw a map of the field: see `plot_map`."""
+        return plot_map(self._result, variable, **select)
+
+    def curve(self, variable: str, along: str, **select: Any) -> Drawing:
+        """Draw a variable along a dimension: see `plot_curve`."""
+        return plot_curve(self._result, variable, along, **select)
+
+
+@xr.register_dataset_accessor("heliosweep")
+class HeliosweepAccessor:
+    """What heliosweep knows of a result: figures, tables, comparison, study.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `open_result` or `build`; or a part of it.
+    """
+
+    def __init__(self, result: xr.Dataset) -> None:
+        self._result = result
+
+    def __repr__(self) -> str:
+        names = "study, figures(), tables(), to_frame(), plot.map(), plot.curve(), compare(), efficiency_table()"
+        return f"<heliosweep: {self._result.attrs.get('title', 'a data set')}; {names}>"
+
+    @property
+    def study(self) -> Study:
+        """The study: see `study_of`."""
+        return study_of(self._result)
+
+    @property
+    def plot(self) -> Plots:
+        """Plots of single variables."""
+        return Plots(self._result)
+
+    def figures(self) -> list[Drawing]:
+        """Figures of the report: see `figures`."""
+        return figures(self._result)
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Headline numbers: see `tables`."""
+        return tables(self._result)
+
+    def compare(self, published: str | os.PathLike[str]) -> pd.DataFrame:
+        """Set published numbers against the result's: see `compare_published`."""
+        return compare_published(self._result, published)
+
+    def to_frame(self, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
+        """Put variables in a table: see `exchange.frames.to_frame`."""
+        return frames.to_frame(self._result, variables, units=units)
+
+    def to_csv(
+        self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
+    ) -> Path:
+        """Write variables as CSV: see `exchange.frames.write_csv`."""
+        return frames.write_csv(self._result, path, variables, force=force)
+
+    def efficiency_table(self, select: Mapping[str, Any] | None = None, *, factor: float = 1.0) -> xr.DataArray:
+        """Efficiency over directions of the sun: see `exchange.sam.efficiency_table`."""
+        return sam.efficiency_table(self._result, select, factor=factor)
+
+
+def _family(result: xr.Dataset) -> Family[Any]:
+    from heliosweep.families.registry import families
+
+    name = json.loads(result.attrs.get("study", "{}")).get("family")
+    if name not in families():
+        raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
+    return families()[name]

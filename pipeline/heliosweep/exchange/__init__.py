@@ -1,0 +1,1 @@
+"""Exchange with the tools that users have already: SolarPILOT, SAM, pandas, spreadsheets."""

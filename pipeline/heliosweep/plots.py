@@ -1,0 +1,166 @@
+"""Plots of single variables of a result, as a notebook shows them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.errors import Problem, StudyError
+from heliosweep.exchange import sam
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Lines of one plot at the most.
+MOST_LINES = 12
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure that a notebook shows.
+
+    Parameters
+    ----------
+    name : str
+        Short name, that of its file in a report.
+    caption : str
+        What it shows.
+    figure : matplotlib.figure.Figure
+        To change or to save.
+    """
+
+    name: str
+    caption: str
+    figure: Figure
+
+    def __repr__(self) -> str:
+        return f"<figure {self.name}: {self.caption}>"
+
+    def _repr_png_(self) -> bytes:
+        from heliosweep.report.style import image
+
+        return image(self.figure, "png")
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Save as PNG, SVG or PDF, after the ending of the path."""
+        from heliosweep.report.style import image
+
+        file = Path(path)
+        kind = file.suffix[1:].lower()
+        if kind not in ("png", "svg", "pdf"):
+            raise StudyError(Problem("must end in .png, .svg or .pdf", file=str(file)))
+        file.write_bytes(image(self.figure, kind))
+        return file
+
+
+def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select: Any) -> Drawing:
+    """Draw a map of a heliostat field, every mirror coloured by a value.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        With heliostats at ``x`` and ``y``.
+    variable : str
+        A variable along ``heliostat``.
+    **select
+        Value of every other dimension of the variable.
+
+    Returns
+    -------
+    Drawing
+
+    Raises
+    ------
+    StudyError
+        No such variable, or a dimension that no value is given for.
+    """
+    from heliosweep.report import maps
+    from heliosweep.report.labels import axis_label, coordinate_text, number_text, printed
+    from heliosweep.report.style import VALUES
+
+    here = _selected(result, variable, select, keep=("heliostat",))
+    if "heliostat" not in here[variable].dims:
+        raise StudyError(Problem("is not known of each heliostat; a map needs values along 'heliostat'", variable))
+    x = here["x"].to_numpy()
+    width, height = (
+        np.broadcast_to(np.asarray(here[side].to_numpy() if side in here.coords else 0.0, float), x.shape)
+        for side in ("heliostat_width", "heliostat_height")
+    )
+    values = np.asarray(printed(here[variable].compute()), dtype=float)
+    where = ", ".join(coordinate_text(here[name]) for name in select)
+    mean = f"mean {number_text(float(np.nanmean(values)))}" if np.isfinite(values).any() else "no value"
+    title = f"{where}\n{mean}" if where else mean
+    one = maps.FieldMap(title, x, here["y"].to_numpy(), width, height, values)
+    label = axis_label(here[variable])
+    drawn = maps.map_figure([[one]], maps.value_scale([one]), label, VALUES)
+    return Drawing(f"map_{variable}", f"{label}{f' at {where}' if where else ''}", drawn)
+
+
+def plot_curve(result: xr.Dataset, variable: str, along: str, **select: Any) -> Drawing:
+    """Draw a variable along one dimension, a line for each value of another one at the most.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        A result or a part of it.
+    variable : str
+        The variable.
+    along : str
+        Dimension with numbers or times.
+    **select
+        Values of other dimensions; all but one other dimension need one.
+
+    Returns
+    -------
+    Drawing
+
+    Raises
+    ------
+    StudyError
+        No such variable or dimension, or too many of them left.
+    """
+    from heliosweep.report.labels import axis_label, coordinate_text, printed
+    from heliosweep.report.style import new_figure, style
+
+    here = _selected(result, variable, select, keep=(along,), most_left=1)
+    array = here[variable].compute()
+    if along not in array.dims:
+        raise StudyError(Problem(f"is no dimension of {variable}, which has {', '.join(map(str, array.dims))}", along))
+    others = [dim for dim in array.dims if dim != along]
+    with style():
+        figure = new_figure(6.3, 3.6)
+        axes = figure.add_axes((0.11, 0.15, 0.86, 0.8))
+        lines = [array] if not others else [array.isel({others[0]: i}) for i in range(array.sizes[others[0]])]
+        for line in lines[:MOST_LINES]:
+            name = coordinate_text(line[others[0]]) if others and others[0] in line.coords else None
+            axes.plot(array[along].to_numpy(), np.asarray(printed(line), dtype=float), label=name)
+        axes.set(xlabel=axis_label(array[along]), ylabel=axis_label(array))
+        if others and len(lines) > 1:
+            axes.legend()
+    where = ", ".join(coordinate_text(here[name]) for name in select)
+    left_out = f", the first {MOST_LINES} of {len(lines)} lines" if len(lines) > MOST_LINES else ""
+    caption = f"{axis_label(array)} along {along}{f' at {where}' if where else ''}{left_out}"
+    return Drawing(f"curve_{variable}", caption, figure)
+
+
+def _selected(
+    result: xr.Dataset, variable: str, select: Mapping[str, Any], keep: Sequence[str], most_left: int = 0
+) -> xr.Dataset:
+    """Return a variable where it was selected, with at most so many dimensions left besides those to keep."""
+    if variable not in result.data_vars:
+        raise StudyError(Problem(f"no such variable; the result has {', '.join(map(str, result.data_vars))}", variable))
+    here = result[[variable]]
+    for name, value in select.items():
+        here = here.sel({name: sam.label(here[variable], name, value)})
+    left = [str(dim) for dim in here[variable].dims if dim not in keep and here.sizes[dim] > 1]
+    if len(left) > most_left:
+        told = "; ".join(f"{dim}: {', '.join(map(str, here[dim].to_numpy()[:6]))}" for dim in left)
+        raise StudyError(Problem(f"choose one value of {' and '.join(left)} ({told})", variable))
+    single = {dim: 0 for dim in here[variable].dims if dim not in keep and here.sizes[dim] == 1}
+    return here.isel(single)
