@@ -118,11 +118,11 @@ def test_a_claim_of_a_dead_process_stops_nobody(small, tmp_path):
     assert not leftovers(tmp_path)
 
 
-def test_different_studies_into_one_folder(tmp_path, capsys):
+def test_different_studies_into_one_folder(tmp_path, caplog):
     for latitude in (10, 20, 10):
         study = write_study(tmp_path, {**STUDIES["field"], "site": {"latitude": latitude}, "output": {}})
         assert main(["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]) == 0
-    assert "replaces the result of another study: site.latitude" in capsys.readouterr().err
+    assert "replaces the result of another study: site.latitude" in caplog.text
     assert not leftovers(tmp_path / "out")
 
 

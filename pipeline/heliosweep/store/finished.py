@@ -40,7 +40,7 @@ class Finished:
             said = found.digests, found.identity, found.identity["study"], manifest["result"]["sha256"]
             if found.path.exists() and [type(one) for one in said] == [dict, dict, dict, str]:
                 return found
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             pass
         return None
 

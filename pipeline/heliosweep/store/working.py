@@ -234,7 +234,7 @@ def read_identity(folder: Path) -> dict[str, Any]:
         if identity["format"] == FORMAT:
             return identity
         said = f"its format is {identity['format']}, not {FORMAT}"
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         said = f"{type(error).__name__}: {error}"
     raise HeliosweepError(f"{folder}: is no working store ({said}); --force removes it and starts anew")
 
