@@ -21,6 +21,9 @@ _EXIT_CODES = """\
 exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted but resumable,
 1 anything else, and for verify and compare: not all right, not the same"""
 
+#: Formats of figures; pages are made of the first, which is always there.
+_FIGURES = ("png", "svg", "pdf")
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
@@ -147,6 +150,14 @@ def _parser() -> argparse.ArgumentParser:
 
     report = command("report", _report, "draw the figures and the HTML page of a result folder again")
     report.add_argument("folder", metavar="DIR")
+    formats = ", ".join(_FIGURES)
+    report.add_argument(
+        "--format",
+        type=_formats,
+        default=(),
+        metavar="LIST",
+        help=f"formats of the figures, of {formats} (default: png)",
+    )
 
     schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
     schema.add_argument("family")
@@ -194,6 +205,14 @@ def _choice(text: str) -> tuple[str, str]:
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"must be KEY=VALUE (got {text})")
     return name.strip(), value.strip()
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    given = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
+    wrong = [part for part in given if part not in _FIGURES]
+    if wrong:
+        raise argparse.ArgumentTypeError(f"must be of {', '.join(_FIGURES)}, with commas between (got {text})")
+    return given
 
 
 def _load(options: argparse.Namespace) -> Study:
@@ -332,9 +351,12 @@ def _table(options: argparse.Namespace) -> None:
 
 
 def _report(options: argparse.Namespace) -> None:
+    from heliosweep.report.index import update_index
     from heliosweep.report.page import write_report
 
-    print(write_report(options.folder))
+    page = write_report(options.folder, vector=[kind for kind in options.format if kind != "png"])
+    update_index(options.folder)
+    print(page)
 
 
 def _schema(options: argparse.Namespace) -> None:

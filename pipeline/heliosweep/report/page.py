@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.report import comparison, sections
-from heliosweep.report.html import Html, element, join
+from heliosweep.report.headline import headline
+from heliosweep.report.html import Html, element, html, join
 from heliosweep.report.interactive import Interactive, interactive, policy
 from heliosweep.report.published import read_published
 from heliosweep.report.style import image, small
@@ -92,8 +93,9 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
             live.end,
         ]
         title = str(result.attrs.get("title", place.name))
+        number = headline(result, getattr(_family(result), "headlines", ()))
     page = place / PAGE
-    write_atomically(page, _document(title, body, live))
+    write_atomically(page, _document(title, number, body, live))
     return page
 
 
@@ -171,13 +173,14 @@ def _manifest(place: Path) -> dict[str, Any]:
     return json.loads(text) if text else {}
 
 
-def _document(title: str, body: Iterable[Html], live: Interactive) -> str:
+def _document(title: str, number: str, body: Iterable[Html], live: Interactive) -> str:
     css = resources.files(__package__).joinpath("page.css").read_text(encoding="utf-8")
     head = [
         Html('<meta charset="utf-8">'),
         policy(live.scripts),
         Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
         Html('<meta name="generator" content="heliosweep">'),
+        Html(f'<meta name="description" content="{html(number)}">'),
         element("title", title),
         element("style", Html("\n" + css)),
     ]

@@ -143,10 +143,10 @@ def headline(result: xr.Dataset) -> Html:
 
 def _texts(array: xr.DataArray, values: np.ndarray) -> list[str]:
     """Cells of one column: flags in words."""
-    return [flag_text(array, value) for value in values] if is_flag(array) else _number_texts(values)
+    return [flag_text(array, value) for value in values] if is_flag(array) else number_texts(values)
 
 
-def _number_texts(values: np.ndarray) -> list[str]:
+def number_texts(values: np.ndarray) -> list[str]:
     """Numbers of one column with the same decimals: none where all are whole, more than two where all are small."""
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0

@@ -29,7 +29,11 @@ class Curves {
     const [width, height] = this.view.outline;
     this.frame = this.figure.rect([0], [0], [width], [height], { fill_color: null, line_color: colours().ink, line_width: 1.5, line_dash: 'dashed' });
     // Points far off the aperture must not make it vanish: at first, only its surroundings are seen.
-    const around = this.figure.rect([0], [0], [3 * width], [3 * height], { fill_color: null, line_color: null });
+    const { shown, array } = this.switches;
+    const far = [...decoded(array), ...decoded(this.view.arrays[shown.against])].map(Math.abs).filter(Number.isFinite).sort((a, b) => a - b);
+    const most = Math.max(width, height);
+    const side = Math.min(3 * most, Math.max(1.3 * most, 2.2 * (far[Math.floor(0.9 * far.length)] || 0)));
+    const around = this.figure.rect([0], [0], [side], [side], { fill_color: null, line_color: null });
     for (const range of [this.figure.x_range, this.figure.y_range]) range.renderers = [around];
   }
 

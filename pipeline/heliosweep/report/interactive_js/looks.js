@@ -11,6 +11,11 @@ function colours() {
   return { ink: of('--ink'), quiet: of('--quiet'), line: of('--line'), paper: of('--paper') };
 }
 
+// Of mirrors: the darkest and the palest would vanish without it.
+function edge() {
+  return dark.matches ? '#ffffff66' : '#00000055';
+}
+
 function dress(figure) {
   const { ink, quiet, line, paper } = colours();
   figure.setv({ background_fill_color: paper, border_fill_color: paper, outline_line_color: quiet });

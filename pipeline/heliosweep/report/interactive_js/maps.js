@@ -87,7 +87,7 @@ class Field extends Coloured {
   draw() {
     const { source, mapper } = this;
     this.squares = this.figure.rect({ field: 'x' }, { field: 'y' }, { field: 'width' }, { field: 'height' }, {
-      source, angle: { field: 'angle' }, fill_color: { field: 'value', transform: mapper }, line_color: '#00000055', line_width: 0.4,
+      source, angle: { field: 'angle' }, fill_color: { field: 'value', transform: mapper }, line_color: edge(), line_width: 0.4,
     });
     this.tower = this.figure.scatter([0], [0], { marker: 'triangle', size: 11, fill_color: colours().ink, line_color: colours().paper });
     this.figure.toolbar.tools.find((tool) => tool.type === 'HoverTool').renderers = [this.squares];
@@ -124,6 +124,7 @@ class Field extends Coloured {
 
   dress() {
     super.dress();
+    this.squares.glyph.line_color = edge();
     this.tower.glyph.setv({ fill_color: colours().ink, line_color: colours().paper });
   }
 }
