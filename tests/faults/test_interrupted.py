@@ -63,8 +63,8 @@ def interrupt(nursery: Nursery, number: str, pauses: list[float]) -> None:
     [
         ("computing", "SIGTERM", [0]),
         ("computing", "SIGINT", [0, 0.01, 0.01, 0.01]),
-        ("publishing", "SIGHUP", [0]),
-        ("publishing", "SIGINT", [0, 0.05]),
+        ("publishing", "SIGHUP", [0.5]),
+        ("publishing", "SIGINT", [0.5, 0.05]),
     ],
 )
 def test_signals(nursery, expected, tmp_path, when, number, pauses):
