@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,7 +82,7 @@ def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select:
         No such variable, or a dimension that no value is given for.
     """
     from heliosweep.report import maps
-    from heliosweep.report.labels import axis_label, coordinate_text, number_text, printed
+    from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, number_text, printed
     from heliosweep.report.style import VALUES
 
     here = _selected(result, variable, select, keep=("heliostat",))
@@ -94,7 +95,8 @@ def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select:
     )
     values = np.asarray(printed(here[variable].compute()), dtype=float)
     where = ", ".join(coordinate_text(here[name]) for name in select)
-    mean = f"mean {number_text(float(np.nanmean(values)))}" if np.isfinite(values).any() else "no value"
+    percent = " %" if is_fraction(here[variable]) else ""
+    mean = f"mean {number_text(float(np.nanmean(values)))}{percent}" if np.isfinite(values).any() else "no value"
     title = f"{where}\n{mean}" if where else mean
     one = maps.FieldMap(title, x, here["y"].to_numpy(), width, height, values)
     label = axis_label(here[variable])
@@ -135,12 +137,12 @@ def plot_curve(result: xr.Dataset, variable: str, along: str, **select: Any) -> 
     others = [dim for dim in array.dims if dim != along]
     with style():
         figure = new_figure(6.3, 3.6)
-        axes = figure.add_axes((0.11, 0.15, 0.86, 0.8))
+        axes = figure.add_axes((0.13, 0.15, 0.84, 0.8))
         lines = [array] if not others else [array.isel({others[0]: i}) for i in range(array.sizes[others[0]])]
         for line in lines[:MOST_LINES]:
             name = coordinate_text(line[others[0]]) if others and others[0] in line.coords else None
             axes.plot(array[along].to_numpy(), np.asarray(printed(line), dtype=float), label=name)
-        axes.set(xlabel=axis_label(array[along]), ylabel=axis_label(array))
+        axes.set(xlabel=axis_label(array[along]), ylabel=textwrap.fill(axis_label(array), 36))
         if others and len(lines) > 1:
             axes.legend()
     where = ", ".join(coordinate_text(here[name]) for name in select)

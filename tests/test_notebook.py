@@ -1,0 +1,179 @@
+"""Interactive use: studies without YAML, lazy results with good reprs, plots and tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import heliosweep
+from heliosweep import HeliosweepError, StudyError
+from tests.conftest import SMALL
+
+
+def blocks(**others):
+    return {key: value for key, value in {**SMALL, **others}.items() if key != "family" and value is not None}
+
+
+@pytest.fixture
+def result() -> xr.Dataset:
+    return heliosweep.build(
+        heliosweep.study("field_efficiency", **blocks(site={"latitude": heliosweep.sweep(0, 40, num=3)}))
+    )
+
+
+def test_sweeps():
+    assert heliosweep.sweep(0, 60, step=15) == {"start": 0, "stop": 60, "step": 15}
+    assert heliosweep.sweep("0 deg", "1 rad", num=4) == {"start": "0 deg", "stop": "1 rad", "num": 4}
+    assert heliosweep.logspace(1, 100, num=3) == {"logspace": {"start": 1, "stop": 100, "num": 3}}
+
+
+def test_a_study_in_python_is_that_of_the_file(tmp_path):
+    made = heliosweep.study("field_efficiency", **blocks(site={"latitude": heliosweep.sweep(0, 60, step=15)}))
+    assert made == heliosweep.load({**SMALL, "site": {"latitude": {"start": 0, "stop": 60, "step": 15}}})
+    listed = heliosweep.study("field_efficiency", **blocks(site={"latitude": np.arange(0, 61, 15)}))
+    assert listed.study_id == made.study_id
+    path = heliosweep.save(made, tmp_path / "study.yaml")
+    again = heliosweep.load(path)
+    assert again.study_id == made.study_id
+    assert again == made
+    with pytest.raises(StudyError, match="exists already; --force replaces it"):
+        heliosweep.save(made, path)
+    assert heliosweep.save(made, path, force=True) == path
+
+
+def test_files_are_named_as_seen_from_the_study_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("field.csv").write_text("x,y\n0,50\n15,50\n")
+    Path("studies").mkdir()
+    made = heliosweep.study("field_efficiency", **blocks(layout={"file": Path("field.csv")}))
+    saved = heliosweep.save(made, "studies/one.yaml")
+    assert "file: ../field.csv" in saved.read_text()
+    assert heliosweep.load(saved).study_id == made.study_id
+
+
+@pytest.mark.parametrize(
+    ("others", "said"),
+    [
+        ({"site": {"latitude": heliosweep.sweep(0, 100, step=50)}}, "site.latitude.stop: must be between -90 and 90"),
+        ({"site": {"latitude": heliosweep.sweep(0, 60)}}, "site.latitude: a range needs 'step' or 'num'"),
+        ({"site": {"latitude": heliosweep.sweep(0, 60, step=-1)}}, "site.latitude.step: has the wrong sign"),
+        ({"receiver": {"height": heliosweep.logspace(0, 60, num=3)}}, "receiver.height.logspace.start: must not be"),
+        ({"reciever": {"height": 60}}, "reciever: unknown key; did you mean 'receiver'?"),
+    ],
+)
+def test_the_same_messages_as_for_files(others, said):
+    with pytest.raises(StudyError) as caught:
+        heliosweep.study("field_efficiency", **blocks(**others))
+    assert said in str(caught.value)
+
+
+def test_unknown_family():
+    with pytest.raises(StudyError, match="family: unknown family; did you mean 'field_efficiency'"):
+        heliosweep.study("field_eficiency", **blocks())
+
+
+def test_build_is_lazy_and_shows_itself(result):
+    assert all(variable.chunks is not None for variable in result.data_vars.values())
+    text = repr(result)
+    assert "dask.array" in text
+    assert len(text) < 6000
+    page = result._repr_html_()
+    assert "degrees_north" in page
+    assert len(page) < 200_000
+    for name in ("x", "y", "z", "latitude", "heliostat", "receiver_height"):
+        assert "units" in result[name].attrs, name
+    assert all("units" in variable.attrs for variable in result.data_vars.values())
+    assert result.attrs["title"] == "a small field"
+    one = result["field_optical_efficiency"].sel(latitude=20, tracking="azimuth_elevation").compute()
+    assert 0.5 < float(one) < 1
+    assert "plot.map()" in repr(result.heliosweep)
+
+
+def test_study_of_a_result(result, tmp_path):
+    assert result.heliosweep.study.study_id == result.attrs["study_id"]
+    assert result.sel(latitude=20).heliosweep.study.study_id == result.attrs["study_id"]
+    with pytest.raises(HeliosweepError, match="does not say of which study"):
+        _ = xr.Dataset({"a": 1}).heliosweep.study
+
+
+def test_study_of_a_result_with_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("field.csv").write_text("x,y\n0,50\n15,50\n")
+    made = heliosweep.study("field_efficiency", **blocks(layout={"file": "field.csv"}))
+    with pytest.raises(HeliosweepError, match=r"load its study\.resolved\.yaml"):
+        _ = heliosweep.build(made).heliosweep.study
+    with heliosweep.run(made, "out", report=False).open() as opened:
+        assert opened.heliosweep.study.study_id == made.study_id
+    Path("field.csv").write_text("x,y\n0,50\n16,50\n")  # another field since
+    with heliosweep.open_result("out") as opened, pytest.raises(HeliosweepError):
+        _ = opened.heliosweep.study
+
+
+def test_figures_and_maps(result, tmp_path):
+    drawings = result.heliosweep.figures()
+    assert [one.name for one in drawings][:1] == ["field_maps"]
+    png = drawings[0]._repr_png_()
+    assert png.startswith(b"\x89PNG")
+    drawn = result.heliosweep.plot.map("shading_efficiency", latitude=20, tracking="azimuth_elevation")
+    assert drawn.caption.endswith("at latitude 20° N, azimuth-elevation")
+    assert drawn._repr_png_().startswith(b"\x89PNG")
+    assert drawn.save(tmp_path / "map.svg").read_bytes().startswith(b"<?xml")
+    with pytest.raises(StudyError, match="must end in"):
+        drawn.save(tmp_path / "map.gif")
+    curve = result.heliosweep.plot.curve("field_optical_efficiency", "latitude")
+    (axes,) = curve.figure.axes
+    assert len(axes.lines) == 2
+    assert axes.get_xlabel() == "latitude (°\N{NO-BREAK SPACE}N)"
+    np.testing.assert_allclose(
+        axes.lines[0].get_ydata(), 100 * result["field_optical_efficiency"].isel(tracking=0).to_numpy()
+    )
+
+
+def test_what_a_plot_needs(result):
+    plot = result.heliosweep.plot
+    with pytest.raises(StudyError, match=r"choose one value of tracking"):
+        plot.map(latitude=20)
+    with pytest.raises(StudyError, match="a map needs values along 'heliostat'"):
+        plot.map("field_optical_efficiency", latitude=20, tracking="azimuth_elevation")
+    with pytest.raises(StudyError, match="optical: no such variable"):
+        plot.map("optical")
+    with pytest.raises(StudyError, match=r"select\.latitude: is not in the result; choose from 0\.0, 20\.0, 40\.0"):
+        plot.map(latitude=21)
+    with pytest.raises(StudyError, match="time: is no dimension of field_optical_efficiency"):
+        plot.curve("field_optical_efficiency", "time", latitude=20)
+
+
+def test_tables_and_frames(result):
+    (frame,) = result.heliosweep.tables().values()
+    assert list(frame.columns)[:2] == ["latitude [degrees_north]", "tracking"]
+    assert len(frame) == 6
+    assert len(result.heliosweep.to_frame("optical_efficiency")) == 6 * 48
+
+
+def test_comparison(result, tmp_path):
+    value = 100 * float(result["field_optical_efficiency"].sel(latitude=20, tracking="azimuth_elevation"))
+    table = tmp_path / "published.csv"
+    rows = [f"field_optical_efficiency,20,azimuth_elevation,{value + off:.2f},percent,0.05" for off in (0, 1)]
+    table.write_text("\n".join(["quantity,latitude,tracking,published,unit,tolerance", *rows]))
+    compared = result.heliosweep.compare(table)
+    assert compared["agrees"].tolist() == [True, False]
+    assert compared["difference"].tolist()[1] == pytest.approx(-1, abs=0.01)
+
+
+def test_every_family_has_tables_and_a_study():
+    from heliosweep.families.registry import families
+
+    for family in families().values():
+        study = heliosweep.load(_example(family))
+        dataset = heliosweep.build(study)
+        assert len(dataset._repr_html_()) < 10**6
+        assert dataset.heliosweep.study.study_id == study.study_id
+
+
+def _example(family):
+    import yaml
+
+    return yaml.safe_load(family.example())
