@@ -11,8 +11,8 @@ Conventions, after the source code of NREL's ssc and SolarPILOT:
 - SolarPILOT's Python interface writes elevations along the first row, behind a zero, azimuths from north, clockwise,
   down the first column (`save_optical_efficiency_table`).
 
-heliosweep knows cosine, shading and blocking. What else SAM expects of the efficiency of a field (reflectivity,
-soiling, attenuation, intercept) is one factor to give.
+PySAM 7.1 makes of the first two what they say. heliosweep knows cosine, shading and blocking; what else SAM expects of
+the efficiency of a field (reflectivity, soiling, attenuation, intercept) is one factor to give.
 """
 
 from __future__ import annotations

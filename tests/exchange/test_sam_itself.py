@@ -1,0 +1,84 @@
+"""What SAM makes of the tables: the efficiency is that of the direction that its sun has. Needs nrel-pysam."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep import write_table
+
+pytest.importorskip("PySAM", reason="nrel-pysam is not installed")
+pytestmark = pytest.mark.slow
+
+#: Hours of 22 June at which both models run.
+HOURS = [24 * 172 + hour for hour in range(7, 17)]
+
+
+def efficiency(azimuth):
+    """Best with the sun in the east, so that east and west, north and south are told apart."""
+    return 0.5 + 0.2 * np.sin(np.radians(azimuth)) + 0.1 * np.cos(np.radians(azimuth))
+
+
+@pytest.fixture
+def table() -> xr.DataArray:
+    azimuth, elevation = np.arange(0, 361, 15.0), np.arange(0, 91, 10.0)
+    values = np.broadcast_to(efficiency(azimuth), (elevation.size, azimuth.size))
+    labels = {"sun_elevation": elevation, "sun_azimuth": azimuth}
+    return xr.DataArray(values, labels, dims=("sun_elevation", "sun_azimuth")).where(lambda a: a["sun_elevation"] > 0)
+
+
+@pytest.fixture
+def weather(tmp_path) -> Path:
+    """A year of clear days in the form of SAM."""
+    lines = ["Latitude,Longitude,Time Zone,Elevation", "35,-116.8,-8,500"]
+    lines.append("Year,Month,Day,Hour,Minute,DNI,DHI,GHI,Tdry,Tdew,RH,Pres,Wspd,Wdir,Albedo")
+    for day in np.arange("2001-01-01", "2002-01-01", dtype="datetime64[D]").tolist():
+        for hour in range(24):
+            beam = 900 if 5 <= hour < 19 else 0
+            start = f"{day.year},{day.month},{day.day},{hour},30"
+            lines.append(f"{start},{beam},{beam // 9},{beam * 8 // 9},20,5,30,950,1,0,0.2")
+    path = tmp_path / "weather.csv"
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def matrix(path: Path) -> list[list[float]]:
+    with path.open(newline="") as file:
+        return [[float(cell or 0) for cell in row] for row in csv.reader(file)]
+
+
+def test_power_tower(table, weather, tmp_path):
+    from PySAM import TcsmoltenSalt
+
+    model = TcsmoltenSalt.default("MSPTSingleOwner")
+    model.SolarResource.solar_resource_file = str(weather)
+    field = model.HeliostatField
+    field.field_model_type = 3
+    field.eta_map_aod_format = 0
+    field.eta_map = matrix(write_table(table, tmp_path / "t.csv", "tower"))
+    field.flux_maps = [[1 / 12] * 12] * len(field.eta_map)
+    angles = [math.radians(3.6 * step) for step in range(100)]
+    field.helio_positions = [[r * math.sin(a), r * math.cos(a)] for r in range(150, 1500, 15) for a in angles]
+    field.N_hel, field.A_sf_in = 9000, 1.2e6
+    model.execute(0)
+    out = model.Outputs
+    computed = [out.eta_field[hour] / out.sf_adjust_out[hour] for hour in HOURS]
+    np.testing.assert_allclose(computed, [efficiency(out.solaz[hour]) for hour in HOURS], atol=0.02)
+
+
+def test_generic_field(table, weather, tmp_path):
+    from PySAM import TcsgenericSolar
+
+    model = TcsgenericSolar.default("GenericCSPSystemSingleOwner")
+    model.Weather.file_name = str(weather)
+    model.Type260.istableunsorted, model.Type260.interp_arr = 0, 1
+    model.Type260.OpticalTable = matrix(write_table(table, tmp_path / "t.csv", "generic"))
+    model.execute(0)
+    out, losses = model.Outputs, model.Type260.eta_opt_soil * model.Type260.eta_opt_gen
+    computed = [out.eta_opt_sf[hour] / losses for hour in HOURS]
+    np.testing.assert_allclose(computed, [efficiency(out.solazi[hour]) for hour in HOURS], atol=0.04)
