@@ -26,8 +26,8 @@ faults: $(STAMP)  ## the long tests: hostile studies, faults of disk and machine
 	@$(BIN)/python -m pytest -m long $(PYTEST_ARGS)
 
 check: $(STAMP)  ## lint, formatting and types
-	@$(BIN)/ruff check pipeline tests
-	@$(BIN)/ruff format --check pipeline tests
+	@$(BIN)/ruff check pipeline tests docs
+	@$(BIN)/ruff format --check pipeline tests docs
 	@$(BIN)/mypy
 
 docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors

@@ -9,13 +9,17 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 
 
+def _tex(node: nodes.Element) -> str:
+    return node.astext().replace("°", r"^{\circ}")
+
+
 def _inline(translator: Any, node: nodes.math) -> None:
-    translator.body.append(tex2mathml(node.astext()))
+    translator.body.append(tex2mathml(_tex(node)))
     raise nodes.SkipNode
 
 
 def _block(translator: Any, node: nodes.math_block) -> None:
-    translator.body.append(tex2mathml(node.astext(), as_block=True))
+    translator.body.append(tex2mathml(_tex(node), as_block=True))
     raise nodes.SkipNode
 
 

@@ -142,10 +142,11 @@ def keys_of(schema: Schema) -> Iterator[Key]:
                     if first is not inner and "const" in inner.schema:
                         first.schema = {"enum": [*first.schema.get("enum", [first.schema.get("const")])]}
                         first.schema["enum"].append(inner.schema["const"])
-                    elif len(tagged) == len(blocks) > 1:
+                        first.only = "each"
+                    elif first.only != "each" and len(tagged) == len(blocks) > 1:
                         first.only = ", ".join(filter(None, (first.only, f"`{tagged[position]}`")))
             for inner in known.values():
-                if inner.only.count("`") == 2 * len(blocks):
+                if inner.only == "each" or inner.only.count("`") == 2 * len(blocks):
                     inner.only = ""
             yield from known.values()
 
@@ -189,7 +190,7 @@ def table(study: type[Study], keys: list[Key]) -> str:
     family = study.family_name()
     lines = ["| key | what | value | unit | default | swept |", "|---|---|---|---|---|---|"]
     for key in keys:
-        anchor = f"{family}-{key.name}".replace("[]", "").replace(".", "-")
+        anchor = f"{family}-{key.name}".replace("[]", "-each").replace(".", "-")
         default = key.default or ("**needed**" if key.required else "")
         value = _cell(key.value)
         swept = ("instants" if _samples(study, key) else "yes") if key.swept else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import ClassVar
 
@@ -22,18 +21,13 @@ class Variables(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return a table of the variables."""
-        import yaml
-
         import heliosweep
 
         path = ROOT / self.arguments[0]
-        self.env.note_dependency(str(path))
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        for option, key in (("series", "time_series"), ("maps", "maps")):
-            if option in self.options:
-                content.setdefault("output", {})[key] = True
-        with contextlib.chdir(path.parent):  # files of a mapping are found from here
-            result = heliosweep.build(heliosweep.load(content))
+        study = heliosweep.load(path)
+        wanted = {key: True for option, key in (("series", "time_series"), ("maps", "maps")) if option in self.options}
+        output = study.output.model_copy(update=wanted)
+        result = heliosweep.build(study.model_copy(update={"output": output}))
         lines = ["| variable | what | unit | over |", "|---|---|---|---|"]
         for name, array in result.data_vars.items():
             what = str(array.attrs.get("long_name", ""))

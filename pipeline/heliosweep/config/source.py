@@ -149,7 +149,8 @@ def from_python(value: Any) -> Any:
     plain already, or unknown, stays.
     """
     if isinstance(value, Mapping):
-        return {key: from_python(entry) for key, entry in value.items()}
+        # As in a file, where {2: [0, -1]} has the key '2'.
+        return {str(key) if type(key) is int else key: from_python(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [from_python(entry) for entry in value]
     if isinstance(value, range):  # not expanded: it may be long
