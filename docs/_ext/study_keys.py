@@ -123,9 +123,9 @@ def keys_of(schema: Schema) -> Iterator[Key]:
     def resolved(node: Schema) -> Schema:
         while "$ref" in node:
             node = defs[node["$ref"].rpartition("/")[2]] | {key: text for key, text in node.items() if key != "$ref"}
-        inner = {key: [resolved(part) for part in node[key]] for key in ("anyOf", "oneOf") if key in node}
+        inner: Schema = {key: [resolved(part) for part in node[key]] for key in ("anyOf", "oneOf") if key in node}
         if isinstance(node.get("items"), dict):
-            inner["items"] = resolved(node["items"])  # type: ignore[assignment]
+            inner["items"] = resolved(node["items"])
         return node | inner
 
     def walk(prefix: str, node: Schema) -> Iterator[Key]:
