@@ -126,9 +126,11 @@ def thinned(result: xr.Dataset, view: View, names: Sequence[str], budget: int) -
         long = [dim for dim in numbers if sizes[dim] > SHORT and counts[dim] > LEAST[0]]
         longest = max(long or [dim for dim in numbers if counts[dim] > LEAST[1]], key=counts.__getitem__, default="")
         if longest:
-            dims = view.along if view.kind == "raster" and longest in view.along else [longest]
-            for dim in dims:
-                counts[dim] = max(LEAST[0] if long else LEAST[1], math.floor(counts[dim] * STEP))
+            if view.kind == "raster" and longest in view.along:
+                stride = math.ceil(sizes[longest] / counts[longest]) + 1
+                counts |= {dim: math.ceil(sizes[dim] / stride) for dim in view.along}
+            else:
+                counts[longest] = max(LEAST[0] if long else LEAST[1], math.floor(counts[longest] * STEP))
         elif len(names) > 1 and not view.against:
             names.pop()
         else:
@@ -160,7 +162,7 @@ def _array(array: xr.DataArray, kept: Kept) -> dict[str, Any]:
 
 
 def _encoded(dims: Sequence[Any], values: np.ndarray) -> dict[str, Any]:
-    data = np.ascontiguousarray(values, dtype="<f4")
+    data = np.array(values, dtype="<f4", order="C")
     with np.errstate(invalid="ignore"):
         data[~np.isfinite(data)] = np.nan  # one pattern of bits, whatever made them
     return {

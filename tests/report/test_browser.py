@@ -1,0 +1,271 @@
+"""The page in a headless browser: nothing fails, switches change what is drawn, and everyone can read it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep.report.index import write_index
+from heliosweep.report.page import write_report
+from tests.report.browser import BINARY, Browser
+from tests.report.synthetic import BOTH, result
+
+pytestmark = [
+    pytest.mark.skipif(BINARY is None, reason="no chromium is installed"),
+    pytest.mark.slow,
+    # The browser writes to its folder until it is killed, and its pipes are closed by the interpreter.
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+
+EVIL = (
+    "</script><script>document.title='evil'</script><!-- \u2028 <img src=x onerror=\"document.title='evil'\"> @x{safe}"
+)
+
+#: Plots of a page that have been drawn, as far as their numbers go.
+DRAWN = (
+    "JSON.stringify(Object.values(heliosweep.plots).map((plot) => plot.source ? Array.from(plot.source.data.value || \
+plot.source.data.image[0]) : plot.lines.map(({ source }) => [Array.from(source.data.x), Array.from(source.data.y)])))"
+)
+
+#: Colours of all canvases of one view.
+PIXELS = """(() => {
+  const all = [];
+  const visit = (node) => {
+    for (const one of node.querySelectorAll('*')) {
+      if (one.shadowRoot) visit(one.shadowRoot);
+      if (one.tagName === 'CANVAS' && one.width) all.push(one.toDataURL());
+    }
+  };
+  visit(document.querySelector('#view-1 .plot'));
+  return all.join();
+})()"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with Browser() as one:
+        yield one
+
+
+def write(folder, data):
+    folder.mkdir(exist_ok=True)
+    data.to_netcdf(folder / "result.nc", engine="netcdf4")
+    (folder / "study.resolved.yaml").write_text(f"title: {EVIL}\n", encoding="utf-8")
+    return write_report(folder)
+
+
+def mirror():
+    """Slopes on a mirror, and spots on a receiver, with dates, words and numbers to switch."""
+    rng = np.random.default_rng(3)
+    sizes = {"method": 2, "date": 40, "receiver_height": 5, "z": 30, "y": 20}
+    labels = {
+        "method": ["LM", EVIL],
+        "date": np.arange("2021-01-01", "2021-02-10", dtype="datetime64[D]").astype("datetime64[ns]"),
+        "receiver_height": ("receiver_height", np.geomspace(1, 1000, 5), {"units": "m"}),
+        "z": np.linspace(-1, 1, 30),
+        "y": np.linspace(1, -1, 20),
+    }
+
+    def array(*dims):
+        return dims, rng.normal(size=[sizes[dim] for dim in dims]), {"units": "mrad", "long_name": f"slope {EVIL}"}
+
+    values = {"slope": array("method", "z", "y"), "factor": array("method", "date", "receiver_height")}
+    values["other"] = array("receiver_height", "method")
+    return xr.Dataset(values, labels, {"title": EVIL})
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("outputs")
+    field = result({"latitude": [0.0, 15.0, 30.0], "tracking": BOTH}, heliostats=40, attrs={"title": EVIL})
+    return {"field": write(folder / "field", field), "mirror": write(folder / EVIL.replace("/", "_"), mirror())}
+
+
+def opened(browser, page, **how):
+    """Show a page and draw all its plots."""
+    browser.open(page, **how)
+    browser.run("document.querySelectorAll('figure.view').forEach(heliosweep.open)")
+    browser.wait("[...document.querySelectorAll('figure.view')].every((view) => view.dataset.ready)")
+    return json.loads(browser.run(DRAWN))
+
+
+def choose(browser, control, value):
+    """Choose something as a reader would, and wait until it is drawn."""
+    event = "input" if browser.run(f"document.getElementById('{control}').type") == "range" else "change"
+    browser.run(
+        f"(() => {{ const one = document.getElementById('{control}'); one.value = {json.dumps(str(value))};"
+        f"one.dispatchEvent(new Event('{event}')); }})()"
+    )
+    browser.run(
+        "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 100))))"
+    )
+
+
+@pytest.mark.parametrize("name", ["field", "mirror"])
+@pytest.mark.parametrize(("width", "scheme"), [(400, "dark"), (1600, "light")])
+def test_page_opens_without_errors_or_fetches_and_fits(browser, pages, name, width, scheme):
+    drawn = opened(browser, pages[name], width=width, scheme=scheme)
+    assert drawn
+    assert browser.errors == []
+    assert browser.fetched == [pages[name].as_uri()]
+    assert browser.run("document.documentElement.scrollWidth") == width
+    assert browser.run("document.title") != "evil"
+    paper = browser.run("getComputedStyle(document.body).backgroundColor")
+    assert (paper == "rgb(255, 255, 255)") == (scheme == "light")
+    canvas = browser.run("heliosweep.plots['view-1'].figure.background_fill_color")
+    assert canvas == {"light": "#ffffff", "dark": "#15181c"}[scheme]
+
+
+def test_switches_of_a_map_change_what_is_drawn(browser, pages):
+    data = result({"latitude": [0.0, 15.0, 30.0], "tracking": BOTH}, heliostats=40)
+    drawn = opened(browser, pages["field"])[0]
+    assert drawn == pytest.approx(100 * data["optical_efficiency"][0, 0].to_numpy(), rel=1e-6)
+    seen = {browser.run(PIXELS)}
+    for control, value, expected in (
+        ("view-1-dim-latitude", 2, data["optical_efficiency"][2, 0]),
+        ("view-1-dim-tracking", 1, data["optical_efficiency"][2, 1]),
+        ("view-1-quantity", 2, data["shading_efficiency"][2, 1]),
+        ("view-1-less", 0, data["shading_efficiency"][2, 1] - data["shading_efficiency"][2, 0]),
+    ):
+        choose(browser, control, value)
+        drawn = json.loads(browser.run(DRAWN))[0]
+        assert drawn == pytest.approx(100 * expected.to_numpy(), rel=1e-5, abs=1e-5)
+        picture = browser.run(PIXELS)
+        assert picture not in seen
+        seen.add(picture)
+    assert "less that of" in browser.run("document.querySelector('#view-1 .plot').getAttribute('aria-label')")
+    assert browser.errors == []
+
+
+def test_curves_run_along_what_is_chosen(browser, pages):
+    data = mirror()
+    opened(browser, pages["mirror"])
+    plot = "heliosweep.plots['view-2']"
+    assert browser.run(f"{plot}.switches.along") == "date"
+    choose(browser, "view-2-along", "receiver_height")
+    browser.wait(f"{plot}.logarithmic")
+    lines = browser.run(f"{plot}.lines.map(({{ source }}) => Array.from(source.data.y))")
+    assert np.array(lines) == pytest.approx(data["factor"][:, 0, :].to_numpy(), rel=1e-6)
+    choose(browser, "view-2-lines", "")
+    choose(browser, "view-2-dim-date", 7)
+    assert browser.run(f"{plot}.lines[0].source.data.y.length") == 5
+    first = browser.run(f"Array.from({plot}.lines[0].source.data.y)")
+    assert first == pytest.approx(data["factor"][0, 7].to_numpy(), rel=1e-6)
+    choose(browser, "view-2-quantity", 1)
+    assert browser.run("document.getElementById('view-2-dim-date').closest('.switch').hidden")
+    assert browser.errors == []
+
+
+def test_pictures_lie_the_right_way_round(browser, pages):
+    data = mirror()
+    drawn = opened(browser, pages["mirror"])[0]
+    # The first row of an image is the lowest; to the right means larger, whatever the order in the file.
+    assert np.reshape(drawn, (30, 20)) == pytest.approx(data["slope"][0, :, ::-1].to_numpy(), rel=1e-5)
+
+
+def test_a_button_hides_a_line(browser, pages):
+    opened(browser, pages["mirror"])
+    path = "heliosweep.plots['view-2'].lines[1].path.visible"
+    assert browser.run(path)
+    browser.run("document.querySelectorAll('#view-2 .keys button')[1].click()")
+    assert not browser.run(path)
+    assert browser.run("document.querySelectorAll('#view-2 .keys button')[1].getAttribute('aria-pressed')") == "false"
+
+
+def test_plots_follow_the_scheme_without_a_reload(browser, pages):
+    opened(browser, pages["field"], scheme="light")
+    light = browser.run(PIXELS)
+    browser.scheme("dark")
+    browser.wait("heliosweep.plots['view-1'].figure.background_fill_color === '#15181c'")
+    assert browser.run(PIXELS) != light
+    assert browser.errors == []
+
+
+def test_keyboard_reaches_and_moves_everything(browser, pages):
+    opened(browser, pages["field"])
+    browser.run("document.getElementById('view-1-dim-latitude').focus()")
+    browser.press("ArrowDown", 40)
+    browser.wait("heliosweep.plots['view-1'].switches.at.latitude === 1")
+    browser.run("document.querySelector('#view-1 .plot').focus()")
+    start = "heliosweep.plots['view-1'].figure.x_range.start"
+    before = browser.run(start)
+    browser.press("ArrowRight", 39)
+    moved = browser.run(start)
+    assert moved > before
+    browser.press("+", 187)
+    assert browser.run(start) > moved
+    browser.press("0", 48)
+    browser.wait(f"{start} === {before}")
+
+
+def test_controls_have_labels_and_headings_an_order(browser, pages):
+    for page in pages.values():
+        opened(browser, page)
+        unlabelled = "[...document.querySelectorAll('select, input')].filter((one) => !one.labels.length).length"
+        assert browser.run(unlabelled) == 0
+        assert browser.run("document.querySelectorAll('select, input').length") >= 4
+        nameless = (
+            "[...document.querySelectorAll('button, a, summary')].filter((one) => !one.textContent.trim()).length"
+        )
+        assert browser.run(nameless) == 0
+        assert browser.run("[...document.querySelectorAll('img')].every((one) => one.alt)")
+        levels = browser.run("[...document.querySelectorAll('h1, h2, h3, h4')].map((one) => +one.tagName[1])")
+        assert levels[0] == 1
+        assert levels.count(1) == 1
+        assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+        identifiers = browser.run("[...document.querySelectorAll('[id]')].map((one) => one.id)")
+        assert len(identifiers) == len(set(identifiers))
+        said = browser.run("[...document.querySelectorAll('.view .plot')].map((one) => one.getAttribute('aria-label'))")
+        assert all(said)
+
+
+def test_values_can_be_read_as_a_table(browser, pages):
+    opened(browser, pages["field"])
+    browser.run("document.querySelector('#view-1 details').open = true")
+    browser.wait("document.querySelectorAll('#view-1 table tbody tr').length === 40")
+    cell = "document.querySelector('#view-1 tbody td:last-child').textContent"
+    before = browser.run(cell)
+    choose(browser, "view-1-dim-latitude", 1)
+    assert browser.run(cell) != before
+
+
+def test_hovering_tells_the_value(browser, pages):
+    opened(browser, pages["field"])
+    browser.run("document.querySelector('#view-1 .plot').scrollIntoView()")
+    place = browser.run("""(() => {
+      const { figure, source } = heliosweep.plots['view-1'];
+      const view = Bokeh.index.find_one(figure);
+      const box = view.canvas_view.el.getBoundingClientRect();
+      const { x_scale, y_scale } = view.frame;
+      return [box.x + x_scale.compute(source.data.x[3]), box.y + y_scale.compute(source.data.y[3])];
+    })()""")
+    for far in (25, 0):
+        browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=place[0] - far, y=place[1])
+    browser.wait("""(() => {
+      const tips = [...document.querySelectorAll('.bk-Tooltip')].map((tip) => tip.shadowRoot);
+      const rows = tips.flatMap((tip) => [...tip.querySelectorAll('.bk-tooltip-row-value')]);
+      return rows.map((one) => one.textContent.trim()).includes(heliosweep.plots['view-1'].source.data.text[3]);
+    })()""")
+
+
+def test_print_shows_every_plot(browser, pages):
+    browser.open(pages["field"], height=300)
+    browser.run("window.dispatchEvent(new Event('beforeprint'))")
+    browser.wait("[...document.querySelectorAll('figure.view')].every((view) => view.dataset.ready)")
+    assert len(browser.call("Page.printToPDF")["data"]) > 10_000
+
+
+def test_list_of_all_studies(browser, pages):
+    index = write_index(pages["field"].parent.parent)
+    for width in (400, 1600):
+        browser.open(index, width=width, scheme="dark")
+        assert browser.errors == []
+        assert browser.fetched == [index.as_uri()]
+        assert browser.run("document.documentElement.scrollWidth") == width
+    links = browser.run("[...document.querySelectorAll('a')].map((one) => one.href)")
+    assert sorted(links) == sorted(page.as_uri() for page in pages.values())
+    assert EVIL in browser.run("document.querySelector('main').textContent")

@@ -1,0 +1,75 @@
+"""The list of all studies: what is told of each, that broken folders do not stop it, and that words stay words."""
+
+from __future__ import annotations
+
+import json
+
+from heliosweep.report.headline import headline
+from heliosweep.report.index import entries, update_index, write_index
+from heliosweep.report.page import write_report
+from tests.report.synthetic import BOTH, result
+from tests.report.test_page import EVIL, Page, published, study
+
+
+def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):
+    folder.mkdir(parents=True)
+    result({"latitude": [0.0, 15.0], "tracking": BOTH}).to_netcdf(folder / "result.nc", engine="netcdf4")
+    identity = {"attributes": {"title": title}, "study": {"family": "field_efficiency"}}
+    manifest = {"identity": identity, "finished": finished, "result": {"file": "result.nc", "bytes": 5}}
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    return folder
+
+
+def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
+    first = filled(tmp_path / "outputs" / "a b#1", EVIL)
+    write_report(first, study(first, published(first, 100)))
+    filled(tmp_path / "outputs" / "later", "Later", "2026-02-01T00:00:00Z")
+    index = update_index(first)
+    assert index is not None
+    assert index == tmp_path / "outputs" / "index.html"
+    page = Page(index.read_text(encoding="utf-8"))
+    assert page.scripts == []
+    assert page.all("a") == [{"href": "./a%20b%231/report.html"}]
+    assert page.text.index("Later") < page.text.index(EVIL)
+    for words in ("field efficiency", "2026-01-02 03:04:05", "1 of 1 published values agree", "2 studies"):
+        assert words in page.text
+    assert "mean optical efficiency of the field over the period: " in page.text
+    assert index.read_bytes() == write_index(index.parent).read_bytes()
+
+
+def test_an_index_is_kept_in_outputs_alone(tmp_path):
+    assert update_index(filled(tmp_path / "elsewhere" / "one")) is None
+    assert not (tmp_path / "elsewhere" / "index.html").exists()
+
+
+def test_broken_and_unfinished_folders_are_told(tmp_path):
+    broken = filled(tmp_path / "outputs" / "broken")
+    (broken / "manifest.json").write_text('{"identity": [', encoding="utf-8")
+    (broken / "report.html").write_bytes(b"\xff\xfe no page")
+    (broken / "comparison.csv").write_text("what, is, this\n1,2\n", encoding="utf-8")
+    unfinished = tmp_path / "outputs" / "unfinished" / "working"
+    unfinished.mkdir(parents=True)
+    (unfinished / "study.json").write_text(json.dumps({"attributes": {"title": "Half a field"}}), encoding="utf-8")
+    (tmp_path / "outputs" / "no result").mkdir()
+    found = {one.folder: one for one in entries(tmp_path / "outputs")}
+    assert set(found) == {"broken", "unfinished"}
+    assert found["broken"].state == "damaged"
+    assert found["unfinished"].title == "Half a field"
+    assert found["unfinished"].state != "complete"
+    text = Page(write_index(tmp_path / "outputs").read_text(encoding="utf-8")).text
+    assert "damaged" in text
+
+
+def test_an_index_that_cannot_be_written_stops_nobody(tmp_path, caplog):
+    folder = filled(tmp_path / "outputs" / "one")
+    (tmp_path / "outputs" / "index.html").mkdir()
+    assert update_index(folder) is None
+    assert "was not written" in caplog.text
+
+
+def test_headlines():
+    data = result({"latitude": [0.0, 15.0]})
+    assert headline(data, ("unknown", "field_optical_efficiency")).startswith("mean optical efficiency of the field")
+    assert " %" in headline(data, ())
+    assert headline(data.drop_vars(list(data.data_vars)), ()) == ""
+    assert headline(data[["field_optical_efficiency"]] * float("nan"), ()).endswith("no value")
