@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping
@@ -30,8 +30,11 @@ log = logging.getLogger("heliosweep")
 #: Where results go when nobody says: below the working directory.
 OUTPUTS = "outputs"
 
+#: What a study is loaded from: a study file, or its content as a mapping.
+Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
 
-def load(source: str | os.PathLike[str] | Mapping[str, Any]) -> Study:
+
+def load(source: Source) -> Study:
     """Load and check a study.
 
     Parameters
@@ -53,18 +56,23 @@ def load(source: str | os.PathLike[str] | Mapping[str, Any]) -> Study:
     return load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
 
 
+def _loaded(study: Study | Source) -> Study:
+    """Return a study, loaded where it is not yet."""
+    return study if isinstance(study, Study) else load(study)
+
+
 def family_of(study: Study) -> Family[Any]:
     """Family that a study belongs to."""
     return families()[study.family]
 
 
-def plan(study: Study, output: str | os.PathLike[str] | None = None) -> Plan:
+def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:
     """What a study will cost and how it will be cut.
 
     Parameters
     ----------
-    study : Study
-        From `load`.
+    study : Study, path or mapping
+        From `load`, or what `load` takes.
     output : path, optional
         Where the result would go; tells the free disk.
 
@@ -77,6 +85,7 @@ def plan(study: Study, output: str | os.PathLike[str] | None = None) -> Plan:
     PlanError
         Where the study cannot fit this machine; names the axis to shrink.
     """
+    study = _loaded(study)
     from heliosweep.grid.limits import machine_limits
     from heliosweep.grid.plan import make_plan
 
@@ -115,19 +124,20 @@ def _size(folder: Path) -> int:
     return size
 
 
-def build(study: Study) -> xr.Dataset:
+def build(study: Study | Source) -> xr.Dataset:
     """Lazy data set of the whole result: computed with dask when its values are asked for.
 
     Parameters
     ----------
-    study : Study
-        From `load`.
+    study : Study, path or mapping
+        From `load`, or what `load` takes.
 
     Returns
     -------
     xarray.Dataset
         With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
     """
+    study = _loaded(study)
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.store.attributes import global_attributes
 
@@ -210,7 +220,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def run(
-    study: Study,
+    study: Study | Source,
     output: str | os.PathLike[str] | None = None,
     *,
     progress: bool = False,
@@ -224,8 +234,8 @@ def run(
 
     Parameters
     ----------
-    study : Study
-        From `load`.
+    study : Study, path or mapping
+        From `load`, or what `load` takes.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     progress : bool
@@ -262,6 +272,7 @@ def run(
     from heliosweep.runtime.signals import uninterrupted
     from heliosweep.store.claim import claimed
 
+    study = _loaded(study)
     study = study.model_copy(update={"execution": study.execution.resolved()})
     folder = result_folder(study, output)
     planned = plan(study, folder)

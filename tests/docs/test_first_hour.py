@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 
+import heliosweep
 from heliosweep.cli import main
 from heliosweep.families.registry import families
 
 EDITS = {  # what is replaced, by what, and what must be said
     "a space forgotten": ("{height: 95}", "{height:95}", "write 'height: 95', with a colon and a space"),
-    "a space forgotten in a block": ("  width: 11 ", "  width:11 ", "line 20 needs a space after the colon"),
+    "a space forgotten in a block": ("  width: 11 ", "  width:11 ", "needs a space after the colon: 'width: ...'"),
     "a typo": ("latitude:", "lattitude:", "did you mean 'latitude'?"),
     "an abbreviation": ("latitude:", "lat:", "did you mean 'latitude'?"),
     "a comma for a point": ("95}", "'95,5'}", "decimals follow a point, not a comma"),
@@ -60,3 +61,11 @@ def test_a_name_without_its_ending(field: Path, capsys: pytest.CaptureFixture[st
 def test_a_study_where_a_result_is_wanted(field: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", str(field)]) == 2
     assert capsys.readouterr().err.strip() == "my_field.yaml: is no result; name a result folder"
+
+
+def test_a_path_in_place_of_a_study(field: Path) -> None:
+    """Nobody should need to know that a study is loaded first."""
+    assert heliosweep.plan("my_field.yaml").output_bytes == heliosweep.plan(heliosweep.load(field)).output_bytes
+    assert heliosweep.build(field).sizes["latitude"] == 2
+    with pytest.raises(heliosweep.StudyError, match=r"did you mean my_field\.yaml"):
+        heliosweep.run("my_field")
