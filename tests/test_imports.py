@@ -25,6 +25,7 @@ ORDER = [
     "report",
     "families",
     "runtime",
+    "pack",
     "exchange",
     "plots",
     "accessor",

@@ -18,6 +18,7 @@ __all__ = [
     "load",
     "logspace",
     "open_result",
+    "pack_result",
     "plan",
     "read_layout",
     "run",
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from heliosweep.exchange.frames import to_frame, write_csv
     from heliosweep.exchange.sam import write_table
     from heliosweep.interactive import efficiency_table, save, study
+    from heliosweep.pack.archive import pack_result
     from heliosweep.workflow import build, load, open_result, plan, run, status
 
 #: Where public names are, of those that are not in `workflow`.
@@ -47,6 +49,7 @@ _MODULES = {
     **dict.fromkeys(("layout_of", "read_layout", "write_layout"), "exchange.fields"),
     **dict.fromkeys(("to_frame", "write_csv"), "exchange.frames"),
     "write_table": "exchange.sam",
+    "pack_result": "pack.archive",
     **dict.fromkeys(("efficiency_table", "save", "study"), "interactive"),
 }
 

@@ -159,6 +159,14 @@ def _parser() -> argparse.ArgumentParser:
         help=f"formats of the figures, of {formats} (default: png)",
     )
 
+    pack = command("pack", _pack, "write a finished result as one archive to publish and cite; prints its path")
+    pack.add_argument("folder", metavar="DIR")
+    pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
+    pack.add_argument(
+        "--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study, or CC-BY-4.0)"
+    )
+    pack.add_argument("--force", action="store_true", help="replace an archive that is there")
+
     schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
     schema.add_argument("family")
     schema.add_argument("--example", action="store_true", help="print a commented study file to start from instead")
@@ -357,6 +365,12 @@ def _report(options: argparse.Namespace) -> None:
     page = write_report(options.folder, vector=[kind for kind in options.format if kind != "png"])
     update_index(options.folder)
     print(page)
+
+
+def _pack(options: argparse.Namespace) -> None:
+    from heliosweep.pack.archive import pack_result
+
+    print(pack_result(options.folder, options.output, license=options.license, force=options.force))
 
 
 def _schema(options: argparse.Namespace) -> None:

@@ -185,8 +185,7 @@ def test_every_variable_reads_like_documentation(result):
             if variable.dtype is not str and variable.dtype.kind == "f" and np.isnan(variable[...]).any():
                 assert "_FillValue" in variable.ncattrs() or "missing_value" in variable.ncattrs(), name
             if "flag_meanings" in variable.ncattrs():
-                values = getattr(variable, "flag_values", None)
-                values = getattr(variable, "flag_masks", None) if values is None else values
+                values = variable.flag_values if "flag_values" in variable.ncattrs() else variable.flag_masks
                 assert len(variable.flag_meanings.split()) == np.size(values), name
 
 
