@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import re
-import zoneinfo
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from heliosweep.config import zones
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, did_you_mean
 from heliosweep.config.fields import Parameter
@@ -197,9 +197,9 @@ class TimeZone(Parameter):
                 raise Invalid(hint)
         else:
             try:
-                zoneinfo.ZoneInfo(raw)
-            except (KeyError, OSError, ValueError):
-                known = did_you_mean(raw, zoneinfo.available_timezones())
+                zones.zone(raw)
+            except KeyError:
+                known = did_you_mean(raw, zones.names())
                 raise Invalid(f"unknown time zone{known or f'; it {hint}'}") from None
         return raw
 
@@ -294,7 +294,7 @@ def parse_timezone(timezone: str) -> dt.tzinfo:
     if match := _OFFSET.fullmatch(timezone):
         offset = dt.timedelta(hours=int(match[1]), minutes=int(match[2]))
         return dt.timezone(-offset if timezone[0] == "-" else offset)
-    return zoneinfo.ZoneInfo(timezone)
+    return zones.zone(timezone)
 
 
 def seconds_of(wall_time: str) -> float:
