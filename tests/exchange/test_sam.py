@@ -80,8 +80,13 @@ def test_matrix_of_solarpilot(table, tmp_path):
 
 def test_azimuths_turn_into_their_range(small, tmp_path):
     made = efficiency_table(small(), AE, azimuth=[-90, 0, 90], elevation=45)
-    assert [row[0] for row in rows(write_table(made, tmp_path / "t.csv"))] == ["0", "90", "270"]
-    assert rows(write_table(made, tmp_path / "g.csv", "generic"))[0] == ["", "-180", "-90", "90"]
+    assert [row[0] for row in rows(write_table(made, tmp_path / "t.csv"))] == ["0", "90", "270", "360"]
+    assert rows(write_table(made, tmp_path / "g.csv", "generic"))[0] == ["", "-180", "-90", "90", "180"]
+    assert len(rows(write_table(made, tmp_path / "s.csv", "solarpilot"))) == 4  # as asked
+    end = efficiency_table(small(), AE, azimuth=[90, 360], elevation=45)
+    first, _, last = rows(write_table(end, tmp_path / "e.csv"))
+    assert first[0] == "0"
+    assert first[2] == last[2]
     twice = efficiency_table(small(), AE, azimuth=[-90, 270], elevation=45)
     with pytest.raises(StudyError, match="two azimuths are the same direction"):
         write_table(twice, tmp_path / "n.csv")

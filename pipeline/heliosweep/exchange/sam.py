@@ -4,8 +4,8 @@ Conventions, after the source code of NREL's ssc and SolarPILOT:
 
 - SAM's molten-salt power tower takes user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
   efficiency. It interpolates at the azimuth of its weather reader, from north, clockwise, 0 to 360
-  (`C_pt_sf_perf_interp::call`), and knows no period: 0 and 360 are both needed. It closes the field itself when the
-  sun is down, so that such rows are left out.
+  (`C_pt_sf_perf_interp::call`), and knows no period: 0 and 360 are both written where one is there. It closes the
+  field itself when the sun is down, so that such rows are left out.
 - SAM's generic solar field takes a matrix: zenith angles, rising, down the first column; azimuths, rising, along the
   first row, its first cell empty. Azimuth 0 is south, east is negative, west positive (`C_csp_gen_collector_receiver`).
 - SolarPILOT's Python interface writes elevations along the first row, behind a zero, azimuths from north, clockwise,
@@ -178,6 +178,8 @@ def write_table(
     file = target_file(path, force)
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]
+    if form != "solarpilot":
+        azimuth, values = _closed(azimuth, values, *_range(south=form == "generic"))
     rows = _ROWS[form](azimuth, table[_ELEVATION].to_numpy(), values)
     with written_whole(file) as stream:
         csv.writer(stream, lineterminator="\n").writerows(rows)
@@ -214,11 +216,8 @@ def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
 
     From north they are 0 to 360, from south -180 to 180; the ends are the same direction, and both may be there.
     """
-    if south:
-        shifted = np.asarray(north) - 180.0
-        low, high = -180.0, 180.0
-    else:
-        shifted, (low, high) = np.asarray(north, dtype=float), (0.0, 360.0)
+    low, high = _range(south)
+    shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
     inside = (shifted >= low) & (shifted <= high)
     azimuth = np.where(inside, shifted, (shifted - low) % 360.0 + low)
     order = np.argsort(azimuth, kind="stable")
@@ -227,6 +226,19 @@ def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
     if twice.size:
         raise StudyError(Problem(f"two azimuths are the same direction (got {azimuth[twice[0]]:g} twice)", _AZIMUTH))
     return azimuth, order
+
+
+def _range(south: bool) -> tuple[float, float]:
+    return (-180.0, 180.0) if south else (0.0, 360.0)
+
+
+def _closed(azimuth: NDArray, values: NDArray, low: float, high: float) -> tuple[NDArray, NDArray]:
+    """Add the other end of the range where one is there, for SAM knows no period."""
+    if azimuth[0] == low and azimuth[-1] != high:
+        return np.append(azimuth, high), np.hstack([values, values[:, :1]])
+    if azimuth[-1] == high and azimuth[0] != low:
+        return np.insert(azimuth, 0, low), np.hstack([values[:, -1:], values])
+    return azimuth, values
 
 
 def _number(value: float) -> float | int:
