@@ -33,6 +33,9 @@ log = logging.getLogger("heliosweep")
 PAGE = "report.html"
 FIGURES = "figures"
 
+#: Images of a page up to which they have all their pixels, and the scale of those beyond. [bytes]
+MOST_IMAGES, REDUCED = 1_200_000, 0.6
+
 #: Kinds of files in the folder of figures that are ours to replace.
 _KINDS = ("png", "svg", "pdf")
 
@@ -126,14 +129,16 @@ def _family(result: xr.Dataset) -> Family[Any] | None:
 def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[sections.Drawing]:
     """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
     folder.mkdir(exist_ok=True)
-    written = set()
+    written, embedded = set(), 0
     for named in figures:
         images = {kind: image(named.figure, kind) for kind in ("png", *vector)}
         for kind, content in images.items():
             path = folder / f"{named.name}.{kind}"
             _write(path, content)
             written.add(path)
-        yield sections.Drawing(named.caption, small(images["png"]), *map(float, named.figure.get_size_inches()))
+        shown = small(images["png"], 1.0 if embedded <= MOST_IMAGES else REDUCED)
+        embedded += len(shown)
+        yield sections.Drawing(named.caption, shown, *map(float, named.figure.get_size_inches()))
     for path in folder.iterdir():
         if path.suffix[1:] in _KINDS and path not in written:
             path.unlink()

@@ -17,7 +17,7 @@ class Curves {
     this.lines = [];
     this.logarithmic = this.isGeometric();
     const aspect = this.plane ? { match_aspect: true } : {};
-    const made = newFigure({ x_axis_type: this.logarithmic ? 'log' : 'linear', ...aspect }, [['', '@line'], ['', '@along'], ['', '@text']], {});
+    const made = newFigure({ x_axis_type: this.logarithmic ? 'log' : 'linear', ...aspect }, [['', '@line'], ['', '@along'], ['', '@text']]);
     Object.assign(this, made);
     if (this.plane && this.view.outline) this.outline();
     this.fit();

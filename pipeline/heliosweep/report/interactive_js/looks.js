@@ -52,14 +52,19 @@ function lineLook(i, count) {
   return { color: scale[Math.round(at * (scale.length - 1))], dash: 'solid', mark: MARKS[0] };
 }
 
+// Rows of what a hovering pointer tells; Bokeh escapes the values that it fills in.
+function tip(rows) {
+  return rows.map(([name, value]) => `<div><span style="color: var(--quiet)">${name}</span> ${value}</div>`).join('');
+}
+
 // A figure with the same tools for all; the page shall scroll where a finger or a wheel moves over it.
-function newFigure(attributes, tooltips, label) {
+function newFigure(attributes, rows) {
   const figure = new Bokeh.Plotting.figure({
     tools: 'box_zoom,pan,wheel_zoom,reset,save', active_drag: touch.matches ? null : 'box_zoom', active_scroll: null,
     toolbar_location: 'above', sizing_mode: 'stretch_width', height: 420, min_border_right: 12, ...attributes,
   });
   figure.toolbar.logo = null;
-  const hover = new Bokeh.HoverTool({ tooltips, ...label });
+  const hover = new Bokeh.HoverTool({ tooltips: tip(rows) });
   figure.add_tools(hover);
   dress(figure);
   return { figure, hover };

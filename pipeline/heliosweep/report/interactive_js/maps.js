@@ -9,8 +9,8 @@ class Coloured {
     this.open();
   }
 
-  async show(attributes, tooltips, hover) {
-    const made = newFigure({ match_aspect: true, ...attributes }, tooltips, hover);
+  async show(attributes, rows) {
+    const made = newFigure({ match_aspect: true, ...attributes }, rows);
     this.figure = made.figure;
     this.figure.toolbar.tools.find((tool) => tool.type === 'BoxZoomTool').match_aspect = true;
     this.draw();
