@@ -118,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
 
     export = command("export", _export, "write a Zarr result as one NetCDF file, or a result as CSV; prints its path")
     export.add_argument("source", metavar="DIR", help="result folder, or its result.zarr")
-    export.add_argument("-o", "--output", metavar="FILE.nc", help="file to write (default: result.nc beside it)")
+    export.add_argument("-o", "--output", metavar="FILE.nc", help="file to write (default: export.nc beside it)")
     export.add_argument("--compression", choices=("none", "zlib"), default="none", help="of time series")
     export.add_argument("--force", action="store_true", help="replace a file that is there")
     export.add_argument("--csv", metavar="FILE.csv", help="write variables as a table instead, a row for each point")
@@ -242,7 +242,8 @@ def _asked(options: argparse.Namespace) -> dict[str, Any]:
     from heliosweep.config.translate import translate
 
     texts = {name: getattr(options, name) for name in ("scheduler", "workers", "memory")}
-    given = {name: scalar(text) for name, text in texts.items() if text is not None}
+    values = {name: scalar(text) for name, text in texts.items() if text is not None}
+    given = {name: texts[name] if value is None else value for name, value in values.items()}  # none is asked for null
     try:
         asked = Profile.model_validate(given)
     except ValidationError as error:

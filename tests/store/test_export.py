@@ -14,6 +14,7 @@ from heliosweep.store import zarr_result
 from heliosweep.store.digest import content_digest, file_digest
 from heliosweep.store.encoding import Variable
 from heliosweep.store.export import export
+from heliosweep.store.raw import locate
 from tests.store.samples import COORDINATES, write_netcdf, write_zarr
 
 
@@ -23,7 +24,8 @@ def test_the_bytes_of_a_netcdf_run(tmp_path, level, stored):
     expected = write_netcdf(tmp_path / "expected.nc", level)
     source = write_zarr(tmp_path / "result.zarr", stored, backwards=True)
     done = export(tmp_path, compression="zlib" if level else "none", level=level)
-    assert done == tmp_path / "result.nc"
+    assert done == tmp_path / "export.nc"
+    assert locate(tmp_path) == source
     assert file_digest(done) == file_digest(expected)
     assert content_digest(source) == content_digest(expected)
 

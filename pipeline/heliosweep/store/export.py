@@ -17,6 +17,8 @@ from heliosweep.store.netcdf import ResultWriter
 
 #: Attributes that the writer makes anew.
 _MADE = {"_FillValue", "coordinates"}
+#: Name of the file: not that of a result, for the folder holds one, and its manifest names it.
+DEFAULT = "export.nc"
 
 
 def export(
@@ -34,7 +36,7 @@ def export(
     source : path
         Result folder or its ``result.zarr``.
     target : path, optional
-        NetCDF file to write; ``result.nc`` beside the Zarr group where left out. Appears whole or not at all.
+        NetCDF file to write; ``export.nc`` beside the Zarr group where left out. Appears whole or not at all.
     compression : {"none", "zlib"}
         Of time series, as in a study's ``output:`` block.
     level : int
@@ -59,7 +61,7 @@ def export(
         place = place / "result.zarr"
     if not raw_results.is_zarr(place):
         raise StudyError(Problem("is no Zarr result, nor a folder with one; nothing to export", file=str(source)))
-    file = Path(target) if target is not None else place.with_suffix(".nc")
+    file = Path(target) if target is not None else place.with_name(DEFAULT)
     if file.is_dir():
         raise StudyError(Problem("is a folder; name a file", file=str(file)))
     if file.exists() and not force:
