@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from docutils import nodes
@@ -10,7 +11,9 @@ from sphinx.application import Sphinx
 
 
 def _tex(node: nodes.Element) -> str:
-    return node.astext().replace("°", r"^{\circ}")
+    """Return the formula with thin spaces about functions, which not every browser sets by itself."""
+    text = re.sub(r"\\(arcsin|sin|cos|max)(\^\d)?\s*(?=([({\\])?)", r"\\,\\\1\2\\,", node.astext())
+    return text.replace("°", r"^{\circ}")
 
 
 def _inline(translator: Any, node: nodes.math) -> None:

@@ -188,22 +188,26 @@ def _samples(study: type[Block], key: Key) -> bool:
 def table(study: type[Study], keys: list[Key]) -> str:
     """Return the keys as a table in Markdown, each with an anchor."""
     family = study.family_name()
-    lines = ["| key | what | value | unit | default | swept |", "|---|---|---|---|---|---|"]
+    lines = ["| key | what | value | default | swept |", "|---|---|---|---|---|"]
     for key in keys:
         anchor = f"{family}-{key.name}".replace("[]", "-each").replace(".", "-")
         default = key.default or ("**needed**" if key.required else "")
-        value = _cell(key.value)
+        value = _cell(key.value) + (f" **{key.unit}**" if key.unit and key.unit != "B" else "")
         swept = ("instants" if _samples(study, key) else "yes") if key.swept else ""
-        cells = [f"[`{key.name}`]{{#{anchor}}}", _meaning(key), value, key.unit, default, swept]
+        cells = [f"[`{key.name}`]{{#{anchor}}}", _meaning(key), value, default, swept]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 class StudyKeys(SphinxDirective):
-    """`{study-keys} FAMILY` with `:only:` or `:without:` top-level keys."""
+    """`{study-keys} FAMILY` with `:only:` or `:without:` top-level keys, and the `:level:` of headings."""
 
     required_arguments = 1
-    option_spec: ClassVar = {"only": directives.unchanged, "without": directives.unchanged}
+    option_spec: ClassVar = {
+        "only": directives.unchanged,
+        "without": directives.unchanged,
+        "level": directives.positive_int,
+    }
 
     def run(self) -> list[nodes.Node]:
         """Return a table for the keys at the top and one for each block."""
@@ -211,13 +215,16 @@ class StudyKeys(SphinxDirective):
 
         study = families()[self.arguments[0]].study_class()
         only, without = self.options.get("only", "").split(), self.options.get("without", "").split()
-        found = [
-            key
-            for key in keys_of(json_schema(study))
-            if (top := re.split(r"[.\[]", key.name)[0]) not in without and (not only or top in only)
-        ]
-        text = table(study, found)
-        return self.parse_text_to_nodes(text)
+        level = "#" * self.options.get("level", 2)
+        found: dict[str, list[Key]] = {}
+        for key in keys_of(json_schema(study)):
+            top = re.split(r"[.\[]", key.name)[0]
+            if top not in without and (not only or top in only):
+                found.setdefault(top, []).append(key)
+        alone = [keys[0] for keys in found.values() if len(keys) == 1]
+        texts = [table(study, alone)] if alone else []
+        texts += [f"{level} `{top}`\n\n{table(study, keys)}" for top, keys in found.items() if len(keys) > 1]
+        return self.parse_text_to_nodes("\n\n".join(texts), allow_section_headings=True)
 
 
 class StudyExample(SphinxDirective):
