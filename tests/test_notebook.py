@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +38,7 @@ def test_a_study_in_python_is_that_of_the_file(tmp_path):
     listed = heliosweep.study("field_efficiency", **blocks(site={"latitude": np.arange(0, 61, 15)}))
     assert listed.study_id == made.study_id
     path = heliosweep.save(made, tmp_path / "study.yaml")
+    assert path.read_text() == made.to_yaml(tmp_path)
     again = heliosweep.load(path)
     assert again.study_id == made.study_id
     assert again == made
@@ -90,6 +93,14 @@ def test_build_is_lazy_and_shows_itself(result):
     one = result["field_optical_efficiency"].sel(latitude=20, tracking="azimuth_elevation").compute()
     assert 0.5 < float(one) < 1
     assert "plot.map()" in repr(result.heliosweep)
+
+
+@pytest.mark.parametrize("order", ["import xarray, heliosweep", "import heliosweep, xarray; heliosweep.build"])
+def test_the_accessor_comes_with_the_import(order):
+    last = "import heliosweep.accessor; " if order.endswith("build") else ""
+    code = f"{order}; {last}print(repr(xarray.Dataset(attrs={{'title': 'mine'}}).heliosweep))"
+    told = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.startswith("<heliosweep: mine; study, figures()")
 
 
 def test_study_of_a_result(result, tmp_path):

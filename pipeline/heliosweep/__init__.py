@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +60,15 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULES.get(name, 'workflow')}"), name)
+
+
+def _accessor(dataset: Any) -> Any:
+    return import_module(f"{__name__}.accessor").HeliosweepAccessor(dataset)
+
+
+if "xarray" in sys.modules and not hasattr(sys.modules["xarray"].Dataset, "heliosweep"):
+    # Who has xarray already gets the accessor at once; importing it for that would be slow.
+    sys.modules["xarray"].register_dataset_accessor("heliosweep")(_accessor)
 
 
 def __dir__() -> list[str]:

@@ -1,6 +1,6 @@
 """What a notebook asks of a result: ``result.heliosweep``, and the same as functions.
 
-Importing this module registers the accessor with xarray; `build` and `open_result` do.
+`build`, `open_result` and importing heliosweep after xarray register the accessor.
 """
 
 from __future__ import annotations
@@ -169,7 +169,6 @@ class Plots:
         return plot_curve(self._result, variable, along, **select)
 
 
-@xr.register_dataset_accessor("heliosweep")
 class HeliosweepAccessor:
     """What heliosweep knows of a result: figures, tables, comparison, study.
 
@@ -230,3 +229,7 @@ def _family(result: xr.Dataset) -> Family[Any]:
     if name not in families():
         raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
     return families()[name]
+
+
+if not hasattr(xr.Dataset, "heliosweep"):
+    xr.register_dataset_accessor("heliosweep")(HeliosweepAccessor)

@@ -105,6 +105,17 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}
 
 
+def test_zarr_results(small, tmp_path):
+    stored = run(small(output={"format": "zarr"}), tmp_path / "out", report=False)
+    with stored.open() as result:
+        path = write_csv(result, tmp_path / "r.csv", "optical_efficiency")
+        frame = to_frame(result, "optical_efficiency", units=True)
+    pd.testing.assert_frame_equal(pd.read_csv(path), frame, check_dtype=False, check_exact=True)
+    np.testing.assert_array_equal(
+        frame["optical_efficiency"], to_frame(build(small()), "optical_efficiency")["optical_efficiency"]
+    )
+
+
 def test_nothing_is_left_of_a_failed_write(small, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise OSError(28, "No space left on device")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,36 @@ def test_templates_have_one_size(tmp_path):
     with pytest.raises(StudyError, match=r"heliostat 1 of template 0 has a mirror of another size"):
         write_solarpilot(Layout(np.array([0.0, 9.0]), np.array([9.0, 9.0]), np.zeros(2), sides), tmp_path / "field.csv")
     assert not list(tmp_path.iterdir())
+
+
+tokens = st.sampled_from(
+    [
+        "0",
+        "1",
+        "-2.5",
+        "1e3",
+        "NULL",
+        "",
+        "x",
+        "Template",
+        "Loc. X",
+        "Pos-y",
+        "template 0: 3 m x 4 m",
+        "DNI",
+        "nan",
+        '"',
+        "#",
+    ]
+)
+lines = st.lists(st.lists(tokens, max_size=13), max_size=6)
+
+
+@given(rows=lines, separator=st.sampled_from([",", "\t", ", "]))
+def test_anything_else_is_told_in_words(tmp_path_factory, rows, separator):
+    path = tmp_path_factory.mktemp("any") / "field.csv"
+    path.write_text("\n".join(separator.join(row) for row in rows))
+    with contextlib.suppress(StudyError):
+        assert len(read_csv(path)) > 0
 
 
 lengths = st.floats(-1e5, 1e5).map(lambda value: value + 0.0)

@@ -133,6 +133,10 @@ class Study(Block):
         """Return what the result depends on as plain data, files by their contents: see `identity.canonical`."""
         return identity.canonical(self)
 
+    def to_yaml(self, relative_to: pathlib.Path | None = None) -> str:
+        """Return the study as the text of a study file, all defaults written out: see `identity.resolved_yaml`."""
+        return identity.resolved_yaml(self, relative_to)
+
     @property
     def study_id(self) -> str:
         """Twelve hexadecimal digits that stand for :meth:`canonical`."""

@@ -110,6 +110,8 @@ def _nowhere(path: tuple[str | int, ...]) -> dict[str, Any]:
 
 def _head(file: Path) -> str:
     """Return the first two lines. Raises OSError, and ValueError for what cannot be a name."""
+    if not file.is_file():  # reading a pipe would wait
+        raise FileNotFoundError
     with file.open("rb") as stream:
         data = stream.read(_HEAD)
     try:
