@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any
 
 import yaml
@@ -45,18 +45,20 @@ def placed(study: Study) -> dict[str, str]:
         A file is missing, or has a name that not every system can have.
     """
     places: dict[str, str] = {}
-    taken: dict[str, Path] = {}
+    taken: dict[str, str] = {}
     for key, names in study.files().items():
         for name in names:
-            path = study.resolve(name).resolve()
-            if not path.is_file():
-                raise HeliosweepError(f"{key}: there is no such file: {path}; an archive needs all inputs")
-            places.setdefault(name, _place(PurePath(name).name, path, taken, key))
+            if not study.resolve(name).is_file():
+                raise HeliosweepError(
+                    f"{key}: there is no such file: {study.resolve(name)}; an archive needs all inputs"
+                )
+            places[name] = _place(name, taken, key)
     return places
 
 
-def _place(name: str, path: Path, taken: dict[str, Path], key: str) -> str:
-    """A free place below the folder of inputs; the same one for the same file."""
+def _place(given: str, taken: dict[str, str], key: str) -> str:
+    """A free place below the folder of inputs; the same one for the same name."""
+    name = PurePath(given).name
     if _UNSAFE.search(name) or not name.isprintable():
         raise HeliosweepError(
             f"{key}: {name!r} is no name that every system can have; rename the file and run the study again"
@@ -64,8 +66,7 @@ def _place(name: str, path: Path, taken: dict[str, Path], key: str) -> str:
     number = 1
     while True:
         place = f"{FOLDER}/{name}" if number == 1 else f"{FOLDER}/{number}/{name}"
-        found = taken.setdefault(place.casefold(), path)
-        if found == path:
+        if taken.setdefault(place.casefold(), given) == given:
             return place
         number += 1
 
