@@ -10,11 +10,12 @@ import pytest
 import xarray as xr
 
 from heliosweep.families.registry import families
+from heliosweep.report import payload
 from heliosweep.report.interactive import digest, interactive, policy, script_json
 from heliosweep.report.page import write_report
 from heliosweep.report.payload import PAGE_VALUES, shares, thinned, view_payload, wanted
 from heliosweep.report.views import View, default_views, usable
-from tests.report.synthetic import BOTH, result
+from tests.report.synthetic import BOTH, result, with_series
 
 EVIL = "</script><!-- \u2028\u2029 <script>alert(1)</script> & ]]>"
 
@@ -117,6 +118,31 @@ def test_small_wishes_are_granted():
     assert shares([10, 1000, 400, 10], 620) == [10, 300, 300, 10]
     assert shares([10, 20], 100) == [10, 20]
     assert sum(shares([10**9] * 7, PAGE_VALUES)) <= PAGE_VALUES
+
+
+def test_large_arrays_are_read_in_parts(monkeypatch):
+    data = xr.Dataset({"a": (("one", "mode", "hour"), np.arange(600.0).reshape(1, 6, 100))}, {"hour": np.arange(100.0)})
+    view = View("curves", "", ("a",), ("hour",))
+    whole = view_payload(data, view, 200)
+    monkeypatch.setattr(payload, "WHOLE", 50)
+    assert view_payload(data.chunk({"hour": 7}), view, 200) == whole
+
+
+def test_layouts_of_a_sweep_stand_where_each_has_its_heliostats():
+    data = result({"layout": ["a.csv", "b.csv"]}, heliostats=8).drop_vars(["x", "y"])
+    places = np.arange(16.0).reshape(2, 8)
+    data = data.assign_coords(x=(("layout", "heliostat"), places), y=(("layout", "heliostat"), -places))
+    (view,) = usable(data, [View("field", "", ("optical_efficiency",), ("heliostat",))])
+    assert numbers(view_payload(data, view), "place_x").to_numpy() == pytest.approx(places)
+    assert usable(data, [View("field", "", ("field_optical_efficiency",), ("heliostat",))]) == []
+
+
+def test_instants_are_told_by_what_runs_along_them():
+    labels = {"day": ("time", [81, 172]), "hour": ("time", [9.5, 12.0], {"units": "h"})}
+    data = with_series(result({"tracking": BOTH}, heliostats=9), labels)
+    found = usable(data, declared("field_efficiency", data))
+    assert [view.kind for view in found] == ["field", "field"]
+    assert view_payload(data, found[1])["dims"]["time"]["texts"] == ["day 81, hour 9.5 h", "day 172, hour 12 h"]
 
 
 def test_missing_and_infinite_values_have_one_pattern_of_bits():

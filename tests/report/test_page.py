@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from heliosweep.cli import main
 from heliosweep.errors import StudyError
 from heliosweep.families.registry import Table
 from heliosweep.report import sections
@@ -168,6 +169,16 @@ def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
         "notes.txt",
         *(f"{name}.{kind}" for name in ("field_maps", "difference_maps") for kind in ("png", "svg")),
     }
+
+
+def test_command_writes_the_formats_that_are_asked_for(folder, capsys):
+    assert main(["report", str(folder), "--format", "png, SVG,pdf"]) == 0
+    assert capsys.readouterr().out.strip() == str(folder / "report.html")
+    assert {path.suffix for path in (folder / "figures").iterdir()} == {".png", ".svg", ".pdf"}
+    with pytest.raises(SystemExit) as stop:
+        main(["report", str(folder), "--format", "gif"])
+    assert stop.value.code == 2
+    assert "png, svg, pdf" in capsys.readouterr().err
 
 
 def test_a_bare_result_is_enough(tmp_path):

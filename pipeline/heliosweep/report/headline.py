@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.report.labels import DEGREE, is_flag, printed, title_of, unit_of
+from heliosweep.report.payload import WHOLE
 from heliosweep.report.sections import number_texts
 
 
@@ -29,7 +30,7 @@ def headline(result: xr.Dataset, names: Sequence[str]) -> str:
     numbers = [array for array in result.data_vars.values() if array.dtype.kind in "fiu" and not is_flag(array)]
     known = [result[name] for name in names if name in result.data_vars]
     array = next(iter(known), min(numbers, key=lambda array: array.ndim, default=None))
-    if array is None:
+    if array is None or array.size > WHOLE:
         return ""
     values = np.asarray(printed(array), dtype=float)
     values = values[np.isfinite(values)]

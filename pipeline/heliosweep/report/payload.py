@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import axis_label, is_fraction, title_of, unit_of, value_text
+from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, title_of, unit_of, value_text
 from heliosweep.report.selection import evenly
 from heliosweep.report.views import HELIOSTAT, View, is_ordered, position
 
@@ -28,7 +28,7 @@ SHORT = 24
 STEP = 0.75
 
 #: Arrays up to so many numbers are read whole: reading scattered ones takes longer.
-WHOLE = 20_000_000
+WHOLE = 8_000_000
 
 #: Mirrors without known sides: part of the land that each has; and least part of the field that is seen.
 PACKING, SEEN = 0.55, 1 / 250
@@ -122,7 +122,7 @@ def thinned(result: xr.Dataset, view: View, names: Sequence[str], budget: int) -
         return sum(math.prod(counts[str(dim)] for dim in result[name].dims) for name in names)
 
     while total() > budget:
-        numbers = [dim for dim in counts if dim != HELIOSTAT and is_ordered(result, dim)]
+        numbers = [dim for dim in counts if dim != HELIOSTAT and (dim not in result.coords or is_ordered(result, dim))]
         long = [dim for dim in numbers if sizes[dim] > SHORT and counts[dim] > LEAST[0]]
         longest = max(long or [dim for dim in numbers if counts[dim] > LEAST[1]], key=counts.__getitem__, default="")
         if longest:
@@ -153,12 +153,23 @@ def _kept(size: int, count: int, even: bool) -> np.ndarray:
 def _array(array: xr.DataArray, kept: Kept) -> dict[str, Any]:
     """Dimensions, lengths and numbers of one quantity, without dimensions of length one."""
     chosen = {str(dim): kept[str(dim)] for dim in array.dims if str(dim) in kept}
-    if array.size <= WHOLE:
-        array = array.load()
-    part = array.isel({dim: index for dim, index in chosen.items() if index.size < array.sizes[dim]})
+    part = _read(array, {dim: index for dim, index in chosen.items() if index.size < array.sizes[dim]})
     part = part.squeeze([dim for dim in part.dims if part.sizes[dim] == 1 and dim != HELIOSTAT], drop=True)
     values = part.to_numpy().astype(float)
     return _encoded(part.dims, values * 100 if is_fraction(array) else values)
+
+
+def _read(array: xr.DataArray, chosen: Kept) -> xr.DataArray:
+    """Chosen part of an array: in one go, or one after the other along the first dimensions where it is large.
+
+    Scattered values of several dimensions at once would each be a reading of its own.
+    """
+    first = next((str(dim) for dim in array.dims if array.sizes[dim] > 1), "")
+    if array.size <= WHOLE or not first:
+        return array.compute().isel(chosen)
+    rest = {dim: index for dim, index in chosen.items() if dim != first}
+    places = chosen.get(first, np.arange(array.sizes[first]))
+    return xr.concat([_read(array.isel({first: [int(i)]}), rest) for i in places], first)
 
 
 def _encoded(dims: Sequence[Any], values: np.ndarray) -> dict[str, Any]:
@@ -175,9 +186,8 @@ def _encoded(dims: Sequence[Any], values: np.ndarray) -> dict[str, Any]:
 def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]:
     """Name, values and words of one dimension."""
     if dim not in result.coords:
-        return {"title": dim.replace("_", " "), "label": dim.replace("_", " "), "kind": "word", "values": None} | {
-            "texts": [str(index + 1) for index in kept]
-        }
+        title = dim.replace("_", " ")
+        return {"title": title, "label": title, "kind": "word", "values": None, "texts": _labels(result, dim, kept)}
     coordinate = result[dim].isel({dim: kept})
     values = coordinate.to_numpy()
     kind = "date" if values.dtype.kind == "M" else "number" if values.dtype.kind in "fiu" else "word"
@@ -195,10 +205,17 @@ def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]
         "title": re.split("[:,]", title_of(coordinate))[0],
         "label": axis_label(coordinate).split(":")[0],
         "kind": kind,
-        "ordered": is_ordered(result, dim),
         "values": numbers,
         "texts": texts,
     }
+
+
+def _labels(result: xr.Dataset, dim: str, kept: np.ndarray) -> list[str]:
+    """Words for a dimension without coordinate: those that run along it, as day and hour do, else numbers."""
+    along = [coordinate for coordinate in result.coords.values() if coordinate.dims == (dim,)]
+    if not along:
+        return [str(index + 1) for index in kept]
+    return [", ".join(coordinate_text(one.isel({dim: int(i)})) for one in along) for i in kept]
 
 
 def _word(value: xr.DataArray) -> str:

@@ -39,14 +39,14 @@ def views(result: xr.Dataset) -> Iterator[View]:
         "Spots on the receiver's plane",
         list(across),
         along,
-        (HELIOSTAT, *words),
+        ("axis", HELIOSTAT, *words),
         start=_TYPICAL,
         against=across,
         outline=aperture(result),
         caption="As someone in the field sees the receiver. Dashed: the aperture. At first the view shows the "
         "surroundings of the aperture; points farther off come with the tool that moves the plane.",
     )
-    yield View("curves", "Curves", names, (*along, "spot"), (*words, HELIOSTAT), start=_TYPICAL)
+    yield View("curves", "Curves", names, (*along, "spot"), ("axis", *words, HELIOSTAT), start=_TYPICAL)
     yield View(
         "curves",
         "Errors of the mount",

@@ -119,7 +119,7 @@ class Field extends Coloured {
   table() {
     const { x, y, name, text: values } = this.source.data;
     const rows = Array.from(x, (_, i) => [name[i], text(Math.round(x[i] * 10) / 10), text(Math.round(y[i] * 10) / 10), values[i]]);
-    return { head: ['heliostat', 'east (m)', 'north (m)', this.switches.label], rows };
+    return { head: ['heliostat', 'east (m)', 'north (m)', this.switches.label], rows: rows.filter((_, i) => Number.isFinite(x[i])) };
   }
 
   dress() {
