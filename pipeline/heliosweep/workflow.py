@@ -268,30 +268,43 @@ def run(
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
     == "__main__":``. Where another process runs the same study, this one waits for it.
     """
-    from heliosweep.runtime.run import Run, made
+    from heliosweep.runtime.folder import check_contents, made
+    from heliosweep.runtime.run import Run
     from heliosweep.runtime.signals import uninterrupted
     from heliosweep.store.claim import claimed
 
-    study = _loaded(study)
-    study = study.model_copy(update={"execution": study.execution.resolved()})
-    folder = result_folder(study, output)
-    planned = plan(study, folder)
+    asked = _loaded(study)
+    asked = asked.model_copy(update={"execution": asked.execution.resolved()})
+    folder = result_folder(asked, output)
+    page = folder / "report.html"
+
+    def prepared() -> Run:
+        return Run(family_of(asked), asked, folder, lambda: plan(asked, folder))
+
+    now = prepared()
+    # A result that is there needs no disk, no memory, no cluster and no right to write.
+    if not force and (not report or page.exists()) and (found := now.complete()):
+        log.info("%s is complete already; --force computes it anew", found)
+        return Result(found, {})
     if output is None:
-        _say_what_changed(study, folder)
+        _say_what_changed(asked, folder)
+    check_contents(folder, asked, force)
     with made(folder), claimed(folder):
-        now = Run(family_of(study), study, planned, folder)
+        before, now = now, prepared()  # another run may have been at work
+        if before.inputs.study_id != now.inputs.study_id:
+            raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
         try:
             if report:
-                _check_published(study)
+                _check_published(asked)
             path = now.result(force=force, progress=progress)
-            if report and (now.seconds or not (folder / "report.html").exists()):
+            if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
-                    _report(folder, study)
+                    _report(folder, asked)
         except BaseException as error:
             with uninterrupted():
                 now.tidy()
             if isinstance(error, KeyboardInterrupt):
-                raise RunInterrupted(f"interrupted: {now.left()}; run the same command again to go on") from None
+                raise RunInterrupted(f"interrupted: {now.left()}") from None
             raise
     return Result(path, now.seconds)
 

@@ -7,11 +7,11 @@ import os
 import pytest
 
 from heliosweep import workflow
-from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.errors import HeliosweepError
 from heliosweep.grid.slabs import Part
 from heliosweep.runtime.execute import place
+from heliosweep.runtime.folder import made
 from heliosweep.runtime.inputs import Inputs
-from heliosweep.runtime.run import made
 
 
 def test_a_folder_that_stays_empty_goes(tmp_path):
@@ -27,12 +27,6 @@ def test_what_came_into_it_stays(tmp_path):
     with pytest.raises(FileExistsError), made(tmp_path / "a/b"):
         [(tmp_path / "a/b/working").mkdir() for _ in range(2)]
     assert (tmp_path / "a/b/working").is_dir()
-
-
-def test_a_folder_in_the_place_of_the_result(tmp_path):
-    (tmp_path / "result.nc").mkdir()
-    with pytest.raises(StudyError, match="is a folder, where the result shall stand"), made(tmp_path):
-        pass
 
 
 def test_words_for_the_place_of_a_part(small):

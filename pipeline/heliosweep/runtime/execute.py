@@ -17,7 +17,7 @@ from heliosweep.grid.slabs import Part
 from heliosweep.runtime.engines import engine
 from heliosweep.runtime.inputs import Inputs
 from heliosweep.runtime.progress import Silent, show_progress
-from heliosweep.runtime.signals import TidyStack
+from heliosweep.runtime.signals import TidyStack, raise_if_interrupted
 from heliosweep.runtime.work import TRIES, Work
 from heliosweep.store.attributes import global_attributes
 from heliosweep.store.encoding import Variable
@@ -42,8 +42,13 @@ def skeleton_of(family: Family[Any], study: Study, plan: Plan) -> Skeleton:
         for name, array in first.data_vars.items()
     }
     coordinates = family.coordinates(study)
-    attributes = {**global_attributes(study, family.title, family.references), **coordinates.attrs}
-    return Skeleton(plan.workload.sizes, coordinates, variables, attributes)
+    return Skeleton(plan.workload.sizes, coordinates, variables, attributes_of(family, study, coordinates))
+
+
+def attributes_of(family: Family[Any], study: Study, coordinates: xr.Dataset | None = None) -> dict[str, Any]:
+    """Global attributes of a study's result; `coordinates` are those of the family, where they are at hand."""
+    coordinates = family.coordinates(study) if coordinates is None else coordinates
+    return {**global_attributes(study, family.title, family.references), **coordinates.attrs}
 
 
 def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, inputs: Inputs, show: bool) -> None:
@@ -83,6 +88,7 @@ def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, 
         started = stack.enter_context(engine(study.execution, plan, progress))
         pending: Future[None] | None = None
         for outcome in started.run(_works(family, study, plan, missing)):
+            raise_if_interrupted()
             if pending:
                 pending.result()
             if outcome.values is None:

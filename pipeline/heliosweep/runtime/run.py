@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.registry import Family
 from heliosweep.grid.plan import Plan
-from heliosweep.runtime.execute import execute, skeleton_of
+from heliosweep.runtime.execute import attributes_of, execute, skeleton_of
 from heliosweep.runtime.inputs import Inputs
 from heliosweep.store import working
 from heliosweep.store.contents import read_parts
@@ -25,10 +26,14 @@ from heliosweep.store.manifest import environment, write_atomically, write_manif
 from heliosweep.store.open_result import open_result
 from heliosweep.store.publish import publish
 from heliosweep.store.skeleton import Skeleton
-from heliosweep.store.temporary import remove_leftovers, temporary_name
+from heliosweep.store.temporary import sync
 from heliosweep.store.working import WorkingStore
 
 log = logging.getLogger("heliosweep")
+
+#: What of an identity numbers depend on, and all that the bytes of a result depend on.
+_NUMBERS = ("study", "code")
+_ASPECTS = (*_NUMBERS, "output", "attributes")
 
 
 class Run:
@@ -40,10 +45,10 @@ class Run:
         Of the study.
     study : Study
         Checked study.
-    plan : Plan
-        Its plan.
     folder : pathlib.Path
         Result folder, claimed by this run.
+    planned : callable
+        Makes the plan, where one is needed.
 
     Attributes
     ----------
@@ -55,13 +60,18 @@ class Run:
         What is computed so far.
     """
 
-    def __init__(self, family: Family[Any], study: Study, plan: Plan, folder: Path) -> None:
-        self.family, self.study, self.plan, self.folder = family, study, plan, folder
+    def __init__(self, family: Family[Any], study: Study, folder: Path, planned: Callable[[], Plan]) -> None:
+        self.family, self.study, self.folder = family, study, folder
+        self._planned = planned
         self.inputs = Inputs(study)
         self.seconds: dict[str, float] = {}
         self.stage = "prepare"
         self.store: WorkingStore | None = None
-        self._skeleton: Skeleton | None = None
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The plan of the study."""
+        return self._planned()
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -71,12 +81,15 @@ class Run:
         self.seconds[stage] = time.perf_counter() - start
         log.debug("%s: %.2f s", stage, self.seconds[stage])
 
-    @property
+    @cached_property
     def skeleton(self) -> Skeleton:
         """Everything of the result but its values."""
-        if self._skeleton is None:
-            self._skeleton = skeleton_of(self.family, self.study, self.plan)
-        return self._skeleton
+        return skeleton_of(self.family, self.study, self.plan)
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """What the result belongs to."""
+        return identity_of(self.study, attributes_of(self.family, self.study))
 
     def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result in the folder, from what is there and what is computed now.
@@ -93,13 +106,13 @@ class Run:
         pathlib.Path
             The result, with its manifest and resolved study beside it.
         """
-        identity = identity_of(self.study, self.skeleton.attributes)
-        earlier = None if force else self._earlier(identity)
-        if earlier and not any(earlier.changes(identity, key) for key in ("output", "attributes")):
-            log.info("%s is complete already; --force computes it anew", earlier.path)
-            self._clear(identity)
-            return earlier.path
-        self.store = self._store(identity, force)
+        earlier = None
+        if not force:
+            if found := self.complete():
+                self._clear()
+                return found
+            earlier = self._earlier()
+        self.store = self._store(force)
         if earlier:
             self._take_over(earlier)
         if len(self.store.journal.done) < self.plan.part_count:
@@ -110,33 +123,56 @@ class Run:
         with self.timed("publish"):
             path = publish(self.store, self.skeleton, self.plan, self.study.output, self.folder)
         with self.timed("record"):
-            self._record(path, identity, dict(self.store.journal.done))
+            self._record(path)
             self.store.remove()
         return path
 
+    def complete(self) -> Path | None:
+        """The result, where the folder holds just what this run would leave and no run goes on that makes it anew."""
+        earlier = Finished.find(self.folder)
+        if earlier is None or self._unfinished().get("forced") or not earlier.is_whole():
+            return None
+        return None if any(earlier.changes(self.identity, key) for key in _ASPECTS) else earlier.path
+
     def left(self) -> str:
-        """What a run that ends now leaves, in words."""
+        """What a run that ends now leaves, and how to go on, in words."""
+        again = "run the same command again to go on"
         if self.stage == "report":
-            return "the result is whole, but its report is not"
+            return f"the result is whole, but its report is not; {again}"
         if not (self.folder / working.NAME).exists():
-            return "nothing was computed yet"
+            return f"nothing was computed yet; {again}"
         if self.store is None:
-            return f"the parts that were done are kept in {self.folder}"
-        return f"{len(self.store.journal.done):,} of {self.plan.part_count:,} parts are done and kept in {self.folder}"
+            return f"the parts that were done are kept in {self.folder}; {again}"
+        done = f"{len(self.store.journal.done):,} of {self.plan.part_count:,} parts are done and kept in {self.folder}"
+        return f"{done}; {again}" + (", without --force" if self.store.identity.get("forced") else "")
 
     def tidy(self) -> None:
         """Remove the working store where nothing came into it."""
         if self.store and not self.store.journal.done and not self.store.journal.failed:
             self.store.remove()
 
-    def _earlier(self, identity: dict[str, Any]) -> Finished | None:
-        """The finished result in the folder, where its numbers are those of this study."""
-        earlier = Finished.find(self.folder)
-        if earlier is None:
+    def _unfinished(self) -> dict[str, Any]:
+        """What the parts in the folder belong to, where they are of this study; else nothing."""
+        with suppress(HeliosweepError):
+            found = working.read_identity(self.folder / working.NAME)
+            if not any(listed(found.get(key), self.identity[key]) for key in _NUMBERS):
+                return found
+        return {}
+
+    def _earlier(self) -> Finished | None:
+        """The finished result in the folder, where its numbers are those of this study and nobody makes it anew."""
+        earlier, unfinished = Finished.find(self.folder), self._unfinished()
+        if earlier is None or unfinished.get("forced"):
             return None
-        if differences := earlier.changes(identity, "study"):
-            log.warning("replaces the result of another study: %s", differences)
-        elif differences := earlier.changes(identity, "code"):
+        if differences := earlier.changes(self.identity, "study"):
+            raise StudyError(
+                Problem(
+                    f"holds the result of another study ({differences}); --force replaces it, --output names another "
+                    "folder",
+                    file=str(self.folder),
+                )
+            )
+        if differences := earlier.changes(self.identity, "code"):
             log.warning("computed anew, for it was computed with other code: %s", differences)
         elif not earlier.is_whole():
             log.warning("%s is not what was written (damaged?); computed anew", earlier.path)
@@ -144,7 +180,7 @@ class Run:
             return earlier
         return None
 
-    def _store(self, identity: dict[str, Any], force: bool) -> WorkingStore:
+    def _store(self, force: bool) -> WorkingStore:
         """The working store of the folder, with what earlier runs have computed; or a new one."""
         place = self.folder / working.NAME
         if force:
@@ -152,32 +188,28 @@ class Run:
         if not place.exists():
             output = self.study.output
             compression: Any = output.compression if output.format == "zarr" else "none"
-            said = {**identity, "parts": self.plan.part_count}
+            said = {**self.identity, "parts": self.plan.part_count, "forced": force}
             return WorkingStore.create(place, said, self.skeleton, self.plan.cut, compression, output.compression_level)
-        self._refuse_to_mix(working.read_identity(place), identity, place)
+        self._refuse_to_mix(working.read_identity(place), place)
         store = WorkingStore(place)
+        log.info(
+            "goes on: %d of %d parts are done, and are checked first", len(store.journal.done), self.plan.part_count
+        )
         damaged = store.drop_damaged(self.plan.parts())
         if damaged:
             log.warning("%d parts were damaged on the disk and are computed anew: %s", len(damaged), damaged[0].name)
-        log.info("goes on: %d of %d parts are done", len(store.journal.done), self.plan.part_count)
         return store
 
-    def _clear(self, identity: dict[str, Any]) -> None:
+    def _clear(self) -> None:
         """Remove what a run has left that was killed when its result was complete, but not the parts of another."""
-        place = self.folder / working.NAME
-        with suppress(HeliosweepError):
-            if place.exists() and working.read_identity(place).get("study_id") == identity["study_id"]:
-                working.remove(place)
+        if self._unfinished():
+            working.remove(self.folder / working.NAME)
 
-    def _refuse_to_mix(self, found: dict[str, Any], identity: dict[str, Any], place: Path) -> None:
-        found["cut"], identity = dict(found["cut"]), {**identity, "cut": self.plan.cut}
-        for key, what in (
-            ("study", "another study"),
-            ("code", "other code"),
-            ("output", "another output"),
-            ("cut", "another cut"),
-        ):
-            if differences := listed(found.get(key), identity[key]):
+    def _refuse_to_mix(self, found: dict[str, Any], place: Path) -> None:
+        now = {**self.identity, "cut": self.plan.cut, "variables": list(self.skeleton.variables)}
+        kinds = {"study": "another study", "code": "other code", "variables": "other variables", "cut": "another cut"}
+        for key, what in kinds.items():
+            if differences := listed(found.get(key), now[key]):
                 raise HeliosweepError(
                     f"{place}: holds parts of a run with {what} ({differences}), and parts of two are never "
                     "mixed: --force removes them and starts anew, --output names another folder"
@@ -191,11 +223,12 @@ class Run:
             if values is not None and part.name not in self.store.journal.done:
                 self.store.commit(part, values)
 
-    def _record(self, path: Path, identity: dict[str, Any], digests: dict[str, str]) -> None:
-        """Write the manifest and the resolved study."""
+    def _record(self, path: Path) -> None:
+        """Write the manifest and the resolved study, for good."""
         from heliosweep.config.identity import resolved_yaml
 
-        study, plan, folder = self.study, self.plan, self.folder
+        assert self.store is not None
+        study, plan, folder, digests = self.study, self.plan, self.folder, dict(self.store.journal.done)
         write_atomically(folder / "study.resolved.yaml", resolved_yaml(study, relative_to=folder))
         with open_result(path) as data:
             remarks = list(self.family.remarks(data))
@@ -205,7 +238,7 @@ class Run:
             folder / "manifest.json",
             {
                 "study_id": study.study_id,
-                "identity": identity,
+                "identity": self.identity,
                 "study_file": str(study.source.path),
                 "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                 "result": {
@@ -231,6 +264,7 @@ class Run:
                 "environment": environment(),
             },
         )
+        sync(folder)
 
 
 def prepare_kernels(family: Family[Any], study: Study) -> None:
@@ -254,36 +288,3 @@ def prepare_kernels(family: Family[Any], study: Study) -> None:
         )
     elif fresh:
         log.warning("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
-
-
-@contextmanager
-def made(folder: Path) -> Iterator[None]:
-    """Make the result folder and try it out; where nothing comes into it, remove what was made.
-
-    Raises
-    ------
-    StudyError
-        Where it cannot be written.
-    """
-    created: list[Path] = []
-    try:
-        try:
-            for place in (*reversed(folder.parents), folder):
-                if not place.is_dir():
-                    place.mkdir(exist_ok=True)
-                    created.append(place)
-            probe = temporary_name(folder / "result.nc")
-            probe.touch()
-            probe.unlink()
-            remove_leftovers(folder)
-        except OSError as error:
-            problem = f"cannot write there: {error.strerror}; name another folder with --output"
-            raise StudyError(Problem(problem, file=str(folder))) from None
-        if (folder / "result.nc").is_dir():
-            raise StudyError(Problem("is a folder, where the result shall stand", file=str(folder / "result.nc")))
-        yield
-    except BaseException:
-        for place in reversed(created):
-            with suppress(OSError):  # something is in it
-                place.rmdir()
-        raise

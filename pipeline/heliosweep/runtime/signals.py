@@ -12,6 +12,9 @@ from typing import NoReturn
 #: Ctrl-C, a polite kill, and a terminal that is closed.
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
+#: That a signal has asked to stop.
+_asked = threading.Event()
+
 
 @contextmanager
 def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
@@ -36,6 +39,7 @@ def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[Non
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Let every signal that stops a run raise KeyboardInterrupt while the context lasts."""
+    _asked.clear()
     with _handled(_interrupt):
         yield
 
@@ -48,7 +52,14 @@ def ignore_interruptions() -> None:
 
 
 def _interrupt(*_: object) -> NoReturn:
+    _asked.set()
     raise KeyboardInterrupt
+
+
+def raise_if_interrupted() -> None:
+    """Raise KeyboardInterrupt where one was asked for; some libraries swallow the one that was raised in them."""
+    if _asked.is_set() and threading.current_thread() is threading.main_thread():
+        raise KeyboardInterrupt
 
 
 @contextmanager

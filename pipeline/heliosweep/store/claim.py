@@ -23,7 +23,7 @@ else:  # pragma: no cover
 log = logging.getLogger("heliosweep")
 
 #: The claimed file of a result folder.
-NAME = ".lock"
+NAME = ".heliosweep.lock"
 #: How often to look whether a claimed folder is free again, and after how long to say that one waits. [s]
 _LOOK, _PATIENCE = 0.2, 0.5
 #: File systems without locks answer so.

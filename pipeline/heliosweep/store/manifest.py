@@ -12,7 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from heliosweep.store.temporary import temporary_name
+from heliosweep.store.temporary import sync, temporary_name
 
 #: Files of a result folder that describe its ``result.nc``, and go when another one takes its place.
 DESCRIPTIONS = ("manifest.json", "study.resolved.yaml", "report.html", "comparison.csv")
@@ -50,10 +50,11 @@ def _commit() -> str | None:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a text file so that it is there whole or not at all; what is no text is written as an escape."""
+    """Write a text file so that it is there whole or not at all, for good; what is no text is written as an escape."""
     temporary = temporary_name(path)
     try:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+        sync(temporary)
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

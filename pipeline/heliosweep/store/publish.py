@@ -16,8 +16,8 @@ from heliosweep.store.manifest import DESCRIPTIONS
 from heliosweep.store.netcdf import ResultWriter
 from heliosweep.store.raw import RESULTS
 from heliosweep.store.skeleton import Skeleton
-from heliosweep.store.temporary import remove, temporary_name
-from heliosweep.store.working import WorkingStore, sync, writing
+from heliosweep.store.temporary import remove, sync, temporary_name
+from heliosweep.store.working import WorkingStore, writing
 
 
 def publish(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output, folder: Path) -> Path:
@@ -51,9 +51,10 @@ def publish(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: Output,
         _publish_zarr(store, skeleton, plan, output, path)
     else:
         _publish_netcdf(store, skeleton, plan, output, path)
-    for other in (folder / name for name in RESULTS if folder / name != path):
-        with writing(other):
+    with writing(folder):
+        for other in (folder / name for name in RESULTS if folder / name != path):
             remove_result(other)
+        sync(folder)
     return path
 
 
@@ -77,21 +78,24 @@ def _publish_zarr(store: WorkingStore, skeleton: Skeleton, plan: Plan, output: O
     with writing(path), _removed(temporary):
         compression: Any = output.compression
         skeleton.create_zarr(temporary, plan.cut, compression, output.compression_level)
-        for part in plan.parts():
-            store.read(part)  # or else it is damaged: nobody reads the chunks that are linked
-        for name in skeleton.variables:
-            for chunk in (store.values / name).iterdir():
-                if chunk.name.replace(".", "").isdecimal():  # not what a killed run has begun to write
-                    _link(chunk, temporary / name / chunk.name)
+        if store.holds(compression, output.compression_level):
+            for part in plan.parts():
+                store.read(part)  # or else it is damaged: nobody reads the chunks that are linked
+            for name in skeleton.variables:
+                for chunk in (store.values / name).iterdir():
+                    if chunk.name.replace(".", "").isdecimal():  # not what a killed run has begun to write
+                        _link(chunk, temporary / name / chunk.name)
+        else:
+            arrays = zarr_result.arrays(temporary)
+            for part in plan.parts():
+                store.write_to(arrays, part)
         zarr_result.finish(temporary)
-        for place in temporary.rglob("*"):
-            if place.is_dir() or place.name.startswith("."):  # chunks are on the disk since they were stored
-                sync(place)
+        for place in (*temporary.rglob("*"), temporary):
+            sync(place)
         for name in DESCRIPTIONS:
             path.with_name(name).unlink(missing_ok=True)
         remove_result(path)
         temporary.rename(path)
-        sync(path.parent)
 
 
 def remove_result(path: Path) -> None:

@@ -29,6 +29,17 @@ def remove_leftovers(folder: Path) -> None:
             remove(path)
 
 
+def sync(path: Path) -> None:
+    """Wait until a file or folder is on the disk."""
+    if os.name != "posix" and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def remove(path: Path) -> None:
     """Remove a file, or a folder with all that is in it; nothing where it is gone."""
     if path.is_dir() and not path.is_symlink():

@@ -11,7 +11,6 @@ its store of local files is not meant for two writers at a time.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -29,6 +28,7 @@ from heliosweep.store.digest import file_digest, part_digest
 from heliosweep.store.encoding import numbers
 from heliosweep.store.journal import Journal
 from heliosweep.store.skeleton import Skeleton
+from heliosweep.store.temporary import sync
 
 #: Folder of an unfinished study in its result folder.
 NAME = "working"
@@ -110,12 +110,13 @@ class WorkingStore:
                     "format": FORMAT,
                     "variables": list(skeleton.variables),
                     "metadata": metadata,
+                    "compression": _codec(compression, level),
                     "cut": cut,
                     **identity,
                 }
                 text = json.dumps(said, indent=2, sort_keys=True, ensure_ascii=False)
                 (unfinished / "study.json").write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
-                for place in unfinished.rglob("*"):
+                for place in (*unfinished.rglob("*"), unfinished):
                     sync(place)
                 unfinished.rename(folder)
                 sync(folder.parent)
@@ -124,6 +125,10 @@ class WorkingStore:
                     temporary.discard(place)
                 raise
         return cls(folder)
+
+    def holds(self, compression: str, level: int) -> bool:
+        """Whether the values are compressed in this way."""
+        return self.identity.get("compression") == _codec(compression, level)
 
     @property
     def values(self) -> Path:
@@ -150,6 +155,11 @@ class WorkingStore:
             for name in encoded:
                 sync(self.values / name)
             self._write(part, sha256=part_digest(encoded))
+
+    def write_to(self, arrays: Mapping[str, Any], part: Part) -> None:
+        """Write a part that is done to other arrays of the same shape."""
+        for name, values in self.read(part).items():
+            arrays[name][self._index(name, part)] = values
 
     def fail(self, part: Part, why: str) -> None:
         """Note that a part failed."""
@@ -221,6 +231,10 @@ class WorkingStore:
         self.journal.write(part.name, **said, seconds=round(seconds, 6))
 
 
+def _codec(compression: str, level: int) -> str:
+    return compression if compression == "none" else f"{compression} {level}"
+
+
 def read_identity(folder: Path) -> dict[str, Any]:
     """What the parts of a working store belong to.
 
@@ -263,14 +277,3 @@ def writing(path: Path) -> Iterator[None]:
         free = shutil.disk_usage(path if path.exists() else path.parent).free
         cause = "disk full" if free < _FULL else error.strerror or error
         raise HeliosweepError(f"{path}: cannot be written: {cause} ({human_bytes(free)} free)") from error
-
-
-def sync(path: Path) -> None:
-    """Wait until a file or folder is on the disk."""
-    if os.name != "posix" and path.is_dir():
-        return
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
