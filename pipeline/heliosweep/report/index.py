@@ -110,17 +110,16 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
 
 def entries(outputs: Path) -> list[Entry]:
     """What is told of each study, the latest first."""
-    from heliosweep.runtime.status import result_folders
-
-    found = sorted(map(_entry, result_folders(outputs)), key=lambda one: one.folder)
+    folders = sorted(path for path in outputs.iterdir() if path.is_dir())
+    found = [one for one in map(_entry, folders) if one.state != "not run"]
     return sorted(found, key=lambda one: one.finished, reverse=True)
 
 
 def _entry(folder: Path) -> Entry:
-    from heliosweep.runtime.status import status_of
+    from heliosweep.workflow import status as status_of
 
     try:
-        status = status_of(folder)
+        (status,) = status_of(folder)
         state, detail = status.state, status.detail
     except (HeliosweepError, OSError, ValueError, KeyError, TypeError) as error:
         state, detail = "damaged", str(error)
