@@ -122,7 +122,7 @@ def _shell(block: CodeBlock) -> str:
     """Run commands of ours and return what they print."""
     printed, code = "", 0
     for line in block.text.splitlines():
-        words = shlex.split(line, comments=True)
+        words = [word for given in shlex.split(line, comments=True) for word in _expanded(given)]
         if not words:
             continue
         assert Path(words[0]).name == "heliosweep", f"{block}: {line}: only heliosweep is run; say why it is not"
@@ -143,6 +143,11 @@ def _shell(block: CodeBlock) -> str:
         expected = int(block.said) if block.mark == "exit" else 0
         assert code == expected, f"{block}: {line}: {printed}"
     return printed
+
+
+def _expanded(word: str) -> list[str]:
+    """Return the files that a pattern means, as a shell does."""
+    return sorted(map(str, Path().glob(word))) if "*" in word else [word]
 
 
 def _is_like(printed: str, block: CodeBlock) -> None:

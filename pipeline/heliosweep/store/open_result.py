@@ -12,6 +12,9 @@ from heliosweep.store.raw import locate
 if TYPE_CHECKING:
     import xarray as xr
 
+#: How NetCDF files begin: those on HDF5, and the older ones.
+_SIGNATURES = (b"\x89HDF", b"CDF")
+
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a result; safe also while other threads run studies.
@@ -36,12 +39,10 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
         from heliosweep.store.zarr_result import open_zarr
 
         return open_zarr(place)
+    with place.open("rb") as file:  # the library says other things of what is none, one time or another
+        if not file.read(8).startswith(_SIGNATURES):
+            raise StudyError(Problem("is no result; name a result folder", file=str(place)))
     import xarray as xr
 
     with LIBRARY_LOCK:
-        try:
-            return xr.open_dataset(place, engine="netcdf4", lock=LIBRARY_LOCK)
-        except OSError as error:
-            if "Unknown file format" not in str(error):
-                raise
-            raise StudyError(Problem("is no result; name a result folder", file=str(place))) from None
+        return xr.open_dataset(place, engine="netcdf4", lock=LIBRARY_LOCK)
