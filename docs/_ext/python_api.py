@@ -32,6 +32,8 @@ class PythonApi(SphinxDirective):
                 lines.append("")
         if not kinds["autoclass"]:
             lines += [".. autoclass:: heliosweep.workflow.Result", "   :members:", ""]
+        for name in ("HeliosweepAccessor", "Plots"):
+            lines += [f".. autoclass:: heliosweep.accessor.{name}", "   :members:", ""]
         lines.append("```")
         return self.parse_text_to_nodes(StringList(lines, source="python-api"))
 

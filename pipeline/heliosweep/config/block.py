@@ -24,6 +24,12 @@ class Block(BaseModel):
         """Yield what is wrong between the keys of this block; runs when each of them is right by itself."""
         return ()
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse to change a key, in words: a study is what it was when it was checked."""
+        if name in type(self).model_fields:
+            raise AttributeError(f"{name}: a study does not change; make another one, with heliosweep.study or load")
+        super().__setattr__(name, value)
+
     @model_validator(mode="after")
     def _keep_rules(self) -> Self:
         if faults := list(self.rules()):
