@@ -222,7 +222,7 @@ class StudyKeys(SphinxDirective):
             if top not in without and (not only or top in only):
                 found.setdefault(top, []).append(key)
         alone = [keys[0] for keys in found.values() if len(keys) == 1]
-        texts = [table(study, alone)] if alone else []
+        texts = [f"{level} At the top\n\n{table(study, alone)}"] if alone else []
         texts += [f"{level} `{top}`\n\n{table(study, keys)}" for top, keys in found.items() if len(keys) > 1]
         return self.parse_text_to_nodes("\n\n".join(texts), allow_section_headings=True)
 
