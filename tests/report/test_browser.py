@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from heliosweep import workflow
+from heliosweep.families.registry import families
 from heliosweep.report.index import write_index
 from heliosweep.report.page import write_report
 from tests.report.browser import BINARY, Browser
@@ -174,6 +176,9 @@ def test_a_button_hides_a_line(browser, pages):
     browser.run("document.querySelectorAll('#view-2 .keys button')[1].click()")
     assert not browser.run(path)
     assert browser.run("document.querySelectorAll('#view-2 .keys button')[1].getAttribute('aria-pressed')") == "false"
+    browser.run("document.querySelectorAll('#view-2 .keys button')[0].click()")
+    assert "no value" in browser.run("document.querySelector('#view-2 .said').textContent")
+    assert browser.errors == []
 
 
 def test_plots_follow_the_scheme_without_a_reload(browser, pages):
@@ -268,3 +273,43 @@ def test_list_of_all_studies(browser, pages):
     links = browser.run("[...document.querySelectorAll('a')].map((one) => one.href)")
     assert sorted(links) == sorted(page.as_uri() for page in pages.values())
     assert EVIL in browser.run("document.querySelector('main').textContent")
+
+
+def test_a_plot_can_be_saved(browser, pages, tmp_path):
+    opened(browser, pages["field"])
+    browser.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    browser.run("void heliosweep.plots['view-1'].figure.toolbar.tools.find((one) => one.type === 'SaveTool').do.emit()")
+    for _ in range(100):
+        browser.run("new Promise((done) => setTimeout(done, 100))")
+        if found := list(tmp_path.glob("*.png")):
+            break
+    assert found[0].read_bytes().startswith(b"\x89PNG")
+    assert browser.errors == []
+
+
+@pytest.fixture(scope="module", params=list(families()))
+def example(request, tmp_path_factory):
+    """Page of a family's example."""
+    folder = tmp_path_factory.mktemp("example")
+    (folder / "study.yaml").write_text(families()[request.param].example(), encoding="utf-8")
+    found = workflow.run(workflow.load(folder / "study.yaml"), folder / "result")
+    return found.folder / "report.html"
+
+
+def test_every_plot_of_a_family_is_drawn_whatever_is_chosen(browser, example):
+    opened(browser, example, width=400)
+    assert browser.run("document.documentElement.scrollWidth") == 400
+    controls = browser.run("[...document.querySelectorAll('.switch select, .switch input')].map((one) => one.id)")
+    assert controls
+    for control in controls:
+        found = f"document.getElementById('{control}')"
+        if browser.run(f"{found}.type") == "range":
+            values = browser.run(f"[{found}.min, {found}.max]")
+        else:
+            values = browser.run(f"[...{found}.options].filter((one) => !one.disabled).map((one) => one.value)")
+        for value in values[-3:]:
+            choose(browser, control, value)
+    browser.run("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    browser.wait("[...document.querySelectorAll('.values')].every((one) => one.querySelector('tbody td'))")
+    assert browser.run("document.documentElement.scrollWidth") == 400
+    assert browser.errors == []

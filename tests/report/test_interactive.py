@@ -120,6 +120,17 @@ def test_small_wishes_are_granted():
     assert sum(shares([10**9] * 7, PAGE_VALUES)) <= PAGE_VALUES
 
 
+def test_quantities_without_any_value_are_left_out():
+    data = xr.Dataset(
+        {name: ("hour", [end, end, end]) for name, end in (("a", np.nan), ("b", 1.0))}, {"hour": [1, 2, 3]}
+    )
+    view = View("curves", "", ("a", "b"), ("hour",))
+    assert [one["name"] for one in view_payload(data, view)["quantities"]] == ["b"]
+    assert [one["name"] for one in view_payload(data[["a"]], View("curves", "", ("a",), ("hour",)))["quantities"]] == [
+        "a"
+    ]
+
+
 def test_large_arrays_are_read_in_parts(monkeypatch):
     data = xr.Dataset({"a": (("one", "mode", "hour"), np.arange(600.0).reshape(1, 6, 100))}, {"hour": np.arange(100.0)})
     view = View("curves", "", ("a",), ("hour",))

@@ -55,6 +55,8 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
     """
     kept, names = thinned(result, view, _names(view), budget)
     arrays = {name: _array(result[name], kept) for name in names}
+    names = [name for name in names if arrays[name]["told"]] or names
+    arrays = {name: arrays[name] for name in names}
     quantities = [
         {
             "name": name,
@@ -179,6 +181,7 @@ def _encoded(dims: Sequence[Any], values: np.ndarray) -> dict[str, Any]:
     return {
         "dims": list(map(str, dims)),
         "shape": list(data.shape),
+        "told": bool(np.isfinite(data).any()),
         "data": base64.b64encode(data.tobytes()).decode("ascii"),
     }
 

@@ -19,6 +19,9 @@ class Curves {
     const aspect = this.plane ? { match_aspect: true } : {};
     const made = newFigure({ x_axis_type: this.logarithmic ? 'log' : 'linear', ...aspect }, [['', '@line'], ['', '@along'], ['', '@text']]);
     Object.assign(this, made);
+    // Where nothing has a value, axes need something to stand on.
+    this.nothing = new Bokeh.ColumnDataSource({ data: { x: [], y: [] } });
+    this.figure.scatter({ field: 'x' }, { field: 'y' }, { source: this.nothing, fill_color: null, line_color: null });
     if (this.plane && this.view.outline) this.outline();
     this.fit();
     this.update();
@@ -102,6 +105,8 @@ class Curves {
     this.axes(dim);
     this.legend(names, switches.lines);
     const found = extent(all);
+    const ends = extent(this.plane ? [0, 1] : values);
+    this.nothing.data = found ? { x: [], y: [] } : { x: [ends.low, ends.high], y: [0, 1] };
     const range = found ? `${text(found.low, unit)} to ${text(found.high, unit)}` : 'no value';
     this.said = [switches.place_text, range].filter(Boolean).join(': ');
   }

@@ -85,6 +85,7 @@ function folded(label, room) {
 // Show the figure of a plot in its place, which then moves and zooms by keys as well.
 function show(plot) {
   const { place, figure } = plot;
+  figure.toolbar.tools.find((tool) => tool.type === 'SaveTool').filename = plot.view.title;
   if (!plot.watched) {
     plot.watched = new ResizeObserver(() => plot.fit());
     plot.watched.observe(place);
