@@ -39,7 +39,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     _print_anything()
-    options = _parser().parse_args(arguments)
+    given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
+    if not given:
+        parser.print_help(sys.stderr)
+        return 2
+    options = parser.parse_args(given)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
     try:

@@ -69,3 +69,8 @@ def test_a_path_in_place_of_a_study(field: Path) -> None:
     assert heliosweep.build(field).sizes["latitude"] == 2
     with pytest.raises(heliosweep.StudyError, match=r"did you mean my_field\.yaml"):
         heliosweep.run("my_field")
+
+
+def test_the_name_alone_says_what_it_can_do(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert "validate" in capsys.readouterr().err
