@@ -145,4 +145,9 @@ def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
         attrs["units"] = CF_UNITS.get(declaration.standard_name) or CF_UNITS.get(unit, unit)
     if declaration.standard_name:
         attrs["standard_name"] = declaration.standard_name
+    else:
+        # Of names, what each means; the unit of numbers stands in an attribute of its own.
+        meaning = declaration.description if unit else declaration.purpose
+        if meaning.casefold() != attrs["long_name"].casefold():
+            attrs["comment"] = meaning[:1].lower() + meaning[1:]
     return attrs

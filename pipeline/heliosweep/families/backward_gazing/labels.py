@@ -71,7 +71,7 @@ def coordinates(study: BackwardGazingStudy, select: Mapping[str, slice] | None =
         if grid.has(f"{block}.azimuth"):
             world = (180.0 - grid.parameter(f"{block}.azimuth")) % 360.0
             name = f"{block}_world_azimuth"
-            labels[name] = world.assign_attrs(COORDINATES[name])
+            labels[name] = world.drop_attrs().assign_attrs(COORDINATES[name])
     labels |= {
         "method": _named("method", np.array(study.method, dtype=object)),
         "referential": _named("referential", np.array(study.referential, dtype=object)),

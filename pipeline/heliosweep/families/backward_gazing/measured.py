@@ -91,7 +91,7 @@ def coordinates(study: BackwardGazingStudy, select: Mapping[str, slice] | None =
     for name in ("sun", "target"):
         if f"{name}_azimuth" in said:
             world = (180.0 - said[f"{name}_azimuth"]) % 360.0
-            said[f"{name}_world_azimuth"] = world.assign_attrs(common.COORDINATES[f"{name}_world_azimuth"])
+            said[f"{name}_world_azimuth"] = world.drop_attrs().assign_attrs(common.COORDINATES[f"{name}_world_azimuth"])
     return found.assign_coords(said).assign_attrs(
         image_files=", ".join(PurePath(entry.file).name for entry in study.images or ()),
         white_levels=" ".join(seen.white_from),
