@@ -126,7 +126,10 @@ def _drawable(result: xr.Dataset, view: View, name: str) -> bool:
 
 def _placed(result: xr.Dataset, array: xr.DataArray) -> bool:
     """Whether it is told where heliostats stand, for all the points of a quantity."""
-    return all(name in result.coords and set(result[name].dims) <= set(array.dims) for name in "xy")
+    return all(
+        name in result.coords and HELIOSTAT in result[name].dims and set(result[name].dims) <= set(array.dims)
+        for name in "xy"
+    )
 
 
 def shown(result: xr.Dataset) -> list[str]:

@@ -56,9 +56,11 @@ class Curves {
   line(i) {
     while (this.lines.length <= i) {
       const source = new Bokeh.ColumnDataSource({ data: { x: [], y: [], line: [], along: [], text: [] } });
-      const path = this.figure.line({ field: 'x' }, { field: 'y' }, { source, line_width: 1.8 });
+      // Of its own: a line is not drawn while a point of its source is pointed at.
+      const whole = new Bokeh.ColumnDataSource({ data: { x: [], y: [] } });
+      const path = this.figure.line({ field: 'x' }, { field: 'y' }, { source: whole, line_width: 1.8 });
       const marks = this.figure.scatter({ field: 'x' }, { field: 'y' }, { source, size: 6 });
-      this.lines.push({ source, path, marks });
+      this.lines.push({ source, whole, path, marks });
     }
     return this.lines[i];
   }
@@ -82,7 +84,7 @@ class Curves {
     const unit = switches.shown.unit;
     const all = [];
     names.forEach((name, i) => {
-      const { source, path, marks } = this.line(i);
+      const { source, whole, path, marks } = this.line(i);
       const at = switches.lines ? { ...switches.at, [switches.lines]: i } : switches.at;
       const y = switches.values([switches.along], at);
       const x = this.plane ? slice(view.arrays[switches.shown.against], [switches.along], at) : values;
@@ -91,17 +93,19 @@ class Curves {
         line: order.map(() => name || switches.place_text || switches.shown.title), along: order.map((k) => `${dim.title} ${dim.texts[k]}`),
         text: order.map((k) => (this.plane ? `${text(x[k], unit)}, ${text(y[k], unit)}` : text(y[k], unit))),
       };
+      whole.data = { x: source.data.x, y: source.data.y };
       const shown = !this.hidden.has(name);
       const { color, dash, mark } = lineLook(i, names.length);
       path.glyph.setv({ line_color: color, line_dash: dash });
-      marks.glyph.setv({ fill_color: color, line_color: color, marker: mark });
+      const alpha = order.length <= MARKED ? 1 : 0;
+      marks.glyph.setv({ fill_color: color, line_color: color, marker: mark, fill_alpha: alpha, line_alpha: alpha });
       path.visible = shown;
-      marks.visible = shown && order.length <= MARKED;
+      marks.visible = shown;
       if (shown) all.push(...y);
     });
     this.lines.slice(names.length).forEach(({ path, marks }) => { path.visible = marks.visible = false; });
     const shown = this.lines.slice(0, names.length);
-    this.hover.renderers = shown.map(({ path, marks }) => (order.length <= MARKED ? marks : path));
+    this.hover.renderers = shown.map(({ marks }) => marks);
     this.axes(dim);
     this.legend(names, switches.lines);
     const found = extent(all);

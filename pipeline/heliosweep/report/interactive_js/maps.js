@@ -60,7 +60,7 @@ class Coloured {
     this.fill(values);
     this.bar.title = folded(switches.label, (this.place.clientWidth || 600) - 90);
     const found = extent(values);
-    const unit = switches.shown.unit;
+    const { unit } = switches;
     const range = found
       ? `${text(found.low, unit)} to ${text(found.high, unit)}, mean ${text(found.mean, unit)} of ${found.count.toLocaleString('en')} ${this.what}`
       : 'no value';
@@ -102,7 +102,7 @@ class Field extends Coloured {
 
   fill(values) {
     const { view, switches } = this;
-    const { at, shown } = switches;
+    const { at, unit } = switches;
     const count = values.length;
     const [x, y, width, height] = ['x', 'y', 'width', 'height'].map((name) => this.side(view.places[name], at, count));
     const names = view.dims[this.along[0]] ? view.dims[this.along[0]].texts : [];
@@ -111,7 +111,7 @@ class Field extends Coloured {
       angle: x.map((east, i) => (east || y[i] ? Math.atan2(-east, y[i]) : 0)),
       value: values,
       name: Array.from(values, (_, i) => names[i] || `${i}`),
-      text: Array.from(values, (value) => text(value, shown.unit)),
+      text: Array.from(values, (value) => text(value, unit)),
       place: Array.from(x, (east, i) => `${text(Math.round(east * 10) / 10)}, ${text(Math.round(y[i] * 10) / 10, 'm')}`),
     };
   }
@@ -173,7 +173,7 @@ class Raster extends Coloured {
     const chosen = some(columns.texts.length, 9);
     return {
       head: [`${rows.label} \\ ${columns.label}`, ...chosen.map((j) => columns.texts[j])],
-      rows: some(rows.texts.length, 15).map((i) => [rows.texts[i], ...chosen.map((j) => text(this.drawn[i * columns.texts.length + j], this.switches.shown.unit))]),
+      rows: some(rows.texts.length, 15).map((i) => [rows.texts[i], ...chosen.map((j) => text(this.drawn[i * columns.texts.length + j], this.switches.unit))]),
     };
   }
 }

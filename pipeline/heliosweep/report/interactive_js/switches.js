@@ -133,9 +133,14 @@ class Switches {
     }).join(', ');
   }
 
+  // A difference of percentages is in points.
+  get unit() {
+    return this.differs && this.shown.unit === '%' ? 'percentage points' : this.shown.unit;
+  }
+
   get label() {
     if (!this.differs) return this.shown.label;
-    const points = this.shown.unit === '%' ? ' (percentage points)' : this.shown.unit ? ` (${this.shown.unit})` : '';
+    const points = this.unit ? ` (${this.unit})` : '';
     return `${this.shown.title}, less that of ${this.view.dims[this.view.less].texts[+this.less]}${points}`;
   }
 }
