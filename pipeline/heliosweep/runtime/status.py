@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +11,15 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.grid.limits import human_bytes, human_seconds
 from heliosweep.store import working
 from heliosweep.store.claim import holder
-from heliosweep.store.finished import Finished
+from heliosweep.store.finished import MANIFEST, read_manifest
 from heliosweep.store.journal import Journal
-from heliosweep.store.working import read_identity
+from heliosweep.store.raw import RESULTS, is_part
+from heliosweep.store.working import part_counts, read_identity
 
 #: Failed parts that are listed.
 _LISTED = 5
+#: Of why one failed, so much is told. [characters]
+_LONG = 500
 
 
 @dataclass(frozen=True)
@@ -48,30 +52,41 @@ class Status:
 
 
 def status_of(folder: Path) -> Status:
-    """What became of the study of a result folder."""
-    running = holder(folder)
-    place = folder / working.NAME
-    if place.is_dir():
-        return _unfinished(folder, place, running)
-    finished = Finished.find(folder)
-    if finished:
-        size = human_bytes(int(finished.manifest["result"].get("bytes", 0)))
-        count = len(finished.digests)
-        detail = f"{size}, finished {finished.manifest.get('finished', 'some time ago')}"
+    """What became of the study of a result folder; damage of any kind is a state of it, and never raised."""
+    try:
+        running = holder(folder)
+        try:
+            return _status(folder, running)
+        except HeliosweepError as error:
+            if running:  # which takes away or puts there what was looked for
+                return Status(folder, "running", f"{running} is at work")
+            return Status(folder, "damaged", str(error).removeprefix(f"{folder}{os.sep}"))
+    except Exception as error:  # one bad folder must not hide the others
+        return Status(folder, "damaged", f"cannot be read: {type(error).__name__}: {error}")
+
+
+def _status(folder: Path, running: str | None) -> Status:
+    if (folder / working.NAME).is_dir():
+        return _unfinished(folder, folder / working.NAME, running)
+    if (folder / MANIFEST).exists():
+        manifest = read_manifest(folder)
+        if not (folder / manifest["result"]["file"]).exists():
+            raise HeliosweepError(f"{manifest['result']['file']}: is missing; run the study again")
+        size = human_bytes(manifest["result"].get("bytes", 0))
+        count = len(manifest["parts"]["digests"]) if manifest.get("parts") else 0
+        detail = f"{size}, finished {manifest.get('finished') or 'some time ago'}"
         return Status(folder, "running" if running else "complete", detail, count, count)
     if running:
         return Status(folder, "running", f"{running} has begun")
-    if any((folder / name).exists() for name in ("result.nc", "result.zarr")):
+    if any((folder / name).exists() for name in RESULTS):
         return Status(folder, "damaged", "a result without its manifest; run the study again, or: heliosweep verify")
     return Status(folder, "not run", "nothing is there yet")
 
 
 def _unfinished(folder: Path, place: Path, running: str | None) -> Status:
-    try:
-        total = int(read_identity(place)["parts"])
-    except (HeliosweepError, KeyError, TypeError, ValueError) as error:
-        return Status(folder, "damaged", str(error))
-    journal = Journal.read(place / "journal.jsonl")
+    counts = part_counts(place, read_identity(place))
+    journal, total = Journal.read(place / "journal.jsonl"), sum(counts.values())
+    journal.keep(lambda name: is_part(name, counts))
     done, failed = len(journal.done), dict(journal.failed)
     left = journal.seconds / (done + len(failed)) * (total - done) if done else None
     words = [f"{done:,} of {total:,} parts done"]
@@ -86,9 +101,14 @@ def _unfinished(folder: Path, place: Path, running: str | None) -> Status:
 
 def result_folders(outputs: Path) -> list[Path]:
     """Folders below `outputs` in which a study was run, or is being run."""
-    marks = ("manifest.json", working.NAME, "result.nc", "result.zarr")
-    folders = sorted(path for path in outputs.glob("*") if path.is_dir())
-    return [folder for folder in folders if any((folder / mark).exists() for mark in marks)]
+    return [folder for folder in sorted(outputs.glob("*")) if _is_result_folder(folder)]
+
+
+def _is_result_folder(folder: Path) -> bool:
+    try:
+        return folder.is_dir() and any((folder / mark).exists() for mark in (MANIFEST, working.NAME, *RESULTS))
+    except OSError:  # what may not be looked into is told of by `status_of`
+        return True
 
 
 def status_lines(statuses: Sequence[Status]) -> Iterable[str]:
@@ -99,6 +119,6 @@ def status_lines(statuses: Sequence[Status]) -> Iterable[str]:
         yield f"{name:{width}}  {status.state:{states}}  {status.detail}"
         failed = list(status.failed.items())
         for part, why in failed[:_LISTED]:
-            yield f"    failed: {part}: {why}"
+            yield f"    failed: {part}: {why if len(why) <= _LONG else f'{why[:_LONG]}...'}"
         if len(failed) > _LISTED:
             yield f"    and {len(failed) - _LISTED:,} more"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -12,14 +11,14 @@ from typing import Any
 
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.grid.limits import human_bytes
+from heliosweep.store import working
 from heliosweep.store.contents import check, check_apart, check_parts, read_part, read_parts
-from heliosweep.store.digest import file_digest, tree, tree_digest
+from heliosweep.store.digest import file_digest, foreign, tree, tree_digest
+from heliosweep.store.finished import MANIFEST, read_manifest
 from heliosweep.store.journal import Journal
-from heliosweep.store.raw import RESULTS, open_raw
+from heliosweep.store.raw import RESULTS, is_part, open_raw
 
 __all__ = ["Verification", "read_part", "read_parts", "verify"]
-
-_WORKING = "working"
 
 
 @dataclass
@@ -83,7 +82,7 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
         if not place.is_dir():
             there = "is no folder" if place.exists() else "there is no such folder"
             verification.problems.append(f"{there}; name a result folder")
-        elif (place / _WORKING).is_dir() and not (place / "manifest.json").exists():
+        elif (place / working.NAME).is_dir() and not (place / MANIFEST).exists():
             _check_unfinished(place, verification)
         else:
             _check_finished(place, verification)
@@ -94,7 +93,7 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
 
 def _check_finished(folder: Path, verification: Verification) -> None:
     problems = verification.problems
-    manifest = _manifest(folder / "manifest.json", problems)
+    manifest = _manifest(folder, problems)
     path = _result(folder, manifest, problems)
     if path is None:
         return
@@ -124,7 +123,7 @@ def _check_finished(folder: Path, verification: Verification) -> None:
         rest = "" if wrong else "; what it holds is right, so that heliosweep compare finds no difference"
         problems.append(f"{path.name}: its bytes are not those that were written (SHA-256){rest}")
     elif wrong:
-        problems.append("manifest.json: is damaged: the bytes of the result are as it says, and the content is not")
+        problems.append(f"{MANIFEST}: is damaged: the bytes of the result are as it says, and the content is not")
     if whole and not wrong:
         size = human_bytes(sum(tree(path).values()) if path.is_dir() else path.stat().st_size)
         parts = manifest.get("parts")
@@ -132,31 +131,21 @@ def _check_finished(folder: Path, verification: Verification) -> None:
         said = f", {count:,} part{'s' if count > 1 else ''} as computed" if count else ""
         verification.found.append(f"{path.name}: {size}; bytes and content as written{said}")
     _check_study(folder, manifest, verification)
-    _check_rest(folder, verification)
+    _check_rest(folder, path, verification)
 
 
-def _manifest(path: Path, problems: list[str]) -> dict[str, Any]:
+def _manifest(folder: Path, problems: list[str]) -> dict[str, Any]:
     """The manifest, or nothing of it where it is damaged."""
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-        if isinstance(manifest, dict) and isinstance(manifest.get("result"), dict):
-            return manifest
-        problems.append("manifest.json: is no manifest of a run")
-    except FileNotFoundError:
-        problems.append("manifest.json: is missing; run the study again to write it")
-    except OSError as error:
-        problems.append(f"manifest.json: cannot be read: {error.strerror}")
-    except (ValueError, RecursionError) as error:
-        problems.append(f"manifest.json: is damaged: {error}")
+        return read_manifest(folder)
+    except HeliosweepError as error:
+        problems.append(str(error))
     return {}
 
 
 def _result(folder: Path, manifest: Mapping[str, Any], problems: list[str]) -> Path | None:
     """The result that the manifest names, or else the one that is there."""
-    said = manifest.get("result", {}).get("file")
-    if said is not None and said not in RESULTS:
-        problems.append(f"manifest.json: names no result ({said!r})")
-        said = None
+    said = manifest["result"]["file"] if manifest else None
     names = [said] if said else [name for name in RESULTS if (folder / name).exists()]
     if not names or not (folder / names[0]).exists():
         problems.append(f"{said or 'result'}: is missing")
@@ -199,29 +188,30 @@ def _check_study(folder: Path, manifest: Mapping[str, Any], verification: Verifi
         verification.found.append(f"{path.name}: study {found}")
 
 
-def _check_rest(folder: Path, verification: Verification) -> None:
+def _check_rest(folder: Path, path: Path, verification: Verification) -> None:
+    if path.is_dir() and (others := foreign(path)):
+        more = f" and {len(others) - 1:,} more" if len(others) > 1 else ""
+        verification.notes.append(f"{path.name}: holds files that are none of Zarr's, and no harm: {others[0]}{more}")
     if not (folder / "report.html").is_file():
         verification.notes.append(f"there is no report.html; to draw it: heliosweep report {folder}")
-    if (folder / _WORKING).is_dir():
-        verification.notes.append(f"{_WORKING}: parts of an unfinished run are there too")
+    if (folder / working.NAME).is_dir():
+        verification.notes.append(f"{working.NAME}: parts of an unfinished run are there too")
 
 
 def _check_unfinished(folder: Path, verification: Verification) -> None:
     from heliosweep.store.claim import holder
-    from heliosweep.store.working import read_identity
 
     verification.finished = False
-    working = folder / _WORKING
+    place = folder / working.NAME
     try:
-        identity = read_identity(working)
-        journal = Journal.read(working / "journal.jsonl")
-        with open_raw(working / "values.zarr") as raw:
+        identity = working.read_identity(place)
+        counts = working.part_counts(place, identity)
+        journal = Journal.read(place / "journal.jsonl")
+        journal.keep(lambda name: is_part(name, counts))
+        with open_raw(place / "values.zarr") as raw:
             count, damaged = check_parts(raw, identity["cut"], journal.done)
     except HeliosweepError as error:
         verification.problems.append(str(error).removeprefix(f"{folder}/"))
-        return
-    except (KeyError, TypeError, AttributeError) as error:
-        verification.problems.append(f"{_WORKING}/study.json: is damaged ({type(error).__name__}: {error})")
         return
     done, failed = len(journal.done) - len(damaged), len(journal.failed)
     verification.found.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,8 @@ from heliosweep.store.encoding import numbers
 
 #: Values hashed at a time. [bytes]
 _PIECE = 16 * 2**20
+#: Files of a Zarr group besides its chunks.
+_METADATA = (".zgroup", ".zattrs", ".zmetadata", ".zarray")
 
 
 def file_digest(path: str | os.PathLike[str]) -> str:
@@ -23,7 +25,7 @@ def file_digest(path: str | os.PathLike[str]) -> str:
 
 
 def tree_digest(path: str | os.PathLike[str]) -> str:
-    """SHA-256 over the names and bytes of all files of a folder, as hexadecimal digits; their order does not count."""
+    """SHA-256 over the names and bytes of all files of a Zarr group, as hexadecimal digits; their order is nothing."""
     root = Path(path)
     digest = hashlib.sha256()
     for name, size in sorted(tree(root).items()):
@@ -35,8 +37,22 @@ def tree_digest(path: str | os.PathLike[str]) -> str:
 
 
 def tree(path: Path) -> dict[str, int]:
-    """Files of a folder and of those in it: relative name with slashes, size. [bytes]."""
-    return {file.relative_to(path).as_posix(): file.stat().st_size for file in path.rglob("*") if file.is_file()}
+    """Zarr's own files of a folder and of those in it: relative name with slashes, size. [bytes]."""
+    return {file.relative_to(path).as_posix(): file.stat().st_size for file in _files(path) if _is_own(file.name)}
+
+
+def foreign(path: Path) -> list[str]:
+    """Names of the other files in a Zarr group: of what browses folders, shares or unpacks them, and leaves its own."""
+    return sorted(file.relative_to(path).as_posix() for file in _files(path) if not _is_own(file.name))
+
+
+def _files(path: Path) -> Iterator[Path]:
+    return (file for file in path.rglob("*") if file.is_file())
+
+
+def _is_own(name: str) -> bool:
+    """Whether a file is metadata or a chunk, as ``0.3.0``."""
+    return name in _METADATA or (name.isascii() and name.replace(".", "").isdecimal())
 
 
 def part_digest(values: Mapping[str, np.ndarray]) -> str:

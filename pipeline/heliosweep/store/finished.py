@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -10,10 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.store import working
+from heliosweep.store import records, working
 from heliosweep.store.digest import file_digest, tree_digest
 from heliosweep.store.identity import listed
 from heliosweep.store.working import read_identity
+
+#: File of a result folder that says what its result is.
+MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -34,20 +36,17 @@ class Finished:
     @classmethod
     def find(cls, folder: Path) -> Finished | None:
         """The finished result of a folder; None where there is none, or one that no manifest describes."""
-        try:
-            manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-            found = cls(folder, manifest)
-            said = found.digests, found.identity, found.identity["study"], manifest["result"]["sha256"]
-            if found.path.exists() and [type(one) for one in said] == [dict, dict, dict, str]:
-                return found
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            pass
+        with suppress(HeliosweepError):
+            manifest = read_manifest(folder)
+            if manifest.get("identity") and manifest.get("parts"):
+                found = cls(folder, manifest)
+                return found if found.path.exists() else None
         return None
 
     @property
     def path(self) -> Path:
         """The result."""
-        return self.folder / Path(self.manifest["result"]["file"]).name
+        return self.folder / self.manifest["result"]["file"]
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -69,6 +68,24 @@ class Finished:
     def changes(self, identity: Mapping[str, Any], key: str) -> str:
         """What of one aspect (``study``, ``code``, ``output``, ``attributes``) is different in another identity."""
         return listed(self.identity.get(key), identity[key])
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a result folder: of the shape `records.Manifest`.
+
+    Raises
+    ------
+    HeliosweepError
+        There is none, or it is damaged; says what is wrong.
+    """
+    try:
+        return records.check(records.read_json(folder / MANIFEST), records.Manifest)
+    except FileNotFoundError:
+        raise HeliosweepError(f"{MANIFEST}: is missing; run the study again to write it") from None
+    except OSError as error:
+        raise HeliosweepError(f"{MANIFEST}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise HeliosweepError(f"{MANIFEST}: is damaged: {error}") from None
 
 
 def latest_identity(folders: Iterable[Path]) -> tuple[Path, dict[str, Any]] | None:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+#: No part takes longer. [s]
+_LONG = 1e9
 
 
 @dataclass
@@ -50,6 +54,12 @@ class Journal:
             journal._take(line)
         return journal
 
+    def keep(self, known: Callable[[str], bool]) -> None:
+        """Forget what is not of the study: names that were damaged."""
+        for said in (self.done, self.failed):
+            for name in [name for name in said if not known(name)]:
+                del said[name]
+
     def write(self, part: str, **said: Any) -> None:
         """Add a line, and come back when it is on the disk.
 
@@ -76,7 +86,7 @@ class Journal:
         try:
             said = json.loads(line)
             part, digest, seconds = str(said["part"]), said.get("sha256"), float(said.get("seconds", 0.0))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
             return
         self.done.pop(part, None)
         self.failed.pop(part, None)
@@ -84,4 +94,5 @@ class Journal:
             self.done[part] = str(digest)
         elif "failed" in said:
             self.failed[part] = str(said["failed"])
-        self.seconds += seconds
+        if 0 <= seconds < _LONG:  # not what a flipped bit has made of it
+            self.seconds += seconds

@@ -6,6 +6,7 @@ What is read may be damaged or be something else: every fault becomes a `Heliosw
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -25,6 +26,8 @@ from heliosweep.store.lock import LIBRARY_LOCK
 PIECE = 16 * 2**20
 #: Names of a result in its folder.
 RESULTS = ("result.nc", "result.zarr")
+#: Folder of an unfinished study beside them.
+WORKING = "working"
 
 Index = tuple[slice, ...]
 
@@ -165,7 +168,7 @@ def locate(path: str | os.PathLike[str]) -> Path:
         return place
     found = next((place / name for name in RESULTS if (place / name).exists()), None)
     if found is None:
-        left = "; its run is unfinished" if (place / "working").is_dir() else ""
+        left = "; its run is unfinished" if (place / WORKING).is_dir() else ""
         raise StudyError(Problem(f"holds no result{left}", file=str(place)))
     return found
 
@@ -218,6 +221,25 @@ def stored_parts(cut: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[P
                 yield Part(f"{kind}-{number:05}", kind, region)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise HeliosweepError(f"the cut into parts does not fit the result: {_said(error)}") from None
+
+
+def part_counts(cut: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, int]:
+    """Number of parts of each kind, from a cut as of `stored_parts`.
+
+    Raises
+    ------
+    KeyError
+        It does not fit the dimensions.
+    """
+    kinds = (kind for kind in ("points", "series") if kind in cut)
+    return {kind: math.prod(-(-sizes[dim] // length) for dim, length in cut[kind].items()) for kind in kinds}
+
+
+def is_part(name: str, counts: Mapping[str, int]) -> bool:
+    """Whether a part has this name, where there are so many of each kind."""
+    kind, _, number = name.partition("-")
+    known = number.isascii() and number.isdecimal() and len(number) < 20
+    return known and name == f"{kind}-{int(number):05}" and int(number) < counts.get(kind, 0)
 
 
 def _said(error: Exception) -> str:

@@ -23,7 +23,7 @@ import numpy as np
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.limits import human_bytes
 from heliosweep.grid.slabs import Part
-from heliosweep.store import temporary, zarr_result
+from heliosweep.store import raw, records, temporary, zarr_result
 from heliosweep.store.digest import file_digest, part_digest
 from heliosweep.store.encoding import numbers
 from heliosweep.store.journal import Journal
@@ -31,7 +31,7 @@ from heliosweep.store.skeleton import Skeleton
 from heliosweep.store.temporary import sync
 
 #: Folder of an unfinished study in its result folder.
-NAME = "working"
+NAME = raw.WORKING
 #: Version of this layout on disk.
 FORMAT = 1
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
@@ -241,16 +241,32 @@ def read_identity(folder: Path) -> dict[str, Any]:
     Raises
     ------
     HeliosweepError
-        Where the folder holds no working store of this version.
+        Where the folder holds no working store of this version, or one whose description is damaged.
     """
+    what = "is no working store"
     try:
-        identity = json.loads((folder / "study.json").read_text(encoding="utf-8"))
-        if identity["format"] == FORMAT:
-            return identity
-        said = f"its format is {identity['format']}, not {FORMAT}"
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        said = f"{type(error).__name__}: {error}"
-    raise HeliosweepError(f"{folder}: is no working store ({said}); --force removes it and starts anew")
+        identity = records.read_json(folder / "study.json")
+        if identity["format"] != FORMAT:
+            raise ValueError(f"its format is {identity['format']}, not {FORMAT}")
+        what = "is damaged"
+        records.check(identity, records.Store)
+        if file_digest(folder / "values.zarr" / zarr_result.CONSOLIDATED) != identity["metadata"]:
+            raise ValueError("the metadata of its values are others")
+        record = zarr_result.read_metadata(folder / "values.zarr")["heliosweep"]
+        if record["variables"] != identity["variables"]:
+            raise ValueError("the variables of its values are others")
+        if identity.get("parts") not in (None, sum(part_counts(folder, identity).values())):
+            raise ValueError("its number of parts is not that of its values")
+        return identity
+    except (OSError, ValueError, KeyError, TypeError, HeliosweepError) as error:
+        said = error if type(error) is ValueError else f"{type(error).__name__}: {error}"
+    raise HeliosweepError(f"{folder}: {what} ({said}); --force removes it and starts anew")
+
+
+def part_counts(folder: Path, identity: Mapping[str, Any]) -> dict[str, int]:
+    """Number of parts of each kind of a working store, of which `read_identity` has told what it is."""
+    sizes = dict(zarr_result.read_metadata(folder / "values.zarr")["heliosweep"]["sizes"])
+    return raw.part_counts(identity["cut"], sizes)
 
 
 def remove(folder: Path) -> None:
