@@ -104,7 +104,7 @@ def test_a_write_that_fails_says_why_and_leaves_nothing(tmp_path, monkeypatch, f
 
     path = tmp_path / "result.nc"
     monkeypatch.setattr(netcdf.ResultWriter, "_write", fail)
-    monkeypatch.setattr(netcdf.shutil, "disk_usage", lambda _: type("Usage", (), {"free": free}))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": free}))
     with (
         pytest.raises(HeliosweepError, match=f"result.nc: cannot be written: {cause}"),
         ResultWriter(path, SIZES, COORDINATES, {"mean": MEAN}, {}) as writer,

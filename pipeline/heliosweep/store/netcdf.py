@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -20,13 +19,10 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.grid.limits import human_bytes
 from heliosweep.store.encoding import Variable, encode, labels, numbers, stored
+from heliosweep.store.full import why_not_written
 from heliosweep.store.lock import LIBRARY_LOCK
 from heliosweep.store.temporary import temporary_name
-
-#: With less room than this, a write that failed did so because the disk is full. [bytes]
-_FULL = 2**20
 
 
 class ResultWriter:
@@ -177,10 +173,7 @@ class ResultWriter:
             with LIBRARY_LOCK:
                 yield
         except (OSError, RuntimeError) as error:
-            # Of a full disk the library says no more than "NetCDF: HDF error".
-            free = shutil.disk_usage(self.path.parent).free
-            cause = "disk full" if free < _FULL else getattr(error, "strerror", None) or error
-            raise HeliosweepError(f"{self.path}: cannot be written: {cause} ({human_bytes(free)} free)") from error
+            raise HeliosweepError(why_not_written(self.path, error)) from error
 
     def _close_quietly(self) -> None:
         # Closing flushes, which fails again where the disk is full.
