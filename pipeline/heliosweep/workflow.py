@@ -268,7 +268,7 @@ def run(
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
     == "__main__":``. Where another process runs the same study, this one waits for it.
     """
-    from heliosweep.runtime.folder import check_contents, made
+    from heliosweep.runtime.folder import check_contents, is_tidy, made
     from heliosweep.runtime.run import Run
     from heliosweep.runtime.signals import uninterrupted
     from heliosweep.store.claim import claimed
@@ -283,7 +283,7 @@ def run(
 
     now = prepared()
     # A result that is there needs no disk, no memory, no cluster and no right to write.
-    if not force and (not report or page.exists()) and (found := now.complete()):
+    if not force and (not report or page.exists()) and is_tidy(folder) and (found := now.complete()):
         log.info("%s is complete already; --force computes it anew", found)
         return Result(found, {})
     if output is None:

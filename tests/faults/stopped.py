@@ -49,7 +49,7 @@ class Runs:
         workflow.run(loaded, folder, report=False, **options)
         return list(self.begun)
 
-    def stop(self, study: Study | Mapping[str, Any], folder: Path, parts: int = 2) -> list[str]:
+    def stop(self, study: Study | Mapping[str, Any], folder: Path, parts: int = 2, **options: Any) -> list[str]:
         """Run a study until so many parts are done; returns their names."""
         commit, count = WorkingStore.commit, 0
 
@@ -63,7 +63,7 @@ class Runs:
         with self.monkeypatch.context() as patch:
             patch.setattr(WorkingStore, "commit", stopping)
             with pytest.raises(RunInterrupted):
-                self.run(study, folder)
+                self.run(study, folder, **options)
         done = list(Journal.read(folder / "working/journal.jsonl").done)
         assert len(done) == parts
         return done

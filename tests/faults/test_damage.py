@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from heliosweep.errors import HeliosweepError, RunInterrupted
+from heliosweep.errors import HeliosweepError, RunInterrupted, StudyError
 from heliosweep.runtime import run as runtime
 from heliosweep.runtime.verify import verify
 from heliosweep.store import publish
@@ -135,7 +135,12 @@ def test_a_damaged_result_is_computed_anew(runs, expected, tmp_path, name, damag
         with pytest.raises(HeliosweepError, match=r"s a (directory|folder)"):  # somebody made it: nothing is removed
             runs.run(STUDY, tmp_path / "out")
         path.rmdir()
-    assert runs.run(STUDY, tmp_path / "out") in ([], PARTS)
+    if name == "manifest.json" and damage != "flipped":
+        with pytest.raises(StudyError, match=r"holds .*result\.nc.* without a manifest of heliosweep; --force"):
+            runs.run(STUDY, tmp_path / "out")
+        assert runs.run(STUDY, tmp_path / "out", force=True) == PARTS
+    else:
+        assert runs.run(STUDY, tmp_path / "out") in ([], PARTS)
     assert content_of(tmp_path / "out") == expected
     assert verify(tmp_path / "out").ok
     assert not leftovers(tmp_path / "out")
@@ -148,7 +153,10 @@ def test_any_bit_of_a_manifest(runs, expected, tmp_path):  # noqa: F811
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         shutil.copytree(tmp_path / "peace", tmp_path / "out")
         flip(tmp_path / "out/manifest.json", random.randrange(len(content)), random.randrange(7))
-        runs.run(STUDY, tmp_path / "out")
+        try:
+            runs.run(STUDY, tmp_path / "out")
+        except StudyError:  # it is no manifest any more
+            runs.run(STUDY, tmp_path / "out", force=True)
         assert content_of(tmp_path / "out") == expected
 
 

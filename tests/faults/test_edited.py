@@ -91,14 +91,16 @@ def test_another_study_in_an_unfinished_folder(runs: Runs, tmp_path):  # noqa: F
     with pytest.raises(HeliosweepError, match=r"another study \(receiver\.height: 60\.0 -> 61\.0\).*--force"):
         runs.run(other, tmp_path / "out")
     assert len(runs.run(STUDY, tmp_path / "out")) == 2
-    assert len(runs.run(other, tmp_path / "out")) == 4  # one after the other
+    with pytest.raises(HeliosweepError, match=r"holds the result of another study .*--force replaces it"):
+        runs.run(other, tmp_path / "out")
+    assert len(runs.run(other, tmp_path / "out", force=True)) == 4  # one after the other
     assert not leftovers(tmp_path / "out")
 
 
 def test_unfinished_parts_of_another_study_outlive_a_look_at_a_finished_one(runs: Runs, tmp_path):  # noqa: F811
     runs.run(STUDY, tmp_path / "out")
     other = {**STUDY, "receiver": {"height": 61}}
-    runs.stop(other, tmp_path / "out")
+    runs.stop(other, tmp_path / "out", force=True)
     assert runs.run(STUDY, tmp_path / "out") == []
     assert len(runs.run(other, tmp_path / "out")) == 2
 

@@ -143,7 +143,7 @@ def test_a_manifest_never_stands_beside_another_result(small, tmp_path, monkeypa
     workflow.run(small(), tmp_path)
     monkeypatch.setattr(runtime.Run, "_record", stop)
     with pytest.raises(RunInterrupted):
-        workflow.run(small(receiver={"height": 70}), tmp_path)
+        workflow.run(small(receiver={"height": 70}), tmp_path, force=True)
     assert {path.name for path in tmp_path.iterdir()} == {"result.nc", "figures", "working"}
 
 

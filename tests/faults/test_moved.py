@@ -36,7 +36,7 @@ def test_copied_while_it_ran_with_what_was_half_written(runs: Runs, tmp_path):  
     """A copy holds the claim of a process that is not at work in it, and files with its name."""
     runs.stop(STUDY, tmp_path / "here")
     shutil.copytree(tmp_path / "here", tmp_path / "there")
-    (tmp_path / "there/.lock").write_text('{"process": 1, "host": "elsewhere"}')
+    (tmp_path / "there/.heliosweep.lock").write_text('{"process": 1, "host": "elsewhere"}')
     (tmp_path / "there/working/values.zarr/cosine_efficiency/1.1.0.0123456789abcdef.partial").touch()
     assert len(runs.run(STUDY, tmp_path / "there")) == 2
     runs.run(STUDY, tmp_path / "here")

@@ -88,13 +88,13 @@ def test_two_processes(tmp_path):
     with Nursery(tmp_path / "a") as first, Nursery(tmp_path / "b") as second:
         pid = first.start(command, setup=slow)
         _wait_for(lambda: len(done_parts(tmp_path / "out")) > 3)
-        assert json.loads((tmp_path / "out/.lock").read_text())["process"] == pid
+        assert json.loads((tmp_path / "out/.heliosweep.lock").read_text())["process"] == pid
         second.start(command)
         _wait_for(lambda: "is at work in" in second.log())
         assert second.log().startswith(f"process {pid} on ")
         second.signal(signal.SIGTERM)  # who waits can give up
         assert second.end().code == 4
-        assert (tmp_path / "out/.lock").exists()
+        assert (tmp_path / "out/.heliosweep.lock").exists()
         second.start(command)
         _wait_for(lambda: "is at work in" in second.log())
         first.signal()
@@ -113,16 +113,20 @@ def test_two_processes(tmp_path):
 
 
 def test_a_claim_of_a_dead_process_stops_nobody(small, tmp_path):
-    (tmp_path / ".lock").write_text(json.dumps({"process": 1, "host": "here"}))
+    (tmp_path / ".heliosweep.lock").write_text(json.dumps({"process": 1, "host": "here"}))
     workflow.run(small(), tmp_path, report=False)
     assert not leftovers(tmp_path)
 
 
-def test_different_studies_into_one_folder(tmp_path, caplog):
+def test_different_studies_into_one_folder(tmp_path, capsys):
     for latitude in (10, 20, 10):
         study = write_study(tmp_path, {**STUDIES["field"], "site": {"latitude": latitude}, "output": {}})
-        assert main(["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]) == 0
-    assert "replaces the result of another study: site.latitude" in caplog.text
+        command = ["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]
+        if (tmp_path / "out").exists():
+            assert main(command) == 2
+            assert "holds the result of another study (site.latitude" in capsys.readouterr().err
+            command.append("--force")
+        assert main(command) == 0
     assert not leftovers(tmp_path / "out")
 
 

@@ -32,7 +32,7 @@ def test_given_back_after_an_error(tmp_path):
 
 
 def test_a_file_that_was_left_is_no_claim(tmp_path):
-    (tmp_path / ".lock").write_text('{"process": 1, "host": "elsewhere"}')
+    (tmp_path / ".heliosweep.lock").write_text('{"process": 1, "host": "elsewhere"}')
     assert holder(tmp_path) is None
     with claimed(tmp_path):
         assert "elsewhere" not in str(holder(tmp_path))

@@ -47,6 +47,12 @@ def made(folder: Path) -> Iterator[None]:
         raise
 
 
+def is_tidy(folder: Path) -> bool:
+    """Whether no run is at work in a folder, and none that was killed has left anything but its result."""
+    names = (working.NAME, claim.NAME)
+    return not any((folder / name).exists() for name in names) and not any(folder.glob(".*.part"))
+
+
 def check_contents(folder: Path, study: Study, force: bool) -> None:
     """Make sure that a run replaces nothing in its folder that no run has left.
 
