@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.execution import QUEUES
 from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.runtime.scratch import scratch
 from heliosweep.runtime.signals import TidyStack
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def _local(workers: int, memory: int | None) -> Iterator[Any]:
 
     limit = max((memory or MEMORY_LIMIT) // workers, LEAST_MEMORY)
     with ExitStack() as stack:
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="heliosweep-", ignore_cleanup_errors=True))
+        folder = stack.enter_context(scratch())
         try:
             stack.enter_context(_forked())
             with _interruptions_blocked():

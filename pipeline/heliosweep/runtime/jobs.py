@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from heliosweep.config.execution import Job
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.runtime.connect import WORKER_SETTINGS, free_dashboard
+from heliosweep.runtime.scratch import scratch
 
 if TYPE_CHECKING:
     from heliosweep.config.blocks import Execution
@@ -65,7 +65,7 @@ def job_queue(execution: Execution, workers: int) -> Iterator[tuple[Any, Callabl
     cluster_class, job_class = _classes(execution.scheduler, refusals)
     _check_command(execution.scheduler, job_class)
     with ExitStack() as stack:
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="heliosweep-", ignore_cleanup_errors=True))
+        folder = stack.enter_context(scratch())
         local = execution.scheduler == "local-jobs"
         options = _job_options(execution.scheduler, job)
         options["local_directory"] = folder if local else "${TMPDIR:-/tmp}"  # read by the shell of the job
