@@ -86,7 +86,7 @@ def check_full_disk(crashes: Crashes, every: bool) -> None:
             assert len(outcome.errors.splitlines()) == 1, f"{what}: {outcome.errors}"
             assert before or not crashes.place.exists(), f"{what}: {list(crashes.place.rglob('*'))}"
             left = {path.name for path in crashes.place.glob("*")}
-            assert left <= {"working", "result.nc", "result.zarr", "study.resolved.yaml", "manifest.json"}, f"{what}: {left}"
+            assert left <= {"working", "manifest.json", "study.resolved.yaml", "result.nc", "result.zarr"}, (what, left)
         crashes.resume(before, what)
 
 

@@ -111,7 +111,7 @@ def test_page_is_complete_and_well_formed(folder):
     ):
         assert words in page.text
     images = page.all("img")
-    assert len(images) == len(list((folder / "figures").iterdir())) == 2
+    assert len(images) == len(list((folder / "figures").glob("[!.]*"))) == 2
     assert all(image["alt"].startswith("Figure ") for image in images)
 
 
@@ -161,11 +161,14 @@ def test_page_is_the_same_every_time(folder):
 
 def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
     (folder / "figures").mkdir()
-    (folder / "figures" / "old.png").touch()
-    (folder / "figures" / "notes.txt").touch()
+    for name in ("old.png", "holiday.png", "notes.txt"):
+        (folder / "figures" / name).touch()
+    (folder / "figures" / ".drawn").write_text("old.png\ngone.png\n../report.html\n")
     write_report(folder, vector=["svg"])
     names = {path.name for path in (folder / "figures").iterdir()}
     assert names == {
+        ".drawn",
+        "holiday.png",
         "notes.txt",
         *(f"{name}.{kind}" for name in ("field_maps", "difference_maps") for kind in ("png", "svg")),
     }
@@ -174,7 +177,7 @@ def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
 def test_command_writes_the_formats_that_are_asked_for(folder, capsys):
     assert main(["report", str(folder), "--format", "png, SVG,pdf"]) == 0
     assert capsys.readouterr().out.strip() == str(folder / "report.html")
-    assert {path.suffix for path in (folder / "figures").iterdir()} == {".png", ".svg", ".pdf"}
+    assert {path.suffix for path in (folder / "figures").glob("[!.]*")} == {".png", ".svg", ".pdf"}
     with pytest.raises(SystemExit) as stop:
         main(["report", str(folder), "--format", "gif"])
     assert stop.value.code == 2

@@ -36,8 +36,8 @@ FIGURES = "figures"
 #: Images of a page up to which they have all their pixels, and the scale of those beyond. [bytes]
 MOST_IMAGES, REDUCED = 1_200_000, 0.6
 
-#: Kinds of files in the folder of figures that are ours to replace.
-_KINDS = ("png", "svg", "pdf")
+#: Names of the figures that a report has drawn, in their folder: no other file is ours to remove.
+DRAWN = ".drawn"
 
 
 def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, vector: Sequence[str] = ()) -> Path:
@@ -129,19 +129,19 @@ def _family(result: xr.Dataset) -> Family[Any] | None:
 def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[sections.Drawing]:
     """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
     folder.mkdir(exist_ok=True)
-    written, embedded = set(), 0
+    written, embedded, before = [], 0, _text(folder / DRAWN).splitlines()
     for named in figures:
         images = {kind: image(named.figure, kind) for kind in ("png", *vector)}
         for kind, content in images.items():
             path = folder / f"{named.name}.{kind}"
             _write(path, content)
-            written.add(path)
+            written.append(path.name)
         shown = small(images["png"], 1.0 if embedded <= MOST_IMAGES else REDUCED)
         embedded += len(shown)
         yield sections.Drawing(named.caption, shown, *map(float, named.figure.get_size_inches()))
-    for path in folder.iterdir():
-        if path.suffix[1:] in _KINDS and path not in written:
-            path.unlink()
+    for name in {Path(name).name for name in before} - {"", *written}:
+        (folder / name).unlink(missing_ok=True)
+    _write(folder / DRAWN, "".join(f"{name}\n" for name in written).encode())
 
 
 def _write(path: Path, content: bytes) -> None:
