@@ -106,16 +106,15 @@ class Run:
         pathlib.Path
             The result, with its manifest and resolved study beside it.
         """
-        earlier = None
-        if not force:
-            if found := self.complete():
-                self._clear()
-                return found
-            earlier = self._earlier()
+        if not force and (found := self.complete()):
+            self._clear()
+            return found
+        parts = self.plan.part_count  # what does not fit is refused here, before anything is expanded
+        earlier = None if force else self._earlier()
         self.store = self._store(force)
         if earlier:
             self._take_over(earlier)
-        if len(self.store.journal.done) < self.plan.part_count:
+        if len(self.store.journal.done) < parts:
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
             with self.timed("compute"):
