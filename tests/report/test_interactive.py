@@ -131,6 +131,15 @@ def test_quantities_without_any_value_are_left_out():
     ]
 
 
+def test_words_of_the_program_lose_their_underscores_and_names_keep_them():
+    labels = {key: ["tilt_x", "b_c"] for key in ("parameter", "site")}
+    data = xr.Dataset({"a": (tuple(labels), np.ones((2, 2)))}, labels)
+    made = view_payload(data, View("curves", "", ("a",), ("parameter",), colours={"b c": "#000000"}))
+    assert made["dims"]["parameter"]["texts"] == ["tilt x", "b c"]
+    assert made["dims"]["site"]["texts"] == ["tilt_x", "b_c"]
+    assert made["colours"] == {"b c": "#000000"}
+
+
 def test_large_arrays_are_read_in_parts(monkeypatch):
     data = xr.Dataset({"a": (("one", "mode", "hour"), np.arange(600.0).reshape(1, 6, 100))}, {"hour": np.arange(100.0)})
     view = View("curves", "", ("a",), ("hour",))

@@ -33,6 +33,9 @@ WHOLE = 8_000_000
 #: Mirrors without known sides: part of the land that each has; and least part of the field that is seen.
 PACKING, SEEN = 0.55, 1 / 250
 
+#: Dimensions whose words a user wrote: they stay as they are.
+_NAMED = ("site", "layout", HELIOSTAT)
+
 Kept = dict[str, np.ndarray]
 
 
@@ -76,6 +79,7 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
         "lines": [dim for dim in view.lines if dim],
         "less": view.less,
         "start": {dim: _start(result, dim, value, kept[dim]) for dim, value in view.start.items() if dim in kept},
+        "colours": dict(view.colours),
         "outline": list(view.outline) if view.outline else None,
         "dims": {dim: _dimension(result, dim, index) for dim, index in kept.items()},
         "arrays": arrays,
@@ -223,6 +227,8 @@ def _labels(result: xr.Dataset, dim: str, kept: np.ndarray) -> list[str]:
 
 def _word(value: xr.DataArray) -> str:
     text = value_text(value)
+    if value.dtype.kind in "OU" and value.name not in _NAMED:
+        return text.replace("_", " ")
     return text.removesuffix("T00:00") if value.dtype.kind == "M" else text
 
 

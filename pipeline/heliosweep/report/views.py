@@ -58,6 +58,8 @@ class View:
         For planes: variable on the horizontal axis for each of `quantities`.
     outline : tuple of float, optional
         For planes: width and height of a rectangle about the origin, for instance of the aperture.
+    colours : mapping of str to str
+        Colours of lines by the words that they stand for, as in the figures beside the plot.
     caption : str
         Sentences below it.
     """
@@ -71,6 +73,7 @@ class View:
     start: Mapping[str, float | str] = field(default_factory=dict)
     against: Mapping[str, str] = field(default_factory=dict)
     outline: tuple[float, float] | None = None
+    colours: Mapping[str, str] = field(default_factory=dict)
     caption: str = ""
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import xarray as xr
 
-from heliosweep.families.backward_gazing.report_views import HOUR, METHOD, MODULE
+from heliosweep.families.backward_gazing.report_views import HOUR, METHOD, METHOD_COLOURS, MODULE, canting
 from heliosweep.report.views import HELIOSTAT, PIXELS, View, is_ordered, shown
 
 _TYPICAL: dict[str, float | str] = {METHOD: "LM", "referential": "exact", HOUR: 12.0}
@@ -35,5 +35,8 @@ def views(result: xr.Dataset) -> Iterator[View]:
     yield View("raster", "Slopes of the mirror", _PICTURES, PIXELS, less=METHOD, start=_TYPICAL)
     yield View("raster", "Images of the cameras", ("image",), PIXELS, less="sun_profile", start=_TYPICAL)
     yield View("field", "Map of the field", names, (HELIOSTAT,), less=METHOD, start=_TYPICAL)
-    yield View("curves", "Over what is swept", flat, (*swept, HOUR), (METHOD, "referential"), start=_TYPICAL)
-    yield View("curves", "Modules", flat, (MODULE,), (METHOD, "referential"), start=_TYPICAL)
+    canted = next((number for number, pair in canting(result).items() if any(pair)), 1)
+    start = {**_TYPICAL, MODULE: float(canted)}
+    lines = (METHOD, "referential")
+    yield View("curves", "Over what is swept", flat, (*swept, HOUR), lines, start=start, colours=METHOD_COLOURS)
+    yield View("curves", "Modules", flat, (MODULE,), lines, start=start, colours=METHOD_COLOURS)

@@ -48,8 +48,8 @@ _TYPICAL = {
 #: Profiles of one figure, modules of one figure, modules of a table.
 MOST_SORTS, MOST_MODULES = 2, 4
 
-_COLOURS = {"A": COLOURS[0], "O1": COLOURS[1], "O2": COLOURS[2], "LM": COLOURS[3]}
-_MARKS = dict(zip(_COLOURS, MARKERS, strict=False))
+METHOD_COLOURS = {"A": COLOURS[0], "O1": COLOURS[1], "O2": COLOURS[2], "LM": COLOURS[3]}
+_MARKS = dict(zip(METHOD_COLOURS, MARKERS, strict=False))
 _DASHES = {"none": DASHES[0], "roll": DASHES[1], "exact": DASHES[2], "": DASHES[0]}
 
 Point = dict[str, int]
@@ -81,7 +81,7 @@ class Way:
     def look(self) -> dict[str, Any]:
         """Colour and marker of the method, dashes of the referential."""
         return {
-            "color": _COLOURS.get(self.method, "#000000"),
+            "color": METHOD_COLOURS.get(self.method, "#000000"),
             "marker": _MARKS.get(self.method, "X"),
             "linestyle": _DASHES.get(self.referential, "-"),
         }

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import xarray as xr
 
-from heliosweep.families.misalignment.report_views import DAYS, HOUR, NOT_SWEPT, aperture
+from heliosweep.families.misalignment.report_views import AXES, DAYS, HOUR, NOT_SWEPT, aperture
 from heliosweep.report.views import HELIOSTAT, View, is_ordered, shown
 
 #: Spots of one kind: to the right of the aim point, above it.
@@ -19,6 +19,9 @@ _SPOTS = (
 )
 
 _TYPICAL: dict[str, float | str] = {HOUR: 12.0, "error_scale": 1.0, "axis": "elevation"}
+
+#: As in the figures.
+_COLOURS = {name: look.colour for name, look in AXES.items()}
 
 #: What most readers look for, first.
 _FIRST = ("least_tolerance", "tolerance", "hit_fraction", "day_hit_fraction", "field_hit_fraction", "residual_rms")
@@ -42,11 +45,13 @@ def views(result: xr.Dataset) -> Iterator[View]:
         ("axis", HELIOSTAT, *words),
         start=_TYPICAL,
         against=across,
+        colours=_COLOURS,
         outline=aperture(result),
         caption="As someone in the field sees the receiver. Dashed: the aperture. At first the view shows the "
         "surroundings of the aperture; points farther off come with the tool that moves the plane.",
     )
-    yield View("curves", "Curves", names, (*along, "spot"), ("axis", *words, HELIOSTAT), start=_TYPICAL)
+    lines = ("axis", *words, HELIOSTAT)
+    yield View("curves", "Curves", names, (*along, "spot"), lines, start=_TYPICAL, colours=_COLOURS)
     yield View(
         "curves",
         "Errors of the mount",

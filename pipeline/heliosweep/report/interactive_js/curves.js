@@ -95,7 +95,7 @@ class Curves {
       };
       whole.data = { x: source.data.x, y: source.data.y };
       const shown = !this.hidden.has(name);
-      const { color, dash, mark } = lineLook(i, names.length);
+      const { color, dash, mark } = this.look(i, names);
       path.glyph.setv({ line_color: color, line_dash: dash });
       const alpha = order.length <= MARKED ? 1 : 0;
       marks.glyph.setv({ fill_color: color, line_color: color, marker: mark, fill_alpha: alpha, line_alpha: alpha });
@@ -113,6 +113,11 @@ class Curves {
     this.nothing.data = found ? { x: [], y: [] } : { x: [ends.low, ends.high], y: [0, 1] };
     const range = found ? `${text(found.low, unit)} to ${text(found.high, unit)}` : 'no value';
     this.said = [switches.place_text, range].filter(Boolean).join(': ');
+  }
+
+  look(i, names) {
+    const { colours: known } = this.view;
+    return lineLook(i, names.length, Object.hasOwn(known, names[i]) && known[names[i]]);
   }
 
   axes(dim) {
@@ -146,7 +151,7 @@ class Curves {
     this.told = told.join('\n') + dark.matches;
     const about = make('span', { class: 'about-lines' }, dim ? `${this.view.dims[dim].title}:` : '');
     this.keys.replaceChildren(about, ...told.map((name, i) => {
-      const { color, dash } = lineLook(i, names.length);
+      const { color, dash } = this.look(i, names);
       const style = `border-top: 3px ${dash === 'solid' ? 'solid' : 'dashed'} ${color}`;
       const swatch = make('span', { class: 'swatch', 'aria-hidden': 'true' });
       swatch.style.cssText = style;

@@ -40,9 +40,10 @@ function dressBar(bar) {
   });
 }
 
-// Colour of a line among so many: those of the figures for a few, a scale for many.
-function lineLook(i, count) {
+// Colour of a line among so many: the one that is known for its name, else those of the figures for a few, a scale for many.
+function lineLook(i, count, known) {
   const few = data.palettes.lines;
+  if (known) return { color: known, dash: DASHES[i % DASHES.length], mark: MARKS[i % MARKS.length] };
   if (count <= few.length + 1) {
     return { color: i < few.length ? few[i] : colours().ink, dash: DASHES[i % DASHES.length], mark: MARKS[i % MARKS.length] };
   }
