@@ -1,0 +1,286 @@
+"""What a run has written of itself, edited or damaged: right results or a message, and never anything else."""
+
+from __future__ import annotations
+
+import copy
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from heliosweep import workflow
+from heliosweep.errors import HeliosweepError
+from heliosweep.runtime.status import result_folders, status_lines, status_of
+from heliosweep.runtime.verify import verify
+from heliosweep.store.finished import Finished
+from heliosweep.store.journal import Journal
+from tests.faults.kills import content_of
+from tests.faults.stopped import STUDY, Runs, runs  # noqa: F401
+from tests.store.samples import write_folder
+
+ZARR = {**STUDY, "output": {"format": "zarr"}}
+MANIFEST, STORE, JOURNAL = "manifest.json", "working/study.json", "working/journal.jsonl"
+DEEP = "[" * 100_000
+#: What stands in the place of something else.
+VALUES: list[Any] = [
+    None, True, False, 0, 1, -1, 5, 2**63, 10**400, -(10**30), 1.5, float("nan"), float("inf"), -1e308, "", "abc", "..",
+    "../result.nc", "/etc/passwd", "result.nc", "result.zarr", "points-00000", "\x1b[2J", "\ud800", "0" * 64,
+    "x" * 10**5, [], [[]], [None], ["a"], {}, {"": None}, {"points": 3}, {"points": {"latitude": 0}},
+    {"a": {"b": {"c": [1, 2]}}},
+]  # fmt: skip
+
+
+@pytest.fixture
+def stopped(runs: Runs, tmp_path) -> Path:  # noqa: F811
+    """A folder in which two of four parts are done."""
+    runs.stop(STUDY, tmp_path / "stopped")
+    return tmp_path / "stopped"
+
+
+@pytest.fixture
+def finished(runs: Runs, tmp_path) -> Path:  # noqa: F811
+    runs.run(ZARR, tmp_path / "finished")
+    return tmp_path / "finished"
+
+
+def change(path: Path, **keys: Any) -> None:
+    """Change keys of a JSON file; ``...`` removes one."""
+    content = {**json.loads(path.read_text()), **keys}
+    path.write_text(json.dumps({key: value for key, value in content.items() if value is not ...}))
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"cut": ...}, {"cut": 5}, {"cut": {}}, {"cut": {"points": {"latitude": -1}}}, {"cut": {"points": {"x": 1}}},
+        {"variables": ...}, {"variables": []}, {"variables": ["none"]}, {"metadata": ...}, {"metadata": "0" * 64},
+        {"metadata": None}, {"parts": 9}, {"parts": "4"}, {"parts": -4}, {"study": []}, {"code": "x"}, {"format": "1"},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_store_that_is_described_wrongly(runs, stopped, keys):  # noqa: F811
+    change(stopped / STORE, **keys)
+    assert status_of(stopped).state == "damaged"
+    assert not verify(stopped).ok
+    with pytest.raises(HeliosweepError, match="--force"):
+        runs.run(STUDY, stopped)
+    assert len(runs.run(STUDY, stopped, force=True)) == 4
+    assert verify(stopped).ok
+
+
+@pytest.mark.parametrize("size", ["abc", None, -1, 1.5, 10**30])
+def test_a_manifest_with_a_wrong_size(finished, size):
+    result = json.loads((finished / MANIFEST).read_text())["result"]
+    change(finished / MANIFEST, result={**result, "bytes": size})
+    status = status_of(finished)
+    assert status.state == "damaged"
+    assert "result.bytes" in status.detail
+    assert any("manifest.json: is damaged: result.bytes" in problem for problem in verify(finished).problems)
+
+
+@pytest.mark.parametrize("file", ["..", ".", "", "manifest.json", "/", "../finished/result.zarr", None, []])
+def test_a_manifest_of_another_file(finished, file):
+    result = json.loads((finished / MANIFEST).read_text())["result"]
+    change(finished / MANIFEST, result={**result, "file": file})
+    assert Finished.find(finished) is None
+    assert status_of(finished).state == "damaged"
+    assert not verify(finished).ok
+
+
+def test_a_journal_of_other_parts(stopped):
+    with (stopped / JOURNAL).open("a") as file:
+        for number in range(4, 30):
+            print(json.dumps({"part": f"points-{number:05}", "sha256": "0"}), file=file)
+        for name in (
+            "points-1",
+            "points-00001 ",
+            "points--0001",
+            "points-\u0663",
+            "series-00000",
+            "",
+            "x",
+            "points-" + "9" * 5000,
+        ):
+            print(json.dumps({"part": name, "sha256": "0"}), file=file)
+            print(json.dumps({"part": name + "!", "failed": "\x1b"}), file=file)
+    status = status_of(stopped)
+    assert (status.done, status.total, status.failed) == (2, 4, {})
+    assert status.detail.startswith("2 of 4 parts done, about ")
+    assert verify(stopped).found == ["2 of 4 parts are done, 0 failed, 2 are left to compute"]
+
+
+@pytest.mark.parametrize("seconds", ["NaN", "-1e9", "Infinity", "1e300", "1" + "0" * 400, "-Infinity", "1" * 5000])
+def test_a_journal_of_other_times(stopped, seconds):
+    before = status_of(stopped)
+    with (stopped / JOURNAL).open("a") as file:
+        print('{"part": "points-00002", "failed": "no", "seconds": ' + seconds + "}", file=file)
+    status = status_of(stopped)
+    assert status.done == before.done
+    assert status.seconds_left is not None
+    assert 0 <= status.seconds_left <= (before.seconds_left or 0)
+
+
+def test_one_bad_folder_does_not_hide_the_others(stopped, finished, tmp_path, monkeypatch):
+    outputs = tmp_path / "outputs"
+    for number, text in enumerate([DEEP, "[", "\0", "", "{}", "null", '"x"', "1" * 5000, "\udc80"]):
+        for source, name in ((finished, MANIFEST), (stopped, STORE), (stopped, JOURNAL)):
+            folder = outputs / f"{name.replace('/', '-')}-{number}"
+            shutil.copytree(source, folder)
+            (folder / name).write_text(text, errors="surrogateescape")
+            if name == STORE:
+                (folder / name).with_name("journal.jsonl").unlink()
+    for name in (MANIFEST, STORE, JOURNAL):
+        shutil.copytree(finished, outputs / f"folder-{name.replace('/', '-')}")
+        (outputs / f"folder-{name.replace('/', '-')}" / name).unlink(missing_ok=True)
+        (outputs / f"folder-{name.replace('/', '-')}" / name).mkdir(parents=True)
+    (outputs / "link").symlink_to("link")
+    shutil.copytree(finished, outputs / "good")
+    statuses = [status_of(folder) for folder in result_folders(outputs)]
+    assert len(statuses) == 9 * 3 + 3 + 1
+    assert {status.folder.name: status.state for status in statuses}["good"] == "complete"
+    assert {status.state for status in statuses} == {"complete", "damaged", "interrupted"}
+    assert len(list(status_lines(statuses))) == len(statuses)
+    for folder in result_folders(outputs):
+        well = folder.name == "good" or folder.name.startswith(("working-journal", "folder-working"))
+        assert verify(folder).ok == well, folder
+    monkeypatch.setattr("heliosweep.runtime.status.holder", Random)  # whatever it is that goes wrong
+    assert status_of(finished).state
+
+
+def test_files_in_a_group_that_are_none_of_it(runs, finished):  # noqa: F811
+    for name in (".DS_Store", "mean/.nfs0001", "desktop.ini", "spring/Thumbs.db", "0 (copy)"):
+        (finished / "result.zarr" / name).parent.mkdir(exist_ok=True)
+        (finished / "result.zarr" / name).touch()
+    done = verify(finished)
+    assert done.ok, done.text
+    assert "result.zarr: holds files that are none of Zarr's, and no harm: .DS_Store and 4 more" in done.notes
+    assert runs.run(ZARR, finished) == []  # complete as it is
+    chunk = next((finished / "result.zarr").glob("*efficiency*/0.0*"))
+    chunk.with_name("9.9.9").touch()
+    assert not verify(finished).ok
+
+
+def places(content: Any) -> Iterator[tuple[Any, Any]]:
+    """Container and key of every value."""
+    if isinstance(content, dict | list):
+        for key, value in list(content.items() if isinstance(content, dict) else enumerate(content)):
+            yield content, key
+            yield from places(value)
+
+
+def mutated(text: str, random: Random) -> str:
+    """Change a text, or the JSON in it or in one of its lines."""
+    kind = random.randrange(8)
+    if kind == 0:
+        return text[: random.randrange(len(text))]
+    if kind == 1:
+        at = random.randrange(len(text))
+        return text[:at] + random.choice(["", "\0", "[", "{", '"', "9", "-", "\n", DEEP]) + text[at + 1 :]
+    lines = text.splitlines() if text.count("\n{") else [text]
+    at = random.randrange(len(lines))
+    content = json.loads(lines[at])
+    for _ in range(random.choice((1, 1, 2, 4))):
+        found = list(places(content))
+        if not found:
+            break
+        where, key = random.choice(found)
+        if kind == 2:
+            del where[key]
+        elif kind == 3 and isinstance(where, dict):
+            where[random.choice(["points-00009", "x", "\x1b", "time"])] = where.pop(key)
+        else:
+            where[key] = copy.deepcopy(random.choice(VALUES))
+    lines[at] = json.dumps(content)
+    return "\n".join(lines) + "\n"
+
+
+def fuzz(source: Path, names: list[str], count: int, seed: int, check: Callable[[Path], None]) -> None:
+    """Change files of copies of a folder, and check each copy."""
+    random, folder = Random(seed), source.with_name("copy")
+    for _ in range(count):
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(source, folder)
+        name = random.choice(names)
+        text = mutated((source / name).read_text(), random)
+        (folder / name).write_text(text, encoding="utf-8", errors="surrogatepass")
+        try:
+            check(folder)
+        except HeliosweepError:
+            raise
+        except Exception as error:
+            raise AssertionError(f"{name}: {text[:2000]}") from error
+
+
+def look(folder: Path) -> None:
+    """Look at a folder in every way that changes nothing."""
+    status = status_of(folder)
+    assert status.state in ("complete", "interrupted", "damaged", "not run")
+    assert not status.detail.startswith("cannot be read: "), status.detail  # nobody foresaw it
+    assert 0 <= status.done <= status.total
+    assert status.seconds_left is None or 0 <= status.seconds_left < 1e15
+    assert len("\n".join(status_lines([status]))) < 10_000
+    assert verify(folder).text
+
+
+def test_any_change_is_told_or_does_no_harm(stopped, finished):
+    fuzz(stopped, [STORE, JOURNAL], 80, 1, look)
+    fuzz(finished, [MANIFEST], 80, 2, look)
+
+
+def run_again(runs: Runs, study: dict[str, Any], expected: dict[str, bytes]) -> Callable[[Path], None]:  # noqa: F811
+    def check(folder: Path) -> None:
+        refused = ""
+        try:
+            runs.run(study, folder)
+        except HeliosweepError as error:
+            refused = str(error)
+        if refused:
+            assert "--force" in refused
+            runs.run(study, folder, force=True)
+        assert content_of(folder) == expected
+        assert verify(folder).ok
+
+    return check
+
+
+def fuzz_runs(runs: Runs, stopped: Path, finished: Path, count: int, seed: int) -> None:  # noqa: F811
+    shutil.copytree(stopped, stopped.with_name("peace"))
+    runs.run(STUDY, stopped.with_name("peace"))
+    expected = content_of(stopped.with_name("peace"))
+    fuzz(stopped, [STORE, JOURNAL], count, seed, run_again(runs, STUDY, expected))
+    fuzz(finished, [MANIFEST], count, seed + 1, run_again(runs, ZARR, content_of(finished)))
+
+
+def test_a_run_after_any_change(runs, stopped, finished):  # noqa: F811
+    fuzz_runs(runs, stopped, finished, 8, 3)
+
+
+@pytest.mark.long
+def test_a_run_after_many_changes(runs, stopped, finished):  # noqa: F811
+    fuzz(stopped, [STORE, JOURNAL], 1000, 5, look)
+    fuzz(finished, [MANIFEST], 1000, 6, look)
+    fuzz_runs(runs, stopped, finished, 200, 7)
+
+
+def test_many_parts_are_looked_at_quickly(small, stopped, tmp_path):
+    lines = [json.dumps({"part": f"points-{number:05}", "sha256": "0" * 64, "seconds": 0.1}) for number in range(10**5)]
+    (stopped / JOURNAL).write_text("\n".join([*lines, ""]))
+    start = time.perf_counter()
+    assert len(Journal.read(stopped / JOURNAL).done) == 10**5
+    assert status_of(stopped).done == 4
+    between = time.perf_counter()
+    folder = write_folder(tmp_path / "folder", small(), "result.zarr")
+    manifest = json.loads((folder / MANIFEST).read_text())
+    digests = {f"points-{number:05}": "0" * 64 for number in range(10**5)}
+    change(folder / MANIFEST, parts={**manifest["parts"], "digests": digests})
+    again = time.perf_counter()
+    assert status_of(folder).done == 10**5
+    assert not verify(folder).ok
+    assert workflow.status(folder)[0].state == "complete"
+    assert between - start < 4, "slower than 1 s on a machine that does nothing else"
+    assert time.perf_counter() - again < 6
