@@ -21,6 +21,7 @@ def views(result: xr.Dataset) -> Iterator[View]:
         _ORDER,
         (HELIOSTAT,),
         less="tracking",
+        start={"latitude": 0.0},
         caption="Mean over the period. Each square is a mirror laid flat with a side towards the tower (triangle).",
     )
     fields = [f"field_{name}" for name in _ORDER]
@@ -40,5 +41,6 @@ def views(result: xr.Dataset) -> Iterator[View]:
         [f"instantaneous_{name}" for name in _ORDER],
         (HELIOSTAT,),
         less="tracking",
+        start={"latitude": 0.0},
         caption="Grey: the sun is below the horizon.",
     )
