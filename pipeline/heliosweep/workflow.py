@@ -306,6 +306,9 @@ def run(
             if isinstance(error, KeyboardInterrupt):
                 raise RunInterrupted(f"interrupted: {now.left()}") from None
             raise
+    from heliosweep.report.index import update_index
+
+    update_index(folder)
     return Result(path, now.seconds)
 
 
