@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from heliosweep.errors import HeliosweepError
 from heliosweep.store import raw as raw_results
 from heliosweep.store.raw import Raw, RawVariable, locate, open_raw, stored_parts
-from tests.store.samples import CUT, SIZES, VARIABLES, parts, write_netcdf, write_zarr
+from tests.store.samples import CUT, SIZES, VARIABLES, parts, write_folder, write_netcdf, write_zarr
 
 ROOM = 40
 
@@ -56,3 +56,12 @@ def test_data_and_coordinates_are_told_apart(tmp_path, write):
         assert raw.data == list(VARIABLES)
         assert raw.of_kind("series") == ["power"]
         assert sorted([*raw.coordinates, *raw.data]) == sorted(raw.variables)
+
+
+def test_of_two_results_the_one_of_the_manifest(tmp_path, small):
+    folder = write_folder(tmp_path / "out", small(), "result.zarr")
+    write_netcdf(folder / "result.nc")
+    assert locate(folder) == folder / "result.zarr"
+    for text in ("", "[" * 10**5, "{}"):
+        (folder / "manifest.json").write_text(text)
+        assert locate(folder) == folder / "result.nc"

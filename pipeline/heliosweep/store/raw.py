@@ -9,7 +9,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.grid.slabs import Part, slabs
-from heliosweep.store import zarr_result
+from heliosweep.store import records, zarr_result
 from heliosweep.store.lock import LIBRARY_LOCK
 
 #: Values read at a time, about. [bytes]
@@ -166,11 +166,15 @@ def locate(path: str | os.PathLike[str]) -> Path:
         raise StudyError(Problem("no such file or folder", file=str(place)))
     if not place.is_dir() or is_zarr(place):
         return place
-    found = next((place / name for name in RESULTS if (place / name).exists()), None)
-    if found is None:
+    found = [name for name in RESULTS if (place / name).exists()]
+    if not found:
         left = "; its run is unfinished" if (place / WORKING).is_dir() else ""
         raise StudyError(Problem(f"holds no result{left}", file=str(place)))
-    return found
+    if len(found) > 1:  # somebody has put one beside the other
+        with suppress(OSError, ValueError):
+            manifest = records.check(records.read_json(place / "manifest.json"), records.Manifest)
+            found.sort(key=lambda name: name != manifest["result"]["file"])
+    return place / found[0]
 
 
 @contextmanager

@@ -11,7 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 #: Nesting that no record has, and that functions which walk through one cannot bear. [levels]
 _DEEP = 100
 
+#: Of what stands there instead, so much is told. [characters]
+_LONG = 200
+
 Count = Annotated[int, Field(ge=1, le=2**63)]
+#: Identifiers and dates: printed as they are.
+Word = Annotated[str, Field(pattern="^[ -~]{0,64}$")]
 Cut = dict[Literal["points", "series", "storage"], dict[str, Count]]
 
 
@@ -24,7 +29,7 @@ class Record(BaseModel):
 class Identity(Record):
     """What a result belongs to, as `store.identity.identity_of` says it."""
 
-    study_id: str = ""
+    study_id: Word = ""
     study: dict[str, Any] = {}
     code: dict[str, Any] = {}
     output: dict[str, Any] = {}
@@ -63,10 +68,10 @@ class Manifest(Record):
     """A ``manifest.json``."""
 
     result: Result
-    study_id: str = ""
+    study_id: Word = ""
     identity: Identity | None = None
     parts: Parts | None = None
-    finished: str = ""
+    finished: Word = ""
 
 
 def read_json(path: Path) -> Any:
@@ -104,7 +109,8 @@ def check(content: Any, shape: type[Record]) -> dict[str, Any]:
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
         said = first["msg"][:1].lower() + first["msg"][1:]
-        raise ValueError(": ".join([*filter(None, [".".join(map(str, first["loc"]))]), said])) from None
+        place = ".".join(map(str, first["loc"]))[:_LONG]
+        raise ValueError(f"{place}: {said[:_LONG]}" if place else said[:_LONG]) from None
     return dict(content)
 
 

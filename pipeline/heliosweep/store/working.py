@@ -36,6 +36,8 @@ NAME = raw.WORKING
 FORMAT = 1
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
 _FULL = 2**20
+#: Of what is wrong with a description, so much is told. [characters]
+_LONG = 300
 
 
 class WorkingStore:
@@ -247,7 +249,7 @@ def read_identity(folder: Path) -> dict[str, Any]:
     try:
         identity = records.read_json(folder / "study.json")
         if identity["format"] != FORMAT:
-            raise ValueError(f"its format is {identity['format']}, not {FORMAT}")
+            raise ValueError(f"its format is {str(identity['format'])[:20]}, not {FORMAT}")
         what = "is damaged"
         records.check(identity, records.Store)
         if file_digest(folder / "values.zarr" / zarr_result.CONSOLIDATED) != identity["metadata"]:
@@ -259,8 +261,8 @@ def read_identity(folder: Path) -> dict[str, Any]:
             raise ValueError("its number of parts is not that of its values")
         return identity
     except (OSError, ValueError, KeyError, TypeError, HeliosweepError) as error:
-        said = error if type(error) is ValueError else f"{type(error).__name__}: {error}"
-    raise HeliosweepError(f"{folder}: {what} ({said}); --force removes it and starts anew")
+        said = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
+    raise HeliosweepError(f"{folder}: {what} ({said[:_LONG]}); --force removes it and starts anew")
 
 
 def part_counts(folder: Path, identity: Mapping[str, Any]) -> dict[str, int]:
