@@ -92,7 +92,7 @@ def test_a_manifest_of_another_file(finished, file):
     assert not verify(finished).ok
 
 
-def test_a_journal_of_other_parts(stopped):
+def test_a_journal_of_other_parts(runs, stopped, caplog):  # noqa: F811
     with (stopped / JOURNAL).open("a") as file:
         for number in range(4, 30):
             print(json.dumps({"part": f"points-{number:05}", "sha256": "0"}), file=file)
@@ -112,6 +112,8 @@ def test_a_journal_of_other_parts(stopped):
     assert (status.done, status.total, status.failed) == (2, 4, {})
     assert status.detail.startswith("2 of 4 parts done, about ")
     assert verify(stopped).found == ["2 of 4 parts are done, 0 failed, 2 are left to compute"]
+    assert len(runs.run(STUDY, stopped)) == 2
+    assert "goes on: 2 of 4 parts are done" in caplog.text
 
 
 @pytest.mark.parametrize("seconds", ["NaN", "-1e9", "Infinity", "1e300", "1" + "0" * 400, "-Infinity", "1" * 5000])

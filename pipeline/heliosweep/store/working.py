@@ -66,6 +66,8 @@ class WorkingStore:
         self.identity = read_identity(folder)
         try:
             self.journal = Journal.read(folder / "journal.jsonl")
+            counts = part_counts(folder, self.identity)
+            self.journal.keep(lambda name: raw.is_part(name, counts))
             whole = file_digest(self.values / zarr_result.CONSOLIDATED) == self.identity["metadata"]
             arrays = zarr_result.arrays(self.values) if whole else {}
             self._arrays = {name: arrays[name] for name in self.identity["variables"]}
