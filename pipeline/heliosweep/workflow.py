@@ -166,6 +166,13 @@ def result_folder(study: Study, output: str | os.PathLike[str] | None = None) ->
         str(folder.absolute()).encode()
     except UnicodeEncodeError:
         raise StudyError(Problem("the name of the result folder is no text", file=str(folder))) from None
+    try:
+        os.lstat(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        problem = f"cannot write there: {error.strerror}; name another folder with --output"
+        raise StudyError(Problem(problem, file=str(folder))) from None
     return folder
 
 

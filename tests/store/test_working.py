@@ -165,6 +165,6 @@ def test_words_for_what_could_not_be_written(tmp_path, monkeypatch):
         working.writing(tmp_path / "x"),
     ):
         raise PermissionError(errno.EACCES, "Permission denied")
-    monkeypatch.setattr(working.shutil, "disk_usage", lambda _: type("", (), {"free": 10})())
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("", (), {"free": 10})())
     with pytest.raises(HeliosweepError, match=r"disk full \(10 B free\)"), working.writing(tmp_path):
         raise OSError

@@ -120,5 +120,5 @@ def _who(path: Path) -> str:
     try:
         said = json.loads(path.read_text())
         return f"process {said['process']} on {said['host']}"
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return "another process"

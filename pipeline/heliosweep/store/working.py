@@ -11,7 +11,6 @@ its store of local files is not meant for two writers at a time.
 from __future__ import annotations
 
 import json
-import shutil
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.grid.limits import human_bytes
 from heliosweep.grid.slabs import Part
 from heliosweep.store import raw, records, temporary, zarr_result
 from heliosweep.store.digest import file_digest, part_digest
 from heliosweep.store.encoding import numbers
+from heliosweep.store.full import why_not_written
 from heliosweep.store.journal import Journal
 from heliosweep.store.skeleton import Skeleton
 from heliosweep.store.temporary import sync
@@ -34,10 +33,6 @@ from heliosweep.store.temporary import sync
 NAME = raw.WORKING
 #: Version of this layout on disk.
 FORMAT = 1
-#: With less room than this, a write that failed did so because the disk is full. [bytes]
-_FULL = 2**20
-#: Of what is wrong with a description, so much is told. [characters]
-_LONG = 300
 
 
 class WorkingStore:
@@ -294,6 +289,4 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        free = shutil.disk_usage(path if path.exists() else path.parent).free
-        cause = "disk full" if free < _FULL else error.strerror or error
-        raise HeliosweepError(f"{path}: cannot be written: {cause} ({human_bytes(free)} free)") from error
+        raise HeliosweepError(why_not_written(path, error)) from error
