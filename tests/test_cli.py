@@ -15,7 +15,6 @@ import pytest
 import xarray as xr
 import yaml
 
-from heliosweep import workflow
 from heliosweep.cli import main
 from heliosweep.kernels import compiled
 from heliosweep.runtime.run import prepare_kernels

@@ -135,9 +135,7 @@ def test_bad_tables(table, text, expected):
 
 
 def test_a_table_that_is_not_there(tmp_path):
-    assert problems(read_published, tmp_path / "none.csv", "", "none.csv") == [
-        "none.csv: there is no such file"
-    ]
+    assert problems(read_published, tmp_path / "none.csv", "", "none.csv") == ["none.csv: there is no such file"]
 
 
 def test_the_stored_comparison_reads_back(dataset, table, tmp_path):

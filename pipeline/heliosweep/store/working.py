@@ -33,6 +33,8 @@ from heliosweep.store.temporary import sync
 NAME = raw.WORKING
 #: Version of this layout on disk.
 FORMAT = 1
+#: Letters of a message about what is damaged.
+_LONG = 300
 
 
 class WorkingStore:
