@@ -86,6 +86,13 @@ def test_no_more_blocks_than_these_are_not_run() -> None:
     assert {page: count for page, count in found.items() if count} == NOT_RUN
 
 
+def test_patterns_mean_folders_only() -> None:
+    """An archive, ``outputs/NAME.zip``, stands beside its result folder."""
+    pattern = re.compile(r"\boutputs/[^\s`]*\*(?![/\w])")
+    found = [f"{block}: {line}" for page in PAGES for block in blocks(page) for line in pattern.findall(block.text)]
+    assert found == []
+
+
 def _study(block: CodeBlock) -> None:
     """Load a study and plan it; a part of one in the place where it belongs."""
     content: Any = yaml.safe_load(block.text)
