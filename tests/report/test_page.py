@@ -69,7 +69,7 @@ def folder(tmp_path):
         "command": ["heliosweep", "run", f"{EVIL}.yaml"],
         "study_id": "abc",
         "environment": {"packages": {"heliosweep": "0.1.0", "numpy": "2.0", "pvlib": None}, "commit": None},
-        "result": {"bytes": 12345, "sha256": "f" * 64},
+        "result": {"file": "result.nc", "bytes": 12345, "sha256": "f" * 64},
         "seconds": {"compute": 1.5},
         "scheduler": "threads",
         "workers": 2,
@@ -256,3 +256,36 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole():
     assert page.all("script") == []
     assert len(page.all("table")) == 1
     assert "part" in Page(sections.results(data, [])).text
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x\n", "Expecting value"),
+        ("[1]", "should be a valid dictionary"),
+        ("{}", "result: field required"),
+        ('{"result": {"file": "result.nc", "sha256": ""}, "seconds": [1]}', "seconds: input should be"),
+        ("\udcff", "invalid start byte"),
+    ],
+)
+def test_a_damaged_manifest_is_told_in_one_line(folder, caplog, text, said):
+    (folder / "manifest.json").write_text(text, encoding="utf-8", errors="surrogateescape")
+    page = Page(write_report(folder).read_text(encoding="utf-8"))
+    assert f"{folder}: manifest.json: is damaged: " in caplog.text
+    assert said in caplog.text.strip()
+    assert len(caplog.messages) == 1
+    assert "\n" not in caplog.messages[0]
+    assert "manifest.json: is damaged: " in page.text
+    assert "How it was made is not told" in page.text
+
+
+def test_a_page_without_manifest_says_nothing_of_it(folder, caplog):
+    (folder / "manifest.json").unlink()
+    assert "manifest" not in Page(write_report(folder).read_text(encoding="utf-8")).text
+    assert caplog.messages == []
+
+
+def test_an_unpacked_archive_shows_its_study(folder):
+    (folder / "study.resolved.yaml").rename(folder / "study.yaml")
+    page = Page(write_report(folder).read_text(encoding="utf-8"))
+    assert f"title: {EVIL}" in page.text

@@ -13,6 +13,9 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import Field
+
+from heliosweep.errors import HeliosweepError
 from heliosweep.report import comparison, sections
 from heliosweep.report.headline import headline
 from heliosweep.report.html import Html, element, html, join
@@ -20,6 +23,8 @@ from heliosweep.report.interactive import Interactive, interactive, policy
 from heliosweep.report.published import read_published
 from heliosweep.report.style import image, small
 from heliosweep.report.views import View, default_views
+from heliosweep.store import records
+from heliosweep.store.finished import MANIFEST, read_manifest
 from heliosweep.store.manifest import write_atomically
 
 if TYPE_CHECKING:
@@ -39,6 +44,32 @@ MOST_IMAGES, REDUCED = 1_200_000, 0.6
 #: Names of the figures that a report has drawn, in their folder: no other file is ours to remove.
 DRAWN = ".drawn"
 
+#: The study of a run, and of an unpacked archive.
+STUDIES = ("study.resolved.yaml", "study.yaml")
+
+
+class _Environment(records.Record):
+    python: str | None = None
+    platform: str | None = None
+    packages: dict[str, str | None] = Field(default_factory=dict)
+    commit: str | None = None
+
+
+class _Plan(records.Record):
+    evaluations: int | None = None
+
+
+class _Manifest(records.Manifest):
+    """A manifest, and what else of it is told on a page."""
+
+    command: list[str] = Field(default_factory=list)
+    environment: _Environment = _Environment()
+    plan: _Plan = _Plan()
+    remarks: list[str] = Field(default_factory=list)
+    scheduler: str | None = None
+    seconds: dict[str, float] = Field(default_factory=dict)
+    workers: int | None = None
+
 
 def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, vector: Sequence[str] = ()) -> Path:
     """Draw the figures of a result folder and write its page.
@@ -46,8 +77,8 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     Parameters
     ----------
     folder : path
-        Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` are shown
-        where they are.
+        Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` (of an
+        unpacked archive: ``study.yaml``) are shown where they are. Of a damaged manifest, the page says so.
     study : Study, optional
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
     vector : sequence of {"svg", "pdf"}
@@ -69,7 +100,7 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     place = Path(folder)
     with open_result(place) as result:
         compared = _comparison(place, study, result)
-        manifest = _manifest(place)
+        manifest, damage = _manifest(place)
         marked = comparison.told(result, compared.values) if compared else result
         drawings = list(_draw(place / FIGURES, _figures(marked), vector))
         live = interactive(result, _views(result))
@@ -80,8 +111,8 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
                 "\n",
                 join(
                     [
-                        sections.remarks(manifest.get("remarks", ())),
-                        sections.asked(_text(place / "study.resolved.yaml")),
+                        sections.remarks([*damage, *manifest.get("remarks", ())]),
+                        sections.asked(next(filter(None, (_text(place / name) for name in STUDIES)), "")),
                         sections.results(result, _tables(result)),
                         sections.comparison(compared, result),
                         live.body,
@@ -170,12 +201,22 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> section
 
 
 def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8") if path.is_file() else ""
+    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
 
 
-def _manifest(place: Path) -> dict[str, Any]:
-    text = _text(place / "manifest.json")
-    return json.loads(text) if text else {}
+def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
+    """The manifest of a folder, if it has one, and what is wrong with it."""
+    if not (place / MANIFEST).exists():
+        return {}, []
+    try:
+        manifest = read_manifest(place)
+        try:
+            return records.check(manifest, _Manifest), []
+        except ValueError as error:
+            raise HeliosweepError(f"{MANIFEST}: is damaged: {error}") from None
+    except HeliosweepError as error:
+        log.warning("%s: %s", place, error)
+        return {}, [f"How it was made is not told: {error}"]
 
 
 def _document(title: str, number: str, body: Iterable[Html], live: Interactive) -> str:
