@@ -215,6 +215,16 @@ def test_the_archive_is_not_replaced_unasked(result, tmp_path):
         pack_result(result, tmp_path / "nowhere" / "archive.zip")
 
 
+def test_unknown_licences_are_refused(result, capsys):
+    for name, hint in {"FOO": "LicenseRef-NAME", "CC BY 4.0": "did you mean 'CC-BY-4.0'?", "": "SPDX"}.items():
+        assert main(["pack", str(result), "--license", name]) == 2
+        said = capsys.readouterr().err
+        assert "--license: " in said
+        assert hint in said
+    assert not result.with_name(f"{result.name}.zip").exists()
+    assert main(["pack", str(result), "--license", "LicenseRef-Ours"]) == 0
+
+
 def test_command_line(result, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(result)
     target = tmp_path / "archive.zip"

@@ -173,7 +173,7 @@ def test_notebook_opens_the_data(folder):
     [
         ("CC-BY-4.0", "CC-BY-4.0", "https://creativecommons.org/licenses/by/4.0/"),
         ("MIT", "MIT", "https://spdx.org/licenses/MIT.html"),
-        ("Ask us first.", None, None),
+        ("LicenseRef-Ours", None, None),
     ],
 )
 def test_licences(text, spdx, url):

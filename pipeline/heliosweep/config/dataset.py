@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from heliosweep.config.block import Block
+from heliosweep.config.citable import Doi, LicenceName
 from heliosweep.config.names import Text
 
 
@@ -24,9 +25,10 @@ class Dataset(Block):
 
     creators: Annotated[tuple[Creator, ...], Field(description="Who made it, in the order of citation")] = ()
     license: Annotated[
-        str | None, Text("Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or a sentence")
+        str | None,
+        LicenceName("Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME"),
     ] = None
-    doi: Annotated[str | None, Text("DOI of the published data set, as 10.5281/zenodo.1234567")] = None
+    doi: Annotated[str | None, Doi("DOI of the published data set, as 10.5281/zenodo.1234567")] = None
     keywords: Annotated[
         tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords besides those of the family")
     ] = ()

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from heliosweep.config.citable import licence as licence_of
+from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
@@ -45,7 +47,7 @@ def pack_result(
     output : path, optional
         The archive, ``NAME.zip``; by default beside the folder and named like it.
     license : str, optional
-        Licence of the data, an SPDX identifier or a sentence; by default that of the study, or else CC-BY-4.0.
+        Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; by default that of the study, or else CC-BY-4.0.
     force : bool
         Whether to replace an archive that is there.
 
@@ -60,10 +62,12 @@ def pack_result(
         Where the result is unfinished or damaged, an input of the study is missing or changed, or the archive cannot
         be written.
     StudyError
-        Where the archive cannot have the name.
+        Where the archive cannot have the name, or the licence is unknown.
     """
     place = Path(folder)
     target = _target(place, output, force)
+    if license is not None:
+        _checked(license)
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
@@ -100,12 +104,20 @@ def _target(folder: Path, output: str | os.PathLike[str] | None, force: bool) ->
 
 
 def _licence(study: Study, given: str | None) -> Licence:
-    said = given or (study.dataset.license if study.dataset else None)
+    said = given if given is not None else (study.dataset.license if study.dataset else None)
     if said is None:
         log.warning("the licence of the data is %s; --license, or dataset.license in the study, names another", DEFAULT)
     if study.dataset is None or not study.dataset.creators:
         log.warning("nobody is named as creator; dataset.creators in the study does")
-    return Licence((said or DEFAULT).strip())
+    return Licence(said or DEFAULT)
+
+
+def _checked(license: str) -> None:
+    """Refuse what is no licence."""
+    try:
+        licence_of(license)
+    except Invalid as error:
+        raise StudyError(Problem(f"{license!r} {error}", key="--license")) from error
 
 
 def _described(

@@ -111,8 +111,7 @@ class Described:
     @property
     def doi(self) -> str | None:
         """DOI without the address of its resolver."""
-        said = self.study.dataset.doi if self.study.dataset else None
-        return said.removeprefix("https://doi.org/").removeprefix("doi:") if said else None
+        return self.study.dataset.doi if self.study.dataset else None
 
     @property
     def citation(self) -> str:

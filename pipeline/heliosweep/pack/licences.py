@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
+
+from heliosweep.config.citable import OWN
 
 #: Of a data set whose study and user name none.
 DEFAULT = "CC-BY-4.0"
 
-_SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{1,63}")
 _CC = "https://creativecommons.org"
 _KNOWN = {
     "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", f"{_CC}/licenses/by/4.0/"),
@@ -35,15 +35,15 @@ class Licence:
     Parameters
     ----------
     text : str
-        An SPDX identifier, or a sentence.
+        An SPDX identifier, or ``LicenseRef-NAME``.
     """
 
     text: str
 
     @property
     def spdx(self) -> str | None:
-        """SPDX identifier; None for a sentence."""
-        return self.text if _SPDX.fullmatch(self.text) else None
+        """SPDX identifier; None for a licence of one's own."""
+        return None if self.text.startswith(OWN) else self.text
 
     @property
     def name(self) -> str:
@@ -52,7 +52,7 @@ class Licence:
 
     @property
     def url(self) -> str | None:
-        """Where its full text stands; None for a sentence."""
+        """Where its full text stands; None for a licence of one's own."""
         if self.text in _KNOWN:
             return _KNOWN[self.text][1]
         return f"https://spdx.org/licenses/{self.spdx}.html" if self.spdx else None
@@ -60,7 +60,7 @@ class Licence:
     def notice(self, title: str, people: str) -> str:
         """The file that goes with the data."""
         if self.url is None:
-            return f"{title}\n{people}\n\n{self.text}\n"
+            return f"{title}\n{people}\n\nThe creators name the terms.\n\nSPDX-License-Identifier: {self.text}\n"
         legal = f"{self.url}legalcode" if self.text.startswith("CC") and self.text in _KNOWN else self.url
         parts = [
             f"{title}\n{people}",
