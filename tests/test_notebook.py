@@ -42,7 +42,7 @@ def test_a_study_in_python_is_that_of_the_file(tmp_path):
     again = heliosweep.load(path)
     assert again.study_id == made.study_id
     assert again == made
-    with pytest.raises(StudyError, match="exists already; --force replaces it"):
+    with pytest.raises(StudyError, match="exists already; force=True, or --force, replaces it"):
         heliosweep.save(made, path)
     assert heliosweep.save(made, path, force=True) == path
 

@@ -326,8 +326,10 @@ def _compare(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> None:
     if options.csv is not None:
         from heliosweep import workflow
+        from heliosweep.exchange.files import target_file
         from heliosweep.exchange.frames import write_csv
 
+        target_file(options.csv, options.force, sources=_read_for(options.source))
         with workflow.open_result(options.source) as result:
             print(write_csv(result, options.csv, options.variable, force=options.force))
         return
@@ -338,11 +340,30 @@ def _export(options: argparse.Namespace) -> None:
     print(export(options.source, options.output, compression=options.compression, force=options.force))
 
 
+def _read_for(source: str) -> set[Any]:
+    """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
+    from contextlib import suppress
+    from pathlib import Path
+
+    from heliosweep import workflow
+    from heliosweep.exchange.files import sources_of
+
+    files, path = {Path(source)}, Path(source)
+    if path.is_dir():
+        path = path / "study.resolved.yaml"
+    if path.suffix.lower() in (".yaml", ".yml"):
+        with suppress(HeliosweepError, OSError):  # whoever needs the study says what is wrong with it
+            files |= sources_of(workflow.load(path))
+    return files
+
+
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import workflow
     from heliosweep.exchange.fields import layout_of, read_layout, write_layout
+    from heliosweep.exchange.files import target_file
 
     is_study = options.source.lower().endswith((".yaml", ".yml"))
+    target_file(options.target, options.force, sources=_read_for(options.source))
     layout = layout_of(workflow.load(options.source)) if is_study else read_layout(options.source)
     print(write_layout(layout, options.target, options.to, force=options.force))
 
@@ -352,7 +373,8 @@ def _table(options: argparse.Namespace) -> None:
     from heliosweep.exchange.sam import write_table
     from heliosweep.interactive import efficiency_table
 
-    target_file(options.output, options.force)  # before anything is computed
+    # Before anything is computed.
+    target_file(options.output, options.force, sources=_read_for(options.source))
     table = efficiency_table(
         options.source,
         dict(options.select),

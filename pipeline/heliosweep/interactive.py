@@ -68,9 +68,10 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
         The file cannot be written.
     """
     from heliosweep.config.identity import resolved_yaml
-    from heliosweep.exchange.files import target_file, written_whole
+    from heliosweep.exchange.files import sources_of, target_file, written_whole
 
-    file = target_file(path, force)
+    named = sources_of(study) - {study.source.path}  # the study file itself may be saved anew
+    file = target_file(path, force, endings=(), sources=named)
     with written_whole(file) as stream:
         stream.write(resolved_yaml(study, relative_to=file.parent))
     return file
