@@ -225,6 +225,16 @@ def test_unknown_licences_are_refused(result, capsys):
     assert main(["pack", str(result), "--license", "LicenseRef-Ours"]) == 0
 
 
+@pytest.mark.parametrize("commit", ["0123abc", "0123abc-dirty"])
+def test_changed_sources_are_said(commit, result, caplog):
+    path = result / "manifest.json"
+    manifest = json.loads(path.read_text("utf-8"))
+    manifest["environment"]["commit"] = commit
+    path.write_text(json.dumps(manifest), encoding="utf-8")
+    pack_result(result)
+    assert ("-dirty" in caplog.text) == commit.endswith("-dirty")
+
+
 def test_command_line(result, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(result)
     target = tmp_path / "archive.zip"

@@ -139,6 +139,8 @@ def test_nobody_named_is_said(small, tmp_path, caplog):
     folder = unpack(small, tmp_path)
     assert "CC-BY-4.0" in caplog.text
     assert "dataset.creators" in caplog.text
+    found = entities(folder)
+    assert found[found["./"]["author"]["@id"]]["@type"] == "Organization"
     cff = yaml.safe_load((folder / "CITATION.cff").read_text("utf-8"))
     assert {"cff-version", "message", "title", "authors", "date-released"} <= set(cff)
     assert "doi" not in cff

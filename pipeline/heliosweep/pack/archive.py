@@ -77,6 +77,8 @@ def pack_result(
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
     licence = _licence(study, license)
+    if str(manifest.get("environment", {}).get("commit", "")).endswith("-dirty"):
+        log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
     result = place / manifest["result"]["file"]
     with open_raw(result) as raw:
         described = _described(study, inputs.cleaned(manifest), raw, places, licence)

@@ -159,7 +159,7 @@ def _licence(described: Described) -> dict[str, Any]:
 def _people(described: Described) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Creators, and the organizations that they belong to."""
     if not described.creators:
-        return [{"@id": "#authors", "@type": "Person", "name": NOBODY}], []
+        return [{"@id": "#authors", "@type": "Organization", "name": NOBODY}], []
     names = dict.fromkeys(creator.affiliation for creator in described.creators if creator.affiliation)
     ids = {name: f"#organization-{number}" for number, name in enumerate(names, 1)}
     people = [_person(creator, number, ids) for number, creator in enumerate(described.creators, 1)]
