@@ -1,0 +1,30 @@
+"""constraints.txt pins all that `make setup` installs."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import metadata
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from tests.conftest import ROOT
+
+EXTRAS = ("test", "check", "docs")
+
+
+def test_everything_is_pinned() -> None:
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {canonicalize_name(line.split("==")[0]) for line in lines if "==" in line}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    waiting = [*project["dependencies"], *(one for name in EXTRAS for one in project["optional-dependencies"][name])]
+    seen: set[tuple[str, str]] = set()
+    while waiting:
+        wanted = Requirement(waiting.pop())
+        for extra in ("", *wanted.extras):
+            if (wanted.name, extra) in seen:
+                continue
+            seen.add((wanted.name, extra))
+            more = map(Requirement, metadata.requires(wanted.name) or [])
+            waiting += [str(one) for one in more if one.marker is None or one.marker.evaluate({"extra": extra})]
+    assert {canonicalize_name(name) for name, _ in seen} - pinned == set()
