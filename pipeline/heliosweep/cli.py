@@ -6,6 +6,7 @@ import argparse
 import io
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 _EXIT_CODES = """\
 exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted but resumable,
 1 anything else, and for verify and compare: not all right, not the same"""
+
+#: How negative angles begin.
+_NEGATIVE = re.compile(r"-\.?\d")
 
 #: Formats of figures; pages are made of the first, which is always there.
 _FIGURES = ("png", "svg", "pdf")
@@ -43,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not given:
         parser.print_help(sys.stderr)
         return 2
-    options = parser.parse_args(given)
+    options = parser.parse_args(_joined(given))
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
     try:
@@ -200,6 +204,17 @@ def _tolerance(text: str) -> float:
     if not 0 <= value < float("inf"):
         raise argparse.ArgumentTypeError(f"must be a number, 0 or more (got {text})")
     return value
+
+
+def _joined(arguments: Sequence[str]) -> list[str]:
+    """Join angles that begin with a minus to their option, for argparse takes them for another one."""
+    joined: list[str] = []
+    for text in arguments:
+        if joined and joined[-1] in ("--azimuth", "--elevation") and _NEGATIVE.match(text):
+            joined[-1] += f"={text}"
+        else:
+            joined.append(text)
+    return joined
 
 
 def _angles(text: str) -> Any:

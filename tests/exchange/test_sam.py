@@ -87,7 +87,7 @@ def test_azimuths_turn_into_their_range(small, tmp_path):
     first, _, last = rows(write_table(end, tmp_path / "e.csv"))
     assert first[0] == "0"
     assert first[2] == last[2]
-    twice = efficiency_table(small(), AE, azimuth=[-90, 270], elevation=45)
+    twice = efficiency_table(small(), AE, azimuth=[-180, -90, 270], elevation=45)
     with pytest.raises(StudyError, match="two azimuths are the same direction"):
         write_table(twice, tmp_path / "n.csv")
 
@@ -104,7 +104,7 @@ def test_factor(small, table):
     [
         ({}, r"choose one value of tracking \(tracking: spinning_elevation, azimuth_elevation\)"),
         ({"tracking": "polar"}, r"select.tracking: is not in the result; choose from spinning_elevation"),
-        ({**AE, "latitude": 3}, r"select.latitude: is no dimension of the result; it has"),
+        ({**AE, "clearance": 3}, r"select.clearance: is no dimension of the result; it has"),
     ],
 )
 def test_what_to_choose(small, select, said):
@@ -149,10 +149,43 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert not Path("u.csv").exists()
 
 
-def test_other_families_are_told(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("family", ["dish_tracking", "misalignment", "backward_gazing"])
+def test_other_families_are_told(tmp_path, monkeypatch, capsys, family):
     from heliosweep.families.registry import families
 
     monkeypatch.chdir(tmp_path)
-    Path("dish.yaml").write_text(families()["dish_tracking"].example())
-    assert main(["table", "dish.yaml", "-o", "t.csv"]) == 2
-    assert "time" in capsys.readouterr().err
+    Path("other.yaml").write_text(families()[family].example())
+    assert main(["table", "other.yaml", "-o", "t.csv"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"family: {family} takes no 'clock: sun'" in line
+
+
+@pytest.mark.parametrize("key", ["latitude", "site.latitude", "time.hours", "site", "sites"])
+def test_directions_take_the_place_of_the_site(small, key):
+    with pytest.raises(StudyError, match=rf"select\.{key}: directions of the sun take the place of sites and times"):
+        efficiency_table(small(), {**AE, key: 0}, azimuth=0, elevation=45)
+
+
+@pytest.mark.parametrize("key", ["receiver_height", "receiver.height"])
+def test_keys_of_the_study_choose_too(small, key):
+    study = small(receiver={"height": [60, 80]})
+    chosen = efficiency_table(study, {**AE, key: "80"}, azimuth=0, elevation=45)
+    alone = efficiency_table(small(receiver={"height": 80}), AE, azimuth=0, elevation=45)
+    np.testing.assert_array_equal(chosen, alone)
+    with pytest.raises(StudyError, match=r"is not in the result; choose from 60\.0, 80\.0"):
+        efficiency_table(study, {**AE, key: 70}, azimuth=0, elevation=45)
+
+
+@pytest.mark.parametrize("azimuth", ["-180:180:90", "-180,-90,0,90,180"])
+def test_negative_angles_on_the_command_line(small, tmp_path, monkeypatch, azimuth):
+    monkeypatch.chdir(tmp_path)
+    save(small(tracking="azimuth_elevation"), "study.yaml")
+    asked = ["table", "study.yaml", "-o", "t.csv", "--force", "--azimuth", azimuth, "--elevation"]
+    assert main([*asked, "45", "--form", "generic"]) == 0
+    assert rows(Path("t.csv"))[0] == ["", "-180", "-90", "0", "90", "180"]
+    for form in ("tower", "solarpilot"):
+        assert main([*asked, "-5:45:50", "--form", form]) == 0
+        assert [row[0] for row in rows(Path("t.csv"))][-5:] == ["0", "90", "180", "270", "360"]
+    turned = np.array(rows(Path("t.csv"))[1:], dtype=float)[:, 2]
+    expected = efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=45).to_numpy()[0]
+    np.testing.assert_allclose(turned, expected, atol=1e-9)

@@ -21,7 +21,7 @@ import csv
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,10 @@ AZIMUTHS = {"start": 0, "stop": 360, "step": 15}
 ELEVATIONS = {"start": 0, "stop": 90, "step": 5}
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
+_GONE = ("site.", "sites", "time.")  # keys that directions of the sun take the place of, and their dimensions
+_GONE_DIMENSIONS = {"site", "latitude", "longitude", "altitude", "time", "date", "day", "hour"}
 _DIGITS = 9  # of angles and efficiencies: a nanometre at 1 m, and no more than anyone's optics are known to
+_SAME = 10.0**-_DIGITS
 
 
 def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> Study:
@@ -70,6 +73,9 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     StudyError
         Its family knows no directions of the sun, or the directions are wrong.
     """
+    if not _takes_directions(type(study)):
+        message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
+        raise StudyError(study.problem("family", message))
     content = resolved(study, Path())
     for key in ("site", "sites", "zip"):
         content.pop(key, None)
@@ -79,12 +85,22 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
         "elevation": ELEVATIONS if elevation is None else elevation,
     }
     content["output"] = {**content.get("output", {}), "time_series": False}
-    gone = ("site.", "sites", "time.")
-    tied = [[key for key in dim.sweeps if not key.startswith(gone)] for dim in study.dimensions()]
+    tied = [[key for key in dim.sweeps if not key.startswith(_GONE)] for dim in study.dimensions()]
     content["zip"] = [keys for keys in tied if len(keys) > 1]
-    if "time" not in type(study).model_fields:
-        raise StudyError(study.problem("family", f"studies of {study.family} have no sun to direct"))
     return load_mapping(content, {study.family: type(study)})
+
+
+def _takes_directions(study_class: type[Study]) -> bool:
+    """Whether studies of a family may give directions of the sun."""
+    time = study_class.model_fields.get("time")
+    return time is not None and SunDirections in _members(time.annotation)
+
+
+def _members(annotation: Any) -> Iterator[Any]:
+    """Types that a union or an annotated type is made of."""
+    yield annotation
+    for one in get_args(annotation):
+        yield from _members(one)
 
 
 def is_directed(study: Study) -> bool:
@@ -129,7 +145,11 @@ def efficiency_table(
     table = result[variable]
     if not {_AZIMUTH, _ELEVATION} <= set(table.coords):
         raise StudyError(Problem("the result is not over directions of the sun; run the study with 'clock: sun'"))
-    for name, value in (select or {}).items():
+    for key, value in (select or {}).items():
+        name = _dimension(table, key)
+        if name not in table.dims and (key in _GONE_DIMENSIONS or key.startswith(_GONE)):
+            message = "directions of the sun take the place of sites and times; leave it out"
+            raise StudyError(Problem(message, f"select.{key}"))
         table = table.sel({name: label(table, name, value)})
     others = [str(dim) for dim in table.dims if dim not in (_AZIMUTH, _ELEVATION)]
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
@@ -178,7 +198,7 @@ def write_table(
     file = target_file(path, force)
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]
-    if form != "solarpilot":
+    if form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]:
         azimuth, values = _closed(azimuth, values, *_range(south=form == "generic"))
     rows = _ROWS[form](azimuth, table[_ELEVATION].to_numpy(), values)
     with written_whole(file) as stream:
@@ -214,15 +234,19 @@ _ROWS = {"tower": _tower, "generic": _generic, "solarpilot": _solarpilot}
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
     """Return azimuths in their form, rising, and their order in the table.
 
-    From north they are 0 to 360, from south -180 to 180; the ends are the same direction, and both may be there.
+    From north they are 0 to 360, from south -180 to 180; the ends are the same direction, and both may be there. Of a
+    circle that is closed elsewhere, as from -180 to 180 from north, one end is left out.
     """
     low, high = _range(south)
     shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
     inside = (shifted >= low) & (shifted <= high)
     azimuth = np.where(inside, shifted, (shifted - low) % 360.0 + low)
     order = np.argsort(azimuth, kind="stable")
+    first, last = int(np.argmin(shifted)), int(np.argmax(shifted))
+    if abs(shifted[last] - shifted[first] - 360.0) < _SAME and abs(azimuth[last] - azimuth[first]) < _SAME:
+        order = order[order != last]
     azimuth = azimuth[order]
-    twice = np.flatnonzero(np.diff(azimuth) < 10.0**-_DIGITS)
+    twice = np.flatnonzero(np.diff(azimuth) < _SAME)
     if twice.size:
         raise StudyError(Problem(f"two azimuths are the same direction (got {azimuth[twice[0]]:g} twice)", _AZIMUTH))
     return azimuth, order
@@ -244,6 +268,13 @@ def _closed(azimuth: NDArray, values: NDArray, low: float, high: float) -> tuple
 def _number(value: float) -> float | int:
     rounded = round(float(value), _DIGITS) + 0.0
     return int(rounded) if rounded.is_integer() else rounded
+
+
+def _dimension(table: xr.DataArray, key: str) -> str:
+    """Name of the dimension that a dotted key of the study has: ``receiver.height`` is along ``receiver_height``."""
+    parts = str(key).split(".")
+    names = ["_".join(parts[start:]) for start in range(len(parts))]
+    return next((name for name in names if name in table.dims), str(key))
 
 
 def label(table: xr.DataArray, name: Hashable, value: Any) -> Any:
