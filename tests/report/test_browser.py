@@ -287,6 +287,58 @@ def test_a_plot_can_be_saved(browser, pages, tmp_path):
     assert browser.errors == []
 
 
+def test_titles_of_axes_and_bars_fit_their_frame(browser, tmp_path):
+    data = result({"latitude": [0.0, 15.0, 30.0]}, heliostats=40)
+    long = "place on the mirror, to the right as seen from the target, " * 4 + "W" * 80
+    for name in ("optical_efficiency", "field_optical_efficiency", "latitude"):
+        data[name].attrs["long_name"] = long if name != "latitude" else long.replace(",", "")
+    page = write(tmp_path, data)
+    for width in (400, 1200):
+        opened(browser, page, width=width)
+        browser.run("new Promise((done) => setTimeout(done, 300))")
+        found = browser.run("""Object.values(heliosweep.plots).map(({ figure, bar }) => {
+          const { width, height } = Bokeh.index.find_one(figure).frame.bbox;
+          const pen = document.createElement('canvas').getContext('2d');
+          pen.font = '13px system-ui, sans-serif';
+          const size = (words) => Math.max(...words.split('\\n').map((line) => pen.measureText(line).width));
+          const [x, y] = [figure.xaxes[0].axis_label, figure.yaxes[0].axis_label];
+          return { over: [size(x) - width, size(y) - height, size(bar ? bar.title : '') - width],
+            lines: [x, y, bar ? bar.title : ''].map((words) => words.split('\\n').length) };
+        })""")
+        assert len(found) == 2
+        assert all(over <= 0 for one in found for over in one["over"])
+        assert {max(one["lines"]) for one in found} == {4}
+        assert browser.errors == []
+
+
+def test_keys_show_dashes_and_categories_are_not_joined(browser, tmp_path):
+    labels = {"method": ["A", "B", "C"], "hour": [9.0, 12.0, 15.0], "module": [1, 2, 3, 4]}
+    values = np.random.default_rng(1).normal(size=(3, 3, 4))
+    about = {"long_name": "slope"}
+    data = xr.Dataset({"a": (("method", "hour"), values[..., 0], about), "b": (tuple(labels), values)}, labels)
+    page = write(tmp_path, data)
+    opened(browser, page)
+    plot = "heliosweep.plots['view-1']"
+    dashes = browser.run(
+        "[...document.querySelectorAll('.keys path')].map((one) => one.getAttribute('stroke-dasharray'))"
+    )
+    drawn = browser.run(
+        f"{plot}.lines.map(({{ path }}) => [...path.glyph.line_dash.value || path.glyph.line_dash].join(' '))"
+    )
+    assert dashes == [None, "6 3", "2 2"]
+    assert [dash for dash in drawn if dash != "s o l i d"][-2:] == dashes[1:]
+    heading = "document.querySelector('#view-1 h3').textContent"
+    assert browser.run(heading) == "Slope over hour"
+    choose(browser, "view-1-quantity", 1)
+    assert browser.run(f"{plot}.lines[0].path.visible")
+    choose(browser, "view-1-along", "module")
+    assert browser.run(heading) == "B over module"
+    assert not browser.run(f"{plot}.lines.some(({{ path }}) => path.visible)")
+    assert browser.run(f"{plot}.lines.every(({{ marks }}) => marks.visible)")
+    assert browser.run("document.querySelectorAll('.keys path[stroke-dasharray]').length") == 0
+    assert browser.errors == []
+
+
 @pytest.fixture(scope="module", params=list(families()))
 def example(request, tmp_path_factory):
     """Page of a family's example."""

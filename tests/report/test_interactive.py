@@ -202,3 +202,23 @@ def test_the_largest_page_stays_small(tmp_path):
     page = write_report(tmp_path)
     assert page.stat().st_size < 6e6
     assert "Thinned for this page" in page.read_text(encoding="utf-8")
+
+
+def test_only_what_has_an_order_is_joined():
+    labels = {"parameter": ["tilt_x", "b"], "month": ["January", "May"], "module": [1, 2], "hour": [9.0, 12.0]}
+    labels["camera_seed"] = [4, 5]
+    data = xr.Dataset({"a": (tuple(labels), np.ones((2, 2, 2, 2, 2)))}, labels)
+    dims = view_payload(data, View("curves", "", ("a",), ("hour",)))["dims"]
+    assert [dim for dim, told in dims.items() if told["joined"]] == ["month", "hour"]
+
+
+@pytest.mark.parametrize("family", list(families()))
+def test_titles_of_curves_name_what_is_drawn_over_what(family):
+    labels = {"module": [1, 2], "hour": [9.0, 12.0, 15.0]}
+    data = xr.Dataset({"a": (("module", "hour"), np.ones((2, 3)), {"long_name": "slope of all"})}, labels)
+    views = [*default_views(data), *declared(family, data)]
+    made = [view_payload(data, view) for view in usable(data, views) if view.kind == "curves"]
+    assert made[0]["title"] == "Slope of all over hour"
+    assert not {one["title"] for one in made} & {"", "Curves", "Over what is swept", "Modules"}
+    text = interactive(data, default_views(data)).body
+    assert ">Slope of all over hour</h3>" in text

@@ -123,8 +123,8 @@ def _frame(number: int, view: View, made: dict[str, Any]) -> Html:
     said = " ".join(filter(None, [view.caption, made["thinned"]]))
     return element(
         "figure",
-        element("h3", view.title, id=f"{name}-title"),
-        element("div", class_="switches", role="group", aria_label=f"Choose what is shown: {view.title}"),
+        element("h3", made["title"], id=f"{name}-title"),
+        element("div", class_="switches", role="group", aria_label=f"Choose what is shown: {made['title']}"),
         element("p", class_="said", role="status", aria_live="polite"),
         element(
             "div",

@@ -13,7 +13,7 @@ import xarray as xr
 
 from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, title_of, unit_of, value_text
 from heliosweep.report.selection import evenly
-from heliosweep.report.views import HELIOSTAT, View, is_ordered, position
+from heliosweep.report.views import HELIOSTAT, View, is_joined, is_ordered, position
 
 #: Numbers on one page at the most, of four bytes each.
 PAGE_VALUES = 480_000
@@ -71,9 +71,11 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
         for name in view.quantities
         if name in names and view.against.get(name, name) in names
     ]
+    dims = {dim: _dimension(result, dim, index) for dim, index in kept.items()}
     payload = {
         "kind": view.kind,
-        "title": view.title,
+        "title": view.title or _title(title_of(result[names[0]]), view.along, dims, arrays[names[0]]["dims"]),
+        "named": not view.title,
         "quantities": quantities,
         "along": list(view.along),
         "lines": [dim for dim in view.lines if dim],
@@ -81,7 +83,7 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
         "start": {dim: _start(result, dim, value, kept[dim]) for dim, value in view.start.items() if dim in kept},
         "colours": dict(view.colours),
         "outline": list(view.outline) if view.outline else None,
-        "dims": {dim: _dimension(result, dim, index) for dim, index in kept.items()},
+        "dims": dims,
         "arrays": arrays,
         "thinned": _said(result, kept),
         "labels": {name: axis_label(result[name]) for name in view.against.values() if name in names},
@@ -89,6 +91,12 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
     if view.kind == "field":
         payload["places"] = _places(result, kept, arrays)
     return payload
+
+
+def _title(quantity: str, along: Sequence[str], dims: Mapping[str, Any], own: Sequence[str]) -> str:
+    """What is drawn first, over what."""
+    title = f"{quantity} over {next((dims[dim]['title'] for dim in along if dim in own), 'what is swept')}"
+    return title[:1].upper() + title[1:]
 
 
 def _names(view: View) -> list[str]:
@@ -193,8 +201,8 @@ def _encoded(dims: Sequence[Any], values: np.ndarray) -> dict[str, Any]:
 def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]:
     """Name, values and words of one dimension."""
     if dim not in result.coords:
-        title = dim.replace("_", " ")
-        return {"title": title, "label": title, "kind": "word", "values": None, "texts": _labels(result, dim, kept)}
+        title, texts = dim.replace("_", " "), _labels(result, dim, kept)
+        return {"title": title, "label": title, "kind": "word", "joined": False, "values": None, "texts": texts}
     coordinate = result[dim].isel({dim: kept})
     values = coordinate.to_numpy()
     kind = "date" if values.dtype.kind == "M" else "number" if values.dtype.kind in "fiu" else "word"
@@ -212,6 +220,7 @@ def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]
         "title": re.split("[:,]", title_of(coordinate))[0],
         "label": axis_label(coordinate).split(":")[0],
         "kind": kind,
+        "joined": is_joined(result, dim),
         "values": numbers,
         "texts": texts,
     }

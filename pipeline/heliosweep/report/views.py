@@ -29,6 +29,9 @@ LEAST_CURVE = 3
 #: Dimensions whose values are words in an order.
 _ORDERED_WORDS = ("month",)
 
+#: Dimensions whose numbers are names: their order says nothing, and no line joins their values.
+_NUMBERED = (HELIOSTAT, "module", "camera", "sample")
+
 Kind = Literal["field", "raster", "curves", "plane"]
 
 
@@ -42,7 +45,7 @@ class View:
         A map of heliostats at their coordinates ``x`` and ``y``; a picture over the last two of `along`; curves over
         one of the dimensions in `along`; or points in a plane, of which the second coordinate is in `against`.
     title : str
-        What it shows, in few words.
+        What it shows, in few words; of curves it may be left empty: the quantity and the dimension are named then.
     quantities : sequence of str
         Variables to choose from, the first is shown first; those that the result lacks, or that have nothing to draw
         along, are left out.
@@ -98,7 +101,7 @@ def default_views(result: xr.Dataset, **start: float | str) -> Iterator[View]:
     dims = [dim for dim in numbers if dim != HELIOSTAT and result.sizes[dim] >= LEAST_CURVE]
     flat = [name for name in names if not set(PIXELS) <= set(result[name].dims)]
     few = [name for name in flat if HELIOSTAT not in result[name].dims or result.sizes[HELIOSTAT] < FIELD]
-    yield View("curves", "Curves", few or flat, dims, lines=[words(result)], start=start)
+    yield View("curves", "", few or flat, dims, lines=[words(result)], start=start)
 
 
 def usable(result: xr.Dataset, views: Iterable[View]) -> list[View]:
@@ -149,6 +152,11 @@ def words(result: xr.Dataset) -> str:
 def is_ordered(result: xr.Dataset, dim: str) -> bool:
     """Whether the values along a dimension are numbers, dates or words in an order."""
     return dim in _ORDERED_WORDS or (dim in result.coords and result[dim].dtype.kind in "fiuM")
+
+
+def is_joined(result: xr.Dataset, dim: str) -> bool:
+    """Whether a line along a dimension says anything: its values have an order that is more than one of numbering."""
+    return is_ordered(result, dim) and dim not in _NUMBERED and not dim.endswith("seed")
 
 
 def position(result: xr.Dataset, dim: str, value: float | str) -> int:

@@ -38,5 +38,5 @@ def views(result: xr.Dataset) -> Iterator[View]:
     canted = next((number for number, pair in canting(result).items() if any(pair)), 1)
     start = {**_TYPICAL, MODULE: float(canted)}
     lines = (METHOD, "referential")
-    yield View("curves", "Over what is swept", flat, (*swept, HOUR), lines, start=start, colours=METHOD_COLOURS)
-    yield View("curves", "Modules", flat, (MODULE,), lines, start=start, colours=METHOD_COLOURS)
+    yield View("curves", "", flat, (*swept, HOUR), lines, start=start, colours=METHOD_COLOURS)
+    yield View("curves", "", flat, (MODULE,), lines, start=start, colours=METHOD_COLOURS)

@@ -51,7 +51,7 @@ def views(result: xr.Dataset) -> Iterator[View]:
         "surroundings of the aperture; points farther off come with the tool that moves the plane.",
     )
     lines = ("axis", *words, HELIOSTAT)
-    yield View("curves", "Curves", names, (*along, "spot"), lines, start=_TYPICAL, colours=_COLOURS)
+    yield View("curves", "", names, (*along, "spot"), lines, start=_TYPICAL, colours=_COLOURS)
     yield View(
         "curves",
         "Errors of the mount",

@@ -48,7 +48,7 @@ class Curves {
 
   isGeometric() {
     const { values, kind } = this.view.dims[this.switches.along];
-    if (this.plane || kind !== 'number' || values.length < 3 || !(Math.min(...values) > 0)) return false;
+    if (this.plane || !this.view.dims[this.switches.along].joined || kind !== 'number' || values.length < 3 || !(Math.min(...values) > 0)) return false;
     const ratios = values.slice(1).map((value, i) => value / values[i]);
     return Math.max(...values) >= 10 * Math.min(...values) && ratios.every((ratio) => Math.abs(ratio / ratios[0] - 1) < 1e-4);
   }
@@ -97,9 +97,9 @@ class Curves {
       const shown = !this.hidden.has(name);
       const { color, dash, mark } = this.look(i, names);
       path.glyph.setv({ line_color: color, line_dash: dash });
-      const alpha = order.length <= MARKED ? 1 : 0;
+      const alpha = order.length <= MARKED || !dim.joined ? 1 : 0;
       marks.glyph.setv({ fill_color: color, line_color: color, marker: mark, fill_alpha: alpha, line_alpha: alpha });
-      path.visible = shown;
+      path.visible = shown && dim.joined;
       marks.visible = shown;
       if (shown) all.push(...y);
     });
@@ -120,12 +120,15 @@ class Curves {
     return lineLook(i, names.length, Object.hasOwn(known, names[i]) && known[names[i]]);
   }
 
+  name() {
+    const { shown, along, label } = this.switches;
+    relabel(this, this.plane ? this.view.labels[shown.against] : this.view.dims[along].label, label);
+  }
+
   axes(dim) {
-    const [x, y] = [this.figure.xaxes[0], this.figure.yaxes[0]];
-    const against = this.plane && this.view.labels[this.switches.shown.against];
-    const [width, height] = [(this.place.clientWidth || 600) - 80, this.figure.height - 110];
-    x.axis_label = folded(this.plane ? against : dim.label, width);
-    y.axis_label = folded(this.switches.label, height);
+    const x = this.figure.xaxes[0];
+    this.folds = 0;
+    this.name();
     if (this.plane || this.logarithmic) return;
     if (dim.kind === 'word') {
       const step = Math.ceil(dim.texts.length / 13);
@@ -133,6 +136,13 @@ class Curves {
       x.setv({
         ticker: new Bokeh.FixedTicker({ ticks }), formatter: new Bokeh.BasicTickFormatter(),
         major_label_overrides: new Map(ticks.map((i) => [i, dim.texts[i]])), major_label_orientation: dim.texts.length > 5 ? 0.7 : 'horizontal',
+      });
+    } else if (!dim.joined) {
+      const step = Math.ceil(dim.values.length / 13);
+      const ticks = dim.values.filter((_, i) => i % step === 0);
+      x.setv({
+        ticker: new Bokeh.FixedTicker({ ticks }), formatter: new Bokeh.BasicTickFormatter(),
+        major_label_overrides: new Map(), major_label_orientation: 'horizontal',
       });
     } else {
       const date = dim.kind === 'date';
@@ -147,15 +157,13 @@ class Curves {
   // Below the plot, where narrow pages have room: a button for each line hides it and shows it again.
   legend(names, dim) {
     const told = dim ? names : [];
-    if (this.told === told.join('\n') + dark.matches) return;
-    this.told = told.join('\n') + dark.matches;
+    const { joined } = this.axis.dim;
+    const telling = [...told, dark.matches, joined].join('\n');
+    if (this.told === telling) return;
+    this.told = telling;
     const about = make('span', { class: 'about-lines' }, dim ? `${this.view.dims[dim].title}:` : '');
     this.keys.replaceChildren(about, ...told.map((name, i) => {
-      const { color, dash } = this.look(i, names);
-      const style = `border-top: 3px ${dash === 'solid' ? 'solid' : 'dashed'} ${color}`;
-      const swatch = make('span', { class: 'swatch', 'aria-hidden': 'true' });
-      swatch.style.cssText = style;
-      const button = make('button', { type: 'button', 'aria-pressed': `${!this.hidden.has(name)}` }, swatch, name);
+      const button = make('button', { type: 'button', 'aria-pressed': `${!this.hidden.has(name)}` }, swatch(this.look(i, names), joined), name);
       button.addEventListener('click', () => {
         if (!this.hidden.delete(name)) this.hidden.add(name);
         button.setAttribute('aria-pressed', `${!this.hidden.has(name)}`);

@@ -3,6 +3,10 @@
 const dark = window.matchMedia('(prefers-color-scheme: dark)');
 const touch = window.matchMedia('(pointer: coarse)');
 const DASHES = ['solid', [6, 3], [2, 2], [8, 2, 2, 2], [12, 3], [4, 2]];
+const OUTLINES = {
+  circle: 'M-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0z', square: 'M-3-3h6v6h-6z', triangle: 'M0-3.5L3.5 3h-7z', diamond: 'M0-4L3 0L0 4L-3 0z',
+  inverted_triangle: 'M0 3.5L3.5-3h-7z', plus: 'M-4 0h8M0-4v8', x: 'M-3-3L3 3M-3 3L3-3',
+};
 const MARKS = ['circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'plus', 'x'];
 
 function colours() {
@@ -71,16 +75,55 @@ function newFigure(attributes, rows) {
   return { figure, hover };
 }
 
-// A label on several lines where it is longer than its axis. [pixel]
+const pen = document.createElement('canvas').getContext('2d');
+const MOST_FOLDS = 4;
+
+// A label on several lines where it is longer than its axis, cut off where even those do not hold it. [pixel]
 function folded(label, room) {
-  const most = Math.max(18, Math.floor(room / 6.8));
+  pen.font = '13px system-ui, sans-serif';
+  const fits = (words) => pen.measureText(words).width <= Math.max(room, 60);
+  const cut = (words) => {
+    let end = words.length;
+    while (end > 1 && !fits(`${words.slice(0, end)}\u2026`)) end -= 1;
+    return `${words.slice(0, end).trimEnd()}\u2026`;
+  };
   const lines = [''];
-  for (const word of label.split(' ')) {
+  for (const word of label.split(/\s+/)) {
     const line = lines[lines.length - 1];
-    if (line && line.length + word.length + 1 > most) lines.push(word);
+    if (line && !fits(`${line} ${word}`)) lines.push(word);
     else lines[lines.length - 1] = line ? `${line} ${word}` : word;
   }
-  return lines.join('\n');
+  if (lines.length > MOST_FOLDS) lines.splice(MOST_FOLDS - 1, lines.length, cut(lines.slice(MOST_FOLDS - 1).join(' ')));
+  return lines.map((line) => (fits(line) ? line : cut(line))).join('\n');
+}
+
+// Fold the labels of a plot: to its frame as measured, and until it is drawn to about what that will be.
+function relabel(plot, across, up) {
+  const { figure, place } = plot;
+  const view = Bokeh.index.find_one(figure);
+  const frame = view ? view.frame.bbox : {};
+  const width = (frame.width || (place.clientWidth || 600) - 90) - 4;
+  const height = (frame.height || figure.height - 110) - 4;
+  for (const [axis, label, room] of [[figure.xaxes[0], across, width], [figure.yaxes[0], up, height]]) {
+    const words = folded(label, room);
+    if (axis.axis_label !== words) axis.axis_label = words;
+  }
+  const title = plot.bar ? folded(plot.switches.label, width - 16) : '';
+  if (plot.bar && plot.bar.title !== title) plot.bar.title = title;
+}
+
+// The key of a line: its dashes, if it is one, and its mark.
+function swatch({ color, dash, mark }, joined) {
+  const draw = (name, attributes) => {
+    const found = document.createElementNS('http://www.w3.org/2000/svg', name);
+    for (const [key, value] of Object.entries(attributes)) found.setAttribute(key, value);
+    return found;
+  };
+  const svg = draw('svg', { class: 'swatch', viewBox: '0 0 32 10', width: 32, height: 10, 'aria-hidden': 'true' });
+  const line = { stroke: color, 'stroke-width': 2, fill: 'none' };
+  if (joined) svg.append(draw('path', { d: 'M0 5H32', ...line, ...(dash === 'solid' ? {} : { 'stroke-dasharray': dash.join(' ') }) }));
+  else svg.append(draw('path', { d: OUTLINES[mark], ...line, fill: color, 'stroke-width': 1.5, transform: 'translate(16 5)' }));
+  return svg;
 }
 
 // Show the figure of a plot in its place, which then moves and zooms by keys as well.
@@ -88,12 +131,16 @@ function show(plot) {
   const { place, figure } = plot;
   figure.toolbar.tools.find((tool) => tool.type === 'SaveTool').filename = plot.view.title;
   if (!plot.watched) {
-    plot.watched = new ResizeObserver(() => plot.fit());
+    plot.watched = new ResizeObserver(() => { plot.folds = 0; plot.fit(); });
     plot.watched.observe(place);
     place.addEventListener('keydown', (event) => {
       if (event.target === place && !event.ctrlKey && !event.metaKey && !event.altKey && move(plot.figure, event.key)) event.preventDefault();
     });
   }
+  // Folding a label changes the frame, so a few times at the most for each size; not while that is being laid out.
+  plot.folds = 0;
+  const measured = () => { if (plot.figure === figure && plot.folds++ < MOST_FOLDS) plot.name(); };
+  for (const side of ['inner_width', 'inner_height']) figure.properties[side].change.connect(() => setTimeout(measured));
   return Bokeh.Plotting.show(figure, place);
 }
 

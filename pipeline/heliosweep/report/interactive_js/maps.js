@@ -58,7 +58,8 @@ class Coloured {
     const values = switches.values(this.along);
     this.scale(values);
     this.fill(values);
-    this.bar.title = folded(switches.label, (this.place.clientWidth || 600) - 90);
+    this.folds = 0;
+    this.name();
     const found = extent(values);
     const { unit } = switches;
     const range = found
@@ -66,6 +67,8 @@ class Coloured {
       : 'no value';
     this.said = [switches.place_text, range].filter(Boolean).join(': ');
   }
+
+  name() { relabel(this, ...this.titles); }
 
   dress() {
     dress(this.figure);
@@ -80,8 +83,8 @@ class Field extends Coloured {
     this.source = new Bokeh.ColumnDataSource({ data: {} });
     const [x, y] = ['x', 'y'].map((name) => extent(decoded(this.view.arrays[`place_${name}`])) || { low: 0, high: 1 });
     this.aspect = Math.min(1.2, Math.max(0.4, (Math.max(y.high, 0) - Math.min(y.low, 0)) / (Math.max(x.high, 0) - Math.min(x.low, 0) || 1)));
-    this.ready = this.show({ x_axis_label: 'east (m)', y_axis_label: 'north (m)' },
-      [['heliostat', '@name'], ['value', '@text'], ['east, north', '@place']]);
+    this.titles = ['east (m)', 'north (m)'];
+    this.ready = this.show({}, [['heliostat', '@name'], ['value', '@text'], ['east, north', '@place']]);
   }
 
   draw() {
@@ -142,8 +145,8 @@ class Raster extends Coloured {
     const [across, up] = this.sides.map(({ low, high }) => high - low);
     this.aspect = up / across;
     this.source = new Bokeh.ColumnDataSource({ data: { image: [], text: [] } });
-    this.ready = this.show({ x_axis_label: columns.label, y_axis_label: rows.label },
-      [['value', '@image'], ['at', '$x, $y']]);
+    this.titles = [columns.label, rows.label];
+    this.ready = this.show({}, [['value', '@image'], ['at', '$x, $y']]);
   }
 
   draw() {

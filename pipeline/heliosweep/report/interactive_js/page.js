@@ -23,6 +23,7 @@ function open(figure) {
     const plot = plots[figure.id];
     const about = [plot.switches.label, plot.said].join(', ');
     find('.said').textContent = plot.said;
+    if (view.named) view.title = find('h3').textContent = plot.switches.title;
     find('.plot').setAttribute('aria-label', `${view.title}: ${about}`);
     find('.plot').removeAttribute('aria-labelledby');
     if (details.open) tabulate(plot, details.lastElementChild);

@@ -138,6 +138,12 @@ class Switches {
     return this.differs && this.shown.unit === '%' ? 'percentage points' : this.shown.unit;
   }
 
+  // What is drawn over what.
+  get title() {
+    const title = `${this.shown.title} over ${this.view.dims[this.along].title}`;
+    return title[0].toUpperCase() + title.slice(1);
+  }
+
   get label() {
     if (!this.differs) return this.shown.label;
     const points = this.unit ? ` (${this.unit})` : '';
