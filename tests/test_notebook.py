@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import xarray as xr
 
 import heliosweep
 from heliosweep import HeliosweepError, StudyError
+from heliosweep.families.registry import families
 from tests.conftest import SMALL
 
 
@@ -143,6 +145,47 @@ def test_figures_and_maps(result, tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("part", "lacks"),
+    [
+        (lambda whole: whole[["optical_efficiency"]], "field_optical_efficiency"),
+        (lambda whole: whole.isel(heliostat=0), "dimension heliostat"),
+        (lambda whole: whole.drop_vars("x"), "x"),
+    ],
+)
+def test_figures_of_a_part(result, part, lacks):
+    with pytest.raises(StudyError, match=f"lacks {lacks}, which the figures of field_efficiency need") as caught:
+        part(result).heliosweep.figures()
+    assert isinstance(caught.value.__cause__, KeyError | ValueError)
+    assert result.sel(latitude=20).heliosweep.figures()
+    with pytest.raises(StudyError, match="the result has no variables"):
+        result[[]].heliosweep.tables()
+
+
+def test_figures_of_a_part_of_a_study_with_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("field.csv").write_text("x,y\n0,50\n15,50\n")
+    made = heliosweep.build(heliosweep.study("field_efficiency", **blocks(layout={"file": "field.csv"})))
+    with pytest.raises(StudyError, match=r"cannot be made of this result.*field_optical_efficiency"):
+        made[["optical_efficiency"]].heliosweep.figures()
+
+
+@pytest.mark.parametrize("name", sorted(families()))
+def test_parts_of_every_family(name):
+    whole = heliosweep.build(heliosweep.load(_example(families()[name])))
+    with contextlib.suppress(StudyError):
+        whole[[]].heliosweep.figures()
+
+
+def test_an_error_on_the_whole_is_not_hidden(result, monkeypatch):
+    def fail(_):
+        raise ValueError("a mistake")
+
+    monkeypatch.setattr(families()["field_efficiency"], "figures", fail)
+    with pytest.raises(ValueError, match="a mistake"):
+        result.heliosweep.figures()
+
+
 def test_what_a_plot_needs(result):
     plot = result.heliosweep.plot
     with pytest.raises(StudyError, match=r"choose one value of tracking"):
@@ -175,8 +218,6 @@ def test_comparison(result, tmp_path):
 
 
 def test_every_family_has_tables_and_a_study():
-    from heliosweep.families.registry import families
-
     for family in families().values():
         study = heliosweep.load(_example(family))
         dataset = heliosweep.build(study)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.exchange import frames, sam
 from heliosweep.plots import Drawing, plot_curve, plot_map
 
@@ -75,8 +76,15 @@ def figures(result: xr.Dataset) -> list[Drawing]:
     -------
     list of Drawing
         Shown as images in a notebook.
+
+    Raises
+    ------
+    StudyError
+        The family needs more than this part of its result; says what is missing.
     """
-    return [Drawing(one.name, one.caption, one.figure) for one in _family(result).figures(result)]
+    family = _family(result)
+    with _lacking(result, family, "figures"):
+        return [Drawing(one.name, one.caption, one.figure) for one in family.figures(result)]
 
 
 def tables(result: xr.Dataset) -> dict[str, pd.DataFrame]:
@@ -91,15 +99,25 @@ def tables(result: xr.Dataset) -> dict[str, pd.DataFrame]:
     -------
     dict of str to pandas.DataFrame
         By what each table holds; where the family makes none, the variables with the fewest dimensions.
+
+    Raises
+    ------
+    StudyError
+        The result has no variables, or the family needs more than this part of its result; says what is missing.
     """
     import pandas as pd
 
-    make = getattr(_family(result), "tables", None)
+    family = _family(result)
+    make = getattr(family, "tables", None)
     if make is None:
+        if not result.data_vars:
+            raise StudyError(Problem("the result has no variables"))
         dims, names = min(frames.groups(result).items(), key=lambda group: len(group[0]))
         return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
     made = {}
-    for table in make(result):
+    with _lacking(result, family, "tables"):
+        of_family = list(make(result))
+    for table in of_family:
         frame = pd.DataFrame([list(row) for row in table.rows], columns=list(table.header))
         for place, name in enumerate(table.header):
             if place not in table.words:
@@ -229,6 +247,33 @@ def _family(result: xr.Dataset) -> Family[Any]:
     if name not in families():
         raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
     return families()[name]
+
+
+@contextmanager
+def _lacking(result: xr.Dataset, family: Family[Any], what: str) -> Iterator[None]:
+    """Say what is missing where a family fails on a part of its result; errors on the whole pass."""
+    try:
+        yield
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        try:
+            whole = family.build(study_of(result), {}, {})
+        except HeliosweepError:  # the study names files that are not here
+            message = f"the {what} of {family.name} cannot be made of this result, if it is a part use the whole"
+            raise StudyError(Problem(f"{message} ({type(error).__name__}: {error})")) from error
+        variables = [str(name) for name in whole.variables if name not in result.variables]
+        named = [name for name in variables if f"'{name}'" in str(error).partition("Did you")[0]]
+        missing = named or [
+            *(f"dimension {name}" for name in whole.dims if name not in result.dims),
+            *(name for name in variables if name not in whole.dims),
+        ]
+        if missing:
+            message = f"this part of the result lacks {', '.join(missing)}, which the {what} of {family.name} need"
+            raise StudyError(Problem(message)) from error
+        cut = [str(dim) for dim in whole.dims if whole.sizes[dim] != result.sizes[dim]]
+        if cut:
+            message = f"the {what} of {family.name} cannot be made of a part along {', '.join(cut)}"
+            raise StudyError(Problem(message)) from error
+        raise
 
 
 if not hasattr(xr.Dataset, "heliosweep"):
