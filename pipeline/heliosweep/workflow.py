@@ -139,11 +139,11 @@ def build(study: Study | Source) -> xr.Dataset:
     """
     study = _loaded(study)
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
-    from heliosweep.store.attributes import global_attributes
+    from heliosweep.runtime.execute import attributes_of
 
     planned, family = plan(study), family_of(study)
     dataset = family.build(study, planned.chunks, {})
-    return dataset.assign_attrs({**global_attributes(study, family.title, family.references), **dataset.attrs})
+    return dataset.assign_attrs(attributes_of(family, study, dataset))
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:

@@ -51,6 +51,13 @@ def test_lazy_build_equals_the_run(example, tmp_path):
         assert set(computed.coords) == set(dataset.coords)
 
 
+def test_keywords_are_those_of_the_family(family, example):
+    words = workflow.build(example).attrs["keywords"].split(", ")
+    assert {"concentrating solar power", *family.keywords} <= set(words)
+    assert len(words) == len(set(words))
+    assert family.name != "dish_tracking" or not any("heliostat" in word for word in words)
+
+
 def test_every_variable_says_what_it_is(example, tmp_path):
     with workflow.run(example, tmp_path / "result", report=False).open() as dataset:
         for name, array in dataset.data_vars.items():

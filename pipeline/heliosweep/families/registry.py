@@ -32,9 +32,9 @@ class Family(Protocol[StudyT]):
 
     Each method imports what it needs when it is called, so that validating a study stays quick.
 
-    A family may also have ``tables(result)``, see `Table`; ``views(result)``, which yields the interactive plots of
-    the page, see `heliosweep.report.views.View`; and ``headlines``, names of variables of which the first that a
-    result has is told in the list of all studies.
+    A family may also have ``keywords``, by which its results are found; ``tables(result)``, see `Table`;
+    ``views(result)``, which yields the interactive plots of the page, see `heliosweep.report.views.View`; and
+    ``headlines``, names of variables of which the first that a result has is told in the list of all studies.
     """
 
     name: str

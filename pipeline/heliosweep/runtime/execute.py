@@ -48,7 +48,8 @@ def skeleton_of(family: Family[Any], study: Study, plan: Plan) -> Skeleton:
 def attributes_of(family: Family[Any], study: Study, coordinates: xr.Dataset | None = None) -> dict[str, Any]:
     """Global attributes of a study's result; `coordinates` are those of the family, where they are at hand."""
     coordinates = family.coordinates(study) if coordinates is None else coordinates
-    return {**global_attributes(study, family.title, family.references), **coordinates.attrs}
+    keywords = getattr(family, "keywords", ())
+    return {**global_attributes(study, family.title, family.references, keywords), **coordinates.attrs}
 
 
 def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, inputs: Inputs, show: bool) -> None:

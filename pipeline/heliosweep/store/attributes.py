@@ -14,12 +14,14 @@ from heliosweep.config.study import Study
 from heliosweep.grid.axes import Grid
 
 #: What every result can be found by.
-_KEYWORDS = ("concentrating solar power", "heliostat", "solar tracking", "optical efficiency")
+_KEYWORDS = ("concentrating solar power", "solar tracking")
 #: Keys of a site, what ACDD calls the axis, and its units.
 _EXTENT = (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east"))
 
 
-def global_attributes(study: Study, title: str, references: Sequence[str]) -> dict[str, Any]:
+def global_attributes(
+    study: Study, title: str, references: Sequence[str], keywords: Sequence[str] = ()
+) -> dict[str, Any]:
     """What the file says of itself.
 
     Parameters
@@ -30,6 +32,8 @@ def global_attributes(study: Study, title: str, references: Sequence[str]) -> di
         What its family computes, in one line.
     references : sequence of str
         Sources of the family's models.
+    keywords : sequence of str
+        Those of the family.
 
     Returns
     -------
@@ -41,7 +45,7 @@ def global_attributes(study: Study, title: str, references: Sequence[str]) -> di
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title or title,
         "summary": " ".join((study.description or title).split()),
-        "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *given))),
+        "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *keywords, *given))),
         "source": f"heliosweep {__version__}, family {study.family}",
         "history": f"computed by heliosweep {__version__} from study {study.study_id}",
         "processing_level": "computed from a model",

@@ -25,6 +25,7 @@ class BackwardGazing:
     name = "backward_gazing"
     title = "slopes of mirrors from four camera images of the reflected sun"
     references = ("Defieux, Caliot and Henault (2020), AIP Conf. Proc. 2303, 100002, doi 10.1063/5.0029270",)
+    keywords = ("heliostat", "slope error", "canting", "backward gazing")
     headlines = ("relative_error_x_median", "slope_rms_x", "canting_x")
 
     def study_class(self) -> type[BackwardGazingStudy]:

@@ -24,6 +24,7 @@ class FieldEfficiency:
     name = "field_efficiency"
     title = "annual cosine, shading, blocking and optical efficiency of a heliostat field"
     references = ("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",)
+    keywords = ("heliostat field", "optical efficiency", "shading", "blocking")
     headlines = ("field_optical_efficiency",)
 
     def study_class(self) -> type[FieldEfficiencyStudy]:

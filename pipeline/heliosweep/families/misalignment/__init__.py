@@ -28,6 +28,7 @@ class Misalignment:
         "Evaluation and measurement of heliostat misalignment in solar power plant using vector model, Optics Express "
         "27 (8), A257 (2019)",
     )
+    keywords = ("heliostat", "tracking error", "calibration")
     headlines = ("least_tolerance", "day_hit_fraction", "hit_fraction", "residual_rms", "tolerance")
 
     def study_class(self) -> type[MisalignmentStudy]:
