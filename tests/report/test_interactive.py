@@ -222,3 +222,13 @@ def test_titles_of_curves_name_what_is_drawn_over_what(family):
     assert not {one["title"] for one in made} & {"", "Curves", "Over what is swept", "Modules"}
     text = interactive(data, default_views(data)).body
     assert ">Slope of all over hour</h3>" in text
+
+
+def test_words_of_many_values_take_no_look_at_other_coordinates(monkeypatch):
+    data = result({"latitude": [0.0, 15.0, 30.0]}, heliostats=300)
+    (view,) = usable(data, [View("field", "", ("optical_efficiency",), ("heliostat",))])
+    data = data.assign_coords(heliostat=np.arange(300))
+    seen = []
+    monkeypatch.setattr(payload, "_word", lambda value: seen.append(len(value.coords)) or str(value.item()))
+    assert view_payload(data, view)["dims"]["heliostat"]["texts"] == [str(number) for number in range(300)]
+    assert set(seen) == {0}
