@@ -31,6 +31,7 @@ def result() -> xr.Dataset:
 def test_sweeps():
     assert heliosweep.sweep(0, 60, step=15) == {"start": 0, "stop": 60, "step": 15}
     assert heliosweep.sweep("0 deg", "1 rad", num=4) == {"start": "0 deg", "stop": "1 rad", "num": 4}
+    assert heliosweep.logspace(1, 100, 3) == heliosweep.logspace(1, 100, num=3)
     assert heliosweep.logspace(1, 100, num=3) == {"logspace": {"start": 1, "stop": 100, "num": 3}}
 
 
@@ -134,8 +135,14 @@ def test_figures_and_maps(result, tmp_path):
     assert drawn.caption.endswith("at latitude 20° N, azimuth-elevation")
     assert drawn._repr_png_().startswith(b"\x89PNG")
     assert drawn.save(tmp_path / "map.svg").read_bytes().startswith(b"<?xml")
-    with pytest.raises(StudyError, match="must end in"):
+    with pytest.raises(StudyError, match=r"must end in \.png, \.svg or \.pdf"):
         drawn.save(tmp_path / "map.gif")
+    with pytest.raises(StudyError, match="exists already; force=True"):
+        drawn.save(tmp_path / "map.svg")
+    assert drawn.save(tmp_path / "map.svg", force=True).read_bytes().startswith(b"<?xml")
+    with pytest.raises(StudyError, match="its folder does not exist"):
+        drawn.save(tmp_path / "nowhere" / "map.svg")
+    assert [path.name for path in tmp_path.iterdir()] == ["map.svg"]
     curve = result.heliosweep.plot.curve("field_optical_efficiency", "latitude")
     (axes,) = curve.figure.axes
     assert len(axes.lines) == 2

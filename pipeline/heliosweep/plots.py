@@ -48,15 +48,35 @@ class Drawing:
 
         return image(self.figure, "png")
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Save as PNG, SVG or PDF, after the ending of the path."""
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Save as PNG, SVG or PDF, after the ending of the path.
+
+        Parameters
+        ----------
+        path : path
+            File to write; appears under its name when it is complete.
+        force : bool
+            Whether a file that is there is replaced.
+
+        Returns
+        -------
+        pathlib.Path
+            The file.
+
+        Raises
+        ------
+        StudyError
+            The file is there already, ends in something else, or its folder is not there.
+        HeliosweepError
+            The file cannot be written.
+        """
+        from heliosweep.exchange.files import target_file, written_whole
         from heliosweep.report.style import image
 
-        file = Path(path)
-        kind = file.suffix[1:].lower()
-        if kind not in ("png", "svg", "pdf"):
-            raise StudyError(Problem("must end in .png, .svg or .pdf", file=str(file)))
-        file.write_bytes(image(self.figure, kind))
+        file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
+        drawn = image(self.figure, file.suffix[1:].lower())
+        with written_whole(file) as stream:
+            stream.buffer.write(drawn)
         return file
 
 

@@ -49,6 +49,22 @@ def test_what_fits_in_one_table(small):
         to_frame(result, "optical")
 
 
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        (3, r"variables: must be the name of a variable, or a list of names \(got 3\)"),
+        ([], "variables: is an empty list; name variables, or leave it out for all"),
+        ([3], "3: no such variable; the result has"),
+    ],
+)
+def test_what_are_no_names(small, tmp_path, variables, said):
+    result = build(small())
+    with pytest.raises(StudyError, match=said):
+        to_frame(result, variables)
+    with pytest.raises(StudyError, match=said):
+        write_csv(result, tmp_path / "r.csv", variables)
+
+
 @pytest.mark.parametrize("rows", [1, 7, 48, 100, 10**6])
 def test_csv_piece_by_piece(small, tmp_path, monkeypatch, rows):
     result = build(small()).compute()

@@ -37,13 +37,13 @@ def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int |
     return {key: value for key, value in parts.items() if value is not None}
 
 
-def logspace(start: Number, stop: Number, *, num: int) -> Swept:
+def logspace(start: Number, stop: Number, num: int) -> Swept:
     """Values of a swept key, each in the same ratio to the one before, both ends included.
 
     Parameters
     ----------
     start, stop : float or str
-        First and last value, of one sign, in the unit of the key or with a unit.
+        First and last value, of one sign, in the unit of the key or with a unit; not exponents: as numpy.geomspace.
     num : int
         Number of values.
 

@@ -47,8 +47,10 @@ def target_file(
     file = Path(target)
     if file.is_dir():
         raise StudyError(Problem("is a folder; name a file", file=str(file)))
-    if endings and not file.name.lower().endswith(tuple(endings)):
-        raise StudyError(Problem(f"must end in {' or '.join(endings)}", file=str(file)))
+    if endings and file.suffix.lower() not in endings:
+        raise StudyError(
+            Problem(f"must end in {', '.join(endings[:-1])}{' or ' * (len(endings) > 1)}{endings[-1]}", file=str(file))
+        )
     place = file.resolve()
     if any(place == Path(source).resolve() or _is_same(file, source) for source in sources):
         raise StudyError(Problem("is what is read, and would be replaced; name another file", file=str(file)))

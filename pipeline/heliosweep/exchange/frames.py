@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,7 +106,13 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
     """Return the variables, and the coordinates along their dimensions."""
+    if not (variables is None or isinstance(variables, str | Iterable)):
+        raise StudyError(
+            Problem(f"must be the name of a variable, or a list of names (got {variables!r})", "variables")
+        )
     names = [variables] if isinstance(variables, str) else list(result.data_vars if variables is None else variables)
+    if variables is not None and not names:
+        raise StudyError(Problem("is an empty list; name variables, or leave it out for all", "variables"))
     unknown = [name for name in names if name not in result.data_vars]
     if unknown:
         known = ", ".join(map(str, result.data_vars))
