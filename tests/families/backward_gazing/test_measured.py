@@ -471,6 +471,12 @@ def test_parameters_may_be_swept(write):
     assert "cannot be swept" in problems_of(write(heliostat={"focal_length": 120, "pixel": [0.05, 0.1]}))
 
 
+def test_keys_of_simulations_label_no_measured_result(shipped):
+    simulated = {"camera_noise", "camera_gain_noise", "gain_error", "canting_scale", "waviness"}
+    assert not simulated & set(shipped.coords)
+    assert {"threshold", "profile_error", "distance"} <= set(shipped.coords)
+
+
 def test_parts_of_the_whole_are_plain_numbers(shipped):
     lost = shipped.assign(quality=shipped["quality"] * 0 + 1)
     assert list(measured.remarks(lost)) == [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,10 +63,15 @@ def coordinate_bytes(study: BackwardGazingStudy) -> int:
     return 8 * (200 + 6 * sizes["module"] + sizes.get("z", 0) * sizes.get("y", 0))
 
 
-def coordinates(study: BackwardGazingStudy, select: Mapping[str, slice] | None = None) -> xr.Dataset:
-    """Coordinates of the result over a part of the parameter grid, all of it where `select` is left out."""
+def coordinates(
+    study: BackwardGazingStudy, select: Mapping[str, slice] | None = None, keys: Sequence[str] = LABELS
+) -> xr.Dataset:
+    """Coordinates of the result over a part of the parameter grid, all of it where `select` is left out.
+
+    Those of `keys` are there also where they are not swept.
+    """
     grid, modules = Grid(study, select), modules_of(study)
-    labels = grid.coordinates(LABELS)
+    labels = grid.coordinates(keys)
     for block in ("sun", "target"):
         if grid.has(f"{block}.azimuth"):
             world = (180.0 - grid.parameter(f"{block}.azimuth")) % 360.0

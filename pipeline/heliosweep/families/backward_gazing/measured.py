@@ -18,7 +18,7 @@ from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing import labels, points
 from heliosweep.families.backward_gazing import measured_variables as named
 from heliosweep.families.backward_gazing import variables as common
-from heliosweep.families.backward_gazing.measured_checks import view_problems
+from heliosweep.families.backward_gazing.measured_checks import SIMULATED, view_problems
 from heliosweep.families.backward_gazing.measured_images import GEOMETRY, views
 from heliosweep.families.backward_gazing.measured_points import block, given
 from heliosweep.families.backward_gazing.measured_remarks import remarks
@@ -36,6 +36,8 @@ Floats = NDArray[np.float64]
 
 #: Time of a pixel on one core besides the methods of the study: rectification, and LM for the uncertainty. [s]
 SECONDS_PER_PIXEL = 4e-6
+#: Keys that label a result; those of simulations say nothing of measured images.
+LABELS = tuple(key for key in labels.LABELS if not key.startswith(SIMULATED))
 
 
 def workload(study: BackwardGazingStudy) -> Workload:
@@ -82,7 +84,7 @@ def workload(study: BackwardGazingStudy) -> Workload:
 
 def coordinates(study: BackwardGazingStudy, select: Mapping[str, slice] | None = None) -> xr.Dataset:
     """Coordinates of the result over a part of the parameter grid, all of it where `select` is left out."""
-    found, seen = labels.coordinates(_mapped(study), select), views(study)
+    found, seen = labels.coordinates(_mapped(study), select, LABELS), views(study)
     said = {
         name: xr.DataArray(seen.geometry[name], attrs=named.METADATA[name])
         for _, name in GEOMETRY.values()

@@ -18,7 +18,7 @@ from heliosweep.kernels.rectification import homography, outline
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.config import BackwardGazingStudy
 
-__all__ = ["view_problems"]
+__all__ = ["SIMULATED", "view_problems"]
 
 #: Part of an image's lit pixels that may be saturated before it is refused.
 MOST_SATURATED = 0.5
@@ -27,7 +27,7 @@ DIFFERENT = 0.05, 1e-3
 #: Least area of a marked heliostat, and of the triangle of any three of its corners over the whole. [pixels, 1]
 LEAST_AREA, LEAST_TRIANGLE = 16.0, 0.05
 #: Keys of simulations, by their beginning.
-_SIMULATED = (
+SIMULATED = (
     "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
     "cameras.images", "cameras.supersampling", "cameras.seed",
 )  # fmt: skip
@@ -46,7 +46,7 @@ def view_problems(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Prob
     if study.mode != "measured":
         return
     for key in study.sweeps():
-        if key.startswith(_SIMULATED):
+        if key.startswith(SIMULATED):
             yield study.problem(key, "has no part in measured images; give one value, or leave it out")
     if isinstance(study.heliostat.pixel, Sweep):
         yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, as its maps have one grid")
