@@ -90,3 +90,11 @@ def test_memory_is_that_of_some_parts(tmp_path):
     finally:
         tracemalloc.stop()
     assert peak < 8 * 2**20 < 40 * 1000 * 250 * 8
+
+
+def test_only_files_of_netcdf_are_written(tmp_path):
+    write_zarr(tmp_path / "result.zarr")
+    (tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(StudyError, match=r"manifest\.json: must end in \.nc"):
+        export(tmp_path, tmp_path / "manifest.json", force=True)
+    assert (tmp_path / "manifest.json").read_text() == "{}"

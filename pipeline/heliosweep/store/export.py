@@ -64,6 +64,8 @@ def export(
     file = Path(target) if target is not None else place.with_name(DEFAULT)
     if file.is_dir():
         raise StudyError(Problem("is a folder; name a file", file=str(file)))
+    if file.suffix != ".nc":
+        raise StudyError(Problem("must end in .nc, as NetCDF files do", file=str(file)))
     if file.exists() and not force:
         raise StudyError(Problem("exists already; --force replaces it", file=str(file)))
     if not file.parent.is_dir():
