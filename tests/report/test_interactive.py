@@ -228,7 +228,12 @@ def test_words_of_many_values_take_no_look_at_other_coordinates(monkeypatch):
     data = result({"latitude": [0.0, 15.0, 30.0]}, heliostats=300)
     (view,) = usable(data, [View("field", "", ("optical_efficiency",), ("heliostat",))])
     data = data.assign_coords(heliostat=np.arange(300))
-    seen = []
-    monkeypatch.setattr(payload, "_word", lambda value: seen.append(len(value.coords)) or str(value.item()))
+    seen: list[int] = []
+
+    def word(value: xr.DataArray) -> str:
+        seen.append(len(value.coords))
+        return str(value.item())
+
+    monkeypatch.setattr(payload, "_word", word)
     assert view_payload(data, view)["dims"]["heliostat"]["texts"] == [str(number) for number in range(300)]
     assert set(seen) == {0}
