@@ -88,6 +88,7 @@ def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) ->
     study = _loaded(study)
     from heliosweep.grid.limits import machine_limits
     from heliosweep.grid.plan import make_plan
+    from heliosweep.store.raw import WORKING
 
     execution, folder = study.execution.resolved(), result_folder(study, output)
     elsewhere = _workers_elsewhere(execution)
@@ -95,7 +96,7 @@ def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) ->
     where: Any = "processes" if execution.scheduler in ("processes", "distributed") else "here"
     # The parts stay on the disk until the file that is made of them is whole; what is there already takes no more.
     copies = 2 if study.output.format == "netcdf" else 1
-    limits = replace(limits, disk=limits.disk + _size(folder / "working"))
+    limits = replace(limits, disk=limits.disk + _size(folder / WORKING))
     workload = family_of(study).workload(study)
     try:
         return make_plan(workload, limits, execution.chunks, where="elsewhere" if elsewhere else where, copies=copies)

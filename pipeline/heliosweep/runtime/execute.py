@@ -30,8 +30,8 @@ HOPELESS = 3
 _LISTED = 10
 
 
-def skeleton_of(family: Family[Any], study: Study, plan: Plan) -> Skeleton:
-    """Everything of a study's result but its values."""
+def skeleton_of(family: Family[Any], study: Study, plan: Plan, coordinates: xr.Dataset) -> Skeleton:
+    """Everything of a study's result but its values; `coordinates` are those of the family."""
     first = family.build(study, plan.chunks, {dim: slice(0, 1) for dim in plan.workload.parameters})
     compressed = study.output.format == "netcdf" and study.output.compression != "none"
     chunked = plan.series.storage if plan.series and compressed else {}
@@ -41,18 +41,18 @@ def skeleton_of(family: Family[Any], study: Study, plan: Plan) -> Skeleton:
         )
         for name, array in first.data_vars.items()
     }
-    coordinates = family.coordinates(study)
     return Skeleton(plan.workload.sizes, coordinates, variables, attributes_of(family, study, coordinates))
 
 
-def attributes_of(family: Family[Any], study: Study, coordinates: xr.Dataset | None = None) -> dict[str, Any]:
-    """Global attributes of a study's result; `coordinates` are those of the family, where they are at hand."""
-    coordinates = family.coordinates(study) if coordinates is None else coordinates
+def attributes_of(family: Family[Any], study: Study, coordinates: xr.Dataset) -> dict[str, Any]:
+    """Global attributes of a study's result; `coordinates` are those of the family."""
     keywords = getattr(family, "keywords", ())
     return {**global_attributes(study, family.title, family.references, keywords), **coordinates.attrs}
 
 
-def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, inputs: Inputs, show: bool) -> None:
+def execute(
+    family: Family[Any], study: Study, plan: Plan, store: WorkingStore, skeleton: Skeleton, inputs: Inputs, show: bool
+) -> None:
     """Compute and store the parts of a study that its working store lacks.
 
     Parameters
@@ -65,6 +65,8 @@ def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, 
         Its plan.
     store : WorkingStore
         Holds what earlier runs computed, and is given the rest.
+    skeleton : Skeleton
+        Of the result: its coordinates say where a part that failed lies.
     inputs : Inputs
         The files that the study names: no part is stored that was computed after one of them was edited.
     show : bool
@@ -78,7 +80,6 @@ def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, 
     missing = [part for part in plan.parts() if part.name not in store.journal.done]
     if not missing:
         return
-    coordinates = family.coordinates(study)
     failed: dict[str, str] = {}
     with TidyStack() as stack:
         blocks = sum(map(plan.blocks_of, missing))
@@ -94,7 +95,7 @@ def execute(family: Family[Any], study: Study, plan: Plan, store: WorkingStore, 
                 pending.result()
             if outcome.values is None:
                 why = f"{type(outcome.error).__name__}: {outcome.error}".rstrip(": ")
-                failed[outcome.part.name] = f"{place(outcome.part, coordinates)}: {why}"
+                failed[outcome.part.name] = f"{place(outcome.part, skeleton.coordinates)}: {why}"
                 pending = storing.submit(store.fail, outcome.part, failed[outcome.part.name])
                 if len(failed) >= HOPELESS and not store.journal.done:
                     break

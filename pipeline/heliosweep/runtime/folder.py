@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from heliosweep.config.study import Study
 from heliosweep.errors import Problem, StudyError
 from heliosweep.store import claim, working
 from heliosweep.store.manifest import DESCRIPTIONS
 from heliosweep.store.raw import RESULTS, is_zarr
+from heliosweep.store.records import read_json
 from heliosweep.store.temporary import remove_leftovers, temporary_name
 
 
@@ -110,7 +109,7 @@ def _is_working_store(path: Path) -> bool:
 def _is_manifest(path: Path) -> bool:
     """Whether a file is a manifest that a run has left."""
     try:
-        found: Any = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path)
         return "study_id" in found and "result" in found
-    except (OSError, ValueError, TypeError, RecursionError):
+    except (OSError, ValueError, TypeError):
         return False

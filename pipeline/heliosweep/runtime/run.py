@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
@@ -28,6 +28,9 @@ from heliosweep.store.publish import publish
 from heliosweep.store.skeleton import Skeleton
 from heliosweep.store.temporary import sync
 from heliosweep.store.working import WorkingStore
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 log = logging.getLogger("heliosweep")
 
@@ -82,14 +85,19 @@ class Run:
         log.debug("%s: %.2f s", stage, self.seconds[stage])
 
     @cached_property
+    def coordinates(self) -> xr.Dataset:
+        """Coordinates of the whole result."""
+        return self.family.coordinates(self.study)
+
+    @cached_property
     def skeleton(self) -> Skeleton:
         """Everything of the result but its values."""
-        return skeleton_of(self.family, self.study, self.plan)
+        return skeleton_of(self.family, self.study, self.plan, self.coordinates)
 
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What the result belongs to."""
-        return identity_of(self.study, attributes_of(self.family, self.study))
+        return identity_of(self.study, attributes_of(self.family, self.study, self.coordinates))
 
     def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result in the folder, from what is there and what is computed now.
@@ -118,7 +126,7 @@ class Run:
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
             with self.timed("compute"):
-                execute(self.family, self.study, self.plan, self.store, self.inputs, progress)
+                execute(self.family, self.study, self.plan, self.store, self.skeleton, self.inputs, progress)
         with self.timed("publish"):
             path = publish(self.store, self.skeleton, self.plan, self.study.output, self.folder)
         with self.timed("record"):
@@ -129,9 +137,11 @@ class Run:
     def complete(self) -> Path | None:
         """The result, where the folder holds just what this run would leave and no run goes on that makes it anew."""
         earlier = Finished.find(self.folder)
-        if earlier is None or self._unfinished().get("forced") or not earlier.is_whole():
+        if earlier is None or self._unfinished().get("forced"):
             return None
-        return None if any(earlier.changes(self.identity, key) for key in _ASPECTS) else earlier.path
+        if any(earlier.changes(self.identity, key) for key in _ASPECTS):
+            return None
+        return earlier.path if earlier.is_whole() else None  # last, for it reads all of the result
 
     def left(self) -> str:
         """What a run that ends now leaves, and how to go on, in words."""
