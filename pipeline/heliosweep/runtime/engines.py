@@ -32,6 +32,20 @@ _WORKER_DIED = (
 )
 
 
+def get_ready(execution: Execution) -> None:
+    """Begin what an engine takes some time to start, while this process does other things before it needs it.
+
+    Parameters
+    ----------
+    execution : Execution
+        Which engine.
+    """
+    if execution.scheduler == "distributed":
+        from heliosweep.runtime.local_cluster import start_ahead
+
+        start_ahead()
+
+
 @contextmanager
 def engine(execution: Execution, plan: Plan, progress: Progress) -> Iterator[Engine]:
     """Start the workers that a study asks for, and stop them at the end.

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.execution import Job
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.runtime.connect import WORKER_SETTINGS, free_dashboard
+from heliosweep.runtime.connect import WORKER_SETTINGS
+from heliosweep.runtime.local_cluster import free_dashboard
 from heliosweep.runtime.scratch import scratch
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.registry import Family
 from heliosweep.grid.plan import Plan
+from heliosweep.runtime.engines import get_ready
 from heliosweep.runtime.execute import attributes_of, execute, skeleton_of
 from heliosweep.runtime.inputs import Inputs
 from heliosweep.store import working
@@ -117,6 +118,7 @@ class Run:
         if not force and (found := self.complete()):
             self._clear()
             return found
+        get_ready(self.study.execution)
         parts = self.plan.part_count  # what does not fit is refused here, before anything is expanded
         earlier = None if force else self._earlier()
         self.store = self._store(force)

@@ -1,0 +1,120 @@
+"""A cluster of this machine alone: worker processes that are forked from one that has imported what they need."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
+
+from heliosweep.errors import HeliosweepError
+from heliosweep.runtime.scratch import scratch
+
+log = logging.getLogger("heliosweep")
+
+#: A worker process gets no less memory. [bytes]
+LEAST_MEMORY = 512 * 2**20
+#: Where the dashboard stands if that port is free.
+DASHBOARD_PORT = 8787
+
+
+def start_ahead() -> None:
+    """Start the process that workers are forked from: it imports what they need while this one goes on."""
+    import multiprocessing
+
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return
+    from multiprocessing import forkserver
+
+    ours = [name for name in sys.modules if name.partition(".")[0] == "heliosweep"]
+    with _interruptions_blocked():
+        forkserver.set_forkserver_preload(["heliosweep.runtime.preloaded", *ours])
+        forkserver.ensure_running()
+
+
+@contextmanager
+def local_cluster(workers: int, memory: int | None) -> Iterator[Any]:
+    """Worker processes of this machine, one thread each, that nobody outside it can reach."""
+    start_ahead()
+    from distributed import LocalCluster
+    from distributed.system import MEMORY_LIMIT
+
+    limit = max((memory or MEMORY_LIMIT) // workers, LEAST_MEMORY)
+    with ExitStack() as stack:
+        folder = stack.enter_context(scratch())
+        try:
+            stack.enter_context(_forked())
+            with _interruptions_blocked():
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    memory_limit=limit,
+                    dashboard_address=free_dashboard("127.0.0.1"),
+                    silence_logs=logging.CRITICAL,
+                    local_directory=folder,
+                    scheduler_kwargs={"local_directory": folder},
+                )
+        except RuntimeError as error:
+            raise HeliosweepError(
+                f"the workers of the local cluster do not start ({str(error).splitlines()[0]}); a script that runs a "
+                'study with them must do so below `if __name__ == "__main__":`'
+            ) from None
+        stack.callback(_close, cluster)
+        log.info("dashboard: %s", cluster.dashboard_link)
+        yield cluster
+
+
+@contextmanager
+def _forked() -> Iterator[None]:
+    """Fork workers, also those that replace others, from the process of `start_ahead`."""
+    import multiprocessing
+
+    import dask
+
+    method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+    with dask.config.set({"distributed.worker.multiprocessing-method": method}):
+        yield
+
+
+def _close(cluster: Any) -> None:
+    """End the workers at once: what they still compute nobody waits for."""
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid:
+            with suppress(ProcessLookupError):
+                os.kill(nanny.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+    with suppress(TimeoutError):
+        cluster.close(timeout=10)
+
+
+def free_dashboard(host: str) -> str:
+    """Address for a dashboard: the usual port where it is free, else any."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, DASHBOARD_PORT))
+        except OSError:
+            return f"{host}:0"
+    return f"{host}:{DASHBOARD_PORT}"
+
+
+@contextmanager
+def _interruptions_blocked() -> Iterator[None]:
+    """Hand on blocked signals to threads, and by them to processes, that are started meanwhile.
+
+    Ctrl-C reaches every process of a terminal: this one alone acts on it, when the context is left.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
