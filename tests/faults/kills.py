@@ -314,11 +314,11 @@ def _nurse() -> None:
     from importlib import import_module
 
     from heliosweep import workflow
-    from heliosweep.store.fingerprint import code_fingerprint
+    from heliosweep.store.fingerprint import code_versions
 
     for name in ("matplotlib.pyplot", "zarr", "heliosweep.cli", "heliosweep.report.page", "heliosweep.runtime.run"):
         import_module(name)
-    code_fingerprint()
+    code_versions()
     for content in STUDIES.values():  # load all that is loaded late, but start no thread: none outlives a fork
         study = workflow.load(content)
         workflow.family_of(study).prepare(study)

@@ -27,13 +27,6 @@ def code_versions() -> dict[str, str]:
     return {"heliosweep": digest.hexdigest()[:16], **{name: _version(name) for name in _LIBRARIES}, **_families()}
 
 
-@cache
-def code_fingerprint() -> str:
-    """Digest of `code_versions`: equal where the same study gives the same numbers."""
-    text = "\n".join(f"{name} {version}" for name, version in code_versions().items())
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
 def _version(name: str) -> str:
     try:
         return metadata.version(name)
