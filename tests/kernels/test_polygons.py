@@ -2,49 +2,12 @@
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely.geometry import Polygon
 
-from heliosweep.kernels.images import IMAGE_ROWS, image
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.polygons import area, cut, gaps, square_area
-from heliosweep.kernels.unions import unions
-
-SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
-
-
-def union_areas(shapes, shading):
-    """Union areas of parallelograms, shape (m, PACKET, 6): centre and half edges; the first `shading` are shades."""
-    count = len(shapes)
-    images, apart = np.zeros((count, IMAGE_ROWS * PACKET)), np.ones(count, bool)
-    up = np.repeat([0.0, 0.0, 1.0], PACKET)
-    one, none = np.ones(PACKET), np.zeros(PACKET)
-    for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
-        # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
-        views = np.concatenate((one, none, cx, none, one, cy))
-        frame = np.concatenate((ax, ay, none, bx, by, none))
-        image(images[m], views, frame, up, 0.0, 0.0, 1.0, True, frame, PACKET)
-    total = np.empty(3 * PACKET)
-    lane, spare = np.empty(2 * (count + 1) * PACKET, np.int64), np.empty(PACKET)
-    unions(images, apart, shading, count, total, lane, spare, PACKET)
-    return total.reshape(3, PACKET)
-
-
-def corners(shape):
-    c, a, b = shape[:2], shape[2:4], shape[4:]
-    return np.array([c - a - b, c + a - b, c + a + b, c - a + b])
-
-
-def shapely_areas(shapes, shading):
-    """The same by shapely."""
-    out = np.empty((3, PACKET))
-    for k in range(PACKET):
-        parts = [Polygon(corners(s)).intersection(SQUARE) for s in shapes[:, k]]
-        parts = [p if p.area > 0.0 else Polygon() for p in parts]
-        out[:, k] = [shapely.union_all(p).area for p in (parts[:shading], parts[shading:], parts)]
-    return out
+from tests.kernels.parallelograms import corners, shapely_areas, union_areas
 
 
 def random_shapes(rng, count):

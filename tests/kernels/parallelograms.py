@@ -1,0 +1,40 @@
+"""Parallelograms as images on a test mirror: areas of their unions by the kernel and by shapely."""
+
+import numpy as np
+import shapely
+
+from heliosweep.kernels.images import IMAGE_ROWS, image
+from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.unions import unions
+
+SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
+
+
+def union_areas(shapes, shading):
+    """Union areas of parallelograms, shape (m, PACKET, 6): centre and half edges; the first `shading` are shades."""
+    count = len(shapes)
+    images, apart = np.zeros((count, IMAGE_ROWS * PACKET)), np.ones(count, bool)
+    up = np.repeat([0.0, 0.0, 1.0], PACKET)
+    one, none = np.ones(PACKET), np.zeros(PACKET)
+    for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
+        # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
+        views = np.concatenate((one, none, cx, none, one, cy))
+        frame = np.concatenate((ax, ay, none, bx, by, none))
+        image(images[m], views, frame, up, 0.0, 0.0, 1.0, True, frame, PACKET)
+    total = np.empty(3 * PACKET)
+    lane, spare = np.empty(2 * (count + 1) * PACKET, np.int64), np.empty(PACKET)
+    unions(images, apart, shading, count, total, lane, spare, PACKET)
+    return total.reshape(3, PACKET)
+
+
+def corners(shapes):
+    """Corners of parallelograms, shape (..., 6), in turn: shape (..., 4, 2)."""
+    c, a, b = shapes[..., :2], shapes[..., 2:4], shapes[..., 4:]
+    return np.stack((c - a - b, c + a - b, c + a + b, c - a + b), axis=-2)
+
+
+def shapely_areas(shapes, shading):
+    """The same areas by shapely, for any number of lanes."""
+    parts = shapely.intersection(shapely.polygons(corners(shapes)), SQUARE)
+    parts = np.where(shapely.area(parts) > 0.0, parts, shapely.Polygon())
+    return np.array([shapely.area(shapely.union_all(p, axis=0)) for p in (parts[:shading], parts[shading:], parts)])
