@@ -88,6 +88,7 @@ def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) ->
     study = _loaded(study)
     from heliosweep.grid.limits import machine_limits
     from heliosweep.grid.plan import make_plan
+    from heliosweep.store.digest import tree
     from heliosweep.store.raw import WORKING
 
     execution, folder = study.execution.resolved(), result_folder(study, output)
@@ -96,7 +97,8 @@ def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) ->
     where: Any = "processes" if execution.scheduler in ("processes", "distributed") else "here"
     # The parts stay on the disk until the file that is made of them is whole; what is there already takes no more.
     copies = 2 if study.output.format == "netcdf" else 1
-    limits = replace(limits, disk=limits.disk + _size(folder / WORKING))
+    with suppress(OSError):  # another run may be at work in it
+        limits = replace(limits, disk=limits.disk + sum(tree(folder / WORKING).values()))
     workload = family_of(study).workload(study)
     try:
         return make_plan(workload, limits, execution.chunks, where="elsewhere" if elsewhere else where, copies=copies)
@@ -114,15 +116,6 @@ def _workers_elsewhere(execution: Execution) -> int | None:
     from heliosweep.runtime.cluster import worker_count
 
     return worker_count(execution)
-
-
-def _size(folder: Path) -> int:
-    """Size of all files in a folder. [bytes]."""
-    size = 0
-    with suppress(OSError):  # there is none, or another run is at work in it
-        for file in folder.rglob("*"):
-            size += file.stat().st_size if file.is_file() else 0
-    return size
 
 
 def build(study: Study | Source) -> xr.Dataset:

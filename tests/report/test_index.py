@@ -15,7 +15,8 @@ def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):
     folder.mkdir(parents=True)
     result({"latitude": [0.0, 15.0], "tracking": BOTH}).to_netcdf(folder / "result.nc", engine="netcdf4")
     identity = {"attributes": {"title": title}, "study": {"family": "field_efficiency"}}
-    manifest = {"identity": identity, "finished": finished, "result": {"file": "result.nc", "bytes": 5}}
+    described = {"file": "result.nc", "bytes": 5, "sha256": ""}
+    manifest = {"identity": identity, "finished": finished, "result": described}
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     return folder
 

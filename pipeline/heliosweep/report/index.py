@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import html as markup
-import json
 import logging
 import os
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -17,7 +17,8 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.report import comparison
 from heliosweep.report.html import Html, element, join
 from heliosweep.report.interactive import policy
-from heliosweep.store import working
+from heliosweep.store import records, working
+from heliosweep.store.finished import read_manifest
 from heliosweep.store.manifest import write_atomically
 
 log = logging.getLogger("heliosweep")
@@ -123,9 +124,11 @@ def _entry(folder: Path) -> Entry:
         state, detail = status.state, status.detail
     except (HeliosweepError, OSError, ValueError, KeyError, TypeError) as error:
         state, detail = "damaged", str(error)
-    manifest = _json(folder / "manifest.json")
-    identity = manifest.get("identity") or _json(folder / working.NAME / "study.json")
-    study, attributes = _part(identity, "study"), _part(identity, "attributes")
+    manifest: dict[str, Any] = {}
+    with suppress(HeliosweepError):
+        manifest = read_manifest(folder)
+    identity = manifest.get("identity") or _identity(folder)
+    study, attributes = identity.get("study", {}), identity.get("attributes", {})
     page = folder / "report.html"
     head = _head(page)
     verdict, agrees = _verdict(folder / comparison.FILE)
@@ -143,18 +146,11 @@ def _entry(folder: Path) -> Entry:
     )
 
 
-def _json(path: Path) -> dict[str, Any]:
-    """What a file says; nothing where it is missing or broken."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def _part(mapping: Any, key: str) -> dict[str, Any]:
-    found = mapping.get(key) if isinstance(mapping, dict) else None
-    return found if isinstance(found, dict) else {}
+def _identity(folder: Path) -> dict[str, Any]:
+    """What a run that goes on in a folder says of itself; nothing where that is missing or broken."""
+    with suppress(OSError, ValueError):
+        return records.check(records.read_json(folder / working.NAME / "study.json"), records.Identity)
+    return {}
 
 
 def _head(page: Path) -> str:
