@@ -7,6 +7,8 @@ STAMP  := $(VENV)/.ready
 export STUDY ?=
 # what `make` and `make studies` run: patterns, for the shell
 STUDIES ?= studies/*.yaml
+# what `make bench` measures: names of tests.bench, the kernels' table and whole commands; engines and memory take long
+BENCH ?= kernels study
 PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := studies
@@ -34,11 +36,11 @@ docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
 	@$(BIN)/python -m sphinx -W --keep-going -n -E -a -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
 
-bench: $(STAMP)  ## speed of the kernels beside named baselines (PySAM too, where it installs)
+bench: $(STAMP)  ## speed of the kernels beside named baselines; make BENCH="engines memory" bench: those
 	@$(BIN)/python -c "import PySAM" 2>/dev/null \
 	  || $(BIN)/python -m pip install -q -c constraints.txt -e ".[bench]" \
 	  || echo "nrel-pysam does not install here; the benchmark goes on without it" >&2
-	@set -e; for bench in tests/bench/bench_*.py; do $(BIN)/python -m $$(echo $${bench%.py} | tr / .); done
+	@$(BIN)/python -m tests.bench $(BENCH)
 
 setup: $(STAMP)  ## build the environment in .venv/
 

@@ -1,12 +1,14 @@
-"""Speed of the calibration on one core. Run it: `python -m tests.bench.bench_calibration`.
+"""Speed of the calibration on one core: `python -m tests.bench calibration`.
 
-Prints seconds for 1,000 heliostats with 60 spots each, by number of errors and loss function, beside SciPy's
-`least_squares`, heliostat by heliostat, with the same spots and derivatives by the same kernel (so that SciPy pays for
-its steps and not for the model), and by differences of the plain NumPy model. Nothing is asserted: times depend on the
-machine and on its other work; each is the best of a few runs.
+1,000 heliostats with 60 spots each, by number of errors and loss function, beside SciPy's `least_squares`, heliostat by
+heliostat, with the same spots and derivatives by the same kernel (so that SciPy pays for its steps and not for the
+model), and by differences of the plain NumPy model.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +18,11 @@ from heliosweep.kernels.calibration import CAUCHY, HUBER, SQUARED, Spots, calibr
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.mount_fit import predict
 from heliosweep.kernels.receiver import face_axes
+from heliosweep.kernels.robust import weigh
 from heliosweep.kernels.sun import declination_cooper, solar_clock
-from heliosweep.kernels.two_axis import aim, mount_frames, normal_and_centre
-from tests.bench.bench_dish import best
+from heliosweep.kernels.two_axis import aim, mount_frames, normal_and_centre, spot_and_jacobian
+from tests.bench.arithmetic import operations
+from tests.bench.table import Row, best, measured, show
 
 Floats = NDArray[np.float64]
 
@@ -88,33 +92,36 @@ def theirs(spots: Spots, frames: Floats, pivots: Floats, parameters: int, loss: 
         least_squares(residuals, np.zeros(parameters), x_scale=1e-3, **options)
 
 
-def main() -> None:
-    """Print the table."""
+def operations_of(parameters: int) -> float:
+    """Operations of one evaluation of a spot, two rows: prediction, weights, orthogonalisation of p + 1 columns."""
+    factors = 2 * 2.0 * parameters * (parameters + 3)
+    return operations(spot_and_jacobian) + operations(weigh, {"LANES": parameters + 1}, loops_only=True) + factors
+
+
+def groups() -> Iterator[Iterator[Row]]:
+    """All rows."""
+    yield rows()
+
+
+def rows() -> Iterator[Row]:
+    """Numbers of errors and loss functions."""
     spots, frames, pivots = field()
-    title = f"{HELIOSTATS:,} heliostats x {SPOTS} spots"
-    print(f"{title:<40} {'s':>8} {'us/heliostat':>14} {'ratio':>10} {'to NumPy':>10}")
     names = {SQUARED: "linear", HUBER: "huber", CAUCHY: "cauchy"}
     for loss, name in names.items():
         for parameters in (2, 4, 6):
-
-            def ours(parameters: int = parameters, loss: int = loss) -> None:
-                options = {"parameters": parameters, "loss": loss, "loss_scale": 0.05}
-                calibrate(spots, frames, pivots, FACE, np.array(OFFSETS), **options)  # type: ignore[arg-type]
-
-            seconds = best(ours, 3)
-            ratios = []
-            for exact in (True, False):
-
-                def scipy(exact: bool = exact, parameters: int = parameters, name: str = name) -> None:
-                    theirs(spots, frames, pivots, parameters, name, exact)
-
-                ratios.append(best(scipy, 1) / SAMPLE * HELIOSTATS / seconds)
-            label = f"{parameters} errors, loss {'squared' if name == 'linear' else name}"
-            print(
-                f"{label:<40} {seconds:>8.3f} {seconds / HELIOSTATS * 1e6:>14.1f} {ratios[0]:>10.0f} {ratios[1]:>10.0f}"
-            )
-    print("ratio: SciPy's least_squares with the kernel's spots and derivatives; to NumPy: with differences of NumPy's")
+            options = {"parameters": parameters, "loss": loss, "loss_scale": 0.05}
+            work = partial(calibrate, spots, frames, pivots, FACE, np.array(OFFSETS), **options)  # type: ignore[arg-type]
+            beside = {}
+            for baseline, exact in (("SciPy, our derivatives", True), ("SciPy, NumPy's spots", False)):
+                scipy = partial(theirs, spots, frames, pivots, parameters, name, exact)
+                if exact or loss == SQUARED:
+                    beside[baseline] = best(scipy, 1) / SAMPLE
+            count = None  # the steps of the robust losses are of several kinds
+            if loss == SQUARED:
+                count = float(work().evaluations.mean()) * SPOTS * operations_of(parameters)
+            label = f"calibration, {SPOTS} spots, {parameters} errors, {'squared' if name == 'linear' else name}"
+            yield measured(label, "heliostat", work, HELIOSTATS, beside=beside, operations=count, times=3)
 
 
 if __name__ == "__main__":
-    main()
+    show(groups())

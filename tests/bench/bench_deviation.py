@@ -1,24 +1,25 @@
-"""Speed of the deviation kernels on one core. Run it: `python -m tests.bench.bench_deviation`.
+"""Speed of the deviation kernels on one core: `python -m tests.bench deviation`.
 
-Prints nanoseconds for each spot of a misaligned mirror beside the same formulas in plain NumPy, and for each tolerance,
-detector crossing and conic. Nothing is asserted: times depend on the machine and on its other work; each is the best of
-a few runs.
+Spots of misaligned mirrors beside the same formulas in plain NumPy; tolerances, detector crossings and conics.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels import conics as conic_kernels
+from heliosweep.kernels import deviation
 from heliosweep.kernels.conics import conics
 from heliosweep.kernels.detectors import crossings
 from heliosweep.kernels.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, deviation_spots
 from heliosweep.kernels.sun import solar_clock
 from heliosweep.kernels.tolerances import tolerances
+from tests.bench.arithmetic import operations
+from tests.bench.table import Row, best, measured, show
 from tests.kernels.deviations import LATITUDE, setting, unit
 
 Floats = NDArray[np.float64]
@@ -26,17 +27,8 @@ Floats = NDArray[np.float64]
 SIZES: Floats = np.arange(-12.0, 13.0) * 1e-3
 LINES = np.array([[1.0, 0.0, 6.0], [0.0, 1.0, -6.0]])
 HEIGHT = 143.0
-
-
-def best(work: Callable[[], object], times: int = 5) -> float:
-    """Shortest time of a few runs after a first one, in seconds."""
-    seconds = []
-    work()
-    for _ in range(times):
-        began = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
+#: Newton's steps of the aiming with a mirror offset.
+STEPS = 2
 
 
 def plain_spots(sizes: NDArray, sun: Floats, pivots: Floats, offset: float) -> Floats:
@@ -57,35 +49,50 @@ def plain_spots(sizes: NDArray, sun: Floats, pivots: Floats, offset: float) -> F
     return spots
 
 
-def main() -> None:
-    """Measure and print."""
+def counted(sizes: int, offset: float) -> float:
+    """Operations of a spot; those of the curve are shared by the sizes of the error."""
+    known = {"_STEPS if rho != 0.0 else 0": STEPS if offset else 0.0, "kind == AZIMUTH_ELEVATION": 1.0}
+    return operations(deviation.spot_at) + operations(deviation.curve_of, known) / sizes
+
+
+def groups() -> Iterator[Iterator[Row]]:
+    """All rows."""
+    yield rows()
+
+
+def rows() -> Iterator[Row]:
+    """Spots of several sizes of the error, and what is solved from curves."""
     rng = np.random.default_rng(0)
     pivots = np.column_stack([rng.uniform(-300, 300, 317), rng.uniform(50, 500, 317), np.full(317, 7.0)])[np.newaxis]
     sun = solar_clock(LATITUDE, 0.2, np.linspace(7.0, 17.0, 41))[np.newaxis]
     places = pivots.shape[1] * sun.shape[1]
-    print("317 heliostats, 41 instants; ns each")
-    for name, offset in (("no offset", 0.0), ("mirror offset", 0.5)):
+    for name, offset in (("", 0.0), (", mirror offset", 0.5)):
         for sizes in (SIZES, SIZES[:1]):
             many = np.full(len(sizes), ENCODER), np.full(len(sizes), ELEVATION), sizes, sun, pivots
             settings = setting(len(sizes), mirror_offset=offset)
             plain = plain_spots(sizes, sun, pivots, offset)
             assert np.nanmax(np.abs(deviation_spots(settings, *many)[:2] - plain)) < 1e-9
-            kernel = best(partial(deviation_spots, settings, *many)) / plain[0].size
-            numpy = best(partial(plain_spots, sizes, sun, pivots, offset)) / plain[0].size
-            print(f"spot, {len(sizes):2} sizes, {name:14}{1e9 * kernel:7.1f}   NumPy {1e9 * numpy:6.0f}", end="   ")
-            print(f"x {numpy / kernel:.1f}")
+            yield measured(
+                f"misalignment, {len(sizes)} size{'s' if len(sizes) > 1 else ''}{name}",
+                "spot",
+                partial(deviation_spots, settings, *many),
+                plain[0].size,
+                beside={"NumPy": best(partial(plain_spots, sizes, sun, pivots, offset), 3) / plain[0].size},
+                operations=counted(len(sizes), offset),
+            )
     for name, source, axis, offset in (
         ("closed form", CANTING, ELEVATION, 0.5),
         ("march", ENCODER, ELEVATION, 0.5),
         ("march, primary axis", CANTING, ENCODER_AZIMUTH, 0.5),
     ):
         case = setting(mirror_offset=offset), [source], [axis]
-        tolerance = best(partial(tolerances, *case, sun, pivots)) / places
-        crossing = best(partial(crossings, *case, LINES, sun, pivots)) / places / len(LINES)
-        print(f"{name:20} tolerance {1e9 * tolerance:6.0f}   crossing of a line {1e9 * crossing:6.0f}")
-    conic = best(partial(conics, setting(), [CANTING], [ELEVATION], sun, pivots)) / places
-    print(f"conic {1e9 * conic:6.0f}")
+        yield measured(f"tolerance, {name}", "mirror-instant", partial(tolerances, *case, sun, pivots), places)
+        crossing = partial(crossings, *case, LINES, sun, pivots)
+        yield measured(f"crossing of a line, {name}", "mirror-instant", crossing, places * len(LINES))
+    conic = partial(conics, setting(), [CANTING], [ELEVATION], sun, pivots)
+    count = counted(1, 0.0) + operations(conic_kernels._conic)
+    yield measured("conic of a curve", "mirror-instant", conic, places, operations=count)
 
 
 if __name__ == "__main__":
-    main()
+    show(groups())

@@ -1,21 +1,22 @@
-"""Speed of the dish kernels and of the fast sun on one core. Run it: `python -m tests.bench.bench_dish`.
+"""Speed of the dish kernels and of the fast sun on one core: `python -m tests.bench dish`.
 
-Prints nanoseconds for each pointing error (site, instant, tilt, direction; the sun in memory) beside the closed form in
-plain NumPy, and nanoseconds for each sun position beside pvlib's SPA. Nothing is asserted: times depend on the machine
-and on its other work; each is the best of a few runs.
+Pointing errors (site, instant, tilt, direction; the sun in memory), as daily means and maxima over a year, beside the
+closed form in plain NumPy, one mount at a time; sun positions beside pvlib's SPA.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.families import fast_sun
+from heliosweep.kernels import ephemeris, pointing, tracking
 from heliosweep.kernels.tracking import RIGID, UNTILTED_HOME_AXES, pack_windows, window_errors
+from tests.bench.arithmetic import operations
+from tests.bench.table import Row, best, measured, show
 
 Floats = NDArray[np.float64]
 
@@ -29,17 +30,10 @@ UTC = np.concatenate(
 )
 TILTS = np.radians(np.arange(1, 7) * 0.05)
 DIRECTIONS = np.radians(np.arange(0, 360, 15.0))
-
-
-def best(work: Callable[[], object], times: int = 5) -> float:
-    """Shortest time of a few runs after a first one, in seconds."""
-    seconds = []
-    work()
-    for _ in range(times):
-        began = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
+#: Instants that a round of the lane loops of `tracking` takes.
+STRIDE = 4
+#: Operations in the loop of the chain of axes that are the same for all instants: products of two fixed axes.
+FIXED = 14
 
 
 def plain_rigid(sun: Floats, tilt: float, direction: float) -> tuple[Floats, Floats]:
@@ -68,64 +62,78 @@ def each_mount(plain: Callable[..., object], sun: Floats, mounts: list[tuple[flo
         plain(sun, *mount)
 
 
-def row(name: str, seconds: float, work: int, baseline: float | None = None) -> None:
-    """Print one line of the table; `baseline` is seconds for each of the same."""
-    each = seconds / work
-    ratio = "" if baseline is None else f"{baseline / each:>10.1f}"
-    print(f"{name:<58} {each * 1e9:>10.3f} {1e-6 / each:>10.1f} {ratio}")
+def by_powers(tilts: int) -> float:
+    """Operations of a rigid mount for each tilt and instant: those of a direction are shared by its tilts."""
+    shared = operations(tracking._sum_powers, {"POWERS": tracking.POWERS}, loops_only=True)
+    return shared / STRIDE / tilts
 
 
-def dishes() -> None:
+def by_sines(sines: Callable[..., object]) -> float:
+    """Operations of a mount whose errors are computed one by one."""
+    sums = operations(tracking._mean_and_largest, loops_only=True) / STRIDE
+    ahead = FIXED if sines is pointing._chain else 0.0
+    return operations(sines, loops_only=True) - ahead + 1.0 + operations(pointing.arcsine) + sums
+
+
+def dishes() -> Iterator[Row]:
     """Pointing errors: daily means and maxima over a year."""
+    unit = "tracker-instant"
     sun = fast_sun.sun_vectors(UTC, 40.13, 94.67, 0.0, 69.0)
-    starts = np.arange(0, len(sun) + 1, WINDOW)
-    windows = pack_windows(sun, starts)
+    windows = pack_windows(sun, np.arange(0, len(sun) + 1, WINDOW))
     sample = [(tilt, direction) for tilt in TILTS[::3] for direction in DIRECTIONS[::6]]
-    work = len(sun) * len(TILTS) * len(DIRECTIONS)
-    print(f"{'pointing errors, sun in memory':<58} {'ns each':>10} {'million/s':>10} {'ratio':>10}")
-    row("packing the windows (each instant, once per site)", best(lambda: pack_windows(sun, starts)), len(sun))
-    tilt, direction = TILTS[:, np.newaxis], DIRECTIONS
-    cases: list[tuple[str, int, Callable[..., object], dict[str, float]]] = [
-        ("rigid", RIGID, plain_rigid, {}),
-        ("rigid, clipped", RIGID, plain_rigid, {"tolerance": 2e-3}),
-        ("untilted_home_axes", UNTILTED_HOME_AXES, plain_untilted, {}),
-        ("untilted_home_axes, clipped", UNTILTED_HOME_AXES, plain_untilted, {"tolerance": 2e-3}),
-        ("rigid, home offsets (chain of axes)", RIGID, plain_rigid, {"home_azimuth": 1e-3}),
-        ("untilted, home offsets (chain of axes)", UNTILTED_HOME_AXES, plain_untilted, {"home_azimuth": 1e-3}),
+    plain = {
+        model: best(partial(each_mount, form, sun, sample), 3) / (len(sample) * len(sun))
+        for model, form in ((RIGID, plain_rigid), (UNTILTED_HOME_AXES, plain_untilted))
+    }
+    tilt, clipped, homes = TILTS[:, np.newaxis], {"tolerance": 2e-3}, {"home_azimuth": 1e-3}
+    cases: list[tuple[str, int, Floats, dict[str, float], float | None]] = [
+        ("dish, rigid, 6 x 24 tilts, directions", RIGID, tilt, {}, by_powers(len(TILTS))),
+        ("dish, rigid, 60 x 24", RIGID, np.linspace(TILTS[0], TILTS[-1], 60)[:, np.newaxis], {}, by_powers(60)),
+        ("dish, rigid, 1 x 24", RIGID, TILTS[1:2, np.newaxis], {}, by_powers(1)),
+        ("dish, rigid, 6 x 24, clipped", RIGID, tilt, clipped, None),
+        ("dish, untilted home axes, 6 x 24", UNTILTED_HOME_AXES, tilt, {}, by_sines(pointing._untilted)),
+        ("dish, untilted, 6 x 24, clipped", UNTILTED_HOME_AXES, tilt, clipped, None),
+        ("dish, rigid, chain of axes, 6 x 24", RIGID, tilt, homes, by_sines(pointing._chain)),
+        ("dish, untilted, chain of axes, 6 x 24", UNTILTED_HOME_AXES, tilt, homes, by_sines(pointing._chain)),
     ]
-    for name, model, plain, more in cases:
-        slow = best(partial(each_mount, plain, sun, sample), 3) / (len(sample) * len(sun))
-        fast = best(partial(window_errors, model, windows, tilt, direction, **more))
-        row(f"{name}, {len(TILTS)} tilts x {len(DIRECTIONS)} directions", fast, work, slow)
-    one = best(lambda: window_errors(RIGID, windows, TILTS[1], direction))
-    row(f"rigid, 1 tilt x {len(DIRECTIONS)} directions", one, len(sun) * len(DIRECTIONS))
-    many = np.linspace(TILTS[0], TILTS[-1], 60)[:, np.newaxis]
-    row("rigid, 60 tilts x 24 directions", best(lambda: window_errors(RIGID, windows, many, direction)), 10 * work)
-    print("ratio: to the closed form in NumPy, one mount at a time\n")
+    for name, model, tilts, more, count in cases:
+        work = partial(window_errors, model, windows, tilts, DIRECTIONS, **more)
+        units = len(sun) * tilts.size * len(DIRECTIONS)
+        yield measured(name, unit, work, units, beside={"NumPy": plain[model]}, operations=count)
 
 
-def suns() -> None:
+def suns() -> Iterator[Row]:
     """Sun positions of a year."""
     from pvlib import spa
 
     unix = UTC.astype(np.int64) / 1e9
-    slow = best(lambda: spa.solar_position_numpy(unix, 40.13, 94.67, 0.0, 1013.25, 12.0, 69.0, 0.5667, 1), 2)
-    each = slow / len(UTC)
-    print(f"{'sun positions':<58} {'ns each':>10} {'million/s':>10} {'ratio':>10}")
-    row("pvlib's SPA (NumPy)", slow, len(UTC))
-    row("fast sun, 1 site", best(lambda: fast_sun.sun_vectors(UTC, 40.13, 94.67, 0.0, 69.0)), len(UTC), each)
-    row("fast sun, 1 site, delta T by month", best(lambda: fast_sun.sun_vectors(UTC, 40.13, 94.67)), len(UTC), each)
-    sites = np.arange(-60.0, 60.1, 2.5)
-    many = best(lambda: fast_sun.sun_vectors(UTC, sites, 94.67, 0.0, 69.0))
-    row(f"fast sun, {len(sites)} sites", many, len(UTC) * len(sites), each)
+    spas = partial(spa.solar_position_numpy, unix, 40.13, 94.67, 0.0, 1013.25, 12.0, 69.0, 0.5667, 1)
+    beside = {"pvlib's SPA (NumPy)": best(spas, 2) / len(UTC)}
+    known = {"QUANTITIES": ephemeris.QUANTITIES, "utc[i] == _NOT_A_TIME": 0.0}
+    shared = operations(ephemeris._geocentric, known, loops_only=True)
+    shared += operations(ephemeris._turn_with_the_earth, loops_only=True)
+    own = operations(ephemeris._topocentric, loops_only=True)
+
+    def row(name: str, work: Callable[[], object], sites: int = 1, counted: bool = True) -> Row:
+        count = shared / sites + own if counted else None
+        return measured(name, "sun position", work, len(UTC) * sites, beside=beside, operations=count)
 
     def first_call() -> None:
         fast_sun._splines.cache_clear()
         fast_sun.sun_vectors(UTC, 40.13, 94.67, 0.0, 69.0)
 
-    row("fast sun, 1 site, with the nodes of the year", best(first_call), len(UTC), each)
+    sites = np.arange(-60.0, 60.1, 2.5)
+    yield row("sun, 1 site", lambda: fast_sun.sun_vectors(UTC, 40.13, 94.67, 0.0, 69.0))
+    yield row("sun, 1 site, delta T by month", lambda: fast_sun.sun_vectors(UTC, 40.13, 94.67))
+    yield row(f"sun, {len(sites)} sites", lambda: fast_sun.sun_vectors(UTC, sites, 94.67, 0.0, 69.0), len(sites))
+    yield Row("sun, 1 site, with the nodes of the year", "sun position", best(first_call) / len(UTC), beside)
+
+
+def groups() -> Iterator[Iterator[Row]]:
+    """All rows."""
+    yield dishes()
+    yield suns()
 
 
 if __name__ == "__main__":
-    dishes()
-    suns()
+    show(groups())

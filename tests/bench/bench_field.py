@@ -1,42 +1,54 @@
-"""Speed of the field kernels on one core. Run it: `python -m tests.bench.bench_field`.
+"""Speed of the field kernels on one core: `python -m tests.bench field`.
 
-Prints nanoseconds for each heliostat and instant (both tracking methods, all unions), the ratio to the shapely twin of
-the tests, the gain from two threads, and the cost against the size of the field and for few instants. Nothing is
-asserted: times depend on the machine and on its other work; each is the best of a few runs.
+Annual sums and time series with all unions beside the shapely twin of the tests and, where installed, PySAM; then the
+cost against the size of the field. Work is the grid of the specification: days 1 to 365, solar hours 8 to 16.
 """
 
-import time
-from concurrent.futures import ThreadPoolExecutor
+from __future__ import annotations
+
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from heliosweep.kernels.field import aimed, field_sums
+from heliosweep.kernels.field import aimed, field_series, field_sums
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors
 from heliosweep.kernels.sun import declination_cooper, solar_clock
-from heliosweep.kernels.warm import warm_field
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
+from tests.bench.table import Row, best, measured, show
 from tests.kernels.fields import Field, chong2012
 from tests.kernels.oracles import frame, image, lost
 
-METHODS = {"spinning_elevation": SPINNING_ELEVATION, "azimuth_elevation": AZIMUTH_ELEVATION}
+Floats = NDArray[np.float64]
+
+UNIT = "heliostat-instant"
+METHODS = {"spinning": SPINNING_ELEVATION, "azimuth": AZIMUTH_ELEVATION}
+SIZES = (2_500, 11_000, 100_000)
+#: Fields larger than all these are computed in so many blocks of so many heliostats, evenly spread over the field.
+WHOLE, BLOCKS, BLOCK = 11_000, 8, 1_000
+
+#: Operations of each stage for one lane, counted in its source: the frame of a mirror; cosine and axes of the test
+#: mirror; projection and separating axes of a candidate; area of an image; separating axes and area of an overlap.
+FRAME, AXES, CANDIDATE, IMAGE, TEST, OVERLAP = 47, 62, 56, 104, 44, 612
+#: How often for each heliostat-instant on the field of 317, by latitude [deg] and method: measured once.
+CANDIDATES = {0: 2.06 + 2.16, 30: 2.95 + 2.16}
+IMAGES = {0: 0.43 + 0.97, 30: 0.80 + 0.95}
+TESTS = {(0, "spinning"): 1.01, (0, "azimuth"): 0.76, (30, "spinning"): 1.69, (30, "azimuth"): 1.41}
+OVERLAPS = {(0, "spinning"): 0.45, (0, "azimuth"): 0.25, (30, "spinning"): 0.82, (30, "azimuth"): 0.61}
 
 
-def year(latitude, step, every=1):
+def operations(latitude: int, method: str) -> float:
+    """Operations for each heliostat-instant on the field of 317."""
+    areas = CANDIDATES[latitude] * CANDIDATE + IMAGES[latitude] * IMAGE
+    return FRAME + AXES + areas + TESTS[latitude, method] * TEST + OVERLAPS[latitude, method] * OVERLAP
+
+
+def year(latitude: float, step: float = 1.0, every: int = 1) -> Floats:
     """Sun vectors of days 1 to 365, or every few of them, solar hours 8 to 16."""
     day, hour = np.meshgrid(np.arange(1, 366, every), np.arange(8.0, 16.0 + step / 2, step), indexing="ij")
     return solar_clock(np.radians(latitude), declination_cooper(day.ravel()), hour.ravel())
-
-
-def best(work, times=3):
-    """Shortest time of a few runs, in seconds."""
-    seconds = []
-    for _ in range(times):
-        began = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
 
 
 def staggered(count: int) -> Field:
@@ -46,7 +58,7 @@ def staggered(count: int) -> Field:
     return layout.x, layout.y, np.full(count, 7.0), half, half, 95.0 * max(1.0, np.sqrt(count / 317.0))
 
 
-def twin(i: int, mirrors: Mirrors, tracking: int, s: np.ndarray) -> list[float]:
+def twin(i: int, mirrors: Mirrors, tracking: int, s: Floats) -> list[float]:
     """Shading, blocking and both at one instant by shapely, of the pairs alone whose bounding spheres meet the beam."""
     centres = np.stack((mirrors.x, mirrors.y, mirrors.z), axis=1)
     sides = np.stack((mirrors.half_width, mirrors.half_height), axis=1)
@@ -61,57 +73,100 @@ def twin(i: int, mirrors: Mirrors, tracking: int, s: np.ndarray) -> list[float]:
     return [1.0 - lost(images[0]), 1.0 - lost(images[1]), 1.0 - lost(images[0] + images[1])]
 
 
-def row(name, seconds, work, note=""):
-    """Print one line of the table."""
-    print(f"{name:<58} {seconds / work * 1e9:>10.1f} {work / seconds / 1e6:>10.2f}  {note}")
+def shapely_twin(field: Field, tracking: int, sun: Floats) -> float:
+    """Seconds of the twin for each heliostat-instant, by some of them."""
+    mirrors = aimed(*field)
+    sample = [(i, s) for s in sun[100::800] for i in range(0, len(field[0]), 40)]
+    return best(lambda: [twin(i, mirrors, tracking, s) for i, s in sample], 1) / len(sample)
 
 
-def main():
-    """Print the table."""
-    seconds, fresh = warm_field()
-    print(f"kernels ready in {seconds:.2f} s ({'compiled' if fresh else 'from the cache'})\n")
-    print(f"{'':<58} {'ns each':>10} {'million/s':>10}")
-    field = chong2012()
-    for step in (1.0, 0.2):
-        for latitude in (0.0, 30.0):
-            sun = year(latitude, step)
-            for name, code in METHODS.items():
-                spent = best(lambda sun=sun, code=code: field_sums(*field, code, sun, 0, 317))
-                row(f"317 heliostats, {len(sun)} instants, {latitude:.0f} deg, {name}", spent, 317 * len(sun))
-
-    sun, mirrors = year(30.0, 1.0), aimed(*field)
-    fast = best(lambda: field_sums(*field, 0, sun, 0, 317)) / (317 * len(sun))
-    sample = [(i, s) for s in sun[100::800] for i in range(0, 317, 20)]
-    slow = best(lambda: [twin(i, mirrors, 0, s) for i, s in sample], 1)
-    row("shapely twin, culled", slow, len(sample), f"{slow / len(sample) / fast:,.0f} times slower")
+def pysam(field: Field) -> dict[str, float]:
+    """Seconds of SolarPILOT for each heliostat-instant; empty where PySAM is not installed."""
     try:
-        spent, positions = solarpilot.measure(field[0], field[1], 11.0, 95.0)
-        ratio = spent / (317 * positions) / fast
-        row("PySAM (SolarPILOT), one total per sun position", spent, 317 * positions, f"{ratio:,.0f} times slower")
+        seconds, positions = solarpilot.measure(field[0], field[1], 11.0, field[5])
     except ImportError:
-        print("PySAM is not installed: no comparison with SolarPILOT")
+        return {}
+    return {"PySAM (SolarPILOT)": seconds / (len(field[0]) * positions)}
 
-    def halves(workers):
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(lambda a: field_sums(*field, 0, sun, a, min(a + 80, 317)), range(0, 317, 80)))
 
-    one, two = best(lambda: halves(1)), best(lambda: halves(2))
-    row("4 blocks, 1 thread", one, 317 * len(sun))
-    row("4 blocks, 2 threads", two, 317 * len(sun), f"{one / two:.2f} times faster")
+def small() -> Iterator[Row]:
+    """The field of 317, sums and series."""
+    field = chong2012()
+    count, other = len(field[0]), pysam(field)
+    for latitude in (0, 30):
+        sun = year(latitude)
+        for method, code in METHODS.items():
+            beside = {"shapely twin, culled": shapely_twin(field, code, sun)}
+            yield measured(
+                f"field sums, {count}, {latitude} deg, {method}",
+                UNIT,
+                partial(field_sums, *field, code, sun, 0, count),
+                count * len(sun),
+                beside=beside if method == "spinning" else beside | other,
+                operations=operations(latitude, method),
+            )
+    series, instants = partial(field_series, *field, SPINNING_ELEVATION), len(sun)
+    yield measured(
+        f"field series, {count}, 30 deg, spinning",
+        UNIT,
+        partial(series, sun, 0, count),
+        count * instants,
+        operations=operations(30, "spinning"),
+    )
+    fine = year(30.0, 0.1)
+    yield measured(
+        "the same sums, every 6 min",
+        UNIT,
+        partial(field_sums, *field, SPINNING_ELEVATION, fine, 0, count),
+        count * len(fine),
+        times=2,
+    )
 
-    sun = year(30.0, 1.0)
-    for count in (317, 3_000, 30_000, 100_000):
-        big = staggered(count)
-        start, stop = (count // 2, count // 2 + 1000) if count > 2000 else (0, count)
-        spent = best(partial(field_sums, *big, 0, sun, start, stop), 2)
-        row(f"block of {stop - start} in {count} heliostats", spent, (stop - start) * len(sun))
 
-    big = staggered(30_000)
-    few = {"90 instants of a year": year(30.0, 1.0, 40), "a series, 512 instants of it": year(30.0, 0.2)[:512]}
-    for name, sun in few.items():
-        spent = best(partial(field_sums, *big, 0, sun, 15_000, 16_000))
-        row(f"block of 1000 in 30000 heliostats, {name}", spent, 1000 * len(sun))
+def cost(field: Field) -> float:
+    """Seconds for each heliostat-instant, mean of 0 and 30 deg and of both methods."""
+    count = len(field[0])
+    starts = np.linspace(0, count - BLOCK, BLOCKS).astype(int).tolist() if count > WHOLE else [0]
+    length = BLOCK if count > WHOLE else count
+    each = []
+    for latitude in (0, 30):
+        sun = year(latitude)
+        for code in METHODS.values():
+
+            def work(code: int = code, sun: Floats = sun) -> None:
+                for start in starts:
+                    field_sums(*field, code, sun, start, start + length)
+
+            each.append(best(work, 3 if count < 1000 else 1) / (len(starts) * length * len(sun)))
+    return float(np.mean(each))
+
+
+def sizes() -> Iterator[Row]:
+    """Cost against the size of the field."""
+    first = cost(chong2012())
+    yield Row("field of 317, mean of 0 and 30 deg, both", UNIT, first, remark=f"{first * 1e9:.1f} ns each")
+    for count in SIZES:
+        seconds = cost(staggered(count))
+        remark = f"{seconds * 1e9:.1f} ns, 317's x {seconds / first:.2f}"
+        yield Row(
+            f"field of {count:,}" + (f", {BLOCKS} blocks of it" if count > WHOLE else ""),
+            UNIT,
+            seconds,
+            {},
+            remark=remark,
+        )
+    field, sun = staggered(30_000), year(30.0, every=40)
+    for name, instants in (("90 instants of a year", sun), ("512 of a series", year(30.0, 0.2)[:512])):
+        work = partial(field_sums, *field, SPINNING_ELEVATION, instants, 15_000, 16_000)
+        seconds = best(work, 2) / (1_000 * len(instants))
+        yield Row(f"block in 30,000, {name}", UNIT, seconds, remark=f"{seconds * 1e9:.1f} ns each")
+
+
+def groups() -> Iterator[Iterator[Row]]:
+    """All rows."""
+    yield small()
+    yield sizes()
 
 
 if __name__ == "__main__":
-    main()
+    show(groups())

@@ -1,42 +1,43 @@
-"""Speed of backward gazing on one core: images and method A. Run it: `python -m tests.bench.bench_gazing`.
+"""Speed of backward gazing on one core, images and method A: `python -m tests.bench gazing`.
 
-Prints millions of pixels per second, a pixel being what all four cameras see of it, beside plain NumPy. Nothing is
-asserted: times depend on the machine and on its other work; each is the best of many runs.
+A pixel is what all four cameras see of it; beside the forward model and method A in plain NumPy, whole arrays at once.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 
 from heliosweep.kernels.gazing_geometry import transfers
 from heliosweep.kernels.gazing_grid import eroded, themis_8
-from heliosweep.kernels.gazing_images import image_set, module_spheres, waviness
-from heliosweep.kernels.gazing_linear import ideal_squares, method_a, slope_bound, solutions, wavefront_departures
+from heliosweep.kernels.gazing_images import image_set, module_spheres, trace, waviness
+from heliosweep.kernels.gazing_linear import (
+    ideal_squares,
+    method_a,
+    slope_bound,
+    solutions,
+    transferred,
+    wavefront_departures,
+)
 from heliosweep.kernels.gazing_modules import module_estimates
 from heliosweep.kernels.sun_profiles import jose
 from heliosweep.kernels.sun_tables import noisy
+from tests.bench.arithmetic import operations
+from tests.bench.table import Row, best, measured, show
 from tests.kernels import gazing_twin as twin
 
-
-def best(work: Callable[[], object], times: int = 30) -> float:
-    """Shortest time of a few runs after a first one, in seconds."""
-    seconds = []
-    work()
-    for _ in range(times):
-        began = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
-
-
-def row(name: str, seconds: float, pixels: int, baseline: float | None = None) -> None:
-    """Print one line of the table; `baseline` is seconds for each pixel of the same."""
-    ratio = "" if baseline is None else f"{baseline * pixels / seconds:>10.1f}"
-    print(f"{name:<58} {1e-6 * pixels / seconds:>12.2f} {ratio}")
+CAMERAS = 4
+#: Operations of the derivatives that `mirror_offsets` returns, which images and method A do not ask for.
+DERIVATIVES = 24
+KNOWN = {
+    "cameras": CAMERAS,
+    "profile.table.size > 0": 0.0,
+    "square > profile.radius * profile.radius": 0.0,
+    "nodes == 0": 1.0,
+    "value <= profile.edge_value": 0.0,
+}
 
 
 def plain_images() -> float:
@@ -68,29 +69,47 @@ def plain_method_a(images: np.ndarray) -> float:
     return best(work) / len(grid.place)
 
 
-def main() -> None:
-    """Print the table."""
+def counted(kernel: Callable[..., object], mirrored: bool = True) -> float:
+    """Operations of a pixel, all cameras, for the profile of Jose."""
+    return operations(kernel, KNOWN, loops_only=True) - (CAMERAS * DERIVATIVES if mirrored else 0.0)
+
+
+def groups() -> Iterator[Iterator[Row]]:
+    """All rows."""
+    yield rows()
+
+
+def rows() -> Iterator[Row]:
+    """Images, method A and what is made of its slopes."""
     layout, grid = twin.paper_scene(), twin.paper_grid()
     y, z, count = grid.pixel_y, grid.pixel_z, len(grid.place)
+    unit = f"pixel, {CAMERAS} cameras"
     spheres, wavy = module_spheres(themis_8(), 120.0, twin.paper_canting()), waviness(grid, 3e-4, 1.0, 0)
     one = np.ascontiguousarray(transfers(layout)[2:])
-    ideal, rows = ideal_squares(layout, y, z), solutions(layout.gaze)
-    print(f"{f'{count} pixels, 4 cameras':<58} {'million/s':>12} {'ratio':>10}")
-    forward = plain_images()
-    for name, profile in (("Jose", jose()), ("table of 120 nodes", noisy(jose(), 0.012))):
+    ideal, solution = ideal_squares(layout, y, z), solutions(layout.gaze)
+    forward = {"NumPy": plain_images()}
+    for name, profile in (("Jose", jose()), ("table of 120", noisy(jose(), 0.012))):
+        known = name == "Jose"
         images, slopes = image_set(layout, grid, profile, spheres)
-        linear = plain_method_a(images)
-        row(f"images, {name}", best(partial(image_set, layout, grid, profile, spheres)), count, forward)
-        row(f"images with waviness, {name}", best(partial(image_set, layout, grid, profile, spheres, wavy)), count)
-        whole = best(partial(method_a, images, layout, profile, y, z, one))
-        row(f"method A, {name}", whole, count, linear)
-        again = best(partial(wavefront_departures, images, ideal, rows, profile, 0.3))
-        row(f"method A again at the same scene, {name}", again, count, linear)
-        row(f"bound on noise, {name}", best(partial(slope_bound, layout, profile, y, z, slopes, 0.01, False)), count)
+        linear = {"NumPy": plain_method_a(images)}
+        work: Callable[[], object] = partial(image_set, layout, grid, profile, spheres)
+        rays, beside = counted(trace) if known else None, forward if known else {}
+        yield measured(f"images, {name}", unit, work, count, beside=beside, operations=rays)
+        work = partial(image_set, layout, grid, profile, spheres, wavy)
+        yield measured(f"images with waviness, {name}", unit, work, count, operations=rays)
+        again = counted(wavefront_departures, False) if known else None
+        whole = None if again is None else again + counted(ideal_squares) + operations(transferred, loops_only=True)
+        work, beside = partial(method_a, images, layout, profile, y, z, one), linear if known else {}
+        yield measured(f"method A, {name}", unit, work, count, beside=beside, operations=whole)
+        work = partial(wavefront_departures, images, ideal, solution, profile, 0.3)
+        yield measured(f"method A, same scene, {name}", unit, work, count, operations=again)
+        work = partial(slope_bound, layout, profile, y, z, slopes, 0.01, False)
+        yield measured(f"bound on noise, {name}", unit, work, count)
     use = eroded(grid, 2)
-    row("estimates of modules", best(partial(module_estimates, slopes, grid, themis_8(), use, 120.0)), count)
-    print("ratio: to the forward model and method A in plain NumPy, whole arrays at once (Jose)")
+    yield measured(
+        "estimates of modules", "pixel", partial(module_estimates, slopes, grid, themis_8(), use, 120.0), count
+    )
 
 
 if __name__ == "__main__":
-    main()
+    show(groups())

@@ -1,22 +1,22 @@
-"""Speed of O1, O2 and Levenberg-Marquardt on one core. Run it: `python -m tests.bench.bench_gazing_lm`.
+"""Speed of O1, O2 and Levenberg-Marquardt on one core: `python -m tests.bench gazing_lm`.
 
-Prints millions of pixels per second, a pixel being what all four cameras see of it, and the ratio to SciPy's
-Nelder-Mead on O2's merit, pixel after pixel in the same run: with the merit in plain Python, which is faster than NumPy
-for four numbers. SciPy's least_squares stands beside it, and its Nelder-Mead on the compiled merit. Nothing is
-asserted. Times are those of the processor, each the best of a few runs.
+A pixel is what all four cameras see of it. Beside SciPy's Nelder-Mead on O2's merit, pixel after pixel: with the merit
+in plain Python, which is faster than NumPy for four numbers, and with the compiled one; SciPy's least_squares stands
+beside Levenberg-Marquardt. Steps are evaluations for each pixel, over all stages.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
+from heliosweep.kernels import gazing_descent, gazing_lanes
 from heliosweep.kernels.gazing_geometry import EXACT, Scene, ideal_mirror, transfers
 from heliosweep.kernels.gazing_grid import MirrorGrid, themis_8
 from heliosweep.kernels.gazing_images import expose, image_set, module_spheres, waviness
@@ -25,32 +25,16 @@ from heliosweep.kernels.gazing_lm import fit_slopes, graduated
 from heliosweep.kernels.gazing_search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
 from heliosweep.kernels.sun_profiles import Profile, jose
 from heliosweep.kernels.sun_tables import noisy
+from tests.bench.arithmetic import operations
+from tests.bench.table import Row, best, measured, show
 from tests.kernels import gazing_twin as twin
 
 Floats = NDArray[np.float64]
 
 SAMPLE = 40
 """Pixels that SciPy works on."""
-
-
+CAMERAS = 4
 JOSE = jose()
-
-
-def best(work: Callable[[], object], times: int = 9) -> float:
-    """Shortest time of a few runs after a first one, in seconds of this thread."""
-    seconds = []
-    work()
-    for _ in range(times):
-        began = time.thread_time()
-        work()
-        seconds.append(time.thread_time() - began)
-    return min(seconds)
-
-
-def row(name: str, seconds: float, baseline: float, evaluations: float = math.nan) -> None:
-    """Print one line of the table; seconds for each pixel."""
-    steps = "" if math.isnan(evaluations) else f"{evaluations:>8.1f}"
-    print(f"{name:<60} {1e-6 / seconds:>10.5f} {baseline / seconds:>10.1f} {steps}")
 
 
 def plain_rests(layout: Scene, image: list[float], y: float, z: float) -> Callable[[Floats], list[float]]:
@@ -108,53 +92,65 @@ def scipy_least_squares(layout: Scene, grid: MirrorGrid, images: Floats, start: 
         least_squares(rests, start[:, k], method="lm", x_scale=1e-3)
 
 
-def main() -> None:
-    """All methods."""
+def counted(evaluate: Callable[..., object], more: Callable[..., object] | None, gain: bool) -> float:
+    """Operations of an evaluation of a pixel for an analytic profile: trial slopes, brightness, merit, and a step."""
+    known = {"cameras": CAMERAS, "fit_gain": float(gain)}
+    stages = [evaluate, gazing_lanes._brighten_analytic, gazing_lanes.weigh, *([more] if more else [])]
+    return sum(operations(stage, known) for stage in stages)
+
+
+def groups() -> Iterator[Iterator[Row]]:
+    """All rows."""
+    yield rows()
+
+
+def rows() -> Iterator[Row]:
+    """O1, O2 and Levenberg-Marquardt."""
     layout, grid, canting = twin.paper_scene(), twin.paper_grid(), twin.paper_canting()
     spheres, wavy = module_spheres(themis_8(), 120.0, 0.8 * canting), waviness(grid, 0.2e-3, 1.0, 0)
     table, place = noisy(jose(), 0.012), (grid.pixel_y, grid.pixel_z)
     count, done = len(grid.place), len(range(0, len(grid.place), len(grid.place) // SAMPLE))
+    rays = operations(gazing_lanes.trace_back, {"cameras": CAMERAS}, loops_only=True)
 
     def first(images: Floats, profile: Profile) -> Floats:
         return method_a(images, layout, profile, *place, transfers(layout))[0][EXACT]
 
+    def row(name: str, work: Callable[[], Any], beside: dict[str, float], each: float | None = None) -> Row:
+        steps = float(work().evaluations.mean())
+        total = None if each is None else rays + steps * each
+        label = f"{name}: {steps:.1f} steps"
+        return measured(label, f"pixel, {CAMERAS} cameras", work, count, beside=beside, operations=total, times=3)
+
     images, _ = image_set(layout, grid, jose(), spheres)
     start = first(images, jose())
-    slow = best(partial(scipy_searches, layout, grid, images, start, False), 3) / done
-    print(f"{'Jose profile, cantings of 0.8 mrad':<60} {'million/s':>10} {'ratio':>10} {'steps':>8}")
-    row("SciPy's Nelder-Mead, O2", slow, slow)
-    row(
-        "the same on the compiled merit",
-        best(partial(scipy_searches, layout, grid, images, start, True), 3) / done,
-        slow,
-    )
-    row("SciPy's least_squares, O2", best(partial(scipy_least_squares, layout, grid, images, start), 3) / done, slow)
+    search = partial(scipy_searches, layout, grid, images, start)
+    simplex = {"SciPy's Nelder-Mead": best(partial(search, False), 1) / done}
+    levenberg = {"SciPy's least_squares": best(partial(scipy_least_squares, layout, grid, images, start), 1) / done}
+    compiled = {"  its merit compiled": best(partial(search, True), 1) / done}
     wave = ideal_wavefront(layout, ideal_squares(layout, *place)) + 2.0 * start
     o1 = partial(search_wavefronts, layout, jose(), images, wave)
-    row("O1", best(o1, 3) / count, slow, o1().evaluations.mean())
+    yield row("O1", o1, simplex, counted(gazing_lanes.project, None, False))
     o2 = partial(search_slopes, layout, jose(), images, *place, start)
-    row("O2", best(o2, 3) / count, slow, o2().evaluations.mean())
-    print("Levenberg-Marquardt:")
+    yield row("O2", o2, simplex | compiled, counted(gazing_lanes.reflect, None, False))
     rough, _ = image_set(layout, grid, jose(), spheres, wavy)
-    cases: list[tuple[str, Profile, Floats, bool]] = [
-        ("cantings alone", jose(), images, False),
-        ("cantings and waviness of 0.2 mrad", jose(), rough, False),
-        ("the same, gain fitted", jose(), rough, True),
-        ("the same, camera noise of 0.3 %", jose(), expose(rough, noise=0.003), False),
-        ("table with noise of 1.2 %, 120 nodes", table, image_set(layout, grid, table, spheres)[0], False),
-        ("the same, gain fitted", table, image_set(layout, grid, table, spheres)[0], True),
+    tabled = image_set(layout, grid, table, spheres)[0]
+    begin = first(tabled, table)
+    search = partial(scipy_searches, layout, grid, tabled, begin, True, table)
+    merit = {"SciPy's Nelder-Mead,\n  its merit compiled": best(search, 1) / done}
+    cases: list[tuple[str, Profile, Floats, bool, dict[str, float]]] = [
+        ("LM, cantings alone", jose(), images, False, simplex | levenberg),
+        ("LM, and waviness", jose(), rough, False, simplex),
+        ("LM, and gain fitted", jose(), rough, True, simplex),
+        ("LM, and camera noise", jose(), expose(rough, noise=0.003), False, simplex),
+        ("LM, noisy table", table, tabled, False, merit),
+        ("LM, noisy table, gain", table, tabled, True, merit),
     ]
-    for name, profile, pictures, gain in cases:
-        begin = first(pictures, profile)
-        lm = partial(fit_slopes, layout, graduated(profile), pictures, *place, begin, fit_gain=gain)
-        row(name, best(lm) / count, slow, lm().evaluations.mean())
-    pictures = cases[4][2]
-    o2 = partial(search_slopes, layout, table, pictures, *place, begin)
-    row("O2 on that table", best(o2, 3) / count, slow, o2().evaluations.mean())
-    search = partial(scipy_searches, layout, grid, pictures, begin, True, table)
-    row("SciPy's Nelder-Mead on that table, compiled merit", best(search, 3) / done, slow)
-    print("ratio: to SciPy's Nelder-Mead, Jose profile; steps: evaluations for each pixel, over all stages")
+    for name, profile, pictures, gain, beside in cases:
+        lm = partial(fit_slopes, layout, graduated(profile), pictures, *place, first(pictures, profile), fit_gain=gain)
+        each = None if profile is table else counted(gazing_lanes.reflect, gazing_descent._step, gain)
+        yield row(name, lm, beside, each)
+    yield row("O2, noisy table", partial(search_slopes, layout, table, tabled, *place, begin), merit)
 
 
 if __name__ == "__main__":
-    main()
+    show(groups())

@@ -1,7 +1,10 @@
-"""Peak memory of whole runs beside what the plan said: shipped studies, and larger ones for each part of the estimate.
+"""Peak memory of whole runs beside what the plan said: `python -m tests.bench memory`.
+
+Shipped studies, and larger ones for each part of the estimate.
 
 Each run is a process of its own. Its memory is what the system says it held at most; with worker processes, the sum
-over all processes, looked at every 20 ms. Names of studies as arguments measure these alone.
+over all processes, looked at every 20 ms. Names of studies as arguments of this
+module measure these alone.
 """
 
 from __future__ import annotations

@@ -1,29 +1,33 @@
-"""Speed of the spots of mounts with errors on one core. Run it: `python -m tests.bench.bench_mount_spots`.
+"""Speed of the spots of mounts with errors on one core: `python -m tests.bench mount_spots`.
 
-Prints nanoseconds for each spot (general mount, six errors, mirror and axis offsets, exact aiming), beside the same
-computation in plain NumPy, and for each sample of the statistics. Nothing is asserted: times depend on the machine and
-on its other work; each is the best of a few runs.
+Spots (general mount, six errors, mirror and axis offsets, exact aiming) of heliostats x instants x samples beside the
+same computation in plain NumPy; statistics over samples.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels import mount_aiming, mount_terms, spot_lanes
 from heliosweep.kernels.mount_spots import mount_spots
 from heliosweep.kernels.receiver import AZIMUTH_ELEVATION, Setting, face_axes
 from heliosweep.kernels.spot_statistics import spot_statistics
+from tests.bench.arithmetic import operations
+from tests.bench.table import Row, best, measured, show
 
 Floats = NDArray[np.float64]
 
 OFFSET, AXIS_OFFSET, PEDESTAL, HEIGHT = 0.5, 0.2, 4.0, 143.0
 ROUNDS = 6
 """Of the fixed point in plain NumPy: enough for all but mounts that look straight up."""
+#: Newton's steps of the aiming.
+STEPS = 2
+#: Operations of the mean, variances and covariance for each spot.
+MOMENTS = 12
 ONE = np.ones(1)
 SETTING = Setting(
     0.1 * ONE,
@@ -38,17 +42,6 @@ SETTING = Setting(
     AXIS_OFFSET * ONE,
     PEDESTAL * ONE,
 )
-
-
-def best(work: Callable[[], object], times: int = 4) -> float:
-    """Shortest time of a few runs after a first one, in seconds."""
-    seconds = []
-    work()
-    for _ in range(times):
-        began = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
 
 
 def scene(heliostats: int, instants: int, samples: int) -> tuple[Floats, Floats, Floats, Floats]:
@@ -121,51 +114,51 @@ def plain(actual: Floats, known: Floats, sun: Floats, pivots: Floats) -> tuple[F
     return point @ right, point @ up
 
 
-def row(name: str, seconds: float, work: int, note: str = "") -> None:
-    """Print one line of the table."""
-    print(f"{name:<62} {seconds / work * 1e9:>10.1f} {work / seconds / 1e6:>10.1f}  {note}")
+def counted(instants: int, samples: int) -> float:
+    """Operations of a spot: aiming is shared by the samples, what an error makes of a mount by the instants."""
+    aiming = operations(mount_aiming.aim_lanes, {"while": STEPS}, loops_only=True)
+    aiming += operations(mount_aiming.aim_rows, loops_only=True)
+    sample = operations(mount_terms.error_terms) + operations(spot_lanes.sample_record)
+    known = operations(mount_terms.error_terms) + operations(mount_aiming.known_record)
+    own = operations(spot_lanes.spot_lanes, loops_only=True)
+    return own + aiming / samples + sample / instants + known / (instants * samples)
 
 
-def main() -> None:
-    """Print the table."""
-    print(f"{'':<62} {'ns each':>10} {'million/s':>10}")
+def groups() -> Iterator[Iterator[Row]]:
+    """All rows."""
+    yield rows()
+
+
+def rows() -> Iterator[Row]:
+    """Spots, then statistics of them."""
     for heliostats, instants, samples in ((317, 1000, 1), (3170, 15, 1), (200_000, 1, 1), (317, 15, 4), (50, 15, 1000)):
         arguments, spots = scene(heliostats, instants, samples), heliostats * instants * samples
-        spent = best(partial(mount_spots, SETTING, *arguments))
         # In NumPy as many heliostats at a time as is best for its caches.
         part = max(1, 20_000 // (instants * samples))
         few = (arguments[0][:, :part], arguments[1][:, :part], arguments[2], arguments[3][:, :part])
-        made = mount_spots(SETTING, *few)
-        y, z = plain(*few)
-        apart = np.nanmax(np.abs(np.where(np.hypot(y, z) < 20.0, made[:2, 0] - np.stack((y, z)), 0.0)))
-        slow = best(partial(plain, *few), 3) / (part * instants * samples)
-        note = f"plain NumPy {slow / spent * spots:,.0f} times slower, {apart:.0e} m apart"
-        row(f"spots, {heliostats} heliostats, {instants} instants, {samples} samples", spent, spots, note)
-
+        made, (y, z) = mount_spots(SETTING, *few), plain(*few)
+        apart = np.abs(np.where(np.hypot(y, z) < 20.0, made[:2, 0] - np.stack((y, z)), 0.0))
+        assert np.nanquantile(apart, 0.99) < 1e-9
+        yield measured(
+            f"mount spots, {heliostats} x {instants} x {samples}",
+            "spot",
+            partial(mount_spots, SETTING, *arguments),
+            spots,
+            beside={"NumPy": best(partial(plain, *few), 3) / (part * instants * samples)},
+            operations=counted(instants, samples),
+            times=3,
+        )
     arguments, spots = scene(317, 15, 1000), 317 * 15 * 1000
     for chosen in ((), (5.0, 50.0, 95.0), tuple(range(1, 100))):
-        spent = best(partial(spot_statistics, SETTING, *arguments, chosen), 3)
-        row(f"statistics, 317 x 15 x 1000, {len(chosen)} percentiles", spent, spots, f"{spent:.2f} s")
-
-    def halves(workers: int) -> None:
-        with ThreadPoolExecutor(workers) as pool:
-            list(
-                pool.map(
-                    lambda a: spot_statistics(
-                        SETTING,
-                        arguments[0][:, a : a + 80],
-                        arguments[1][:, a : a + 80],
-                        arguments[2],
-                        arguments[3][:, a : a + 80],
-                    ),
-                    range(0, 317, 80),
-                )
-            )
-
-    one, two = best(partial(halves, 1), 3), best(partial(halves, 2), 3)
-    row("statistics, 4 blocks, 1 thread", one, spots, f"{one:.2f} s")
-    row("statistics, 4 blocks, 2 threads", two, spots, f"{two:.2f} s, {one / two:.2f} times faster")
+        yield measured(
+            f"statistics, 1,000 draws, {len(chosen)} percentiles",
+            "spot",
+            partial(spot_statistics, SETTING, *arguments, chosen),
+            spots,
+            operations=None if chosen else counted(15, 1000) + MOMENTS,
+            times=2,
+        )
 
 
 if __name__ == "__main__":
-    main()
+    show(groups())

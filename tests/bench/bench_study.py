@@ -1,4 +1,6 @@
-"""Whole runs as a user starts them: time beside the kernels' own, peak memory, quick answers.
+"""Whole runs as a user starts them: `python -m tests.bench study`.
+
+Time beside the kernels' own, peak memory, quick answers.
 
 Each command runs in a process of its own, after one run that fills the cache of compiled code.
 """
@@ -29,7 +31,7 @@ def timed(*arguments: str) -> tuple[float, float]:
     return time.perf_counter() - start, usage.ru_maxrss / 1024
 
 
-def main() -> None:
+def main(_arguments: list[str]) -> None:
     """Print one table."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -52,4 +54,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main([])
