@@ -45,7 +45,7 @@ def test_a_study_in_python_is_that_of_the_file(tmp_path):
     again = heliosweep.load(path)
     assert again.study_id == made.study_id
     assert again == made
-    with pytest.raises(StudyError, match="exists already; force=True, or --force, replaces it"):
+    with pytest.raises(StudyError, match=r"exists already; --force \(force=True in Python\) replaces it"):
         heliosweep.save(made, path)
     assert heliosweep.save(made, path, force=True) == path
 
@@ -137,7 +137,7 @@ def test_figures_and_maps(result, tmp_path):
     assert drawn.save(tmp_path / "map.svg").read_bytes().startswith(b"<?xml")
     with pytest.raises(StudyError, match=r"must end in \.png, \.svg or \.pdf"):
         drawn.save(tmp_path / "map.gif")
-    with pytest.raises(StudyError, match="exists already; force=True"):
+    with pytest.raises(StudyError, match="exists already; --force"):
         drawn.save(tmp_path / "map.svg")
     assert drawn.save(tmp_path / "map.svg", force=True).read_bytes().startswith(b"<?xml")
     with pytest.raises(StudyError, match="its folder does not exist"):

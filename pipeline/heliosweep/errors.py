@@ -9,6 +9,9 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+#: What replaces or begins anew, in messages: the option of the command line, and the argument of the functions.
+FORCE = "--force (force=True in Python)"
+
 #: Last line of a list that is cut.
 _UNLISTED = re.compile(r"and (?:at least )?([\d,]+) more (?:problems|of this kind)")
 

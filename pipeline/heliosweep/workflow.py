@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.registry import Family, families, study_classes
 
 if TYPE_CHECKING:
@@ -285,7 +285,7 @@ def run(
     now = prepared()
     # A result that is there needs no disk, no memory, no cluster and no right to write.
     if not force and (not report or page.exists()) and is_tidy(folder) and (found := now.complete()):
-        log.info("%s is complete already; --force computes it anew", found)
+        log.info("%s is complete already; %s computes it anew", found, FORCE)
         return Result(found, {})
     if output is None:
         _say_what_changed(asked, folder)

@@ -140,7 +140,7 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out == "t.csv\n"
     assert len(rows(Path("t.csv"))) == 10
     assert main(asked) == 2
-    assert "t.csv: exists already; force=True, or --force, replaces it" in capsys.readouterr().err
+    assert "t.csv: exists already; --force (force=True in Python) replaces it" in capsys.readouterr().err
     assert main([*asked, "--force", "--form", "generic", "--factor", "0.9"]) == 0
     assert main(["table", "study.yaml", "-o", "u.csv", *angles]) == 2
     assert "choose one value of tracking" in capsys.readouterr().err

@@ -91,7 +91,7 @@ def test_another_study_in_an_unfinished_folder(runs: Runs, tmp_path):  # noqa: F
     with pytest.raises(HeliosweepError, match=r"another study \(receiver\.height: 60\.0 -> 61\.0\).*--force"):
         runs.run(other, tmp_path / "out")
     assert len(runs.run(STUDY, tmp_path / "out")) == 2
-    with pytest.raises(HeliosweepError, match=r"holds the result of another study .*--force replaces it"):
+    with pytest.raises(HeliosweepError, match=r"holds the result of another study .*--force .* replaces it"):
         runs.run(other, tmp_path / "out")
     assert len(runs.run(other, tmp_path / "out", force=True)) == 4  # one after the other
     assert not leftovers(tmp_path / "out")

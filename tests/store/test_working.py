@@ -147,7 +147,7 @@ def test_removed(store):
 def test_a_folder_that_is_no_store(tmp_path, content):
     create(tmp_path)
     (tmp_path / "working/study.json").write_text(content)
-    with pytest.raises(HeliosweepError, match=r"is no working store \(.*\); --force removes it"):
+    with pytest.raises(HeliosweepError, match=r"is no working store \(.*\); --force .* removes it"):
         read_identity(tmp_path / "working")
 
 
@@ -155,7 +155,7 @@ def test_a_folder_that_is_no_store(tmp_path, content):
 def test_a_store_whose_description_does_not_fit(tmp_path, change):
     path = create(tmp_path).folder / "study.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
-    with pytest.raises(HeliosweepError, match=r"is damaged \(.*\); --force removes it and starts anew"):
+    with pytest.raises(HeliosweepError, match=r"is damaged \(.*\); --force .* removes it and starts anew"):
         WorkingStore(path.parent)
 
 

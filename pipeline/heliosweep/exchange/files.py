@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -57,7 +57,7 @@ def target_file(
     if _is_of_a_result(file.parent.resolve() / file.name):
         raise StudyError(Problem("belongs to a result; name another file", file=str(file)))
     if file.exists() and not force:
-        raise StudyError(Problem("exists already; force=True, or --force, replaces it", file=str(file)))
+        raise StudyError(Problem(f"exists already; {FORCE} replaces it", file=str(file)))
     if not file.parent.is_dir():
         raise StudyError(Problem("cannot be written: its folder does not exist", file=str(file)))
     return file

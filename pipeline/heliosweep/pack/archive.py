@@ -13,7 +13,7 @@ from heliosweep.config.citable import licence as licence_of
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.registry import study_classes
 from heliosweep.pack import inputs
 from heliosweep.pack.crate import METADATA, crate
@@ -99,7 +99,7 @@ def _target(folder: Path, output: str | os.PathLike[str] | None, force: bool) ->
     if target.is_dir():
         raise StudyError(Problem("is a folder", file=str(target)))
     if target.exists() and not force:
-        raise StudyError(Problem("is there already; --force replaces it", file=str(target)))
+        raise StudyError(Problem(f"is there already; {FORCE} replaces it", file=str(target)))
     if not target.absolute().parent.is_dir():
         raise StudyError(Problem("its folder does not exist", file=str(target)))
     return target

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from heliosweep.config.study import Study
-from heliosweep.errors import Problem, StudyError
+from heliosweep.errors import FORCE, Problem, StudyError
 from heliosweep.store import claim, working
 from heliosweep.store.manifest import DESCRIPTIONS
 from heliosweep.store.raw import RESULTS, is_zarr
@@ -86,7 +86,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
         if (folder / name).is_dir() and not is_zarr(folder / name):
             _refuse(folder / name, "is none of heliosweep's, and the run would replace it; move it away")
     if foreign and not force:
-        _refuse(folder, f"holds {', '.join(foreign)} without a manifest of heliosweep; --force replaces what is there")
+        _refuse(folder, f"holds {', '.join(foreign)} without a manifest of heliosweep; {FORCE} replaces what is there")
 
 
 def _refuse(path: Path, why: str) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.registry import Family
 from heliosweep.grid.plan import Plan
 from heliosweep.runtime.engines import get_ready
@@ -155,7 +155,7 @@ class Run:
         if self.store is None:
             return f"the parts that were done are kept in {self.folder}; {again}"
         done = f"{len(self.store.journal.done):,} of {self.plan.part_count:,} parts are done and kept in {self.folder}"
-        return f"{done}; {again}" + (", without --force" if self.store.identity.get("forced") else "")
+        return f"{done}; {again}" + (f", without {FORCE}" if self.store.identity.get("forced") else "")
 
     def tidy(self) -> None:
         """Remove the working store where nothing came into it."""
@@ -178,7 +178,7 @@ class Run:
         if differences := earlier.changes(self.identity, "study"):
             raise StudyError(
                 Problem(
-                    f"holds the result of another study ({differences}); --force replaces it, --output names another "
+                    f"holds the result of another study ({differences}); {FORCE} replaces it, --output names another "
                     "folder",
                     file=str(self.folder),
                 )
@@ -223,7 +223,7 @@ class Run:
             if differences := listed(found.get(key), now[key]):
                 raise HeliosweepError(
                     f"{place}: holds parts of a run with {what} ({differences}), and parts of two are never "
-                    "mixed: --force removes them and starts anew, --output names another folder"
+                    f"mixed: {FORCE} removes them and starts anew, --output names another folder"
                 )
 
     def _take_over(self, earlier: Finished) -> None:

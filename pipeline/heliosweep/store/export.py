@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 
-from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.store import raw as raw_results
 from heliosweep.store.encoding import Variable
 from heliosweep.store.netcdf import ResultWriter
@@ -67,7 +67,7 @@ def export(
     if file.suffix != ".nc":
         raise StudyError(Problem("must end in .nc, as NetCDF files do", file=str(file)))
     if file.exists() and not force:
-        raise StudyError(Problem("exists already; --force replaces it", file=str(file)))
+        raise StudyError(Problem(f"exists already; {FORCE} replaces it", file=str(file)))
     if not file.parent.is_dir():
         raise StudyError(Problem("cannot be written: its folder does not exist", file=str(file)))
     with raw_results.open_raw(place) as raw:

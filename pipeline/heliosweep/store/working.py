@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.grid.slabs import Part
 from heliosweep.store import raw, records, temporary, zarr_result
 from heliosweep.store.digest import file_digest, part_digest
@@ -70,7 +70,7 @@ class WorkingStore:
             self._arrays = {name: arrays[name] for name in self.identity["variables"]}
         except (OSError, KeyError, TypeError, ValueError) as error:
             said = f"{type(error).__name__}: {error}"
-            raise HeliosweepError(f"{folder}: is damaged ({said}); --force removes it and starts anew") from error
+            raise HeliosweepError(f"{folder}: is damaged ({said}); {FORCE} removes it and starts anew") from error
         found: dict[str, Any] = {name: array.attrs["_ARRAY_DIMENSIONS"] for name, array in self._arrays.items()}
         self._dims: dict[str, tuple[str, ...]] = {name: tuple(dims) for name, dims in found.items()}
         self._clock = time.monotonic()
@@ -261,7 +261,7 @@ def read_identity(folder: Path) -> dict[str, Any]:
         return identity
     except (OSError, ValueError, KeyError, TypeError, HeliosweepError) as error:
         said = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
-    raise HeliosweepError(f"{folder}: {what} ({said[:_LONG]}); --force removes it and starts anew")
+    raise HeliosweepError(f"{folder}: {what} ({said[:_LONG]}); {FORCE} removes it and starts anew")
 
 
 def part_counts(folder: Path, identity: Mapping[str, Any]) -> dict[str, int]:
