@@ -18,7 +18,7 @@ def exact_areas(shapes, shading):
 
     def add(polygon, members, sign):
         for m in range(members[-1] + 1 if members else 0, len(edges)):
-            common = polygon
+            common = polygon if edges[m] else []
             for edge in edges[m]:
                 common = common and _left_of(edge, common)
             if common and (size := _area(common)) > 0:
@@ -35,8 +35,11 @@ def exact_areas(shapes, shading):
 
 
 def _edges(cx, cy, ax, ay, bx, by):
-    """Lines (e, f, g) of a parallelogram's edges: within it e x + f y + g >= 0."""
-    if ax * by - ay * bx < 0:
+    """Lines (e, f, g) of a parallelogram's edges: within it e x + f y + g >= 0. None, if it has no area."""
+    turn = ax * by - ay * bx
+    if turn == 0:
+        return []
+    if turn < 0:
         ax, ay, bx, by = bx, by, ax, ay
     return [
         (-ey, ex, ey * (cx + ox) - ex * (cy + oy))

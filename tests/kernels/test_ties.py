@@ -62,4 +62,5 @@ def test_exact_areas_are_exact():
     third = 1.0 / 3.0
     slabs = [[0.0, 0.0, third, 0.0, 0.0, 2.0], [0.0, 0.0, 2.0, 0.0, 0.0, third]]
     expected = [4 * Fraction(third), 4 * Fraction(third), 8 * Fraction(third) - 4 * Fraction(third) ** 2]
-    assert exact_areas(np.array(slabs), 1) == expected
+    nothing = [[0.0] * 6, [0.0, 0.0, 0.5, 0.5, 0.5, 0.5]]
+    assert exact_areas(np.array(slabs[:1] + nothing + slabs[1:]), 2) == expected
