@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import ctypes
 import gc
 import io
 import logging
@@ -11,6 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from heliosweep import __version__
@@ -34,6 +36,9 @@ _FIGURES = ("png", "svg", "pdf")
 #: Objects that are made between two runs of Python's garbage collector; its own choice is 700.
 _OBJECTS_BETWEEN_COLLECTIONS = 10_000
 
+#: Arrays from this size on go back to the system when they are let go; and the name of that in the C library. [bytes]
+_GIVEN_BACK, _M_MMAP_THRESHOLD = 4 * 2**20, -3
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
@@ -51,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _print_anything()
     if arguments is None:
         _collect_less()
+        _keep_less()
     given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
     if not given:
         parser.print_help(sys.stderr)
@@ -89,6 +95,12 @@ def _collect_less() -> None:
     """
     gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
     atexit.register(gc.freeze)
+
+
+def _keep_less() -> None:
+    """Keep no memory for large arrays that are no more, as the C library of Linux does: up to 200 MB."""
+    with suppress(AttributeError, OSError, TypeError):  # other systems
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _GIVEN_BACK)
 
 
 def _print_anything() -> None:
@@ -374,7 +386,6 @@ def _export(options: argparse.Namespace) -> None:
 
 def _read_for(source: str) -> set[Any]:
     """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
-    from contextlib import suppress
     from pathlib import Path
 
     from heliosweep import workflow

@@ -103,6 +103,7 @@ def content_digest(path: str | os.PathLike[str]) -> str:
             for index in raw.pieces(name):
                 piece = raw.read(name, index)
                 digest.update(_canonical(piece.tolist()) if variable.text else _bytes(piece))
+                del piece  # before the next one is read
     return digest.hexdigest()
 
 
