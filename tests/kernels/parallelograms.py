@@ -5,7 +5,7 @@ import shapely
 
 from heliosweep.kernels.images import IMAGE_ROWS, image
 from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.unions import unions
+from heliosweep.kernels.unions import LANE_ROWS, ROOM_ROWS, unions
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 
@@ -13,17 +13,17 @@ SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 def union_areas(shapes, shading):
     """Union areas of parallelograms, shape (m, PACKET, 6): centre and half edges; the first `shading` are shades."""
     count = len(shapes)
-    images, apart = np.zeros((count, IMAGE_ROWS * PACKET)), np.ones(count, bool)
+    images, apart = np.zeros(count * IMAGE_ROWS * PACKET), np.ones(count, bool)
     up = np.repeat([0.0, 0.0, 1.0], PACKET)
     one, none = np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views = np.concatenate((one, none, cx, none, one, cy))
-        frame = np.concatenate((ax, ay, none, bx, by, none))
-        image(images[m], views, frame, up, 0.0, 0.0, 1.0, True, frame, PACKET)
+        frame = np.concatenate((ax, ay, none, bx, by, none, one, one))
+        image(images, m * IMAGE_ROWS * PACKET, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
     total = np.empty(3 * PACKET)
-    lane, spare = np.empty(2 * (count + 1) * PACKET, np.int64), np.empty(PACKET)
-    unions(images, apart, shading, count, total, lane, spare, PACKET)
+    lane, room = np.empty(LANE_ROWS * (count + 1) * PACKET, np.int64), np.empty(ROOM_ROWS * PACKET)
+    unions(images, apart, shading, count, total, lane, room, PACKET)
     return total.reshape(3, PACKET)
 
 

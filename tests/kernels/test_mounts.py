@@ -14,8 +14,8 @@ def sides(mirrors, i, sun, tracking):
     """Half sides (a, b) for up to PACKET sun vectors."""
     rows, out = np.full((3, PACKET), np.nan), np.full(FRAME_ROWS * PACKET, np.nan)
     rows[:, : len(sun)] = sun.T
-    half_sides(out, rows.ravel(), mirrors, i, tracking, len(sun))
-    rows = out.reshape(2, 3, PACKET)[:, :, : len(sun)]
+    half_sides(out, 0, rows.ravel(), mirrors, i, tracking, len(sun))
+    rows = out[: 6 * PACKET].reshape(2, 3, PACKET)[:, :, : len(sun)]
     return np.swapaxes(rows[0], 0, 1), np.swapaxes(rows[1], 0, 1)
 
 

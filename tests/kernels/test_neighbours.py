@@ -28,7 +28,7 @@ def test_every_heliostat_in_reach_is_found(spread, low):
         d /= np.linalg.norm(d, axis=1)[:, None]
         if low > 0.0:
             d = d[d[:, 2] > 0.0]
-        bundle = beam(d.T.ravel(), len(d))
+        bundle = beam(d.T.ravel(), len(d), len(d))
         for i in range(0, 150, 10):
             offset = centres - centres[i]
             reach = mirrors.radius + mirrors.radius[i]
@@ -51,7 +51,7 @@ def test_blockers_stand_before_the_target():
     side = np.full(3, 4.0)
     mirrors = aimed(x, y, z, side, side, 6.0)
     grid = bin_field(mirrors)
-    assert list(found(0, beam(mirrors.aim[0], 1), mirrors.throw[0], mirrors, grid)) == [1]
+    assert list(found(0, beam(mirrors.aim[0], 1, 1), mirrors.throw[0], mirrors, grid)) == [1]
 
 
 def test_order_does_not_depend_on_the_bundle():
@@ -60,7 +60,7 @@ def test_order_does_not_depend_on_the_bundle():
     grid = bin_field(mirrors)
     rank = np.argsort(grid.names)
     for d in suns(rng, 20, 1.0, 80.0):
-        names = found(3, beam(d, 1), np.inf, mirrors, grid)
+        names = found(3, beam(d, 1, 1), np.inf, mirrors, grid)
         assert np.all(np.diff(rank[names]) > 0)
 
 

@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.images import IMAGE_ROWS, axes, cosines, image
-from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, FRAME_ROWS, SPINNING_ELEVATION, Mirrors, half_sides
-from heliosweep.kernels.neighbours import beam, bin_field, search
-from heliosweep.kernels.packets import PACKET, packet_order
+from heliosweep.kernels.images import AXES_ROWS, IMAGE_ROWS, axes, image
+from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, COSINE, FRAME_ROWS, SPINNING_ELEVATION, Mirrors, half_sides
+from heliosweep.kernels.neighbours import beam, bin_field, candidates, search, sift
+from heliosweep.kernels.packets import GROUP, PACKET, packet_order, rows
 from heliosweep.kernels.polygons import SQUARE
-from heliosweep.kernels.unions import unions
+from heliosweep.kernels.unions import LANE_ROWS, ROOM_ROWS, unions
 
 __all__ = ["aimed", "field_series", "field_sums", "sweep"]
 
 Floats = NDArray[np.float64]
+
+_TOGETHER, _FEW = 8, 64.0
+"""Packets whose candidates are searched for together, and candidates up to which that pays: each packet sifts them."""
 
 
 def field_sums(
@@ -163,96 +166,119 @@ def sweep(
     """
     tests = stop - start
     grid = bin_field(mirrors)
-    blockers, first_blocker = np.empty(4 * tests, np.int64), np.zeros(tests + 1, np.int64)
-    for t in range(tests):
-        i = start + t
-        blockers, first_blocker[t + 1] = search(
-            i, beam(mirrors.aim[i], np.int64(1)), mirrors.throw[i], mirrors, grid, blockers, first_blocker[t]
-        )
-
+    blockers, first_blocker = _blockers(mirrors, grid, start, stop)
+    wide, first_wide = np.empty(16 * tests, np.int64), np.zeros(tests + 1, np.int64)
     shaders, first_shader = np.empty(16 * tests, np.int64), np.zeros(tests + 1, np.int64)
     named, place = np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1)
-    frames = np.empty((2 * tests, FRAME_ROWS * PACKET))
-    images, apart = np.empty((8, IMAGE_ROWS * PACKET)), np.empty(8, np.bool_)
-    lane, spare = np.empty(18 * PACKET, np.int64), np.empty(PACKET)
-    rows, target = np.empty(3 * PACKET), np.empty(3 * PACKET)
-    sun_axes, target_axes = np.empty(FRAME_ROWS * PACKET), np.empty(FRAME_ROWS * PACKET)
-    cosine, total = np.empty(PACKET), np.empty(3 * PACKET)
-
+    frames, to_sun, to_target = rows(0), rows(3), rows(3)
+    sun_axes, target_axes, total, result = rows(AXES_ROWS), rows(AXES_ROWS), rows(3), rows(4)
+    images, apart, lane, room = rows(0), np.empty(0, np.bool_), np.empty(0, np.int64), rows(ROOM_ROWS)
+    last = 0  # of the packets whose candidates are among `wide`
     for p in range(first.shape[0] - 1):
+        if p >= last:
+            last, bundle = _together(p, sun, order, first, grid)
+            if last > p + 1:
+                for t in range(tests):
+                    i = start + t
+                    wide, first_wide[t + 1] = search(i, bundle, np.inf, mirrors, grid, wide, first_wide[t])
+                alone = False
+            else:
+                alone = True
         packet = order[first[p] : first[p + 1]]
-        lanes = packet.shape[0]
-        for k in range(lanes):
-            for c in range(3):
-                rows[c * PACKET + k] = sun[packet[k], c]
-        bundle = beam(rows, lanes)
+        lanes = _directions(sun, packet, to_sun)
+        bundle = beam(to_sun, PACKET, packet.shape[0])
         for t in range(tests):
-            shaders, first_shader[t + 1] = search(start + t, bundle, np.inf, mirrors, grid, shaders, first_shader[t])
+            i, found = start + t, first_shader[t]
+            if alone:
+                shaders, first_shader[t + 1] = search(i, bundle, np.inf, mirrors, grid, shaders, found)
+            else:
+                a, b = first_wide[t], first_wide[t + 1]
+                shaders, first_shader[t + 1] = sift(i, bundle, mirrors, wide, a, b, shaders, found)
 
         # Frames for the block and for the halo that its candidates name, nothing else.
         count = np.int64(0)
-        for t in range(tests):
-            count = _name(start + t, named, place, count)
+        for i in range(start, stop):
+            count = _name(i, named, place, count)
         for m in range(first_blocker[tests]):
             count = _name(blockers[m], named, place, count)
         for m in range(first_shader[tests]):
             count = _name(shaders[m], named, place, count)
-        if count > frames.shape[0]:
-            frames = np.empty((count + count // 4, FRAME_ROWS * PACKET))
+        if count * FRAME_ROWS * PACKET > frames.shape[0]:
+            frames = rows((count + count // 4) * FRAME_ROWS)
         for m in range(count):
-            half_sides(frames[m], rows, mirrors, named[m], tracking, lanes)
+            half_sides(frames, m * FRAME_ROWS * PACKET, to_sun, mirrors, named[m], tracking, lanes)
 
         for t in range(tests):
-            i = start + t
-            test = frames[place[i]]
-            for k in range(lanes):
-                target[k] = mirrors.aim[i, 0]
-                target[PACKET + k] = mirrors.aim[i, 1]
-                target[2 * PACKET + k] = mirrors.aim[i, 2]
-            cosines(cosine, rows, target, lanes)
-            axes(sun_axes, test, cosine, rows, mirrors.half_width[i] * mirrors.half_height[i], lanes)
-            axes(target_axes, test, cosine, target, mirrors.half_width[i] * mirrors.half_height[i], lanes)
-
-            shade, block = (
-                shaders[first_shader[t] : first_shader[t + 1]],
-                blockers[first_blocker[t] : first_blocker[t + 1]],
-            )
-            if shade.shape[0] + block.shape[0] > images.shape[0]:
-                room = 2 * (shade.shape[0] + block.shape[0])
-                images, apart = np.empty((room, IMAGE_ROWS * PACKET)), np.empty(room, np.bool_)
-                lane = np.empty((2 * room + 2) * PACKET, np.int64)
-            shading = _images(i, shade, mirrors, frames, place, sun_axes, rows, images, apart, np.int64(0), lanes)
-            made = _images(i, block, mirrors, frames, place, target_axes, target, images, apart, shading, lanes)
-            unions(images, apart, shading, made, total, lane, spare, lanes)
-
-            cosine_sum = shading_sum = blocking_sum = optical_sum = 0.0
-            for k in range(lanes):
-                unshaded, unblocked = _left(total[k]), _left(total[PACKET + k])
-                optical = cosine[k] * _left(total[2 * PACKET + k])
-                cosine_sum += cosine[k]
-                shading_sum += unshaded
-                blocking_sum += unblocked
-                optical_sum += optical
-                if series.shape[2] > 0:
-                    when = packet[k]
-                    series[0, when, t], series[1, when, t] = cosine[k], unshaded
-                    series[2, when, t], series[3, when, t] = unblocked, optical
+            i, test = start + t, place[start + t] * FRAME_ROWS * PACKET
+            pairs = first_shader[t + 1] - first_shader[t] + first_blocker[t + 1] - first_blocker[t]
+            if pairs > apart.shape[0]:
+                images, apart = rows(2 * pairs * IMAGE_ROWS), np.empty(2 * pairs, np.bool_)
+                lane = np.empty(LANE_ROWS * (2 * pairs + 1) * PACKET, np.int64)
+            _aim(to_target, mirrors, i, lanes)
+            axes(sun_axes, frames, test, to_sun, mirrors.half_width[i] * mirrors.half_height[i], lanes)
+            axes(target_axes, frames, test, to_target, mirrors.half_width[i] * mirrors.half_height[i], lanes)
+            shading = np.int64(0)
+            for m in range(first_shader[t], first_shader[t + 1]):
+                shading += _image(
+                    i, shaders[m], mirrors, frames, place, sun_axes, to_sun, images, apart, shading, lanes
+                )
+            made = shading
+            for m in range(first_blocker[t], first_blocker[t + 1]):
+                made += _image(
+                    i, blockers[m], mirrors, frames, place, target_axes, to_target, images, apart, made, lanes
+                )
+            unions(images, apart, shading, made, total, lane, room, lanes)
+            _efficiencies(frames, test + COSINE, total, result, lanes)
             if sums.shape[0] > 0:
-                sums[t, 0] += cosine_sum
-                sums[t, 1] += shading_sum
-                sums[t, 2] += blocking_sum
-                sums[t, 3] += optical_sum
+                for c in range(4):
+                    sums[t, c] += _sum(result, c * PACKET, packet.shape[0])
+            if series.shape[2] > 0:
+                for c in range(4):
+                    for k in range(packet.shape[0]):
+                        series[c, packet[k], t] = result[c * PACKET + k]
         for m in range(count):
             place[named[m]] = -1
 
 
-@inline
-def _left(covered):
-    """Fraction of the mirror outside a union, without the rounding that would lead out of 0 to 1."""
-    return min(1.0, max(0.0, 1.0 - covered / SQUARE))
+@kernel
+def _blockers(mirrors, grid, start, stop):
+    """Heliostats that may block each of the block, whatever the sun; and where those of each begin."""
+    found, first = np.empty(4 * (stop - start), np.int64), np.zeros(stop - start + 1, np.int64)
+    for i in range(start, stop):
+        t = i - start
+        bundle = beam(mirrors.aim[i], np.int64(1), np.int64(1))
+        found, first[t + 1] = search(i, bundle, mirrors.throw[i], mirrors, grid, found, first[t])
+    return found, first
 
 
 @kernel
+def _together(p, sun, order, first, grid):
+    """End of the packets from p on that are searched for together, where they find few candidates; and their bundle."""
+    last = min(p + _TOGETHER, first.shape[0] - 1)
+    while True:
+        count = first[last] - first[p]
+        directions = np.empty(3 * count)
+        for k in range(count):
+            for c in range(3):
+                directions[c * count + k] = sun[order[first[p] + k], c]
+        bundle = beam(directions, count, count)
+        if last == p + 1 or candidates(bundle, grid) <= _FEW:
+            return last, bundle
+        last = p + (last - p) // 2
+
+
+@kernel
+def _directions(sun, packet, to_sun):
+    """Write the sun vectors of a packet in rows, filled up to whole groups by the last; returns the lanes."""
+    lanes = -(-packet.shape[0] // GROUP) * GROUP
+    for k in range(lanes):
+        when = packet[min(k, packet.shape[0] - 1)]
+        for c in range(3):
+            to_sun[c * PACKET + k] = sun[when, c]
+    return lanes
+
+
+@inline
 def _name(j, named, place, count):
     """Give heliostat j a place among the frames of the packet, once; returns the number of places."""
     if place[j] < 0:
@@ -262,15 +288,50 @@ def _name(j, named, place, count):
     return count
 
 
+@inline
+def _aim(to_target, mirrors, i, lanes):
+    """Write the direction to the target in rows."""
+    x, y, z = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
+    for k in range(lanes):
+        to_target[k], to_target[PACKET + k], to_target[2 * PACKET + k] = x, y, z
+
+
+@inline
+def _image(i, j, mirrors, frames, place, views, directions, images, apart, made, lanes):
+    """Make the image of mirror j on mirror i the one numbered `made`; returns 1 if some lane has it, else 0."""
+    dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+    reach = mirrors.radius[i] + mirrors.radius[j]
+    apart[made] = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
+    test, other = place[i] * FRAME_ROWS * PACKET, place[j] * FRAME_ROWS * PACKET
+    o = made * IMAGE_ROWS * PACKET
+    return np.int64(image(images, o, views, frames, other, test, directions, dx, dy, dz, apart[made], lanes))
+
+
+@inline
+def _efficiencies(frames, cosine, total, result, lanes):
+    """Write the rows of results: cosine, shading, blocking and optical efficiency."""
+    cosine = max(cosine, 0)
+    for k in range(lanes):
+        result[k] = frames[cosine + k]
+        result[PACKET + k], result[2 * PACKET + k] = _left(total[k]), _left(total[PACKET + k])
+        result[3 * PACKET + k] = frames[cosine + k] * _left(total[2 * PACKET + k])
+
+
+@inline
+def _left(covered):
+    """Fraction of the mirror outside a union, without the rounding that would lead out of 0 to 1."""
+    return min(1.0, max(0.0, 1.0 - covered / SQUARE))
+
+
 @kernel
-def _images(i, candidates, mirrors, frames, place, views, directions, images, apart, made, lanes):
-    """Append the images on mirror i that some lane has; returns their number."""
-    test = frames[place[i]]
-    for m in range(candidates.shape[0]):
-        j = candidates[m]
-        dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
-        reach = mirrors.radius[i] + mirrors.radius[j]
-        apart[made] = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
-        if image(images[made], views, frames[place[j]], directions, dx, dy, dz, apart[made], test, lanes):
-            made += 1
-    return made
+def _sum(row, start, count):
+    """Sum of a row, in a fixed order, of eight sums that a processor can make side by side."""
+    a = b = c = d = e = f = g = h = 0.0
+    whole = count // 8 * 8
+    for k in range(start, start + whole, 8):
+        a, b, c, d = a + row[k], b + row[k + 1], c + row[k + 2], d + row[k + 3]
+        e, f, g, h = e + row[k + 4], f + row[k + 5], g + row[k + 6], h + row[k + 7]
+    total = ((a + b) + (c + d)) + ((e + f) + (g + h))
+    for k in range(start + whole, start + count):
+        total += row[k]
+    return total

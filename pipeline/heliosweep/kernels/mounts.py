@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.packets import PACKET
 
-__all__ = ["AZIMUTH_ELEVATION", "FRAME_ROWS", "SPINNING_ELEVATION", "Mirrors", "half_sides"]
+__all__ = ["AZIMUTH_ELEVATION", "COSINE", "FRAME_ROWS", "SECANT", "SPINNING_ELEVATION", "Mirrors", "half_sides"]
 
 SPINNING_ELEVATION = 0
 """Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
 AZIMUTH_ELEVATION = 1
 """Vertical first axis: the width axis u = unit(z x n) stays horizontal."""
-FRAME_ROWS = 6
-"""Rows of a frame block: the half sides (w/2) u and (h/2) v, components x, y, z of each."""
+FRAME_ROWS = 8
+"""Rows of a frame: the half sides (w/2) u and (h/2) v, components x, y, z of each; cosine and secant of incidence."""
+COSINE, SECANT = 6 * PACKET, 7 * PACKET
+"""Where the rows of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2, and of its inverse begin."""
 
 _PARALLEL = 1e-30
 """Squared sine below which two directions are parallel: the cross product is rounding noise."""
@@ -47,18 +49,20 @@ class Mirrors(NamedTuple):
 
 @kernel
 def half_sides(
-    frame: NDArray[np.float64], sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int, lanes: int
+    frames: NDArray[np.float64], f: int, sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int, lanes: int
 ) -> None:
-    """Write the half sides of one mirror for every lane of a packet.
+    """Write the frame of one mirror for every lane of a packet.
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
-    (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: both sides
-    are nothing.
+    (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides,
+    cosine and secant are nothing.
 
     Parameters
     ----------
-    frame : ndarray, shape (FRAME_ROWS * PACKET,)
+    frames : ndarray, shape (at least f + FRAME_ROWS * PACKET,)
         Receives the rows. [m]
+    f : int
+        Where they begin in `frames`.
     sun : ndarray, shape (3 * PACKET,)
         Rows x, y, z of the unit vectors to the sun. [1]
     mirrors : Mirrors
@@ -70,6 +74,7 @@ def half_sides(
     lanes : int
         Lanes of the packet; what rows hold beyond them means nothing.
     """
+    f = max(f, 0)
     rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
     half_width, half_height = mirrors.half_width[i], mirrors.half_height[i]
     # A fallback for every lane whose u is undefined, so that the lane loops need no branch.
@@ -80,23 +85,24 @@ def half_sides(
     for k in range(lanes):
         sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
         nx, ny, nz = rx + sx, ry + sy, rz + sz
-        length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        scale = 1.0 / length if length > 0.0 else 0.0
-        nx, ny, nz = nx * scale, ny * scale, nz * scale
         if tracking == SPINNING_ELEVATION:
             ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx
         else:
             ux, uy, uz = -ny, nx, 0.0
-        square = ux * ux + uy * uy + uz * uz
-        undefined = square < _PARALLEL
-        scale = 1.0 / np.sqrt(1.0 if undefined else square)
+        along, across = nx * nx + ny * ny + nz * nz, ux * ux + uy * uy + uz * uz
+        undefined = across < _PARALLEL
+        length, width = np.sqrt(along), np.sqrt(1.0 if undefined else across)
+        inverse = 1.0 / (length * width) if length > 0.0 else 0.0
+        scale, inverse = inverse * length, inverse * width
+        nx, ny, nz = nx * inverse, ny * inverse, nz * inverse
         ux = ex if undefined else ux * scale
         uy = ey if undefined else uy * scale
         uz = 0.0 if undefined else uz * scale
         present = half_width if length > 0.0 else 0.0
-        frame[k] = present * ux
-        frame[PACKET + k] = present * uy
-        frame[2 * PACKET + k] = present * uz
-        frame[3 * PACKET + k] = half_height * (ny * uz - nz * uy)
-        frame[4 * PACKET + k] = half_height * (nz * ux - nx * uz)
-        frame[5 * PACKET + k] = half_height * (nx * uy - ny * ux)
+        frames[f + COSINE + k], frames[f + SECANT + k] = min(1.0, 0.5 * length), 2.0 * inverse
+        frames[f + k] = present * ux
+        frames[f + PACKET + k] = present * uy
+        frames[f + 2 * PACKET + k] = present * uz
+        frames[f + 3 * PACKET + k] = half_height * (ny * uz - nz * uy)
+        frames[f + 4 * PACKET + k] = half_height * (nz * ux - nx * uz)
+        frames[f + 5 * PACKET + k] = half_height * (nx * uy - ny * ux)

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts import Mirrors
 
-__all__ = ["Beam", "Grid", "beam", "bin_field", "search"]
+__all__ = ["Beam", "Grid", "beam", "bin_field", "candidates", "search", "sift"]
 
 _SLACK = 1e-9
 """Relative slack of every cull: far above rounding, far below what would cost time."""
@@ -88,9 +88,8 @@ def bin_field(mirrors: Mirrors) -> Grid:
 
 
 @kernel
-def beam(directions: NDArray[np.float64], count: int) -> Beam:
-    """Bundle of the first `count` of the unit vectors whose x, then y, then z fill a flat array."""
-    stride = directions.shape[0] // 3
+def beam(directions: NDArray[np.float64], stride: int, count: int) -> Beam:
+    """Bundle of the first `count` of the unit vectors whose x, then y, then z stand `stride` apart in a flat array."""
     x = y = z = 0.0
     for k in range(count):
         x, y, z = x + directions[k], y + directions[stride + k], z + directions[2 * stride + k]
@@ -195,24 +194,81 @@ def search(
         stop = row * grid.columns + int(min(max(east, 0.0), grid.columns - 1.0)) + 1
         for k in range(grid.first[start], grid.first[stop]):
             j = grid.names[k]
-            dx, dy, dz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
-            square = dx * dx + dy * dy + dz * dz
-            reach_j = (radius[i] + radius[j]) * (1.0 + _SLACK)
-            ahead = dx * bundle.x + dy * bundle.y + dz * bundle.z
-            if square > reach_j * reach_j and bundle.cosine > 0.0:
-                edge = np.sqrt(square - reach_j * reach_j) * bundle.cosine - reach_j * bundle.sine
-                if ahead < edge - _SLACK * np.sqrt(square):
-                    continue
-            if j == i or ahead >= limit:
+            if not _may_occlude(i, j, bundle, limit, mirrors):
                 continue
             if count == found.shape[0]:
-                longer = np.empty(2 * count, np.int64)
-                for m in range(count):
-                    longer[m] = found[m]
-                found = longer
+                found = _longer(found)
             found[count] = j
             count += 1
     return found, count
+
+
+@kernel
+def sift(
+    i: int,
+    bundle: Beam,
+    mirrors: Mirrors,
+    wider: NDArray[np.int64],
+    first: int,
+    last: int,
+    found: NDArray[np.int64],
+    count: int,
+):
+    """Append to `found` what `search` would for the sun, out of what it found for a bundle that holds this one.
+
+    Parameters
+    ----------
+    i, bundle, mirrors, found, count
+        As in `search`.
+    wider : ndarray of int64
+        What was found for a wider bundle: `wider[first:last]`.
+    first, last : int
+        Part of it.
+
+    Returns
+    -------
+    found, count
+        As from `search`.
+    """
+    while count + last - first > found.shape[0]:
+        found = _longer(found)
+    for m in range(first, last):
+        found[count] = wider[m]
+        count += _may_occlude(i, wider[m], bundle, np.inf, mirrors)
+    return found, count
+
+
+@inline
+def _may_occlude(i, j, bundle, limit, mirrors):
+    """Whether j may occlude i along some direction of the bundle, by the angle between D and its axis."""
+    dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+    square = dx * dx + dy * dy + dz * dz
+    reach = (mirrors.radius[i] + mirrors.radius[j]) * (1.0 + _SLACK)
+    ahead = dx * bundle.x + dy * bundle.y + dz * bundle.z
+    near = square <= reach * reach or bundle.cosine <= 0.0
+    edge = np.sqrt(max(0.0, square - reach * reach)) * bundle.cosine - reach * bundle.sine
+    return (near or ahead >= edge - _SLACK * np.sqrt(square)) and j != i and ahead < limit
+
+
+@kernel
+def _longer(found):
+    """Copy of a list with room for twice as many."""
+    longer = np.empty(2 * found.shape[0], np.int64)
+    for m in range(found.shape[0]):
+        longer[m] = found[m]
+    return longer
+
+
+@kernel
+def candidates(bundle: Beam, grid: Grid) -> float:
+    """Estimate of how many heliostats `search` finds along a bundle of directions to the sun."""
+    if not bundle.narrow:
+        return np.inf
+    wide = 2.0 * grid.radius
+    reach = (wide + grid.top - grid.bottom) / max(bundle.low, 1e-300)
+    swing = bundle.right_y * bundle.left_x - bundle.right_x * bundle.left_y
+    density = grid.names.shape[0] / (grid.columns * grid.rows * grid.cell * grid.cell)
+    return (reach + wide) * (2.0 * wide + 0.5 * reach * abs(swing)) * density
 
 
 @kernel

@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
 
-__all__ = ["PACKET", "packet_order"]
+__all__ = ["GROUP", "PACKET", "packet_order", "rows"]
 
 PACKET = 64
 """Most instants (lanes) in a packet, and the room for them in every row of lanes."""
+
+GROUP = 8
+"""Packets are filled up to a multiple of so many lanes, the vector of the widest processors: no loop leaves a rest."""
 
 _LIMIT = 60.0
 """Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
@@ -20,6 +23,14 @@ _LIMIT = 60.0
 By measurement, and flat: from 40 to 80 costs are much the same. Smaller packets repeat the search too often, wider ones
 have too many candidates. Thousands of instants fill their packets within it, but for the lowest suns.
 """
+
+
+@kernel
+def rows(count: int) -> NDArray[np.float64]:
+    """Room for rows of lanes, one after the other, from the start of a cache line: a load across two costs double."""
+    room = np.empty(count * PACKET + 8)
+    skip = -(room.ctypes.data >> 3) & 7
+    return room[skip : skip + count * PACKET]
 
 
 @kernel

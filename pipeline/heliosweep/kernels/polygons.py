@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
 
-__all__ = ["SQUARE", "area", "cut", "edge_term", "gaps", "slope", "square_area", "unit"]
+__all__ = ["SQUARE", "area", "cut", "edge_term", "gaps", "slope", "slopes", "square_area", "unit"]
 
 SQUARE = 4.0
 """Area of the square."""
@@ -23,6 +23,14 @@ _NOTHING = 1e-17
 def slope(rise: float, run: float) -> float:
     """Quotient that is 0 for an edge without run, where its factor vanishes but infinity times nothing would not."""
     return rise / run if abs(run) > 1e-200 else 0.0
+
+
+@inline
+def slopes(x: float, y: float) -> tuple[float, float]:
+    """Slopes dy/dx and dx/dy of the direction (x, y), by one division; both 0 along an axis, where neither counts."""
+    square = x * y
+    inverse = 1.0 / square if abs(square) > 1e-200 else 0.0
+    return y * y * inverse, x * x * inverse
 
 
 @inline
@@ -51,7 +59,7 @@ def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: floa
     x0, x1 = unit(px), unit(qx)
     y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
     c0, c1 = unit(y0), unit(y1)
-    crossings = (x0 + (c0 - y0) * run) + (x1 + (c1 - y1) * run)
+    crossings = unit(x0 + (c0 - y0) * run) + unit(x1 + (c1 - y1) * run)
     return c1 * x1 - c0 * x0 - 0.5 * (c1 - c0) * crossings
 
 

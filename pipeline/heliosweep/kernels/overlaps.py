@@ -1,0 +1,244 @@
+"""Areas that the square shares with two images, or with three: branch-free, without ties, for packed lanes.
+
+A polygon is followed as a closed chain of segments. To clip it by the square, each segment is cut at x = -1 and x = 1
+and what is beyond is pushed onto these lines; then the same at y = -1 and y = 1. A segment becomes one along x, the
+part inside, one along x, and one along y to the start of the next. The chain may run to and fro along a side; that
+cancels. In the coordinates of an image, which make it the square, it can be clipped again; and by Green's theorem
+`edge_term` gives the area of what the last image leaves. Each step is a clamp, continuous in the corners: there are no
+ties to break. Directions of segments are known and carried along, never taken from differences of corners.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.packets import GROUP, PACKET
+from heliosweep.kernels.polygons import edge_term, slope, slopes, unit
+
+__all__ = ["OVERLAP_ROWS", "SHARED", "pack", "shared_by_three", "shared_by_two"]
+
+Floats = NDArray[np.float64]
+
+_IMAGE = 6 * PACKET
+"""Rows of a packed image: centre and half edges, as in `images`."""
+SHARED = 3 * _IMAGE
+"""Where the row of areas begins."""
+_SCALE = SHARED + PACKET
+"""What an area in coordinates of the last image is multiplied by."""
+_CHAIN = _SCALE + PACKET
+"""Where the 16 corners x of a chain begin, and 16 rows later y."""
+_SLOPES = _CHAIN + 32 * PACKET
+"""Slopes dy/dx and dx/dy of x, a, y, b in coordinates of the second image; then of these and p, q in those of the
+third; then how the former coordinates are made the latter."""
+_THIRD, _TO = _SLOPES + 8 * PACKET, _SLOPES + 20 * PACKET
+OVERLAP_ROWS = _TO // PACKET + 6
+"""Rows of room that is needed."""
+
+
+@kernel
+def pack(images: Floats, image: int, names: NDArray[np.int64], active: int, room: Floats, place: int) -> int:
+    """Copy some lanes of an image next to each other; returns their number, filled up to whole groups by the last.
+
+    Parameters
+    ----------
+    images : ndarray
+        Images of mirrors.
+    image : int
+        Where the image begins.
+    names : ndarray of int64, shape (PACKET,)
+        The lanes; filled up.
+    active : int
+        How many.
+    room : ndarray
+        Receives the lanes.
+    place : int
+        Of which image: 0, 1 or 2.
+    """
+    filled = -(-active // GROUP) * GROUP
+    for k in range(active, filled):
+        names[k] = names[active - 1]
+    for row in range(0, 6 * PACKET, PACKET):
+        for k in range(filled):
+            room[place * _IMAGE + row + k] = images[image + row + names[k]]
+    return filled
+
+
+@kernel
+def shared_by_two(room: Floats, lanes: int) -> None:
+    """Write the areas of the square and two packed images together."""
+    for k in range(lanes):
+        sides = _sides(room, 0, k)
+        to, turn = _coordinates(room, _IMAGE, k)
+        e, f, _, h, i, _ = to
+        x, y = slopes(e, h), slopes(f, i)
+        a, b = slopes(*_turned(to, *_edge(room, 0, 2, k))), slopes(*_turned(to, *_edge(room, 0, 4, k)))
+        area = (_green(sides[0], sides[1], a, x, y, to) + _green(sides[1], sides[2], b, x, y, to)) + (
+            _green(sides[2], sides[3], a, x, y, to) + _green(sides[3], sides[0], b, x, y, to)
+        )
+        room[SHARED + k] = abs(area * turn)
+
+
+@inline
+def _edge(room, image, row, k):
+    """A half edge of a packed image, or its centre."""
+    return room[image + row * PACKET + k], room[image + (row + 1) * PACKET + k]
+
+
+@inline
+def _coordinates(room, image, k):
+    """How a point becomes one in coordinates of an image, (x e + y f + g, x h + y i + j), and the area of its unit."""
+    cx, cy = _edge(room, image, 0, k)
+    px, py = _edge(room, image, 2, k)
+    qx, qy = _edge(room, image, 4, k)
+    turn = px * qy - py * qx
+    scale = slope(1.0, turn)
+    e, f, h, i = qy * scale, -qx * scale, -py * scale, px * scale
+    return (e, f, -(cx * e + cy * f), h, i, -(cx * h + cy * i)), turn
+
+
+@inline
+def _turned(to, x, y):
+    """A direction in coordinates of an image."""
+    return x * to[0] + y * to[1], x * to[3] + y * to[4]
+
+
+@inline
+def _moved(to, x, y):
+    """A point in coordinates of an image."""
+    return x * to[0] + (y * to[1] + to[2]), x * to[3] + (y * to[4] + to[5])
+
+
+@inline
+def _sides(room, image, k):
+    """The four edges of an image clipped by the square."""
+    cx, cy = _edge(room, image, 0, k)
+    ax, ay = _edge(room, image, 2, k)
+    bx, by = _edge(room, image, 4, k)
+    a, b = slopes(ax, ay), slopes(bx, by)
+    x0, y0, x1, y1 = cx - ax - bx, cy - ay - by, cx + ax - bx, cy + ay - by
+    x2, y2, x3, y3 = cx + ax + bx, cy + ay + by, cx - ax + bx, cy - ay + by
+    return (
+        _clipped(x0, y0, x1, y1, a),
+        _clipped(x1, y1, x2, y2, b),
+        _clipped(x2, y2, x3, y3, a),
+        _clipped(x3, y3, x0, y0, b),
+    )
+
+
+@inline
+def _clipped(px, py, qx, qy, along):
+    """Clip an edge: from (x0, c0) along x to (xa, c0), along the edge to (xb, c1), along x to (x1, c1)."""
+    rise, run = along
+    x0, x1 = unit(px), unit(qx)
+    y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
+    c0, c1 = unit(y0), unit(y1)
+    return x0, c0, unit(x0 + (c0 - y0) * run), unit(x1 + (c1 - y1) * run), c1, x1
+
+
+@inline
+def _green(side, following, along, x, y, to):
+    """Green's terms of one clipped edge, with the segment along y to the start of the following one."""
+    x0, c0, xa, xb, c1, x1 = side
+    p, q = _moved(to, x0, c0)
+    pa, qa = _moved(to, xa, c0)
+    pb, qb = _moved(to, xb, c1)
+    pc, qc = _moved(to, x1, c1)
+    pd, qd = _moved(to, following[0], following[1])
+    return (
+        edge_term(p, q, pa, qa, x[0], x[1])
+        + edge_term(pa, qa, pb, qb, along[0], along[1])
+        + edge_term(pb, qb, pc, qc, x[0], x[1])
+        + edge_term(pc, qc, pd, qd, y[0], y[1])
+    )
+
+
+@kernel
+def shared_by_three(room: Floats, lanes: int) -> None:
+    """Write the areas of the square and three packed images together."""
+    _chain_of_first(room, lanes)
+    for k in range(lanes):
+        room[SHARED + k] = 0.0
+    for s in range(16):
+        # The segments of the chain run along x, a, x, y, x, b, x, y, and so again.
+        own, following = _direction(s), _direction(s + 1)
+        start, stop = _CHAIN + s * PACKET, _CHAIN + (s + 1) % 16 * PACKET
+        for k in range(lanes):
+            along = room[own + k], room[own + PACKET + k]
+            qx, qy = room[stop + k], room[stop + 16 * PACKET + k]
+            side = _clipped(room[start + k], room[start + 16 * PACKET + k], qx, qy, along)
+            x = side[5]
+            then = x, unit(qy + (x - qx) * room[following + k])
+            to = (
+                room[_TO + k],
+                room[_TO + PACKET + k],
+                room[_TO + 2 * PACKET + k],
+                room[_TO + 3 * PACKET + k],
+                room[_TO + 4 * PACKET + k],
+                room[_TO + 5 * PACKET + k],
+            )
+            third = own + (_THIRD - _SLOPES) + k
+            p = room[_THIRD + 8 * PACKET + k], room[_THIRD + 9 * PACKET + k]
+            q = room[_THIRD + 10 * PACKET + k], room[_THIRD + 11 * PACKET + k]
+            room[SHARED + k] += _green(side, then, (room[third], room[third + PACKET]), p, q, to)
+    for k in range(lanes):
+        room[SHARED + k] = abs(room[SHARED + k] * room[_SCALE + k])
+
+
+@inline
+def _direction(s):
+    """Where the slopes of the direction of a segment begin: of x, a, y or b."""
+    kind = 0 if s % 2 == 0 else (2 if s % 4 == 3 else (1 if s % 8 == 1 else 3))
+    return _SLOPES + 2 * kind * PACKET
+
+
+@kernel
+def _chain_of_first(room, lanes):
+    """Write the chain of the first image clipped by the square in coordinates of the second, and all slopes."""
+    for k in range(lanes):
+        side0, side1, side2, side3 = _sides(room, 0, k)
+        second, _ = _coordinates(room, _IMAGE, k)
+        _write_corners(room, _CHAIN + k, second, side0)
+        _write_corners(room, _CHAIN + 4 * PACKET + k, second, side1)
+        _write_corners(room, _CHAIN + 8 * PACKET + k, second, side2)
+        _write_corners(room, _CHAIN + 12 * PACKET + k, second, side3)
+    for k in range(lanes):
+        to, _ = _coordinates(room, _IMAGE, k)
+        (ax, ay), (bx, by) = _edge(room, 0, 2, k), _edge(room, 0, 4, k)
+        _write_slopes(room, _SLOPES + k, to, 1.0, 0.0)
+        _write_slopes(room, _SLOPES + 2 * PACKET + k, to, ax, ay)
+        _write_slopes(room, _SLOPES + 4 * PACKET + k, to, 0.0, 1.0)
+        _write_slopes(room, _SLOPES + 6 * PACKET + k, to, bx, by)
+    for k in range(lanes):
+        to, _ = _coordinates(room, 2 * _IMAGE, k)
+        (ax, ay), (bx, by) = _edge(room, 0, 2, k), _edge(room, 0, 4, k)
+        _write_slopes(room, _THIRD + k, to, 1.0, 0.0)
+        _write_slopes(room, _THIRD + 2 * PACKET + k, to, ax, ay)
+        _write_slopes(room, _THIRD + 4 * PACKET + k, to, 0.0, 1.0)
+        _write_slopes(room, _THIRD + 6 * PACKET + k, to, bx, by)
+    for k in range(lanes):
+        to, turn = _coordinates(room, 2 * _IMAGE, k)
+        (px, py), (qx, qy) = _edge(room, _IMAGE, 2, k), _edge(room, _IMAGE, 4, k)
+        cx, cy = _edge(room, _IMAGE, 0, k)
+        room[_SCALE + k] = turn
+        _write_slopes(room, _THIRD + 8 * PACKET + k, to, px, py)
+        _write_slopes(room, _THIRD + 10 * PACKET + k, to, qx, qy)
+        room[_TO + k], room[_TO + 3 * PACKET + k] = _turned(to, px, py)
+        room[_TO + PACKET + k], room[_TO + 4 * PACKET + k] = _turned(to, qx, qy)
+        room[_TO + 2 * PACKET + k], room[_TO + 5 * PACKET + k] = _moved(to, cx, cy)
+
+
+@inline
+def _write_corners(room, at, to, side):
+    """Write the corners before, within and after a clipped edge, x and 16 rows later y."""
+    x0, c0, xa, xb, c1, x1 = side
+    room[at], room[at + 16 * PACKET] = _moved(to, x0, c0)
+    room[at + PACKET], room[at + 17 * PACKET] = _moved(to, xa, c0)
+    room[at + 2 * PACKET], room[at + 18 * PACKET] = _moved(to, xb, c1)
+    room[at + 3 * PACKET], room[at + 19 * PACKET] = _moved(to, x1, c1)
+
+
+@inline
+def _write_slopes(room, at, to, x, y):
+    """Write the slopes of a direction."""
+    dx, dy = _turned(to, x, y)
+    room[at], room[at + PACKET] = slopes(dx, dy)
