@@ -5,7 +5,7 @@ import shapely
 
 from heliosweep.kernels.images import IMAGE_ROWS, image
 from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.unions import LANE_ROWS, ROOM_ROWS, unions
+from heliosweep.kernels.unions import PAIRS, ROOM_ROWS, unions
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 
@@ -14,16 +14,17 @@ def union_areas(shapes, shading):
     """Union areas of parallelograms, shape (m, PACKET, 6): centre and half edges; the first `shading` are shades."""
     count = len(shapes)
     images, apart = np.zeros(count * IMAGE_ROWS * PACKET), np.ones(count, bool)
+    present = np.zeros(count, np.int64)
     up = np.repeat([0.0, 0.0, 1.0], PACKET)
     one, none = np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views = np.concatenate((one, none, cx, none, one, cy))
         frame = np.concatenate((ax, ay, none, bx, by, none, one, one))
-        image(images, m * IMAGE_ROWS * PACKET, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
+        present[m] = image(images, m * IMAGE_ROWS * PACKET, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
     total = np.empty(3 * PACKET)
-    lane, room = np.empty(LANE_ROWS * (count + 1) * PACKET, np.int64), np.empty(ROOM_ROWS * PACKET)
-    unions(images, apart, shading, count, total, lane, room, PACKET)
+    room, (partner, meeting) = np.empty(ROOM_ROWS * PACKET), np.empty((2, PAIRS), np.int64)
+    unions(images, apart, present, shading, count, total, room, partner, meeting, PACKET)
     return total.reshape(3, PACKET)
 
 

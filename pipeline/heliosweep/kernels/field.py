@@ -15,7 +15,7 @@ from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, COSINE, FRAME_ROWS, SPI
 from heliosweep.kernels.neighbours import beam, bin_field, candidates, search, sift
 from heliosweep.kernels.packets import GROUP, PACKET, packet_order, rows
 from heliosweep.kernels.polygons import SQUARE
-from heliosweep.kernels.unions import LANE_ROWS, ROOM_ROWS, unions
+from heliosweep.kernels.unions import PAIRS, ROOM_ROWS, unions
 
 __all__ = ["aimed", "field_series", "field_sums", "sweep"]
 
@@ -172,7 +172,8 @@ def sweep(
     named, place = np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1)
     frames, to_sun, to_target = rows(0), rows(3), rows(3)
     sun_axes, target_axes, total, result = rows(AXES_ROWS), rows(AXES_ROWS), rows(3), rows(4)
-    images, apart, lane, room = rows(0), np.empty(0, np.bool_), np.empty(0, np.int64), rows(ROOM_ROWS)
+    images, apart, present = rows(0), np.empty(0, np.bool_), np.empty(0, np.int64)
+    room, partner, meeting = rows(ROOM_ROWS), np.empty(PAIRS, np.int64), np.empty(PAIRS, np.int64)
     last = 0  # of the packets whose candidates are among `wide`
     for p in range(first.shape[0] - 1):
         if p >= last:
@@ -213,21 +214,21 @@ def sweep(
             pairs = first_shader[t + 1] - first_shader[t] + first_blocker[t + 1] - first_blocker[t]
             if pairs > apart.shape[0]:
                 images, apart = rows(2 * pairs * IMAGE_ROWS), np.empty(2 * pairs, np.bool_)
-                lane = np.empty(LANE_ROWS * (2 * pairs + 1) * PACKET, np.int64)
+                present = np.empty(2 * pairs, np.int64)
             _aim(to_target, mirrors, i, lanes)
             axes(sun_axes, frames, test, to_sun, mirrors.half_width[i] * mirrors.half_height[i], lanes)
             axes(target_axes, frames, test, to_target, mirrors.half_width[i] * mirrors.half_height[i], lanes)
             shading = np.int64(0)
             for m in range(first_shader[t], first_shader[t + 1]):
                 shading += _image(
-                    i, shaders[m], mirrors, frames, place, sun_axes, to_sun, images, apart, shading, lanes
+                    i, shaders[m], mirrors, frames, place, sun_axes, to_sun, images, apart, present, shading, lanes
                 )
             made = shading
             for m in range(first_blocker[t], first_blocker[t + 1]):
                 made += _image(
-                    i, blockers[m], mirrors, frames, place, target_axes, to_target, images, apart, made, lanes
+                    i, blockers[m], mirrors, frames, place, target_axes, to_target, images, apart, present, made, lanes
                 )
-            unions(images, apart, shading, made, total, lane, room, lanes)
+            unions(images, apart, present, shading, made, total, room, partner, meeting, lanes)
             _efficiencies(frames, test + COSINE, total, result, lanes)
             if sums.shape[0] > 0:
                 for c in range(4):
@@ -297,14 +298,15 @@ def _aim(to_target, mirrors, i, lanes):
 
 
 @inline
-def _image(i, j, mirrors, frames, place, views, directions, images, apart, made, lanes):
+def _image(i, j, mirrors, frames, place, views, directions, images, apart, present, made, lanes):
     """Make the image of mirror j on mirror i the one numbered `made`; returns 1 if some lane has it, else 0."""
     dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
     reach = mirrors.radius[i] + mirrors.radius[j]
     apart[made] = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
     test, other = place[i] * FRAME_ROWS * PACKET, place[j] * FRAME_ROWS * PACKET
     o = made * IMAGE_ROWS * PACKET
-    return np.int64(image(images, o, views, frames, other, test, directions, dx, dy, dz, apart[made], lanes))
+    present[made] = image(images, o, views, frames, other, test, directions, dx, dy, dz, apart[made], lanes)
+    return np.int64(present[made] != 0)
 
 
 @inline

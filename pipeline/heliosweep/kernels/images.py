@@ -84,8 +84,8 @@ def image(
     dz: float,
     apart: bool,
     lanes: int,
-) -> bool:
-    """Write the image of one mirror on the test mirror for every lane; False if no lane has one.
+) -> np.int64:
+    """Write the image of one mirror on the test mirror for every lane; returns the set of lanes that have one.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def image(
     """
     o, f, test = max(o, 0), max(f, 0), max(test, 0)
     behind = 0.0 if apart else -np.inf
-    hits = 0
+    hits = np.int64(0)
     for k in range(lanes):
         ux, uy, uz = views[k], views[PACKET + k], views[2 * PACKET + k]
         vx, vy, vz = views[3 * PACKET + k], views[4 * PACKET + k], views[5 * PACKET + k]
@@ -130,9 +130,9 @@ def image(
         gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
         hit = (gap < 0.0) & (ahead > behind)
         images[o + AREA + k] = 1.0 if hit else 0.0
-        hits += hit
+        hits |= np.int64(hit) << k
     if hits == 0:
-        return False
+        return hits
     for k in range(lanes):
         cx, cy = images[o + k], images[o + PACKET + k]
         ax, ay = images[o + 2 * PACKET + k], images[o + 3 * PACKET + k]
@@ -146,7 +146,10 @@ def image(
         images[o + AREA + k] *= abs(total)
     if not apart:
         _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes)
-    return True
+    found = np.int64(0)
+    for k in range(lanes):
+        found |= np.int64(images[o + AREA + k] > 0.0) << k
+    return found
 
 
 @inline

@@ -155,6 +155,7 @@ def _green(side, following, along, x, y, to):
 @kernel
 def shared_by_three(room: Floats, lanes: int) -> None:
     """Write the areas of the square and three packed images together."""
+    _smallest_last(room, lanes)
     _chain_of_first(room, lanes)
     for k in range(lanes):
         room[SHARED + k] = 0.0
@@ -189,6 +190,25 @@ def _direction(s):
     """Where the slopes of the direction of a segment begin: of x, a, y or b."""
     kind = 0 if s % 2 == 0 else (2 if s % 4 == 3 else (1 if s % 8 == 1 else 3))
     return _SLOPES + 2 * kind * PACKET
+
+
+@kernel
+def _smallest_last(room, lanes):
+    """Swap the second and the third image where the third is larger.
+
+    What the coordinates of an image nearly without area lose, is made good where its area is a factor.
+    """
+    for k in range(lanes):
+        px, py = _edge(room, _IMAGE, 2, k)
+        qx, qy = _edge(room, _IMAGE, 4, k)
+        ex, ey = _edge(room, 2 * _IMAGE, 2, k)
+        fx, fy = _edge(room, 2 * _IMAGE, 4, k)
+        room[_SCALE + k] = 1.0 if abs(px * qy - py * qx) < abs(ex * fy - ey * fx) else 0.0
+    for row in range(_IMAGE, 2 * _IMAGE, PACKET):
+        for k in range(lanes):
+            one, other = room[row + k], room[row + _IMAGE + k]
+            swapped = room[_SCALE + k] > 0.0
+            room[row + k], room[row + _IMAGE + k] = (other, one) if swapped else (one, other)
 
 
 @kernel

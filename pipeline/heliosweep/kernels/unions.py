@@ -3,44 +3,48 @@
 By inclusion and exclusion while no four images of a lane overlap one another: the sum of the areas, less the overlaps
 of pairs, plus the overlaps of triples. Shade, block and both together share all terms. The other lanes, few, subtract
 their images from the square one by one.
+
+Sets of lanes are integers with a bit for each lane.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.images import AREA, IMAGE_ROWS, larger, outline, straddles
 from heliosweep.kernels.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_three, shared_by_two
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.polygons import SQUARE, gaps
 
-__all__ = ["LANE_ROWS", "ROOM_ROWS", "unions"]
+__all__ = ["PAIRS", "ROOM_ROWS", "unions"]
 
 _PAIRWISE = 12
 """Images in one lane up to which pairs are tried before the general union."""
+PAIRS = PACKET * _PAIRWISE * (_PAIRWISE - 1) // 2
+"""Most pairs that overlap in some lane that has so few images."""
 
-LANE_ROWS = 2
-"""Rows of integers for each image, and as many before them. Of an image: its bit in the lane (0: no image), and the
-bits of the images that it overlaps. Before: how many images a lane has, and whether it takes the general way."""
-_GENERAL, _PARTNERS = PACKET, PACKET
-
-ROOM_ROWS = OVERLAP_ROWS + 2
-"""Rows of room that the overlaps need, then what a pair shares, and what a triple shares."""
-_PAIR, _TRIPLE = OVERLAP_ROWS * PACKET, (OVERLAP_ROWS + 1) * PACKET
+ROOM_ROWS = OVERLAP_ROWS + 1
+"""Rows of room that the overlaps need, and one for what a pair or a triple shares."""
+_SPREAD = OVERLAP_ROWS * PACKET
 
 _BLOCK, _BOTH = PACKET, 2 * PACKET
 """Rows of the totals, after that of shade."""
 
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
 
 @kernel
 def unions(
-    images: NDArray[np.float64],
+    images: Floats,
     apart: NDArray[np.bool_],
+    present: Integers,
     shading: int,
     count: int,
-    total: NDArray[np.float64],
-    lane: NDArray[np.int64],
-    room: NDArray[np.float64],
+    total: Floats,
+    room: Floats,
+    partner: Integers,
+    meeting: Integers,
     lanes: int,
 ) -> None:
     """Exact areas of the unions of images, for every lane, on the square of area 4.
@@ -54,93 +58,112 @@ def unions(
         Shading images, then blocking images.
     apart : ndarray of bool, shape (at least count,)
         Whether each was made with disjoint bounding spheres.
+    present : ndarray of int64, shape (at least count,)
+        Lanes in which each is, as `images.image` gives them.
     shading, count : int
         Number of shading images, and of all images.
     total : ndarray, shape (3 * PACKET,)
         Receives the rows: area shaded, area blocked, area shaded or blocked.
-    lane : ndarray of int64, shape (at least LANE_ROWS * (count + 1) * PACKET,)
-        Scratch.
     room : ndarray, shape (ROOM_ROWS * PACKET,)
         Scratch.
+    partner, meeting : ndarray of int64, shape (PAIRS,)
+        Scratch: of each pair that overlaps its earlier image, and the lanes where it does.
     lanes : int
         Lanes of the packet, a multiple of `packets.GROUP`.
     """
-    if count < 2:
-        row = _BLOCK if shading == 0 else 0
-        for k in range(lanes):
-            area = images[AREA + k] if count == 1 else 0.0
-            total[k] = total[_BLOCK + k] = 0.0
-            total[row + k] = total[_BOTH + k] = area
+    several = _sums(images, present, shading, count, total, lanes)
+    if several == 0:
         return
-    if _sums(images, shading, count, total, lane, lanes) == 0:
-        return
+    general = _crowded(present, count) | _straddling(images, apart, present, count, several, lanes)
+    names, first = np.empty(PACKET, np.int64), np.zeros(count + 1, np.int64)
+    pairs = np.int64(0)  # those of image m are partner[first[m] : first[m + 1]], in rising order
     for m in range(count):
-        if not apart[m]:
-            for k in range(lanes):
-                image = m * IMAGE_ROWS * PACKET + k
-                if images[image + AREA] > 0.0 and straddles(images, image):
-                    lane[_GENERAL + k] = 1
-    # At grazing sun a packet has hundreds of images, but few share a lane where pairs could be enough: `where` has a
-    # bit for each such lane of an image.
-    where = np.zeros(count, np.int64)
-    for m in range(count):
-        bit = LANE_ROWS * (m + 1) * PACKET
-        for k in range(lanes):
-            where[m] |= ((lane[bit + k] != 0) & (lane[k] > 1) & (lane[_GENERAL + k] == 0)) << k
-    names = np.empty(PACKET, np.int64)
-    for m in range(1, count):
         for n in range(m):
-            if where[m] & where[n] == 0 or not _may_overlap(images, n, m, lane, room, lanes):
+            both = present[n] & present[m] & several & ~general
+            if both != 0:
+                both &= _overlapping(images, n, m, lanes)
+            if both == 0:
                 continue
-            _pair(images, n, m, room, names, lanes)
-            if m < shading or n >= shading:
-                row = _BLOCK if n >= shading else 0
-                for k in range(lanes):
-                    total[row + k] -= room[_PAIR + k]
-            for k in range(lanes):
-                total[_BOTH + k] -= room[_PAIR + k]
-            thirds = _meet(n, m, room, lane, lanes)
-            for o in range(n):
-                if thirds != 0 and _triple(images, o, n, m, thirds, room, lane, names, lanes):
-                    row = _BLOCK if o >= shading else 0
-                    for k in range(lanes):
-                        total[_BOTH + k] += room[_TRIPLE + k]
-                        total[row + k] += room[_TRIPLE + k] if m < shading or o >= shading else 0.0
+            active = _named(both, names, lanes)
+            filled = pack(images, n * IMAGE_ROWS * PACKET, names, active, room, np.int64(0))
+            pack(images, m * IMAGE_ROWS * PACKET, names, active, room, np.int64(1))
+            shared_by_two(room, filled)
+            both = _spread(room, names, active, lanes)
+            _add(-1.0, room, total, m < shading, n >= shading, lanes)
+            partner[pairs], meeting[pairs] = n, both
+            pairs += 1
+            for e in range(first[n], first[n + 1]):
+                o = partner[e]
+                three = both & meeting[e] & _meeting_of(o, partner, meeting, first[m], pairs) & ~general
+                # Where a fourth image meets the three, the inclusions would go on: such lanes take the general way.
+                for earlier in range(first[n], e):
+                    fourth = _meeting_of(partner[earlier], partner, meeting, first[m], pairs) & meeting[earlier]
+                    general |= three & fourth & _meeting_of(partner[earlier], partner, meeting, first[o], first[o + 1])
+                three &= ~general
+                if three == 0:
+                    continue
+                active = _named(three, names, lanes)
+                filled = pack(images, o * IMAGE_ROWS * PACKET, names, active, room, np.int64(0))
+                pack(images, n * IMAGE_ROWS * PACKET, names, active, room, np.int64(1))
+                pack(images, m * IMAGE_ROWS * PACKET, names, active, room, np.int64(2))
+                shared_by_three(room, filled)
+                _spread(room, names, active, lanes)
+                _add(1.0, room, total, m < shading, o >= shading, lanes)
+        first[m + 1] = pairs
+    general &= several
     for k in range(lanes):
-        if lane[_GENERAL + k] > 0 and lane[k] > 1:
+        if general >> k & 1:
             total[k], total[_BLOCK + k], total[_BOTH + k] = _general(images, apart, shading, count, k)
 
 
 @kernel
-def _sums(images, shading, count, total, lane, lanes):
-    """Sums of the areas, and who is in which lane; returns in how many lanes images may overlap."""
+def _sums(images, present, shading, count, total, lanes):
+    """Write the sums of the areas; returns the lanes that have several images."""
     for k in range(lanes):
-        total[k] = total[_BLOCK + k] = total[_BOTH + k] = 0.0
-        lane[k] = lane[_GENERAL + k] = 0
+        total[k] = total[_BLOCK + k] = 0.0
+    once = several = np.int64(0)
     for m in range(count):
-        area, bit = m * IMAGE_ROWS * PACKET + AREA, LANE_ROWS * (m + 1) * PACKET
-        row = _BLOCK if m >= shading else 0
+        area, row = m * IMAGE_ROWS * PACKET + AREA, _BLOCK if m >= shading else 0
         for k in range(lanes):
-            here = images[area + k] > 0.0
-            lane[bit + k] = (1 << (lane[k] & 31)) if here else 0
-            lane[bit + _PARTNERS + k] = 0
-            lane[k] += here
             total[row + k] += images[area + k]
-    several = 0
+        several |= once & present[m]
+        once |= present[m]
     for k in range(lanes):
         total[_BOTH + k] = total[k] + total[_BLOCK + k]
-        lane[_GENERAL + k] = lane[k] > _PAIRWISE
-        several += lane[k] > 1
     return several
 
 
 @kernel
-def _may_overlap(images, n, m, lane, room, lanes):
-    """Mark the lanes where images n and m are both, and overlap by the separating axes; False if there is none."""
+def _crowded(present, count):
+    """Lanes that have more than `_PAIRWISE` images, 12 = 1100: counted in four binary digits, and full at 16."""
+    one = two = four = eight = full = np.int64(0)
+    for m in range(count if count > _PAIRWISE else 0):
+        carry, one = one & present[m], one ^ present[m]
+        carry, two = two & carry, two ^ carry
+        carry, four = four & carry, four ^ carry
+        carry, eight = eight & carry, eight ^ carry
+        full |= carry
+    return full | (eight & four & (two | one))
+
+
+@kernel
+def _straddling(images, apart, present, count, several, lanes):
+    """Lanes with an image of a mirror that straddles the plane of the test mirror."""
+    found = np.int64(0)
+    for m in range(count):
+        if not apart[m] and present[m] & several != 0:
+            for k in range(lanes):
+                if present[m] >> k & 1 and straddles(images, m * IMAGE_ROWS * PACKET + k):
+                    found |= np.int64(1) << k
+    return found
+
+
+@kernel
+def _overlapping(images, n, m, lanes):
+    """Lanes where the parallelograms n and m overlap, by the separating axes."""
     n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
     one, other = n * IMAGE_ROWS * PACKET, m * IMAGE_ROWS * PACKET
-    p, q = LANE_ROWS * (n + 1) * PACKET, LANE_ROWS * (m + 1) * PACKET
-    some = 0
+    found = np.int64(0)
     for k in range(lanes):
         cx, cy = images[other + k] - images[one + k], images[other + PACKET + k] - images[one + PACKET + k]
         ax, ay = images[one + 2 * PACKET + k], images[one + 3 * PACKET + k]
@@ -153,70 +176,50 @@ def _may_overlap(images, n, m, lane, room, lanes):
         gap = larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
         gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
         gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
-        hit = (lane[p + k] != 0) & (lane[q + k] != 0) & (lane[_GENERAL + k] == 0) & (gap < 0.0) & (pq > 0.0)
-        room[_PAIR + k] = 1.0 if hit else 0.0
-        some += hit
-    return some > 0
+        found |= np.int64((gap < 0.0) & (pq > 0.0)) << k
+    return found
 
 
 @kernel
-def _pair(images, n, m, room, names, lanes):
-    """Write the areas of square and images n and m together, in the lanes marked."""
+def _named(some, names, lanes):
+    """List the lanes of a set; returns their number."""
     active = np.int64(0)
     for k in range(lanes):
-        if room[_PAIR + k] > 0.0:
-            names[active] = k
-            active += 1
-            room[_PAIR + k] = 0.0
-    filled = pack(images, n * IMAGE_ROWS * PACKET, names, active, room, np.int64(0))
-    pack(images, m * IMAGE_ROWS * PACKET, names, active, room, np.int64(1))
-    shared_by_two(room, filled)
-    for k in range(active):
-        room[_PAIR + names[k]] = room[SHARED + k]
+        names[active] = k
+        active += some >> k & 1
+    return active
 
 
 @kernel
-def _meet(n, m, room, lane, lanes):
-    """Note that n and m overlap wherever they share area; the bits of images that overlap both, of all lanes."""
-    p, q = max(LANE_ROWS * (n + 1) * PACKET, 0), max(LANE_ROWS * (m + 1) * PACKET, 0)
-    thirds = 0
+def _spread(room, names, active, lanes):
+    """Write the areas of packed lanes where they belong, and 0 elsewhere; returns the lanes that have any."""
+    found = np.int64(0)
     for k in range(lanes):
-        here = room[_PAIR + k] > 0.0
-        thirds |= (lane[p + _PARTNERS + k] & lane[q + _PARTNERS + k]) if here else 0
-        lane[p + _PARTNERS + k] |= lane[q + k] if here else 0
-        lane[q + _PARTNERS + k] |= lane[p + k] if here else 0
-    return thirds
+        room[_SPREAD + k] = 0.0
+    for k in range(active):
+        room[_SPREAD + names[k]] = room[SHARED + k]
+        found |= np.int64(room[SHARED + k] > 0.0) << names[k]
+    return found
+
+
+@inline
+def _add(sign, room, total, shade, block, lanes):
+    """Add what images share: to all, and to shade or block where all of them are of that kind."""
+    row = _BLOCK if block else 0
+    if shade or block:
+        for k in range(lanes):
+            total[row + k] += sign * room[_SPREAD + k]
+    for k in range(lanes):
+        total[_BOTH + k] += sign * room[_SPREAD + k]
 
 
 @kernel
-def _triple(images, o, n, m, thirds, room, lane, names, lanes):
-    """Write the areas that an earlier image o shares with n and m, where all three overlap; False if nowhere.
-
-    A triple comes up once, with the last of its pairs. Where a fourth image may meet it, a lane takes the general way.
-    """
-    p, q, r = LANE_ROWS * (n + 1) * PACKET, LANE_ROWS * (m + 1) * PACKET, LANE_ROWS * (o + 1) * PACKET
-    active = np.int64(0)
-    for k in range(lanes):
-        if lane[r + k] & thirds == 0 or room[_PAIR + k] == 0.0 or lane[_GENERAL + k] != 0:
-            continue
-        common = lane[p + _PARTNERS + k] & lane[q + _PARTNERS + k]
-        if lane[r + k] & common != 0:
-            if lane[r + _PARTNERS + k] & common != 0:
-                lane[_GENERAL + k] = 1
-            else:
-                names[active] = k
-                active += 1
-    if active == 0:
-        return False
-    filled = np.int64(0)
-    for place, image in enumerate((o, n, m)):
-        filled = pack(images, image * IMAGE_ROWS * PACKET, names, active, room, place)
-    shared_by_three(room, filled)
-    for k in range(lanes):
-        room[_TRIPLE + k] = 0.0
-    for k in range(active):
-        room[_TRIPLE + names[k]] = room[SHARED + k]
-    return True
+def _meeting_of(image, partner, meeting, start, stop):
+    """Lanes where an image overlaps that whose pairs stand from `start` to `stop`."""
+    for e in range(start, stop):
+        if partner[e] == image:
+            return meeting[e]
+    return np.int64(0)
 
 
 @kernel
