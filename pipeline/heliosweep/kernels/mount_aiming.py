@@ -23,7 +23,7 @@ from heliosweep.kernels.mount_terms import back, bore, point, times, turn
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
 
-__all__ = ["AIM_ROWS", "KNOWN", "STATE_ROWS", "aim_lanes", "aim_rows", "known_record"]
+__all__ = ["AIM_ROWS", "KNOWN", "STATE_ROWS", "WORK_ROWS", "aim_lanes", "aim_rows", "known_record"]
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +34,9 @@ KNOWN = 16
 """Numbers that `known_record` makes of a mount."""
 STATE_ROWS = 5
 """Rows of where the mount stands: cosine and sine of g + g0 and of a + a0 (0 to 3), NaN without; status (4)."""
+WORK_ROWS = 11
+"""Rows of the iteration: centre c (0 to 2), whether the lane still moves (3), 1 or 0, and from the last centre the
+normal n (4 to 6), the unit vector t (7 to 9) and 1 / (|d - c| |s + t|) (10)."""
 
 _STEPS = 40
 _LAST_TURN = 1e-14
@@ -55,7 +58,7 @@ def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_off
     state : ndarray, shape (STATE_ROWS * PACKET,)
         Receives the rows of angles and status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not smaller than the distance)
         or `BLIND_CONE` (no way to point there).
-    work : ndarray, shape (4 * PACKET,)
+    work : ndarray, shape (WORK_ROWS * PACKET,)
         Room for the iteration.
     offset, axis_offset : float
         Offsets r and q. [m]
@@ -73,68 +76,128 @@ def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_off
         far = reach * reach < dx * dx + dy * dy + dz * dz
         work[k], work[PACKET + k], work[2 * PACKET + k] = 0.0, 0.0, 0.0
         work[3 * PACKET + k] = rows[10 * PACKET + k] if far else 0.0
-    steps, pending = 0, 1.0
-    while pending > 0.0 and steps < _STEPS:
-        pending = 0.0
+    steps, pending = 0, 1
+    while pending > 0 and steps < _STEPS:
+        _normals(rows, work, lanes)
+        _points(rows, work, state, lanes)
+        _steps(rows, work, state, offset, axis_offset, lanes)
+        pending = 0
         for k in range(lanes):
-            cx, cy, cz = work[k], work[PACKET + k], work[2 * PACKET + k]
-            open_lane = work[3 * PACKET + k]
-            x, y, z, last = _step(
-                rows[k],
-                rows[PACKET + k],
-                rows[2 * PACKET + k],
-                rows[3 * PACKET + k],
-                rows[4 * PACKET + k],
-                rows[5 * PACKET + k],
-                rows[6 * PACKET + k],
-                rows[7 * PACKET + k],
-                rows[8 * PACKET + k],
-                rows[9 * PACKET + k],
-                offset,
-                axis_offset,
-                cx,
-                cy,
-                cz,
-            )
-            work[k] = x if open_lane > 0.0 else cx
-            work[PACKET + k] = y if open_lane > 0.0 else cy
-            work[2 * PACKET + k] = z if open_lane > 0.0 else cz
-            work[3 * PACKET + k] = 0.0 if last else open_lane
-        for k in range(lanes):
-            pending = max(pending, work[3 * PACKET + k])
+            pending += 1 if work[3 * PACKET + k] > 0.0 else 0
         steps += 1
+    _normals(rows, work, lanes)
+    _points(rows, work, state, lanes)
     for k in range(lanes):
         dx, dy, dz = rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k]
         far = reach * reach < dx * dx + dy * dy + dz * dz
-        nx, ny, nz, _, _, _, _, _ = _normal(
-            rows[k],
-            rows[PACKET + k],
-            rows[2 * PACKET + k],
-            dx - work[k],
-            dy - work[PACKET + k],
-            dz - work[2 * PACKET + k],
-        )
+        found = work[3 * PACKET + k] == 0.0
+        status = REACHES if (found and state[4 * PACKET + k] >= 0.0) else BLIND_CONE
+        status = status if far else TOO_NEAR
+        status = status if rows[10 * PACKET + k] > 0.0 else NO_SUN
+        good = status == REACHES
+        for m in range(4):
+            state[m * PACKET + k] = state[m * PACKET + k] if good else math.nan
+        state[4 * PACKET + k] = status
+    return steps
+
+
+@inline
+def _normals(rows, work, lanes):
+    """Normals that reflect s along d - c, unit vectors t along it, and 1 / (|d - c| |s + t|).
+
+    Of s |d - c| + d - c, so that one division serves both lengths.
+    """
+    for k in range(lanes):
+        sx, sy, sz = rows[k], rows[PACKET + k], rows[2 * PACKET + k]
+        dx, dy = rows[3 * PACKET + k] - work[k], rows[4 * PACKET + k] - work[PACKET + k]
+        dz = rows[5 * PACKET + k] - work[2 * PACKET + k]
+        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+        nx, ny, nz = sx * distance + dx, sy * distance + dy, sz * distance + dz
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        both = 1.0 / (distance * length)
+        scale, inverse = length * both, distance * both
+        work[4 * PACKET + k], work[5 * PACKET + k], work[6 * PACKET + k] = nx * inverse, ny * inverse, nz * inverse
+        work[7 * PACKET + k], work[8 * PACKET + k], work[9 * PACKET + k] = dx * scale, dy * scale, dz * scale
+        work[10 * PACKET + k] = inverse
+
+
+@inline
+def _points(rows, work, state, lanes):
+    """Angles that give the normals, and in the last row of the state the room that is left, see `point`."""
+    for k in range(lanes):
         cg, sg, ca, sa, room = point(
-            nx,
-            ny,
-            nz,
+            work[4 * PACKET + k],
+            work[5 * PACKET + k],
+            work[6 * PACKET + k],
             rows[6 * PACKET + k],
             rows[7 * PACKET + k],
             rows[8 * PACKET + k],
             rows[9 * PACKET + k],
             1.0,
         )
-        found = work[3 * PACKET + k] == 0.0
-        status = REACHES if (found and room >= 0.0) else BLIND_CONE
-        status = status if far else TOO_NEAR
-        status = status if rows[10 * PACKET + k] > 0.0 else NO_SUN
-        good = status == REACHES
-        state[k] = cg if good else math.nan
-        state[PACKET + k] = sg if good else math.nan
-        state[2 * PACKET + k] = ca if good else math.nan
-        state[3 * PACKET + k] = sa if good else math.nan
-        state[4 * PACKET + k] = status
-    return steps
+        state[k], state[PACKET + k], state[2 * PACKET + k], state[3 * PACKET + k] = cg, sg, ca, sa
+        state[4 * PACKET + k] = room
+
+
+@inline
+def _steps(rows, work, state, offset, axis_offset, lanes):
+    """Newton's next centres, and whether they are the last; of open lanes alone."""
+    for k in range(lanes):
+        cx, cy, cz, open_lane = work[k], work[PACKET + k], work[2 * PACKET + k], work[3 * PACKET + k]
+        nx, ny, nz = work[4 * PACKET + k], work[5 * PACKET + k], work[6 * PACKET + k]
+        tx, ty, tz, inverse = (
+            work[7 * PACKET + k],
+            work[8 * PACKET + k],
+            work[9 * PACKET + k],
+            work[10 * PACKET + k],
+        )
+        cg, sg, ca, sa = state[k], state[PACKET + k], state[2 * PACKET + k], state[3 * PACKET + k]
+        room = state[4 * PACKET + k]
+        dx, dy, dz = rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k]
+        ce, se, cm, sm = (
+            rows[6 * PACKET + k],
+            rows[7 * PACKET + k],
+            rows[8 * PACKET + k],
+            rows[9 * PACKET + k],
+        )
+        # Centre F(c), and columns of C: by a (x, y, z) and by g (fy, -fx, 0).
+        fx, fy, fz = bore(ca, sa, ce, se, 0.0, offset)
+        fx, fy = turn(cg, sg, fx, fy + axis_offset)
+        x, y, z = bore(-sa, ca, ce, se, 0.0, offset)
+        x, y = turn(cg, sg, x, y)
+        rx, ry, rz = fx - cx, fy - cy, fz - cz
+        # Rows of G: t turns by -(1 - t t) dc / distance, n by (1 - n n) dt / length.
+        level = max(nx * nx + ny * ny, _LEVEL * _LEVEL)
+        by, bx = cm * ca, ce * sm + se * (cm * sa)
+        slope = max(ce * by, _LEVEL)
+        both = 1.0 / (slope * level)
+        rise = -inverse * (both * level)
+        along = tz - nz * (nx * tx + ny * ty + nz * tz)
+        ax = rise * (-nx * nz - along * tx)
+        ay = rise * (-ny * nz - along * ty)
+        az = rise * (nx * nx + ny * ny - along * tz)
+        swing = -inverse * (both * slope)
+        along = ny * tx - nx * ty
+        lean = cm * (ca * se * by + bx * sa) * (both * slope)
+        gx = swing * (ny - along * tx) - lean * ax
+        gy = swing * (-nx - along * ty) - lean * ay
+        gz = swing * (-along * tz) - lean * az
+        aa, ag = 1.0 - (ax * x + ay * y + az * z), -(ax * fy - ay * fx)
+        ga, gg = -(gx * x + gy * y + gz * z), 1.0 - (gx * fy - gy * fx)
+        fa, fg = ax * rx + ay * ry + az * rz, gx * rx + gy * ry + gz * rz
+        inverse = 1.0 / (aa * gg - ag * ga)
+        va, vg = inverse * (gg * fa - ag * fg), inverse * (aa * fg - ga * fa)
+        # Far from the solution, or where the mount cannot point yet: a step of the fixed point alone.
+        sure = room >= 0.0 and va * va + vg * vg < 1.0
+        va, vg = va if sure else 0.0, vg if sure else 0.0
+        last = va * va + vg * vg <= _LAST_TURN and (
+            rx * rx + ry * ry + rz * rz <= _LAST_MOVE * (dx * dx + dy * dy + dz * dz)
+        )
+        x, y, z = fx + x * va + fy * vg, fy + y * va - fx * vg, fz + z * va
+        work[k] = x if open_lane > 0.0 else cx
+        work[PACKET + k] = y if open_lane > 0.0 else cy
+        work[2 * PACKET + k] = z if open_lane > 0.0 else cz
+        work[3 * PACKET + k] = 0.0 if last else open_lane
 
 
 @inline
@@ -192,55 +255,3 @@ def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats) -
         rows[6 * PACKET + k], rows[7 * PACKET + k] = ce, se
         rows[8 * PACKET + k], rows[9 * PACKET + k] = cm, sm
         rows[10 * PACKET + k] = 1.0 if (sz > 0.0 and sx + sy == sx + sy) else 0.0
-
-
-@inline
-def _normal(sx, sy, sz, dx, dy, dz):
-    """Normal that reflects s along d, the unit vector t along d, |d| and |s + t|."""
-    distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-    scale = 1.0 / distance
-    tx, ty, tz = dx * scale, dy * scale, dz * scale
-    nx, ny, nz = sx + tx, sy + ty, sz + tz
-    length = np.sqrt(nx * nx + ny * ny + nz * nz)
-    scale = 1.0 / length
-    return nx * scale, ny * scale, nz * scale, tx, ty, tz, distance, length
-
-
-@inline
-def _step(sx, sy, sz, dx, dy, dz, ce, se, cm, sm, offset, axis_offset, cx, cy, cz):
-    """Newton's next centre, and whether it is the last."""
-    nx, ny, nz, tx, ty, tz, distance, length = _normal(sx, sy, sz, dx - cx, dy - cy, dz - cz)
-    cg, sg, ca, sa, room = point(nx, ny, nz, ce, se, cm, sm, 1.0)
-    # Centre F(c), and columns of C: by a (x, y, z) and by g (fy, -fx, 0).
-    fx, fy, fz = bore(ca, sa, ce, se, 0.0, offset)
-    fx, fy = turn(cg, sg, fx, fy + axis_offset)
-    x, y, z = bore(-sa, ca, ce, se, 0.0, offset)
-    x, y = turn(cg, sg, x, y)
-    rx, ry, rz = fx - cx, fy - cy, fz - cz
-    # Rows of G: t turns by -(1 - t t) dc / distance, n by (1 - n n) dt / length.
-    scale = -1.0 / (distance * length)
-    level = max(nx * nx + ny * ny, _LEVEL * _LEVEL)
-    by, bx = cm * ca, ce * sm + se * (cm * sa)
-    rise = scale / max(ce * by, _LEVEL)
-    along = tz - nz * (nx * tx + ny * ty + nz * tz)
-    ax = rise * (-nx * nz - along * tx)
-    ay = rise * (-ny * nz - along * ty)
-    az = rise * (nx * nx + ny * ny - along * tz)
-    swing = scale / level
-    along = ny * tx - nx * ty
-    lean = cm * (ca * se * by + bx * sa) / level
-    gx = swing * (ny - along * tx) - lean * ax
-    gy = swing * (-nx - along * ty) - lean * ay
-    gz = swing * (-along * tz) - lean * az
-    aa, ag = 1.0 - (ax * x + ay * y + az * z), -(ax * fy - ay * fx)
-    ga, gg = -(gx * x + gy * y + gz * z), 1.0 - (gx * fy - gy * fx)
-    fa, fg = ax * rx + ay * ry + az * rz, gx * rx + gy * ry + gz * rz
-    inverse = 1.0 / (aa * gg - ag * ga)
-    va, vg = inverse * (gg * fa - ag * fg), inverse * (aa * fg - ga * fa)
-    # Far from the solution, or where the mount cannot point yet: a step of the fixed point alone.
-    sure = room >= 0.0 and va * va + vg * vg < 1.0
-    va, vg = va if sure else 0.0, vg if sure else 0.0
-    last = va * va + vg * vg <= _LAST_TURN and (
-        rx * rx + ry * ry + rz * rz <= _LAST_MOVE * (dx * dx + dy * dy + dz * dz)
-    )
-    return fx + x * va + fy * vg, fy + y * va - fx * vg, fz + z * va, last

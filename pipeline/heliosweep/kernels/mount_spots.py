@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, aim_lanes, aim_rows
+from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows
 from heliosweep.kernels.mount_terms import TERMS, error_terms
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import Setting, face_axes
@@ -119,7 +119,7 @@ def fill_spots(
     group = 1 if many else max(1, PACKET // instants)
     frame, mounts, record = np.empty(9), np.empty((group, KNOWN)), np.empty((group, samples, SAMPLE))
     terms, corrected = np.empty((samples, TERMS)), np.empty(TERMS)
-    rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(4 * PACKET)
+    rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(WORK_ROWS * PACKET)
     suns, one_sun, one_state = np.empty(3 * PACKET), np.empty(3 * PACKET), np.empty(STATE_ROWS * PACKET)
     sample, out = np.empty(SAMPLE * PACKET), np.empty(SPOT_ROWS * PACKET)
     table = np.empty((whole(samples, PACKET) // PACKET if many else 0, SAMPLE * PACKET))

@@ -30,6 +30,9 @@ TERMS = 35
 """Numbers that `error_terms` makes of six errors: cosine and sine of g0, a0, eta and mu (0 to 7), Rtilt by rows (8 to
 16) and its derivatives by te (17 to 25) and by tn (26 to 34)."""
 
+_NO_LEVEL = 1e-300
+"""Squared sine of the angle to the primary axis up to which a normal is along it."""
+
 
 @inline
 def mount_frame(
@@ -151,15 +154,20 @@ def point(nx, ny, nz, ce, se, cm, sm, side):
     room : float
         Negative in the blind cone, where the angles mean nothing.
     """
-    x = (sm + nz * se) / ce
-    up = (nz + se * sm) / ce
     level = nx * nx + ny * ny
+    defined = level > _NO_LEVEL
+    level = level if defined else 0.0
+    along = level if defined else 1.0
+    # One division for the three of 1 / ce, 1 / cm and 1 / along.
+    each = 1.0 / (ce * cm * along)
+    inverse_ce, inverse_cm, inverse = cm * along * each, ce * along * each, ce * cm * each
+    x = (sm + nz * se) * inverse_ce
+    up = (nz + se * sm) * inverse_ce
     room = level - x * x
     y = side * np.sqrt(max(room, 0.0))
-    along = level if level > 0.0 else 1.0
-    cg = (x * nx + y * ny) / along if level > 0.0 else 1.0
-    sg = (y * nx - x * ny) / along
-    return cg, sg, y / cm, up / cm, room
+    cg = (x * nx + y * ny) * inverse if defined else 1.0
+    sg = (y * nx - x * ny) * inverse if defined else 0.0
+    return cg, sg, y * inverse_cm, up * inverse_cm, room
 
 
 @inline

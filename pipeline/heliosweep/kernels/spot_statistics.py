@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, aim_lanes, aim_rows
+from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows
 from heliosweep.kernels.mount_spots import checked, vectors
 from heliosweep.kernels.mount_terms import TERMS, error_terms
 from heliosweep.kernels.packets import PACKET
@@ -114,7 +114,7 @@ def fill_statistics(
     blocks = whole(samples, PACKET) // PACKET
     frame, mount, record = np.empty(9), np.empty(KNOWN), np.empty((samples, SAMPLE))
     terms, corrected = np.empty((samples, TERMS)), np.empty(TERMS)
-    rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(4 * PACKET)
+    rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(WORK_ROWS * PACKET)
     suns, one_sun, one_state = np.empty(3 * PACKET), np.empty(3 * PACKET), np.empty(STATE_ROWS * PACKET)
     table, out = np.empty((blocks, SAMPLE * PACKET)), np.empty(SPOT_ROWS * PACKET)
     spots, keys = np.empty((blocks, 2 * PACKET)), np.empty((2, blocks * PACKET))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, aim_lanes, aim_rows, known_record
+from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows, known_record
 from heliosweep.kernels.mount_terms import ERRORS, TERMS, back, bore, error_terms, mount_frame, point, times, turn
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import REACHES, trace
@@ -275,7 +275,7 @@ def _invert(frames: Floats, normals: Floats, errors: Floats, side: float, angles
 @kernel
 def _aim(frames: Floats, sun: Floats, to_target: Floats, errors: Floats, offsets: Floats, angles: Floats) -> None:
     terms, record, suns = np.empty((PACKET, TERMS)), np.empty(KNOWN), np.empty(3 * PACKET)
-    rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(4 * PACKET)
+    rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(WORK_ROWS * PACKET)
     for first in range(0, len(errors), PACKET):
         lanes = min(PACKET, len(errors) - first)
         for k in range(lanes):
