@@ -8,10 +8,11 @@ fastmath: the same bits are wanted from every split of the work.
 import hashlib
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-__all__ = ["PURE_PYTHON", "UNCACHED", "inline", "kernel"]
+__all__ = ["PURE_PYTHON", "UNCACHED", "inline", "kernel", "processor"]
 
 PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
@@ -35,6 +36,19 @@ def _fingerprint() -> str:
 _FINGERPRINT = _fingerprint()
 
 
+@cache
+def processor() -> str:
+    """Digest of the processor that kernels are compiled for: part of every kernel's name.
+
+    The compiler's cache tells processors apart, but numbers its files by what it saw before: two that share it and
+    fill it at the same time would write to the same file, and one run the other's instructions.
+    """
+    from numba.core.registry import cpu_target
+
+    target = cpu_target.target_context.codegen().magic_tuple()
+    return hashlib.sha256(repr(target).encode()).hexdigest()[:6]
+
+
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function on its first call."""
     return _compiled(function)
@@ -53,7 +67,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
         return function
     import numba
 
-    function.__qualname__ += f"-{_FINGERPRINT}"
+    function.__qualname__ += f"-{_FINGERPRINT}-{processor()}"
     options |= {"nogil": True, "error_model": "numpy"}
     try:
         return numba.njit(function, cache=True, **options)
