@@ -84,11 +84,7 @@ def unions(
                 both &= _overlapping(images, n, m, lanes)
             if both == 0:
                 continue
-            active = _named(both, names, lanes)
-            filled = pack(images, n * IMAGE_ROWS * PACKET, names, active, room, np.int64(0))
-            pack(images, m * IMAGE_ROWS * PACKET, names, active, room, np.int64(1))
-            shared_by_two(room, filled)
-            both = _spread(room, names, active, lanes)
+            both = _shared(images, np.int64(-1), n, m, both, names, room, lanes)
             _add(-1.0, room, total, m < shading, n >= shading, lanes)
             partner[pairs], meeting[pairs] = n, both
             pairs += 1
@@ -100,15 +96,9 @@ def unions(
                     fourth = _meeting_of(partner[earlier], partner, meeting, first[m], pairs) & meeting[earlier]
                     general |= three & fourth & _meeting_of(partner[earlier], partner, meeting, first[o], first[o + 1])
                 three &= ~general
-                if three == 0:
-                    continue
-                active = _named(three, names, lanes)
-                filled = pack(images, o * IMAGE_ROWS * PACKET, names, active, room, np.int64(0))
-                pack(images, n * IMAGE_ROWS * PACKET, names, active, room, np.int64(1))
-                pack(images, m * IMAGE_ROWS * PACKET, names, active, room, np.int64(2))
-                shared_by_three(room, filled)
-                _spread(room, names, active, lanes)
-                _add(1.0, room, total, m < shading, o >= shading, lanes)
+                if three != 0:
+                    _shared(images, o, n, m, three, names, room, lanes)
+                    _add(1.0, room, total, m < shading, o >= shading, lanes)
         first[m + 1] = pairs
     general &= several
     for k in range(lanes):
@@ -181,18 +171,22 @@ def _overlapping(images, n, m, lanes):
 
 
 @kernel
-def _named(some, names, lanes):
-    """List the lanes of a set; returns their number."""
+def _shared(images, o, n, m, some, names, room, lanes):
+    """Write the areas that n, m and, unless it is negative, o share in some lanes, and 0 in the others.
+
+    Returns the lanes that have any.
+    """
     active = np.int64(0)
     for k in range(lanes):
         names[active] = k
         active += some >> k & 1
-    return active
-
-
-@kernel
-def _spread(room, names, active, lanes):
-    """Write the areas of packed lanes where they belong, and 0 elsewhere; returns the lanes that have any."""
+    filled = pack(images, n * IMAGE_ROWS * PACKET, names, active, room, np.int64(0))
+    pack(images, m * IMAGE_ROWS * PACKET, names, active, room, np.int64(1))
+    if o < 0:
+        shared_by_two(room, filled)
+    else:
+        pack(images, o * IMAGE_ROWS * PACKET, names, active, room, np.int64(2))
+        shared_by_three(room, filled)
     found = np.int64(0)
     for k in range(lanes):
         room[_SPREAD + k] = 0.0
