@@ -10,6 +10,8 @@ STUDIES ?= studies/*.yaml
 # what `make bench` measures: names of tests.bench, the kernels' table and whole commands; engines and memory take long
 BENCH ?= kernels study
 PYTEST_ARGS ?=
+# two processes share the tests, or as many as make PYTEST_ARGS="--maxprocesses 8" test says; --pdb takes one
+SHARED := -n logical --maxprocesses 2 --dist worksteal
 
 .DEFAULT_GOAL := studies
 .PHONY: studies run test faults check docs bench setup clean help
@@ -22,7 +24,7 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 	@$(BIN)/heliosweep run "$$STUDY"
 
 test: $(STAMP)  ## set up and run the tests
-	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
 
 faults: $(STAMP)  ## the long tests: hostile studies, faults of disk and machine
 	@$(BIN)/python -m pytest -m long $(PYTEST_ARGS)

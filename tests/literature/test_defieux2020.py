@@ -29,9 +29,22 @@ def result_of(name: str) -> Any:
 
 
 @pytest.fixture(scope="module")
-def table():
+def run(tmp_path_factory):
+    """The run of the table's study, with its report."""
+    folder = tmp_path_factory.mktemp("defieux2020") / "out"
+    return workflow.run(workflow.load(STUDIES / "defieux2020_table1.yaml"), folder)
+
+
+@pytest.fixture(scope="module")
+def result(run):
+    with run.open() as stored:
+        return stored.load()
+
+
+@pytest.fixture(scope="module")
+def table(result):
     """Errors over (profile, seed, method, module, axis), without a referential. [%]"""
-    result = result_of("defieux2020_table1").sel(module=[2, 3], referential="none")
+    result = result.sel(module=[2, 3], referential="none")
     both = [
         result[f"relative_error_{axis}"].transpose("sun_profile", "profile_seed", "method", "module") for axis in "xy"
     ]
@@ -73,9 +86,9 @@ def test_noisy_o2_is_the_best_of_the_paper_s_methods(table):
     assert (each[:, 1] < 0.8).all()
 
 
-def test_noisy_o2_is_seldom_the_best_where_the_others_know_the_geometry():
+def test_noisy_o2_is_seldom_the_best_where_the_others_know_the_geometry(result):
     """With the referentials roll and exact, by the root mean square of the four errors."""
-    result = result_of("defieux2020_table1").sel(module=[2, 3], sun_profile="noisy")
+    result = result.sel(module=[2, 3], sun_profile="noisy")
     for referential in ("roll", "exact"):
         here = [result[f"relative_error_{axis}"].sel(referential=referential) for axis in "xy"]
         errors = np.stack([one.transpose("profile_seed", "method", "module") for one in here], axis=-1)
@@ -157,9 +170,8 @@ def test_a_field_is_measured_far_from_the_tower_and_under_a_sun_behind_it():
 
 
 @pytest.mark.slow
-def test_report_compares_all_24(tmp_path):
-    result = workflow.run(workflow.load(STUDIES / "defieux2020_table1.yaml"), tmp_path / "out")
-    with (result.folder / "comparison.csv").open(encoding="utf-8") as file:
+def test_report_compares_all_24(run):
+    with (run.folder / "comparison.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     differ = [(row["method"], row["module"], row["quantity"]) for row in rows if row["verdict"] != "agrees"]
     assert len(rows) == 24
