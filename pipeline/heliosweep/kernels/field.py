@@ -174,36 +174,24 @@ def sweep(
     sun_axes, target_axes, total, result = rows(AXES_ROWS), rows(AXES_ROWS), rows(3), rows(4)
     images, apart, present = rows(0), np.empty(0, np.bool_), np.empty(0, np.int64)
     room, partner, meeting = rows(ROOM_ROWS), np.empty(PAIRS, np.int64), np.empty(PAIRS, np.int64)
-    last = 0  # of the packets whose candidates are among `wide`
+    last, together = 0, False
     for p in range(first.shape[0] - 1):
-        if p >= last:
+        if p == last:  # the next packets: their candidates are among `wide` if there are several
             last, bundle = _together(p, sun, order, first, grid)
-            if last > p + 1:
-                for t in range(tests):
-                    i = start + t
-                    wide, first_wide[t + 1] = search(i, bundle, np.inf, mirrors, grid, wide, first_wide[t])
-                alone = False
-            else:
-                alone = True
+            together = last > p + 1
+            for t in range(tests if together else 0):
+                wide, first_wide[t + 1] = search(start + t, bundle, np.inf, mirrors, grid, wide, first_wide[t])
         packet = order[first[p] : first[p + 1]]
         lanes = _directions(sun, packet, to_sun)
         bundle = beam(to_sun, PACKET, packet.shape[0])
         for t in range(tests):
             i, found = start + t, first_shader[t]
-            if alone:
-                shaders, first_shader[t + 1] = search(i, bundle, np.inf, mirrors, grid, shaders, found)
-            else:
+            if together:
                 a, b = first_wide[t], first_wide[t + 1]
                 shaders, first_shader[t + 1] = sift(i, bundle, mirrors, wide, a, b, shaders, found)
-
-        # Frames for the block and for the halo that its candidates name, nothing else.
-        count = np.int64(0)
-        for i in range(start, stop):
-            count = _name(i, named, place, count)
-        for m in range(first_blocker[tests]):
-            count = _name(blockers[m], named, place, count)
-        for m in range(first_shader[tests]):
-            count = _name(shaders[m], named, place, count)
+            else:
+                shaders, first_shader[t + 1] = search(i, bundle, np.inf, mirrors, grid, shaders, found)
+        count = _named(start, stop, blockers, first_blocker[tests], shaders, first_shader[tests], named, place)
         if count * FRAME_ROWS * PACKET > frames.shape[0]:
             frames = rows((count + count // 4) * FRAME_ROWS)
         for m in range(count):
@@ -211,32 +199,27 @@ def sweep(
 
         for t in range(tests):
             i, test = start + t, place[start + t] * FRAME_ROWS * PACKET
+            area = mirrors.half_width[i] * mirrors.half_height[i]
             pairs = first_shader[t + 1] - first_shader[t] + first_blocker[t + 1] - first_blocker[t]
             if pairs > apart.shape[0]:
                 images, apart = rows(2 * pairs * IMAGE_ROWS), np.empty(2 * pairs, np.bool_)
                 present = np.empty(2 * pairs, np.int64)
-            _aim(to_target, mirrors, i, lanes)
-            axes(sun_axes, frames, test, to_sun, mirrors.half_width[i] * mirrors.half_height[i], lanes)
-            axes(target_axes, frames, test, to_target, mirrors.half_width[i] * mirrors.half_height[i], lanes)
-            shading = np.int64(0)
+            axes(sun_axes, frames, test, to_sun, area, lanes)
+            made = np.int64(0)
             for m in range(first_shader[t], first_shader[t + 1]):
-                shading += _image(
-                    i, shaders[m], mirrors, frames, place, sun_axes, to_sun, images, apart, present, shading, lanes
-                )
-            made = shading
+                j = shaders[m]
+                made += _image(i, j, mirrors, frames, place, sun_axes, to_sun, images, apart, present, made, lanes)
+            shading = made
+            _aim(to_target, mirrors, i, lanes)
+            axes(target_axes, frames, test, to_target, area, lanes)
             for m in range(first_blocker[t], first_blocker[t + 1]):
+                j = blockers[m]
                 made += _image(
-                    i, blockers[m], mirrors, frames, place, target_axes, to_target, images, apart, present, made, lanes
+                    i, j, mirrors, frames, place, target_axes, to_target, images, apart, present, made, lanes
                 )
             unions(images, apart, present, shading, made, total, room, partner, meeting, lanes)
             _efficiencies(frames, test + COSINE, total, result, lanes)
-            if sums.shape[0] > 0:
-                for c in range(4):
-                    sums[t, c] += _sum(result, c * PACKET, packet.shape[0])
-            if series.shape[2] > 0:
-                for c in range(4):
-                    for k in range(packet.shape[0]):
-                        series[c, packet[k], t] = result[c * PACKET + k]
+            _write(result, packet, t, sums, series)
         for m in range(count):
             place[named[m]] = -1
 
@@ -277,6 +260,19 @@ def _directions(sun, packet, to_sun):
         for c in range(3):
             to_sun[c * PACKET + k] = sun[when, c]
     return lanes
+
+
+@kernel
+def _named(start, stop, blockers, blocking, shaders, shading, named, place):
+    """Give a place to each heliostat that needs a frame: to the block and the halo that its candidates name."""
+    count = np.int64(0)
+    for i in range(start, stop):
+        count = _name(i, named, place, count)
+    for m in range(blocking):
+        count = _name(blockers[m], named, place, count)
+    for m in range(shading):
+        count = _name(shaders[m], named, place, count)
+    return count
 
 
 @inline
@@ -323,6 +319,18 @@ def _efficiencies(frames, cosine, total, result, lanes):
 def _left(covered):
     """Fraction of the mirror outside a union, without the rounding that would lead out of 0 to 1."""
     return min(1.0, max(0.0, 1.0 - covered / SQUARE))
+
+
+@kernel
+def _write(result, packet, t, sums, series):
+    """Add the results of one heliostat and packet to `sums`, and write them to `series`, where there is room."""
+    count = packet.shape[0]
+    for c in range(4):
+        if sums.shape[0] > 0:
+            sums[t, c] += _sum(result, c * PACKET, count)
+        if series.shape[2] > 0:
+            for k in range(count):
+                series[c, packet[k], t] = result[c * PACKET + k]
 
 
 @kernel
