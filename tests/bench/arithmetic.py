@@ -19,7 +19,9 @@ _ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 _FREE = {"abs", "min", "max", "float", "int", "int64", "float64", "len", "range", "isnan", "floor", "copysign", "view"}
 
 
-def operations(kernel: Any, known: Mapping[str, float] | None = None, *, loops_only: bool = False) -> float:
+def operations(
+    kernel: Any, known: Mapping[str, float] | None = None, *, loops_only: bool = False, loop: int | None = None
+) -> float:
     """Operations of one call of a kernel, those of the functions that it calls included.
 
     Parameters
@@ -31,12 +33,17 @@ def operations(kernel: Any, known: Mapping[str, float] | None = None, *, loops_o
         loop counts as one round, as lanes do, and of two branches the longer one.
     loops_only : bool
         Leave out what stands outside the loops of the kernel itself.
+    loop : int, optional
+        The one loop of the kernel itself to count.
     """
     function = _function(kernel)
     body = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
     assert isinstance(body, ast.FunctionDef)
     counter = _Counter(function.__globals__, known or {})
-    return counter.block([s for s in body.body if isinstance(s, ast.For | ast.While)] if loops_only else body.body)
+    loops: list[ast.stmt] = [s for s in body.body if isinstance(s, ast.For | ast.While)]
+    if loop is not None:
+        return counter.block([loops[loop]])
+    return counter.block(loops if loops_only else body.body)
 
 
 def _function(kernel: Any) -> Callable[..., Any]:

@@ -1,7 +1,8 @@
 """Speed of the field kernels on one core: `python -m tests.bench field`.
 
-Annual sums and time series with all unions beside the shapely twin of the tests and, where installed, PySAM; then the
-cost against the size of the field. Work is the grid of the specification: days 1 to 365, solar hours 8 to 16.
+Annual sums and time series with all unions beside the straightforward kernel and the shapely twin of the tests and,
+where installed, PySAM; then the cost against the size of the field. Work is the grid of the specification: days 1 to
+365, solar hours 8 to 16.
 """
 
 from __future__ import annotations
@@ -12,14 +13,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels import field as field_kernels
+from heliosweep.kernels import images, overlaps, unions
 from heliosweep.kernels.field import aimed, field_series, field_sums
-from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors
+from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
+from heliosweep.kernels.neighbours import bin_field
 from heliosweep.kernels.sun import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
+from tests.bench.arithmetic import operations as counted
 from tests.bench.table import Row, best, measured, show
 from tests.kernels.fields import Field, chong2012
 from tests.kernels.oracles import frame, image, lost
+from tests.kernels.straightforward import straightforward_series
 
 Floats = NDArray[np.float64]
 
@@ -29,20 +35,32 @@ SIZES = (2_500, 11_000, 100_000)
 #: Fields larger than all these are computed in so many blocks of so many heliostats, evenly spread over the field.
 WHOLE, BLOCKS, BLOCK = 11_000, 8, 1_000
 
-#: Operations of each stage for one lane, counted in its source: the frame of a mirror; cosine and axes of the test
-#: mirror; projection and separating axes of a candidate; area of an image; separating axes and area of an overlap.
-FRAME, AXES, CANDIDATE, IMAGE, TEST, OVERLAP = 47, 62, 56, 104, 44, 612
-#: How often for each heliostat-instant on the field of 317, by latitude [deg] and method: measured once.
-CANDIDATES = {0: 2.06 + 2.16, 30: 2.95 + 2.16}
-IMAGES = {0: 0.43 + 0.97, 30: 0.80 + 0.95}
-TESTS = {(0, "spinning"): 1.01, (0, "azimuth"): 0.76, (30, "spinning"): 1.69, (30, "azimuth"): 1.41}
-OVERLAPS = {(0, "spinning"): 0.45, (0, "azimuth"): 0.25, (30, "spinning"): 0.82, (30, "azimuth"): 0.61}
+#: For each heliostat-instant of the field of 317, by latitude [deg] and method: candidates for shade and block, images
+#: whose area is computed, tests of two images, areas that two images share, and three. Counted on 21 November 2026.
+EVENTS = {
+    (0, "spinning"): (4.23, 1.40, 1.01, 0.226, 0.0076),
+    (0, "azimuth"): (4.23, 1.34, 0.76, 0.173, 0.0001),
+    (30, "spinning"): (5.11, 1.75, 1.69, 0.44, 0.057),
+    (30, "azimuth"): (5.11, 1.65, 1.41, 0.39, 0.046),
+}
 
 
 def operations(latitude: int, method: str) -> float:
-    """Operations for each heliostat-instant on the field of 317."""
-    areas = CANDIDATES[latitude] * CANDIDATE + IMAGES[latitude] * IMAGE
-    return FRAME + AXES + areas + TESTS[latitude, method] * TEST + OVERLAPS[latitude, method] * OVERLAP
+    """Operations for each heliostat-instant on the field of 317, one lane of each stage counted in its source.
+
+    A frame, two pairs of axes, and stage by stage as in `EVENTS`: projection and separating axes, area of an image,
+    separating axes and areas of overlaps. The few lanes of the general way are left out.
+    """
+    stages = (
+        counted(images.image, loop=0),
+        counted(images.image, loop=1),
+        counted(unions._overlapping, loop=0),
+        counted(overlaps.shared_by_two, loop=0),
+        counted(overlaps.shared_by_three),
+    )
+    frame = counted(half_sides, {"tracking == SPINNING_ELEVATION": float(method == "spinning")}, loop=0)
+    events = sum(times * each for times, each in zip(EVENTS[latitude, method], stages, strict=True))
+    return frame + 2.0 * counted(images.axes, loop=0) + events
 
 
 def year(latitude: float, step: float = 1.0, every: int = 1) -> Floats:
@@ -63,14 +81,14 @@ def twin(i: int, mirrors: Mirrors, tracking: int, s: Floats) -> list[float]:
     centres = np.stack((mirrors.x, mirrors.y, mirrors.z), axis=1)
     sides = np.stack((mirrors.half_width, mirrors.half_height), axis=1)
     offset, reach = centres - centres[i], mirrors.radius + mirrors.radius[i]
-    images: list[list] = []
+    seen: list[list] = []
     for d in (s, mirrors.aim[i]):
         ahead = offset @ d
         near = (np.sum(offset**2, axis=1) - ahead**2 < reach**2) & (ahead > -reach) & (np.arange(len(reach)) != i)
         named = np.flatnonzero(near)
         frames = {j: frame(mirrors.aim[j], s, tracking) for j in (i, *named)}
-        images.append([image(i, j, d, centres, frames, sides) for j in named])
-    return [1.0 - lost(images[0]), 1.0 - lost(images[1]), 1.0 - lost(images[0] + images[1])]
+        seen.append([image(i, j, d, centres, frames, sides) for j in named])
+    return [1.0 - lost(seen[0]), 1.0 - lost(seen[1]), 1.0 - lost(seen[0] + seen[1])]
 
 
 def shapely_twin(field: Field, tracking: int, sun: Floats) -> float:
@@ -78,6 +96,13 @@ def shapely_twin(field: Field, tracking: int, sun: Floats) -> float:
     mirrors = aimed(*field)
     sample = [(i, s) for s in sun[100::800] for i in range(0, len(field[0]), 40)]
     return best(lambda: [twin(i, mirrors, tracking, s) for i, s in sample], 1) / len(sample)
+
+
+def straightforward(field: Field, tracking: int, sun: Floats) -> float:
+    """Seconds of the straightforward kernel for each heliostat-instant, by every fifth instant."""
+    some, count = sun[::5], len(field[0])
+    work = partial(straightforward_series, *field, tracking, some, 0, count, float(sun[:, 2].min()))
+    return best(work, 3) / (count * len(some))
 
 
 def pysam(field: Field) -> dict[str, float]:
@@ -96,7 +121,10 @@ def small() -> Iterator[Row]:
     for latitude in (0, 30):
         sun = year(latitude)
         for method, code in METHODS.items():
-            beside = {"shapely twin, culled": shapely_twin(field, code, sun)}
+            beside = {
+                "straightforward kernel": straightforward(field, code, sun),
+                "shapely twin, culled": shapely_twin(field, code, sun),
+            }
             yield measured(
                 f"field sums, {count}, {latitude} deg, {method}",
                 UNIT,
@@ -155,11 +183,25 @@ def sizes() -> Iterator[Row]:
             {},
             remark=remark,
         )
+    yield set_up(staggered(100_000))
     field, sun = staggered(30_000), year(30.0, every=40)
     for name, instants in (("90 instants of a year", sun), ("512 of a series", year(30.0, 0.2)[:512])):
         work = partial(field_sums, *field, SPINNING_ELEVATION, instants, 15_000, 16_000)
         seconds = best(work, 2) / (1_000 * len(instants))
         yield Row(f"block in 30,000, {name}", UNIT, seconds, remark=f"{seconds * 1e9:.1f} ns each")
+
+
+def set_up(field: Field) -> Row:
+    """All that comes before the first image: aims, grid, blockers of every heliostat, packets of a year."""
+    sun, count = year(30.0), len(field[0])
+
+    def work() -> None:
+        mirrors = aimed(*field)
+        field_kernels._blockers(mirrors, bin_field(mirrors), 0, count)
+        field_kernels._sorted(sun)
+
+    seconds = best(work, 3)
+    return Row(f"set-up of {count:,}", "heliostat", seconds / count, remark=f"{seconds:.2f} s in all")
 
 
 def groups() -> Iterator[Iterator[Row]]:

@@ -28,4 +28,5 @@ def test_functions(kernel, expected):
 def test_loops_and_branches():
     assert operations(lanes) == 1 + 4 + 2
     assert operations(lanes, loops_only=True) == 4 + 2
+    assert operations(lanes, loop=0) == 4 + 2
     assert operations(lanes, {"cameras": 4, "count > 3": 0.75}, loops_only=True) == 4 * 4 + 0.25 * 2
