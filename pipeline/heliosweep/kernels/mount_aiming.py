@@ -202,7 +202,7 @@ def _steps(rows, work, state, offset, axis_offset, lanes):
 
 @inline
 def known_record(
-    dx: float, dy: float, dz: float, frame: Floats, terms: Floats, pedestal: float, record: Floats
+    dx: float, dy: float, dz: float, frame: Floats, terms: Floats, pedestal: float, record: Floats, to: int = 0
 ) -> None:
     """Write what all lanes of one mount share.
 
@@ -214,28 +214,29 @@ def known_record(
         From `mount_terms.mount_frame` and `error_terms`, with the known errors.
     pedestal : float
         Offset h. [m]
-    record : ndarray, shape (KNOWN,)
-        Receives the matrix Rtilt^T Q by rows (0 to 8), the aim point d (9 to 11), cosine and sine of eta and mu (12 to
-        15).
+    record : ndarray
+        Receives, from place `to` on, the matrix Rtilt^T Q by rows (0 to 8), the aim point d (9 to 11), cosine and sine
+        of eta and mu (12 to 15).
     """
     for m in range(3):
         x, y, z = back(terms, 8, frame[m], frame[3 + m], frame[6 + m])
-        record[m], record[3 + m], record[6 + m] = x, y, z
+        record[to + m], record[to + 3 + m], record[to + 6 + m] = x, y, z
     # The tilt turns about the base, below the pivot; the centre is counted from the pivot as it then stands.
     x, y, z = times(frame, 0, dx, dy, dz)
     x, y, z = back(terms, 8, x, y, z + pedestal)
-    record[9], record[10], record[11] = x, y, z - pedestal
-    record[12], record[13], record[14], record[15] = terms[4], terms[5], terms[6], terms[7]
+    record[to + 9], record[to + 10], record[to + 11] = x, y, z - pedestal
+    for m in range(4):
+        record[to + 12 + m] = terms[4 + m]
 
 
-@kernel
-def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats) -> None:
+@inline
+def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats, at: int = 0) -> None:
     """Write lanes first..last of the rows of `aim_lanes`, all of one mount.
 
     Parameters
     ----------
-    record : ndarray, shape (KNOWN,)
-        The mount, from `known_record`.
+    record : ndarray
+        The mount, from `known_record`, in places `at` on.
     sun : ndarray, shape (3 * PACKET,)
         Rows x, y, z of the unit vectors to the sun, world frame. [1]
     first, last : int
@@ -243,9 +244,10 @@ def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats) -
     rows : ndarray, shape (AIM_ROWS * PACKET,)
         Receives them.
     """
-    xx, xy, xz, yx, yy, yz = record[0], record[1], record[2], record[3], record[4], record[5]
-    zx, zy, zz, dx, dy, dz = record[6], record[7], record[8], record[9], record[10], record[11]
-    ce, se, cm, sm = record[12], record[13], record[14], record[15]
+    xx, xy, xz, yx, yy, yz = record[at], record[at + 1], record[at + 2], record[at + 3], record[at + 4], record[at + 5]
+    zx, zy, zz = record[at + 6], record[at + 7], record[at + 8]
+    dx, dy, dz = record[at + 9], record[at + 10], record[at + 11]
+    ce, se, cm, sm = record[at + 12], record[at + 13], record[at + 14], record[at + 15]
     for k in range(first, last):
         sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
         rows[k] = xx * sx + xy * sy + xz * sz

@@ -8,15 +8,16 @@ are packed.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows
-from heliosweep.kernels.mount_terms import TERMS, error_terms
+from heliosweep.kernels.mount_terms import TERMS, stand_terms
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import Setting, face_axes
 from heliosweep.kernels.spot_lanes import (
     SAMPLE,
     SPOT_ROWS,
     VECTOR,
+    base_of,
     mount_records,
     sample_terms,
     spot_lanes,
@@ -117,15 +118,16 @@ def fill_spots(
     heliostats, instants, samples = spots.shape[2], spots.shape[3], spots.shape[4]
     many = samples >= _MANY
     group = 1 if many else max(1, PACKET // instants)
-    frame, mounts, record = np.empty(9), np.empty((group, KNOWN)), np.empty((group, samples, SAMPLE))
-    terms, corrected = np.empty((samples, TERMS)), np.empty(TERMS)
+    frame, mounts, record = np.empty(9), np.empty(group * KNOWN), np.empty(group * samples * SAMPLE)
+    terms, corrected = np.empty(samples * TERMS), np.empty(TERMS)
     rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(WORK_ROWS * PACKET)
     suns, one_sun, one_state = np.empty(3 * PACKET), np.empty(3 * PACKET), np.empty(STATE_ROWS * PACKET)
     sample, out = np.empty(SAMPLE * PACKET), np.empty(SPOT_ROWS * PACKET)
     table = np.empty((whole(samples, PACKET) // PACKET if many else 0, SAMPLE * PACKET))
-    last = np.empty(group, np.int64)
     for p in range(len(faces)):
         a, n = min(p, len(actual) - 1), min(p, len(known) - 1)
+        errors, corrections = actual[a].reshape(-1), known[n].reshape(-1)
+        base = base_of(setting, p)
         light, places = sun[min(p, len(sun) - 1)], pivots[min(p, len(pivots) - 1)]
         face, offset, axis_offset = faces[p], setting.mirror_offset[p], setting.axis_offset[p]
         for first in range(0, heliostats, group):
@@ -133,19 +135,19 @@ def fill_spots(
             for i in range(here):
                 h = first + i
                 if h == 0 or known.shape[1] > 1:
-                    error_terms(known[n, min(h, known.shape[1] - 1)], corrected)
+                    stand_terms(corrections, 6 * min(h, known.shape[1] - 1), corrected, 0)
                 if h == 0 or actual.shape[1] > 1:
-                    sample_terms(actual[a, min(h, actual.shape[1] - 1)], terms)
-                mount_records(setting, p, places[h], face, corrected, terms, frame, mounts[i], record[i])
+                    sample_terms(errors, min(h, actual.shape[1] - 1), samples, terms)
+                mount_records(base, places, h, face, corrected, terms, samples, frame, mounts, record, i)
             if many:
-                transposed(record[0], table)
+                transposed(record, samples, table)
             for start in range(0, instants, PACKET):
                 count = min(PACKET, instants - start)
                 sun_rows(light, start, count, suns)
                 full = whole(here * count, VECTOR)
                 for i in range(here):
-                    last[i] = full if i == here - 1 else (i + 1) * count
-                    aim_rows(mounts[i], suns, i * count, last[i], rows)
+                    end = full if i == here - 1 else (i + 1) * count
+                    aim_rows(mounts, suns, i * count, end, rows, i * KNOWN)
                 aim_lanes(rows, state, work, offset, axis_offset, full)
                 if many:
                     for t in range(count):
@@ -160,13 +162,26 @@ def fill_spots(
                                     spots[m, p, first, start + t, b * PACKET + k] = out[m * PACKET + k]
                     continue
                 for k in range(samples):
-                    for i in range(here):
-                        for m in range(SAMPLE):
-                            value = record[i, k, m]
-                            for lane in range(m * PACKET + i * count, m * PACKET + last[i]):
-                                sample[lane] = value
+                    _spread_samples(record, samples, k, here, count, full, sample)
                     spot_lanes(sample, state, suns, face, offset, axis_offset, out, full)
                     for m in range(3):
                         for i in range(here):
                             for t in range(count):
                                 spots[m, p, first + i, start + t, k] = out[m * PACKET + i * count + t]
+
+
+@inline
+def _spread_samples(record, samples, k, here, count, full, sample):
+    """Copy what `sample_record` made of sample k to the lanes of each heliostat; the last one has those left over."""
+    if count == 1:
+        for i in range(full):
+            at = (min(i, here - 1) * samples + k) * SAMPLE
+            for m in range(SAMPLE):
+                sample[m * PACKET + i] = record[at + m]
+        return
+    for i in range(here):
+        end = full if i == here - 1 else (i + 1) * count
+        for m in range(SAMPLE):
+            value = record[(i * samples + k) * SAMPLE + m]
+            for lane in range(m * PACKET + i * count, m * PACKET + end):
+                sample[lane] = value

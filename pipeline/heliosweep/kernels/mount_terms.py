@@ -12,7 +12,7 @@ from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.deviation import primary_axis
 from heliosweep.kernels.vectors import cross
 
-__all__ = ["ERRORS", "TERMS", "back", "bore", "error_terms", "mount_frame", "point", "times", "turn"]
+__all__ = ["ERRORS", "TERMS", "back", "bore", "error_terms", "mount_frame", "point", "stand_terms", "times", "turn"]
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ TERMS = 35
 """Numbers that `error_terms` makes of six errors: cosine and sine of g0, a0, eta and mu (0 to 7), Rtilt by rows (8 to
 16) and its derivatives by te (17 to 25) and by tn (26 to 34)."""
 
+_SMALL = 0.04
+"""Square of an angle below which series take the place of trigonometric functions. [rad^2]"""
 _NO_LEVEL = 1e-300
 """Squared sine of the angle to the primary axis up to which a normal is along it."""
 
@@ -71,25 +73,17 @@ def error_terms(errors: Floats, terms: Floats) -> None:
     terms : ndarray, shape (TERMS,)
         Receives the terms. [1]
     """
-    for m, error in ((0, errors[0]), (2, errors[1]), (4, errors[4]), (6, errors[5])):
-        # Most studies have few errors that are not 0: spare the rest the trigonometric functions.
-        terms[m] = math.cos(error) if error != 0.0 else 1.0
-        terms[m + 1] = math.sin(error) if error != 0.0 else 0.0
-    # Rtilt = 1 + u K + v K^2 with u = sin(w) / w, v = (1 - cos(w)) / w^2, w the length of the rotation vector.
+    stand_terms(errors, 0, terms, 0)
     e, n = errors[2], errors[3]
     square = e * e + n * n
-    if square < 0.04:
-        # Series in w^2: u, v and their derivatives du, dv by w^2.
+    u, v = _factors(square)
+    # Their derivatives by w^2.
+    if square < _SMALL:
         t = square
-        u = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800 + t * t / 6227020800))))
         du = -1 / 6 + t * (1 / 60 + t * (-1 / 1680 + t * (1 / 90720 + t * (-1 / 7983360 + t / 1037836800))))
-        v = 1 / 2 + t * (-1 / 24 + t * (1 / 720 + t * (-1 / 40320 + t * (1 / 3628800 - t / 479001600))))
         dv = -1 / 24 + t * (1 / 360 + t * (-1 / 13440 + t * (1 / 907200 - t / 95800320)))
     else:
-        w = math.sqrt(square)
-        u, v = math.sin(w) / w, 2.0 * math.sin(0.5 * w) ** 2 / square
-        du, dv = 0.5 * (math.cos(w) - u) / square, 0.5 * (u - 2.0 * v) / square
-    _rotation(terms, 8, 1.0 - v * n * n, v * e * n, 1.0 - v * e * e, u * n, u * e, 1.0 - v * square)
+        du, dv = 0.5 * (math.cos(math.sqrt(square)) - u) / square, 0.5 * (u - 2.0 * v) / square
     ue, ve, un, vn = 2.0 * e * du, 2.0 * e * dv, 2.0 * n * du, 2.0 * n * dv
     _rotation(
         terms,
@@ -111,6 +105,40 @@ def error_terms(errors: Floats, terms: Floats) -> None:
         un * e,
         -vn * square - 2.0 * v * n,
     )
+
+
+@inline
+def stand_terms(errors: Floats, at: int, terms: Floats, to: int) -> None:
+    """Write the terms of errors[at:] that have no derivatives in them, 0 to 16, to terms[to:], see `error_terms`."""
+    for m, error in ((0, errors[at]), (2, errors[at + 1]), (4, errors[at + 4]), (6, errors[at + 5])):
+        terms[to + m], terms[to + m + 1] = _cosine_sine(error)
+    e, n = errors[at + 2], errors[at + 3]
+    square = e * e + n * n
+    u, v = _factors(square)
+    _rotation(terms, to + 8, 1.0 - v * n * n, v * e * n, 1.0 - v * e * e, u * n, u * e, 1.0 - v * square)
+
+
+@inline
+def _cosine_sine(angle):
+    """Cosine and sine, of small angles by their series."""
+    t = angle * angle
+    if t < _SMALL:
+        cosine = 1 + t * (-1 / 2 + t * (1 / 24 + t * (-1 / 720 + t * (1 / 40320 + t * (-1 / 3628800 + t / 479001600)))))
+        sine = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800))))
+        return cosine, angle * sine
+    return math.cos(angle), math.sin(angle)
+
+
+@inline
+def _factors(square):
+    """Factors u = sin(w) / w and v = (1 - cos(w)) / w^2 of Rtilt = 1 + u K + v K^2, of the squared length of w."""
+    if square < _SMALL:
+        t = square
+        u = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800 + t * t / 6227020800))))
+        v = 1 / 2 + t * (-1 / 24 + t * (1 / 720 + t * (-1 / 40320 + t * (1 / 3628800 - t / 479001600))))
+        return u, v
+    w = math.sqrt(square)
+    return math.sin(w) / w, 2.0 * math.sin(0.5 * w) ** 2 / square
 
 
 @inline

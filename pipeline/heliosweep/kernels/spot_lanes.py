@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mount_aiming import STATE_ROWS, known_record
-from heliosweep.kernels.mount_terms import back, bore, error_terms, mount_frame, turn
+from heliosweep.kernels.mount_aiming import KNOWN, STATE_ROWS, known_record
+from heliosweep.kernels.mount_terms import TERMS, back, bore, mount_frame, stand_terms, turn
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import BEHIND_FACE, REACHES, Setting, trace
 
@@ -19,6 +19,7 @@ __all__ = [
     "SAMPLE",
     "SPOT_ROWS",
     "VECTOR",
+    "base_of",
     "mount_records",
     "sample_terms",
     "spot_lanes",
@@ -46,9 +47,11 @@ def sample_record(
     face: Floats,
     frame: Floats,
     terms: Floats,
+    at: int,
     known: Floats,
     pedestal: float,
     record: Floats,
+    to: int,
 ) -> None:
     """Write what all instants of a mount with one sample of its errors share.
 
@@ -60,27 +63,27 @@ def sample_record(
         Rows of `receiver.face_axes`. [1]
     frame : ndarray, shape (9,)
         Rows of Q. [1]
-    terms, known : ndarray, shape (TERMS,)
-        Of the actual and the known errors, from `mount_terms.error_terms`.
+    terms, known : ndarray
+        Of the actual errors, in places `at` on, and of the known ones, from `mount_terms.stand_terms`.
     pedestal : float
         Offset h. [m]
-    record : ndarray, shape (SAMPLE,)
-        Receives the matrix Q^T Rtilt by rows (0 to 8), the point relative to the aim point that the centre is counted
-        from (9 to 11), cosine and sine of the differences actual - known of a0 and g0 (12 to 15), of eta and mu (16 to
-        19), distance of the pivot before the plane of the receiver (20).
+    record : ndarray
+        Receives, from place `to` on, the matrix Q^T Rtilt by rows (0 to 8), the point relative to the aim point that
+        the centre is counted from (9 to 11), cosine and sine of the differences actual - known of a0 and g0 (12 to 15),
+        of eta and mu (16 to 19), distance of the pivot before the plane of the receiver (20).
     """
     for m in range(3):
-        record[m], record[3 + m], record[6 + m] = back(frame, 0, terms[8 + m], terms[11 + m], terms[14 + m])
-    record[9] = (record[2] - frame[6]) * pedestal - dx
-    record[10] = (record[5] - frame[7]) * pedestal - dy
-    record[11] = (record[8] - frame[8]) * pedestal - dz
-    record[12] = terms[2] * known[2] + terms[3] * known[3]
-    record[13] = terms[3] * known[2] - terms[2] * known[3]
-    record[14] = terms[0] * known[0] + terms[1] * known[1]
-    record[15] = terms[1] * known[0] - terms[0] * known[1]
+        x, y, z = terms[at + 8 + m], terms[at + 11 + m], terms[at + 14 + m]
+        record[to + m], record[to + 3 + m], record[to + 6 + m] = back(frame, 0, x, y, z)
+    record[to + 9] = (record[to + 2] - frame[6]) * pedestal - dx
+    record[to + 10] = (record[to + 5] - frame[7]) * pedestal - dy
+    record[to + 11] = (record[to + 8] - frame[8]) * pedestal - dz
+    for m, n in ((12, 2), (14, 0)):
+        record[to + m] = terms[at + n] * known[n] + terms[at + n + 1] * known[n + 1]
+        record[to + m + 1] = terms[at + n + 1] * known[n] - terms[at + n] * known[n + 1]
     for m in range(4):
-        record[16 + m] = terms[4 + m]
-    record[20] = -(face[0] * dx + face[1] * dy + face[2] * dz)
+        record[to + 16 + m] = terms[at + 4 + m]
+    record[to + 20] = -(face[0] * dx + face[1] * dy + face[2] * dz)
 
 
 @kernel
@@ -161,53 +164,68 @@ def sun_rows(sun: Floats, first: int, count: int, rows: Floats) -> None:
 
 
 @inline
+def base_of(setting: Setting, p: int) -> tuple[int, float, float, float, float]:
+    """Kind, latitude, azimuth of the axis, height of the aim point and of the pedestal of a parameter combination."""
+    height, pedestal = setting.target_height[p], setting.pedestal_height[p]
+    return setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], height, pedestal
+
+
+@inline
 def mount_records(
-    setting: Setting,
-    p: int,
-    pivot: Floats,
+    base: tuple[int, float, float, float, float],
+    pivots: Floats,
+    h: int,
     face: Floats,
     known: Floats,
     terms: Floats,
+    samples: int,
     frame: Floats,
-    mount: Floats,
+    mounts: Floats,
     record: Floats,
+    i: int,
 ) -> None:
     """Write what all instants of one heliostat share.
 
+    Numbers, flat arrays and places in them: slices and settings would cost more than the arithmetic.
+
     Parameters
     ----------
-    setting : Setting
-        Receiver and mount.
-    p : int
-        The parameter combination.
-    pivot : ndarray, shape (3,)
-        The pivot. [m]
+    base : tuple
+        What all mounts share, from `base_of`.
+    pivots : ndarray, shape (H, 3)
+        The pivots. [m]
+    h : int
+        The heliostat.
     face : ndarray, shape (9,)
         Rows of `receiver.face_axes`. [1]
     known : ndarray, shape (TERMS,)
         Terms of the known errors.
-    terms : ndarray, shape (K, TERMS)
+    terms : ndarray, shape (K * TERMS,)
         Terms of each sample of the actual errors.
+    samples : int
+        K.
     frame : ndarray, shape (9,)
         Receives the frame of the mount. [1]
-    mount : ndarray, shape (KNOWN,)
-        Receives what aiming needs, see `mount_aiming.known_record`.
-    record : ndarray, shape (K, SAMPLE)
-        Receives what the spots of each sample need, see `sample_record`.
+    mounts, record : ndarray
+        Receive, as number i, what aiming needs (see `mount_aiming.known_record`), and what the spots of the K samples
+        need (see `sample_record`).
+    i : int
+        Number of the heliostat among those that are aimed together.
     """
-    dx, dy, dz = -pivot[0], -pivot[1], setting.target_height[p] - pivot[2]
-    pedestal = setting.pedestal_height[p]
-    mount_frame(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], dx, dy, dz, frame)
-    known_record(dx, dy, dz, frame, known, pedestal, mount)
-    for k in range(len(terms)):
-        sample_record(dx, dy, dz, face, frame, terms[k], known, pedestal, record[k])
+    kind, latitude, axis_azimuth, target_height, pedestal = base
+    dx, dy, dz = -pivots[h, 0], -pivots[h, 1], target_height - pivots[h, 2]
+    mount_frame(kind, latitude, axis_azimuth, dx, dy, dz, frame)
+    known_record(dx, dy, dz, frame, known, pedestal, mounts, i * KNOWN)
+    for k in range(samples):
+        to = (i * samples + k) * SAMPLE
+        sample_record(dx, dy, dz, face, frame, terms, k * TERMS, known, pedestal, record, to)
 
 
-@kernel
-def sample_terms(actual: Floats, terms: Floats) -> None:
-    """Terms (K, TERMS) of errors (K, 6), see `mount_terms.error_terms`."""
-    for k in range(len(actual)):
-        error_terms(actual[k], terms[k])
+@inline
+def sample_terms(errors: Floats, h: int, samples: int, terms: Floats) -> None:
+    """Terms (K * TERMS) of the K errors of heliostat h, of errors (H * K * 6), see `mount_terms.stand_terms`."""
+    for k in range(samples):
+        stand_terms(errors, 6 * (h * samples + k), terms, k * TERMS)
 
 
 @kernel
@@ -217,14 +235,13 @@ def whole(count: int, unit: int) -> int:
 
 
 @kernel
-def transposed(record: Floats, table: Floats) -> None:
+def transposed(record: Floats, samples: int, table: Floats) -> None:
     """Write the records of all samples as rows of packets, filled up with copies of the last sample."""
-    samples = len(record)
     for b in range(len(table)):
         lanes = min(PACKET, samples - b * PACKET)
         for k in range(whole(lanes, VECTOR)):
             for m in range(SAMPLE):
-                table[b, m * PACKET + k] = record[min(b * PACKET + k, samples - 1), m]
+                table[b, m * PACKET + k] = record[min(b * PACKET + k, samples - 1) * SAMPLE + m]
 
 
 @kernel

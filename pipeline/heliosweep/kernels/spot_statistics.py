@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows
 from heliosweep.kernels.mount_spots import checked, vectors
-from heliosweep.kernels.mount_terms import TERMS, error_terms
+from heliosweep.kernels.mount_terms import TERMS, stand_terms
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.percentiles import percentiles_of, ranks_of
 from heliosweep.kernels.receiver import BEHIND_FACE, NO_SUN, REACHES, Setting
@@ -24,6 +24,7 @@ from heliosweep.kernels.spot_lanes import (
     SAMPLE,
     SPOT_ROWS,
     VECTOR,
+    base_of,
     mount_records,
     sample_terms,
     spot_lanes,
@@ -112,8 +113,8 @@ def fill_statistics(
     """Statistics of all parameter combinations; percentiles by `percentiles.ranks_of`."""
     heliostats, instants, samples = moments.shape[2], moments.shape[3], actual.shape[2]
     blocks = whole(samples, PACKET) // PACKET
-    frame, mount, record = np.empty(9), np.empty(KNOWN), np.empty((samples, SAMPLE))
-    terms, corrected = np.empty((samples, TERMS)), np.empty(TERMS)
+    frame, mount, record = np.empty(9), np.empty(KNOWN), np.empty(samples * SAMPLE)
+    terms, corrected = np.empty(samples * TERMS), np.empty(TERMS)
     rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(WORK_ROWS * PACKET)
     suns, one_sun, one_state = np.empty(3 * PACKET), np.empty(3 * PACKET), np.empty(STATE_ROWS * PACKET)
     table, out = np.empty((blocks, SAMPLE * PACKET)), np.empty(SPOT_ROWS * PACKET)
@@ -121,16 +122,18 @@ def fill_statistics(
     sums, bounds = np.empty(4 * PACKET), np.empty((64, 4), np.int64)
     for p in range(len(faces)):
         a, n = min(p, len(actual) - 1), min(p, len(known) - 1)
+        errors, corrections = actual[a].reshape(-1), known[n].reshape(-1)
+        base = base_of(setting, p)
         light, places = sun[min(p, len(sun) - 1)], pivots[min(p, len(pivots) - 1)]
         face, offset, axis_offset = faces[p], setting.mirror_offset[p], setting.axis_offset[p]
         width, height = setting.half_width[p], setting.half_height[p]
         for h in range(heliostats):
             if h == 0 or known.shape[1] > 1:
-                error_terms(known[n, min(h, known.shape[1] - 1)], corrected)
+                stand_terms(corrections, 6 * min(h, known.shape[1] - 1), corrected, 0)
             if h == 0 or actual.shape[1] > 1:
-                sample_terms(actual[a, min(h, actual.shape[1] - 1)], terms)
-            mount_records(setting, p, places[h], face, corrected, terms, frame, mount, record)
-            transposed(record, table)
+                sample_terms(errors, min(h, actual.shape[1] - 1), samples, terms)
+            mount_records(base, places, h, face, corrected, terms, samples, frame, mount, record, 0)
+            transposed(record, samples, table)
             for start in range(0, instants, PACKET):
                 count = min(PACKET, instants - start)
                 sun_rows(light, start, count, suns)
@@ -140,7 +143,7 @@ def fill_statistics(
                 for k in range(count):
                     t = start + k
                     status = state[4 * PACKET + k]
-                    status = BEHIND_FACE if (status == REACHES and not record[0, 20] > 0.0) else status
+                    status = BEHIND_FACE if (status == REACHES and not record[20] > 0.0) else status
                     if status != REACHES:
                         _nothing(moments[:, p, h, t], tolerance[p, h, t], status)
                         continue
