@@ -259,12 +259,12 @@ def test_pickles(load_study) -> None:
 
 
 def test_a_trillion_points_load_quickly(load_study) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     study = load_study(site="site: {latitude: {start: 0, stop: 1, num: 1000000000000}}")
     assert isinstance(study.site.latitude, Range)
     assert len(study.dimensions()[0]) == 10**12
     assert study.study_id
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
 
 
 def test_the_sun_must_rise_somewhere(load_study) -> None:

@@ -28,20 +28,20 @@ def rings(**keys: Any) -> dict[str, Any]:
 )
 def test_too_many_layouts_are_refused_at_once(small, layout, axis):
     study = small(layout=layout, heliostat={"width": 5, "height": 5, "pivot_height": 4})
-    start = time.perf_counter()
+    start = time.process_time()
     if axis:
         with pytest.raises(PlanError, match=f"layouts are more than .*; shrink '{axis}' first"):
             workflow.plan(study)
     else:
         workflow.plan(study)
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
 
 
 def test_the_longest_layout(small):
     assert longest(Grid(small(layout=rings(heliostats=31)))) == 31
-    start = time.perf_counter()
+    start = time.process_time()
     many = {"start": 50, "stop": 50_000, "step": 10}
     assert longest(Grid(small(layout=rings(heliostats=many)))) == 50_000
-    assert time.perf_counter() - start < 3
+    assert time.process_time() - start < 3
     two = longest(Grid(small(layout=rings(rings=2))))
     assert longest(Grid(small(layout=rings(rings=[2, 1])))) == two

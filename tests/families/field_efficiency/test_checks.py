@@ -54,11 +54,11 @@ def test_all_faults_of_a_field_at_once(small):
 
 
 def test_of_a_trillion_layouts_some_are_looked_at(small):
-    start = time.perf_counter()
+    start = time.process_time()
     small(layout=rings({"start": 13, "stop": 14, "num": 10**12}))
     with pytest.raises(StudyError, match="they collide"):
         small(layout=rings({"start": 13, "stop": 3, "num": 10**12}))
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 def civil(start: str, stop: str, **keys: Any) -> dict[str, Any]:
