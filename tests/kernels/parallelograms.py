@@ -20,7 +20,7 @@ def union_areas(shapes, shading):
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views = np.concatenate((one, none, cx, none, one, cy))
-        frame = np.concatenate((ax, ay, none, bx, by, none, one, one))
+        frame = np.concatenate((ax, ay, none, bx, by, none, one))
         present[m] = image(images, m * IMAGE_ROWS * PACKET, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
     total = np.empty(3 * PACKET)
     room, (partner, meeting) = np.empty(ROOM_ROWS * PACKET), np.empty((2, PAIRS), np.int64)

@@ -199,19 +199,18 @@ def sweep(
 
         for t in range(tests):
             i, test = start + t, place[start + t] * FRAME_ROWS * PACKET
-            area = mirrors.half_width[i] * mirrors.half_height[i]
             pairs = first_shader[t + 1] - first_shader[t] + first_blocker[t + 1] - first_blocker[t]
             if pairs > apart.shape[0]:
                 images, apart = rows(2 * pairs * IMAGE_ROWS), np.empty(2 * pairs, np.bool_)
                 present = np.empty(2 * pairs, np.int64)
-            axes(sun_axes, frames, test, to_sun, area, lanes)
+            axes(sun_axes, frames, test, to_sun, lanes)
             made = np.int64(0)
             for m in range(first_shader[t], first_shader[t + 1]):
                 j = shaders[m]
                 made += _image(i, j, mirrors, frames, place, sun_axes, to_sun, images, apart, present, made, lanes)
             shading = made
             _aim(to_target, mirrors, i, lanes)
-            axes(target_axes, frames, test, to_target, area, lanes)
+            axes(target_axes, frames, test, to_target, lanes)
             for m in range(first_blocker[t], first_blocker[t + 1]):
                 j = blockers[m]
                 made += _image(

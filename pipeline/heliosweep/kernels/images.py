@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts import SECANT
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.polygons import edge_term, slopes, square_area
 
@@ -32,39 +31,35 @@ _HEIGHT = 7 * PACKET
 
 @kernel
 def axes(
-    out: NDArray[np.float64],
-    frames: NDArray[np.float64],
-    f: int,
-    directions: NDArray[np.float64],
-    area: float,
-    lanes: int,
+    out: NDArray[np.float64], frames: NDArray[np.float64], f: int, directions: NDArray[np.float64], lanes: int
 ) -> None:
-    """Write the axes of projection of a test mirror for every lane.
+    """Write the rows U and V (x, y, z of each) of a test mirror for every lane.
+
+    With u and v the half sides: U = (v x d) / (u.(v x d)), V = (d x u) / (u.(v x d)), so that u.U = v.V = 1. The
+    denominator is taken from these vectors, and not from the cosine: at grazing incidence their rounding would show.
 
     Parameters
     ----------
     out : ndarray, shape (AXES_ROWS * PACKET,)
-        Receives U and V. [1/m]
+        Receives U and V; nothing where there is no frame. [1/m]
     frames : ndarray
         Frames of mirrors. [m]
     f : int
         Where that of the test mirror begins.
     directions : ndarray, shape (3 * PACKET,)
         Rows of the direction d. [1]
-    area : float
-        Product of the half sides. [m2]
     lanes : int
         Lanes of the packet.
     """
-    f = max(f, 0)
+    f = max(f, 0)  # an index that may be negative would keep the loop from becoming vector code
     for k in range(lanes):
         ux, uy, uz = frames[f + k], frames[f + PACKET + k], frames[f + 2 * PACKET + k]
         vx, vy, vz = frames[f + 3 * PACKET + k], frames[f + 4 * PACKET + k], frames[f + 5 * PACKET + k]
         dx, dy, dz = directions[k], directions[PACKET + k], directions[2 * PACKET + k]
-        scale = frames[f + SECANT + k] / area
-        out[k] = scale * (vy * dz - vz * dy)
-        out[PACKET + k] = scale * (vz * dx - vx * dz)
-        out[2 * PACKET + k] = scale * (vx * dy - vy * dx)
+        ax, ay, az = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
+        facing = ux * ax + uy * ay + uz * az
+        scale = 1.0 / facing if facing > 0.0 else 0.0
+        out[k], out[PACKET + k], out[2 * PACKET + k] = scale * ax, scale * ay, scale * az
         out[3 * PACKET + k] = scale * (dy * uz - dz * uy)
         out[4 * PACKET + k] = scale * (dz * ux - dx * uz)
         out[5 * PACKET + k] = scale * (dx * uy - dy * ux)

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.packets import PACKET
 
-__all__ = ["AZIMUTH_ELEVATION", "COSINE", "FRAME_ROWS", "SECANT", "SPINNING_ELEVATION", "Mirrors", "half_sides"]
+__all__ = ["AZIMUTH_ELEVATION", "COSINE", "FRAME_ROWS", "SPINNING_ELEVATION", "Mirrors", "half_sides"]
 
 SPINNING_ELEVATION = 0
 """Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
 AZIMUTH_ELEVATION = 1
 """Vertical first axis: the width axis u = unit(z x n) stays horizontal."""
-FRAME_ROWS = 8
-"""Rows of a frame: the half sides (w/2) u and (h/2) v, components x, y, z of each; cosine and secant of incidence."""
-COSINE, SECANT = 6 * PACKET, 7 * PACKET
-"""Where the rows of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2, and of its inverse begin."""
+FRAME_ROWS = 7
+"""Rows of a frame: the half sides (w/2) u and (h/2) v, components x, y, z of each; the cosine of incidence."""
+COSINE = 6 * PACKET
+"""Where the row of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2, begins."""
 
 _PARALLEL = 1e-30
 """Squared sine below which two directions are parallel: the cross product is rounding noise."""
@@ -54,8 +54,8 @@ def half_sides(
     """Write the frame of one mirror for every lane of a packet.
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
-    (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides,
-    cosine and secant are nothing.
+    (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides and
+    cosine are nothing.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def half_sides(
         uy = ey if undefined else uy * scale
         uz = 0.0 if undefined else uz * scale
         present = half_width if length > 0.0 else 0.0
-        frames[f + COSINE + k], frames[f + SECANT + k] = min(1.0, 0.5 * length), 2.0 * inverse
+        frames[f + COSINE + k] = min(1.0, 0.5 * length)
         frames[f + k] = present * ux
         frames[f + PACKET + k] = present * uy
         frames[f + 2 * PACKET + k] = present * uz
