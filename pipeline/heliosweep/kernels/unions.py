@@ -27,6 +27,9 @@ ROOM_ROWS = OVERLAP_ROWS + 1
 """Rows of room that the overlaps need, and one for what a pair or a triple shares."""
 _SPREAD = OVERLAP_ROWS * PACKET
 
+_NOTHING = 1e-13
+"""Area of an image that the general way leaves out: the corners of one no wider than their rounding may be in disorder."""
+
 _BLOCK, _BOTH = PACKET, 2 * PACKET
 """Rows of the totals, after that of shade."""
 
@@ -225,7 +228,7 @@ def _general(images, apart, shading, count, k):
         if m == shading:
             shades = some
         here = images[m * IMAGE_ROWS * PACKET + AREA + k]
-        if here > 0.0:
+        if here > _NOTHING:
             n = some
             while n > (shades if m >= shading else 0) and here > areas[n - 1]:
                 order[n], areas[n] = order[n - 1], areas[n - 1]
