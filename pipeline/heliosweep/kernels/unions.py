@@ -28,7 +28,7 @@ ROOM_ROWS = OVERLAP_ROWS + 1
 _SPREAD = OVERLAP_ROWS * PACKET
 
 _NOTHING = 1e-13
-"""Area of an image that the general way leaves out: the corners of one no wider than their rounding may be in disorder."""
+"""Area of an image that the general way leaves out: no wider than rounding, its corners may be in disorder."""
 
 _BLOCK, _BOTH = PACKET, 2 * PACKET
 """Rows of the totals, after that of shade."""
