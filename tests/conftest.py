@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -45,34 +44,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     told: dict[str, Any] | None = getattr(session.config, "workerinput", None)
     if told is None or session.config.option.collectonly or compiled.PURE_PYTHON:
         return
-    write_in_turn()
     studies = sorted(STUDIES.glob("*.yaml"))
     first = int(told["workerid"].removeprefix("gw")) * len(studies) // told["workercount"]
     for path in [*studies[first:], *studies[:first]]:
         with suppress(HeliosweepError):  # whatever is wrong with a study, its tests say so
             study = load(path)
             family_of(study).prepare(study)
-
-
-def write_in_turn() -> None:
-    """Let one process at a time write to the cache of compiled code.
-
-    Two that compiled one function for arguments of different types at the same time could give two files one name.
-    """
-    if sys.platform == "win32":
-        return  # no locks there
-    import fcntl
-
-    from numba.core.caching import IndexDataCacheFile
-
-    save = IndexDataCacheFile.save
-
-    def save_alone(cache: Any, key: Any, data: Any) -> None:
-        with Path(cache._cache_path, ".lock").open("ab") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            save(cache, key, data)
-
-    pytest.MonkeyPatch().setattr(IndexDataCacheFile, "save", save_alone)  # until this process ends
 
 
 @pytest.fixture

@@ -236,6 +236,29 @@ def test_what_is_no_part_of_the_field_is_refused(tracking, start, stop):
         field_sums(*chong2012(), tracking, directions(np.array([90.0]), np.array([5.0])), start, stop)
 
 
+@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_mirrors_that_are_not_finite_are_refused(number, bad):
+    x, y, z, width, height, target = (np.array(each, float) for each in chong2012())
+    (x, y, z, width, height, target)[number].flat[-1] = bad
+    with pytest.raises(ValueError, match="finite"):
+        field_sums(x, y, z, width, height, target.item(), SPINNING_ELEVATION, np.array([[0.0, 0.6, 0.8]]), 0, 317)
+
+
+def test_other_mirrors_and_suns_that_mean_nothing_are_refused():
+    x, y, z, half, _, height = chong2012()
+    sun = np.array([[0.0, 0.6, 0.8]])
+    at_target = np.zeros(317), np.zeros(317), np.full(317, height), half, half, height
+    for field, suns_given in [
+        ((x, y, z, half[1:], half[1:], height), sun),
+        (at_target, sun),
+        ((x, y, z, half, half, height), [[0.0, 0.6, np.nan]]),
+        ((x, y, z, half, half, height), sun[0]),
+    ]:
+        with pytest.raises(ValueError, match="finite"):
+            field_sums(*field, SPINNING_ELEVATION, np.asarray(suns_given), 0, 317)
+
+
 def test_efficiencies_stay_between_0_and_1():
     rng = np.random.default_rng(11)
     field, sun = scattered(rng, 60, 6.0), np.concatenate((suns(rng, 60, 0.1, 3.0), suns(rng, 60)))

@@ -7,6 +7,7 @@ fastmath: the same bits are wanted from every split of the work.
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -70,7 +71,29 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     function.__qualname__ += f"-{_FINGERPRINT}-{processor()}"
     options |= {"nogil": True, "error_model": "numpy"}
     try:
-        return numba.njit(function, cache=True, **options)
+        return _written_in_turn(numba.njit(function, cache=True, **options))
     except RuntimeError:  # there is no folder that numba could write compiled code to
         UNCACHED.append(function.__name__)
         return numba.njit(function, **options)
+
+
+def _written_in_turn(dispatcher: Any) -> Any:
+    """Let one process at a time write to the cache of compiled code, where the system has locks of files.
+
+    Two that compiled one function for arguments of different types at the same time could give two files one name,
+    and a later process would run the code of the other types.
+    """
+    if sys.platform == "win32":
+        return dispatcher
+    import fcntl
+
+    cache = dispatcher._cache._cache_file
+    save = cache.save
+
+    def save_alone(key: Any, data: Any) -> None:
+        with Path(cache._cache_path, ".lock").open("ab") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            save(key, data)
+
+    cache.save = save_alone
+    return dispatcher

@@ -65,10 +65,10 @@ def field_sums(
     Raises
     ------
     ValueError
-        If start..stop is no part of the field, or the method unknown.
+        If start..stop is no part of the field, the method unknown, or mirrors or sun vectors are not finite.
     """
-    _check(len(x), tracking, start, stop)
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    _check(mirrors, sun, tracking, start, stop)
     sun, order, first = _sorted(sun)
     sums, nothing = np.zeros((stop - start, 4)), np.empty((4, 0, 0))
     if start < stop and len(order) > 0:
@@ -95,8 +95,8 @@ def field_series(
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
-    _check(len(x), tracking, start, stop)
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    _check(mirrors, sun, tracking, start, stop)
     sun, order, first = _sorted(sun)
     nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
     if start < stop and len(order) > 0:
@@ -111,12 +111,18 @@ def aimed(x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floa
     to_target = np.array([0.0, 0.0, target_height]) - centres.T
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
-    aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
+    with np.errstate(invalid="ignore"):  # at the target: refused by `_check`
+        aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
     return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
 
 
-def _check(count: int, tracking: int, start: int, stop: int) -> None:
-    """Refuse what compiled code would read past the end of an array."""
+def _check(mirrors: Mirrors, sun: Floats, tracking: int, start: int, stop: int) -> None:
+    """Refuse what compiled code would read past the end of an array for, or make numbers of that mean nothing."""
+    count = len(mirrors.x)
+    if not all(len(each) == count and np.isfinite(each).all() for each in mirrors):
+        raise ValueError("centres and half sides must be as many finite numbers each, and no mirror at the target")
+    if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun).all():
+        raise ValueError("sun vectors must be finite, of shape (T, 3)")
     if not 0 <= start <= stop <= count:
         raise ValueError(f"heliostats {start}..{stop} are no part of a field of {count}")
     if tracking not in (SPINNING_ELEVATION, AZIMUTH_ELEVATION):

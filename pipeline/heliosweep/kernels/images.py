@@ -1,10 +1,9 @@
 """Images of mirrors on a test mirror, for all lanes of a packet.
 
 For the test mirror (u, v, n) and the direction d (sun, or the mirror's own target), a point P = C + q of the scene
-projects along d to ((q.U), (q.V)) on the plane of the mirror, with U = (v x d) / (n.d) and V = (d x u) / (n.d). Here U
-and V are divided by the half sides as well: the test mirror is the square [-1, 1] x [-1, 1], and the image of another
-mirror a parallelogram given by its centre and two half edges. n.d is the cosine of the angle of incidence for both
-directions, |r + s| / 2.
+projects along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the half sides, U = (v x d) / (u.(v x d))
+and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1: the test mirror is the square [-1, 1] x [-1, 1], and the image
+of another mirror a parallelogram given by its centre and two half edges.
 
 Rows of lanes stand in flat arrays, each block of them at an offset: a slice of an array would be counted as one more
 reference to it, at every call.
@@ -35,8 +34,7 @@ def axes(
 ) -> None:
     """Write the rows U and V (x, y, z of each) of a test mirror for every lane.
 
-    With u and v the half sides: U = (v x d) / (u.(v x d)), V = (d x u) / (u.(v x d)), so that u.U = v.V = 1. The
-    denominator is taken from these vectors, and not from the cosine: at grazing incidence their rounding would show.
+    Their denominator is taken from the vectors, and not from the cosine: at grazing incidence rounding would show.
 
     Parameters
     ----------

@@ -214,7 +214,7 @@ def sift(
     found: NDArray[np.int64],
     count: int,
 ):
-    """Append to `found` what `search` would for the sun, out of what it found for a bundle that holds this one.
+    """Append to `found` every heliostat that may occlude heliostat i, out of what `search` found for a wider bundle.
 
     Parameters
     ----------

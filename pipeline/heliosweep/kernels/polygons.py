@@ -54,7 +54,7 @@ def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: floa
     px, py, qx, qy : float
         Ends of the edge.
     rise, run : float
-        Its slopes dy/dx and dx/dy, from `slope`.
+        Its slopes dy/dx and dx/dy, from `slope` or `slopes`.
     """
     x0, x1 = unit(px), unit(qx)
     y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise

@@ -27,7 +27,7 @@ ROOM_ROWS = OVERLAP_ROWS + 1
 """Rows of room that the overlaps need, and one for what a pair or a triple shares."""
 _SPREAD = OVERLAP_ROWS * PACKET
 
-_NOTHING = 1e-13
+_NOTHING = 1e-14
 """Area of an image that the general way leaves out: no wider than rounding, its corners may be in disorder."""
 
 _BLOCK, _BOTH = PACKET, 2 * PACKET
@@ -169,7 +169,7 @@ def _overlapping(images, n, m, lanes):
         gap = larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
         gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
         gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
-        found |= np.int64((gap < 0.0) & (pq > 0.0)) << k
+        found |= np.int64((gap < 0.0) & (pq > 0.0)) << k  # m is to have coordinates; n need not
     return found
 
 

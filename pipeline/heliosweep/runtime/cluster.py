@@ -122,7 +122,6 @@ class _Cluster:
         self._workers = workers
         self._checked: set[str] = set()
         self._told_idle = False
-        self._submitted = 0
 
     def run(self, works: Iterator[Work]) -> Iterator[Outcome]:
         """Compute all `works`."""
@@ -164,9 +163,9 @@ class _Cluster:
 
     def _submit(self, load: _Load, flight: dict[Future, _Load], done: queue.SimpleQueue[Future]) -> None:
         lazy = load.work.lazy if load.tasks else load.work.lazy.chunk()
-        # Part after part, so that the workers are busy with the next one while another is handed out.
-        self._submitted += 1
-        future = self._client.compute(lazy, retries=TRIES - 1, priority=-self._submitted)
+        # Part after part, so that the workers are busy with the next one while another is handed out; and no priority,
+        # which would put this run behind all others of a scheduler that is shared.
+        future = self._client.compute(lazy, retries=TRIES - 1, fifo_timeout="0s")
         flight[future] = load
         future.add_done_callback(done.put)
 

@@ -30,10 +30,15 @@ def start_ahead() -> None:
         return
     from multiprocessing import forkserver
 
-    ours = [name for name in sys.modules if name.partition(".")[0] == "heliosweep"]
     with _interruptions_blocked():
-        forkserver.set_forkserver_preload(["heliosweep.runtime.preloaded", *ours])
+        forkserver.set_forkserver_preload(_needed())
         forkserver.ensure_running()
+
+
+def _needed() -> list[str]:
+    """What workers need: what this process has imported of our own, and the libraries."""
+    ours = [name for name in sys.modules if name.partition(".")[0] == "heliosweep"]
+    return [*ours, "heliosweep.runtime.preloaded"]
 
 
 @contextmanager
@@ -76,9 +81,12 @@ def _forked() -> Iterator[None]:
     import multiprocessing
 
     import dask
+    from distributed.utils import get_mp_context
 
     method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
     with dask.config.set({"distributed.worker.multiprocessing-method": method}):
+        if method == "forkserver":
+            get_mp_context().set_forkserver_preload(_needed())  # in place of distributed's own choice
         yield
 
 
