@@ -124,6 +124,13 @@ def test_interrupted_on_a_terminal(number, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"script.py", "scratch"}
 
 
+def test_a_folder_for_temporary_files_too_long_for_sockets(tmp_path):
+    folder = tmp_path / ("x" * 90)
+    folder.mkdir()
+    with script_that_computes(folder):
+        pass
+
+
 @pytest.mark.long
 def test_the_client_is_killed(tmp_path):
     """Nothing of a local cluster outlives its client."""

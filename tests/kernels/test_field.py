@@ -252,7 +252,7 @@ def test_other_mirrors_and_suns_that_mean_nothing_are_refused():
     for field, suns_given in [
         ((x, y, z, half[1:], half[1:], height), sun),
         (at_target, sun),
-        ((x, y, z, half, half, height), [[0.0, 0.6, np.nan]]),
+        ((x, y, z, half, half, height), [[np.nan, 0.6, 0.8]]),
         ((x, y, z, half, half, height), sun[0]),
     ]:
         with pytest.raises(ValueError, match="finite"):

@@ -50,7 +50,8 @@ def field_sums(
     tracking : int
         `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
-        Unit vectors to the sun: east, north, up. Instants with z <= 0 contribute nothing and are not counted. [1]
+        Unit vectors to the sun: east, north, up. Instants with z <= 0, or
+        NaN where there is none, contribute nothing and are not counted. [1]
     start, stop : int
         Test heliostats start..stop; all N may shade and block them.
 
@@ -121,8 +122,8 @@ def _check(mirrors: Mirrors, sun: Floats, tracking: int, start: int, stop: int) 
     count = len(mirrors.x)
     if not all(len(each) == count and np.isfinite(each).all() for each in mirrors):
         raise ValueError("centres and half sides must be as many finite numbers each, and no mirror at the target")
-    if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun).all():
-        raise ValueError("sun vectors must be finite, of shape (T, 3)")
+    if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
+        raise ValueError("sun vectors above the horizon must be finite, of shape (T, 3)")
     if not 0 <= start <= stop <= count:
         raise ValueError(f"heliostats {start}..{stop} are no part of a field of {count}")
     if tracking not in (SPINNING_ELEVATION, AZIMUTH_ELEVATION):

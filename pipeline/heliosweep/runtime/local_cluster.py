@@ -22,17 +22,29 @@ LEAST_MEMORY = 512 * 2**20
 DASHBOARD_PORT = 8787
 
 
-def start_ahead() -> None:
-    """Start the process that workers are forked from: it imports what they need while this one goes on."""
+def start_ahead() -> bool:
+    """Start the process that workers are forked from: it imports what they need while this one goes on.
+
+    Returns
+    -------
+    bool
+        Whether there is one: not where the system cannot fork, nor where the folder for temporary files has so long a
+        name that no socket can stand in it.
+    """
     import multiprocessing
 
     if "forkserver" not in multiprocessing.get_all_start_methods():
-        return
+        return False
     from multiprocessing import forkserver
 
     with _interruptions_blocked():
         forkserver.set_forkserver_preload(_needed())
-        forkserver.ensure_running()
+        try:
+            forkserver.ensure_running()
+        except OSError as error:
+            log.debug("workers are started one by one: %s", error)
+            return False
+    return True
 
 
 def _needed() -> list[str]:
@@ -44,7 +56,7 @@ def _needed() -> list[str]:
 @contextmanager
 def local_cluster(workers: int, memory: int | None) -> Iterator[Any]:
     """Worker processes of this machine, one thread each, that nobody outside it can reach."""
-    start_ahead()
+    forked = start_ahead()
     from distributed import LocalCluster
     from distributed.system import MEMORY_LIMIT
 
@@ -52,7 +64,7 @@ def local_cluster(workers: int, memory: int | None) -> Iterator[Any]:
     with ExitStack() as stack:
         folder = stack.enter_context(scratch())
         try:
-            stack.enter_context(_forked())
+            stack.enter_context(_started(forked))
             with _interruptions_blocked():
                 cluster = LocalCluster(
                     n_workers=workers,
@@ -76,16 +88,14 @@ def local_cluster(workers: int, memory: int | None) -> Iterator[Any]:
 
 
 @contextmanager
-def _forked() -> Iterator[None]:
-    """Fork workers, also those that replace others, from the process of `start_ahead`."""
-    import multiprocessing
-
+def _started(forked: bool) -> Iterator[None]:
+    """Fork workers, also those that replace others, from the process of `start_ahead`; or start each by itself."""
     import dask
     from distributed.utils import get_mp_context
 
-    method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+    method = "forkserver" if forked else "spawn"
     with dask.config.set({"distributed.worker.multiprocessing-method": method}):
-        if method == "forkserver":
+        if forked:
             get_mp_context().set_forkserver_preload(_needed())  # in place of distributed's own choice
         yield
 
