@@ -32,7 +32,6 @@ _NEGATIVE = re.compile(r"-\.?\d")
 #: Formats of figures; pages are made of the first, which is always there.
 _FIGURES = ("png", "svg", "pdf")
 
-
 #: Objects that are made between two runs of Python's garbage collector; its own choice is 700.
 _OBJECTS_BETWEEN_COLLECTIONS = 10_000
 
@@ -89,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _collect_less() -> None:
-    """Spare the garbage collector what lives to the end: imports leave half a million objects, and it looks at each.
+    """Spare the garbage collector what lives to the end: imports leave 200,000 objects, and it looks at each.
 
     That is a fifth of the time of imports, and up to 0.7 s at the end of a process.
     """

@@ -22,21 +22,20 @@ def shipped(name: str, **blocks: Any) -> dict[str, Any]:
     return content | {"execution": {"workers": 2}} | blocks
 
 
-def series() -> dict[str, Any]:
-    """Time series of 70 MB: of two parts."""
+def field_series(clearance: int, heliostats: int, days: dict[str, int], step: float, **output: str) -> dict[str, Any]:
     return shipped(
         "latitude_sweep",
         site={"latitude": 30},
         tracking="azimuth_elevation",
-        layout={"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": 500}},
-        time={
-            "clock": "solar",
-            "days": {"start": 1, "stop": 365, "step": 4},
-            "hours": {"start": 6, "stop": 18, "step": 0.25},
-            "sampling": "midpoint",
-        },
-        output={"time_series": True},
+        layout={"radial_stagger": {"clearance": clearance, "inner_radius": 61.3, "heliostats": heliostats}},
+        time={"clock": "solar", "days": days, "hours": {"start": 6, "stop": 18, "step": step}, "sampling": "midpoint"},
+        output={"time_series": True, **output},
     )
+
+
+def series() -> dict[str, Any]:
+    """Time series of 70 MB: of two parts."""
+    return field_series(16, 500, {"start": 1, "stop": 365, "step": 4}, 0.25)
 
 
 def wide_series() -> dict[str, Any]:
@@ -44,19 +43,7 @@ def wide_series() -> dict[str, Any]:
 
     They stand far apart, which is quick to compute and takes the same memory.
     """
-    return shipped(
-        "latitude_sweep",
-        site={"latitude": 30},
-        tracking="azimuth_elevation",
-        layout={"radial_stagger": {"clearance": 40, "inner_radius": 61.3, "heliostats": 10_000}},
-        time={
-            "clock": "solar",
-            "days": {"start": 1, "stop": 30, "step": 1},
-            "hours": {"start": 6, "stop": 18, "step": 0.6},
-            "sampling": "midpoint",
-        },
-        output={"time_series": True, "format": "zarr"},
-    )
+    return field_series(40, 10_000, {"start": 1, "stop": 30, "step": 1}, 0.6, format="zarr")
 
 
 def draws(memory: int | None = None) -> dict[str, Any]:

@@ -222,19 +222,9 @@ def _chain_of_first(room, lanes):
         _write_corners(room, _CHAIN + 8 * PACKET + k, second, side2)
         _write_corners(room, _CHAIN + 12 * PACKET + k, second, side3)
     for k in range(lanes):
-        to, _ = _coordinates(room, _IMAGE, k)
-        (ax, ay), (bx, by) = _edge(room, 0, 2, k), _edge(room, 0, 4, k)
-        _write_slopes(room, _SLOPES + k, to, 1.0, 0.0)
-        _write_slopes(room, _SLOPES + 2 * PACKET + k, to, ax, ay)
-        _write_slopes(room, _SLOPES + 4 * PACKET + k, to, 0.0, 1.0)
-        _write_slopes(room, _SLOPES + 6 * PACKET + k, to, bx, by)
+        _write_slopes_of_chain(room, _SLOPES, _IMAGE, k)
     for k in range(lanes):
-        to, _ = _coordinates(room, 2 * _IMAGE, k)
-        (ax, ay), (bx, by) = _edge(room, 0, 2, k), _edge(room, 0, 4, k)
-        _write_slopes(room, _THIRD + k, to, 1.0, 0.0)
-        _write_slopes(room, _THIRD + 2 * PACKET + k, to, ax, ay)
-        _write_slopes(room, _THIRD + 4 * PACKET + k, to, 0.0, 1.0)
-        _write_slopes(room, _THIRD + 6 * PACKET + k, to, bx, by)
+        _write_slopes_of_chain(room, _THIRD, 2 * _IMAGE, k)
     for k in range(lanes):
         to, turn = _coordinates(room, 2 * _IMAGE, k)
         (px, py), (qx, qy) = _edge(room, _IMAGE, 2, k), _edge(room, _IMAGE, 4, k)
@@ -255,6 +245,17 @@ def _write_corners(room, at, to, side):
     room[at + PACKET], room[at + 17 * PACKET] = _moved(to, xa, c0)
     room[at + 2 * PACKET], room[at + 18 * PACKET] = _moved(to, xb, c1)
     room[at + 3 * PACKET], room[at + 19 * PACKET] = _moved(to, x1, c1)
+
+
+@inline
+def _write_slopes_of_chain(room, at, image, k):
+    """Write the slopes of the directions of a chain, x, a, y and b, in coordinates of an image."""
+    to, _ = _coordinates(room, image, k)
+    (ax, ay), (bx, by) = _edge(room, 0, 2, k), _edge(room, 0, 4, k)
+    _write_slopes(room, at + k, to, 1.0, 0.0)
+    _write_slopes(room, at + 2 * PACKET + k, to, ax, ay)
+    _write_slopes(room, at + 4 * PACKET + k, to, 0.0, 1.0)
+    _write_slopes(room, at + 6 * PACKET + k, to, bx, by)
 
 
 @inline
