@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,3 +72,17 @@ def test_kernels_run_as_plain_python_with_nearly_the_same_result():
         )
         results.append(run.stdout.replace("True", "").replace("False", "").strip())
     assert results[0] == results[1]
+
+
+def test_code_of_old_sources_is_removed(tmp_path):
+    def entry(version: str, age: float) -> Path:
+        path = tmp_path / f"field.sweep-{version}-0a1b2c-7.py311.nbi"
+        path.touch()
+        os.utime(path, (1e9 - age, 1e9 - age))
+        return path
+
+    now, other = entry(compiled._FINGERPRINT, 99.0), tmp_path / "field.cpython-311.pyc"
+    other.touch()
+    versions = [entry(f"{number:012x}", number) for number in range(8)]
+    compiled._remove_stale(str(tmp_path))
+    assert {now, other, *versions[: compiled._KEPT - 1]} == set(tmp_path.iterdir())

@@ -7,8 +7,10 @@ fastmath: the same bits are wanted from every split of the work.
 
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,9 @@ PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
 
 UNCACHED: list[str] = []
 """Kernels that every process compiles anew, because no folder for compiled code can be written."""
+
+_KEPT = 4
+"""Versions of the kernel sources whose compiled code is kept: each takes 20 MB, and every edit makes another one."""
 
 
 def _fingerprint() -> str:
@@ -93,7 +98,22 @@ def _written_in_turn(dispatcher: Any) -> Any:
     def save_alone(key: Any, data: Any) -> None:
         with Path(cache._cache_path, ".lock").open("ab") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
+            _remove_stale(cache._cache_path)
             save(key, data)
 
     cache.save = save_alone
     return dispatcher
+
+
+@cache
+def _remove_stale(folder: str) -> None:
+    """Remove compiled code of all but the last versions of the sources, once; who still needs some compiles it anew."""
+    versions: dict[str, list[tuple[float, Path]]] = {}
+    with suppress(OSError):  # another machine's, which shares the folder and removes the same
+        for path in Path(folder).glob("*.nb[ic]"):
+            if found := re.search(r"-([0-9a-f]{12})-", path.name):
+                versions.setdefault(found[1], []).append((path.stat().st_mtime, path))
+        versions.pop(_FINGERPRINT, None)
+        for files in sorted(versions.values(), key=max, reverse=True)[_KEPT - 1 :]:
+            for _, path in files:
+                path.unlink(missing_ok=True)
