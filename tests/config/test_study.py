@@ -68,6 +68,16 @@ def test_layout_files_are_a_dimension(study_file) -> None:
     assert study.files() == {"layout.file": ("a.csv", "b.csv")}
 
 
+@pytest.mark.parametrize("name", ["./a.csv", "../{folder}/a.csv", "{path}"])
+def test_a_file_is_not_swept_under_two_names(study_file, name) -> None:
+    """The resolved study would name it twice, and not load."""
+    Path("a.csv").write_text("x,y\n0,50\n")
+    here = Path.cwd()
+    name = name.format(folder=here.name, path=here / "a.csv")
+    with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'a\.csv'; name each file once"):
+        load(study_file(layout=f"layout: {{file: [a.csv, '{name}']}}"), REGISTRY)
+
+
 def test_files_are_relative_to_the_study(study_file) -> None:
     folder = Path("deep")
     folder.mkdir()

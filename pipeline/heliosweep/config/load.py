@@ -84,7 +84,7 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (_zip_problems, type(study).check):  # the second may rely on what the first looks at
+    for find in (_zip_problems, _same_files, type(study).check):  # the last may rely on what the others look at
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study
@@ -146,6 +146,17 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         elif len({len(sweeps[key]) for key in members}) > 1:
             lengths = ", ".join(f"{key} has {len(sweeps[key])}" for key in members)
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")
+
+
+def _same_files(study: Study) -> Iterator[Problem]:
+    """Yield names of a list that mean a file which stands in it already: saved elsewhere, both would be one name."""
+    for key, names in study.files().items():
+        first: dict[str, str] = {}
+        for position, name in enumerate(names):
+            before = first.setdefault(os.path.relpath(study.resolve(name)), name)
+            if before is not name:
+                message = f"is the same file as {shown(before)}; name each file once (got {shown(name)})"
+                yield study.problem(f"{key}[{position}]", message)
 
 
 def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem]:
