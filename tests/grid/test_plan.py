@@ -182,3 +182,14 @@ def test_workers_without_work_take_no_memory():
 def test_a_refusal_for_memory_says_how_much_to_give():
     with pytest.raises(PlanError, match=r"raise execution\.memory to \d+ MB"):
         make_plan(workload({"a": 1}), Limits(1, 10**7, 2**40))
+
+
+def test_a_plan_is_printed_in_a_few_lines():
+    text = str(make_plan(workload({"a": 1_200, "b": 3}), ROOMY))
+    assert text.splitlines()[:3] == [
+        "Plan",
+        "  dimensions   a 1,200, b 3, heliostat 300",
+        "  points       3,600 parameter combinations",
+    ]
+    assert len(text) < 400
+    assert "peak memory" in text
