@@ -371,9 +371,11 @@ def _export(options: argparse.Namespace) -> None:
         from heliosweep import workflow
         from heliosweep.exchange.files import target_file
         from heliosweep.exchange.frames import write_csv
+        from heliosweep.store.sound import blaming_damage, sound
 
         target_file(options.csv, options.force, sources=_read_for(options.source))
-        with workflow.open_result(options.source) as result:
+        sound(options.source, as_written=True)
+        with blaming_damage(options.source), workflow.open_result(options.source) as result:
             print(write_csv(result, options.csv, options.variable, force=options.force))
         return
     if options.variable:

@@ -111,10 +111,12 @@ def efficiency_table(
         The study has no field, or a swept parameter that no value is given for.
     """
     from heliosweep.exchange import sam
+    from heliosweep.store.sound import blaming_damage, sound
 
     asked = azimuth is not None or elevation is not None
     if not isinstance(source, Study) and Path(source).is_dir():
-        with open_result(source) as result:
+        sound(source, as_written=True)
+        with blaming_damage(source), open_result(source) as result:
             if "sun_azimuth" in result.coords and not asked:
                 return sam.efficiency_table(result, select, factor=factor)
         source = Path(source) / "study.resolved.yaml"

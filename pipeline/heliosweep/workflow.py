@@ -207,7 +207,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Lazily read; close it, or use it as a context manager.
+        Lazily read; close it, or use it as a context manager. Its values are not checked: where a file may be damaged,
+        ask ``heliosweep verify`` first.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from heliosweep.report import sections
 from heliosweep.report.comparison import Comparison
 from heliosweep.report.html import element, html, linked
 from heliosweep.report.page import write_report
+from heliosweep.store.digest import file_digest
 from tests.report.synthetic import BOTH, result
 
 EVIL = "<script>alert('&')</script>"
@@ -65,11 +66,12 @@ def folder(tmp_path):
     data = result({"latitude": [0.0, 15.0], "tracking": BOTH}, attrs={"title": EVIL, "references": references})
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     (tmp_path / "study.resolved.yaml").write_text(f"title: {EVIL}\n", encoding="utf-8")
+    path = tmp_path / "result.nc"
     manifest = {
         "command": ["heliosweep", "run", f"{EVIL}.yaml"],
         "study_id": "abc",
         "environment": {"packages": {"heliosweep": "0.1.0", "numpy": "2.0", "pvlib": None}, "commit": None},
-        "result": {"file": "result.nc", "bytes": 12345, "sha256": "f" * 64},
+        "result": {"file": "result.nc", "bytes": path.stat().st_size, "sha256": file_digest(path)},
         "seconds": {"compute": 1.5},
         "scheduler": "threads",
         "workers": 2,
@@ -106,7 +108,7 @@ def test_page_is_complete_and_well_formed(folder):
         "What was asked",
         "How it was made",
         "References",
-        "12,345 bytes",
+        f"{(folder / 'result.nc').stat().st_size:,} bytes",
         "numpy 2.0",
     ):
         assert words in page.text

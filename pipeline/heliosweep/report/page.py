@@ -93,12 +93,17 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     ------
     StudyError
         No result in the folder, or published numbers that do not fit it.
+    HeliosweepError
+        The result is damaged.
     """
     from heliosweep.store.raw import locate
+    from heliosweep.store.sound import blaming_damage, sound
     from heliosweep.workflow import open_result
 
     place = Path(folder)
-    with open_result(place) as result:
+    if study is None:  # else it was checked or written just now
+        sound(place, as_written=True)
+    with blaming_damage(place), open_result(place) as result:
         compared = _comparison(place, study, result)
         manifest, damage = _manifest(place)
         marked = comparison.told(result, compared.values) if compared else result

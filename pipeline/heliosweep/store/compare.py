@@ -15,7 +15,8 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.store.digest import file_digest, tree, tree_digest
 from heliosweep.store.identity import changes
 from heliosweep.store.places import Places, units_of, value_text
-from heliosweep.store.raw import Raw, RawVariable, locate, open_raw
+from heliosweep.store.raw import Raw, RawVariable, open_raw
+from heliosweep.store.sound import Sound, sound
 
 #: Longest text of an attribute that is shown whole.
 _LONGEST = 60
@@ -95,9 +96,9 @@ def compare(
     """
     if not (rtol >= 0 and atol >= 0):
         raise StudyError(Problem("tolerances must not be negative"))
-    first, second = locate(a), locate(b)
-    comparison = Comparison(first, second)
-    with open_raw(first) as one, open_raw(second) as two:
+    first, second = sound(a, b)
+    comparison = Comparison(first.path, second.path)
+    with open_raw(first.path) as one, open_raw(second.path) as two:
         if _same_bytes(first, second):
             comparison.same_bytes = True
             return comparison
@@ -105,12 +106,13 @@ def compare(
     return comparison
 
 
-def _same_bytes(a: Path, b: Path) -> bool:
+def _same_bytes(one: Sound, two: Sound) -> bool:
+    a, b = one.path, two.path
     if a.is_dir() and b.is_dir():
         return tree(a) == tree(b) and tree_digest(a) == tree_digest(b)
     if a.is_dir() or b.is_dir() or a.stat().st_size != b.stat().st_size:
         return False
-    return a.samefile(b) or file_digest(a) == file_digest(b)
+    return a.samefile(b) or (one.digest or file_digest(a)) == (two.digest or file_digest(b))
 
 
 class _Comparer:

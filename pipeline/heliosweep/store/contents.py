@@ -1,7 +1,7 @@
 """What a result holds against what its manifest says, part by part.
 
 A damaged NetCDF file can keep the HDF5 library in an endless loop, which nothing inside the process ends. What is
-known to be damaged is therefore read by a process of its own (`check_apart`).
+not known to be whole is therefore read by a process of its own (`check_apart`; `sound` asks for it).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.slabs import Part
-from heliosweep.store.digest import content_digest, part_digest
+from heliosweep.store.digest import content_digest, part_digest, tree
 from heliosweep.store.places import Places
 from heliosweep.store.raw import Raw, open_raw, stored_parts
 
@@ -159,9 +159,31 @@ def _check_identity(raw: Raw, manifest: Mapping[str, Any]) -> list[str]:
     return [] if said == found else [f"is of study {found}, manifest.json of study {said}"]
 
 
-def check_apart(path: Path, manifest: Mapping[str, Any]) -> list[str]:
-    """Do `check` in a process of its own, which may hang or die of what it reads."""
-    size = path.stat().st_size
+def _check_readable(path: Path) -> list[str]:
+    """Read a result of which nothing is known to its end."""
+    try:
+        content_digest(path)
+    except HeliosweepError as error:
+        return [str(error).removeprefix(f"{path}: ")]
+    return []
+
+
+def check_apart(path: Path, manifest: Mapping[str, Any] | None) -> list[str]:
+    """Do `check` in a process of its own, which may hang or die of what it reads.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The result.
+    manifest : mapping, optional
+        Its manifest; None to learn only whether everything in it can be read.
+
+    Returns
+    -------
+    list of str
+        What is wrong.
+    """
+    size = sum(tree(path).values()) if path.is_dir() else path.stat().st_size
     command = [sys.executable, "-P", "-m", "heliosweep.store.contents", str(path)]
     try:
         done = subprocess.run(
@@ -181,13 +203,14 @@ def check_apart(path: Path, manifest: Mapping[str, Any]) -> list[str]:
 
 
 def main() -> int:
-    """Check the result named on the command line against the manifest on standard input."""
+    """Check the result named on the command line against the manifest on standard input, or ``null``."""
     if os.name == "posix":
         import resource
 
         with_limit = (_ROOM, resource.getrlimit(resource.RLIMIT_AS)[1])
         resource.setrlimit(resource.RLIMIT_AS, with_limit)
-    print(json.dumps(check(Path(sys.argv[1]), json.load(sys.stdin))))
+    path, manifest = Path(sys.argv[1]), json.load(sys.stdin)
+    print(json.dumps(_check_readable(path) if manifest is None else check(path, manifest)))
     return 0
 
 

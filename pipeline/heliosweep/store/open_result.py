@@ -7,13 +7,10 @@ from typing import TYPE_CHECKING
 
 from heliosweep.errors import Problem, StudyError
 from heliosweep.store.lock import LIBRARY_LOCK
-from heliosweep.store.raw import locate
+from heliosweep.store.raw import is_netcdf, locate
 
 if TYPE_CHECKING:
     import xarray as xr
-
-#: How NetCDF files begin: those on HDF5, and the older ones.
-_SIGNATURES = (b"\x89HDF", b"CDF")
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -39,9 +36,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
         from heliosweep.store.zarr_result import open_zarr
 
         return open_zarr(place)
-    with place.open("rb") as file:  # the library says other things of what is none, one time or another
-        if not file.read(8).startswith(_SIGNATURES):
-            raise StudyError(Problem("is no result; name a result folder", file=str(place)))
+    if not is_netcdf(place):
+        raise StudyError(Problem("is no result; name a result folder", file=str(place)))
     import xarray as xr
 
     with LIBRARY_LOCK:

@@ -26,6 +26,8 @@ from heliosweep.store.lock import LIBRARY_LOCK
 PIECE = 16 * 2**20
 #: Names of a result in its folder.
 RESULTS = ("result.nc", "result.zarr")
+#: How NetCDF files begin: those on HDF5, and the older ones.
+_SIGNATURES = (b"\x89HDF", b"CDF")
 #: Folder of an unfinished study beside them.
 WORKING = "working"
 
@@ -151,6 +153,14 @@ class Raw:
 def is_zarr(path: Path) -> bool:
     """Whether a path looks like a Zarr group with consolidated metadata."""
     return (path / zarr_result.CONSOLIDATED).is_file()
+
+
+def is_netcdf(path: Path) -> bool:
+    """Whether a file begins as NetCDF files do; the library says other things of others, one time or another."""
+    if not path.is_file():  # a pipe would be waited for
+        return False
+    with path.open("rb") as file:
+        return file.read(8).startswith(_SIGNATURES)
 
 
 def locate(path: str | os.PathLike[str]) -> Path:
