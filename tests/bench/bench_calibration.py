@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from heliosweep.kernels.calibration import CAUCHY, HUBER, SQUARED, Spots, calibrate
-from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.mount_fit import predict
+from heliosweep.kernels.least_squares import BLOCK, COLUMNS, SIDES
+from heliosweep.kernels.mount_terms import TERMS, error_terms
+from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import face_axes
 from heliosweep.kernels.robust import weigh
+from heliosweep.kernels.spot_derivatives import RESIDUAL, SEEN_ROWS, derivative_lanes, seen_rows
 from heliosweep.kernels.sun import declination_cooper, solar_clock
-from heliosweep.kernels.two_axis import aim, mount_frames, normal_and_centre, spot_and_jacobian
+from heliosweep.kernels.two_axis import aim, mount_frames, normal_and_centre
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
 
@@ -59,34 +61,30 @@ def model(frames: Floats, pivots: Floats, angles: Floats, errors: Floats, sun: F
     return on_plane @ FACE[1:].T
 
 
-@kernel
-def rows_of(sun, turns, position, frame, pivot, face, offsets, x, parameters, rows):
-    """Residuals and derivatives of one heliostat, as the calibration has them."""
-    predict((sun, turns, position, frame, pivot, face, offsets), x, parameters, rows)
-
-
 def theirs(spots: Spots, frames: Floats, pivots: Floats, parameters: int, loss: str, exact: bool) -> None:
     """SciPy on the first heliostats; derivatives by the kernel, or by differences of the NumPy model."""
     for h in range(SAMPLE):
         part = slice(spots.first[h], spots.first[h + 1])
         sun, angles, position = spots.sun[part], spots.angles[part], spots.position[part]
         turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(-1, 4)
-        rows, full = np.empty((SPOTS, 2, 8)), np.zeros(6)
-        fixed = (frames[h].ravel(), pivots[h], FACE.ravel(), np.array(OFFSETS))
+        seen, rows, terms, full = np.empty(SEEN_ROWS * PACKET), np.empty(BLOCK), np.empty(TERMS), np.zeros(6)
+        fixed = (frames[h].ravel(), FACE.ravel(), np.array([*OFFSETS, *-pivots[h]]))
+        seen_rows(sun, turns, position, seen)
 
         def filled(x: Floats) -> Floats:
             full[:parameters] = x  # noqa: B023
-            rows_of(sun, turns, position, *fixed, full, parameters, rows)  # noqa: B023
-            return rows  # noqa: B023
+            error_terms(full, terms)  # noqa: B023
+            derivative_lanes(seen, 0, terms, *fixed, rows, SPOTS)  # noqa: B023
+            return rows.reshape(SIDES, COLUMNS, PACKET)[:, :, :SPOTS]  # noqa: B023
 
         def residuals(x: Floats) -> Floats:
             if exact:
-                return filled(x)[:, :, parameters].ravel()
+                return filled(x)[:, RESIDUAL].ravel()
             full[:parameters] = x  # noqa: B023
             return (model(frames[h], pivots[h], angles, full, sun) - position).ravel()  # noqa: B023
 
         def jacobian(x: Floats) -> Floats:
-            return filled(x)[:, :, :parameters].reshape(-1, parameters)
+            return filled(x)[:, :parameters].transpose(0, 2, 1).reshape(-1, parameters)
 
         options = {"jac": jacobian if exact else "2-point", "loss": loss, "f_scale": 0.05}
         least_squares(residuals, np.zeros(parameters), x_scale=1e-3, **options)
@@ -94,8 +92,9 @@ def theirs(spots: Spots, frames: Floats, pivots: Floats, parameters: int, loss: 
 
 def operations_of(parameters: int) -> float:
     """Operations of one evaluation of a spot, two rows: prediction, weights, orthogonalisation of p + 1 columns."""
-    factors = 2 * 2.0 * parameters * (parameters + 3)
-    return operations(spot_and_jacobian) + operations(weigh, {"LANES": parameters + 1}, loops_only=True) + factors
+    factors = 2.0 * 2.0 * (parameters + 1) * (parameters + 2)  # products and differences of columns and those behind
+    weights = operations(weigh, {"parameters + 1": parameters + 1, "loss == HUBER": 0.0, "loss == CAUCHY": 0.0})
+    return operations(derivative_lanes, loops_only=True) + weights + factors
 
 
 def groups() -> Iterator[Iterator[Row]]:

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels.aiming import aim_normals
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.least_squares import COLUMNS, SIDES
+from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import (
     AZIMUTH_ELEVATION,
     BEHIND_FACE,
@@ -15,6 +16,14 @@ from heliosweep.kernels.receiver import (
     TILT_ROLL,
     face_axes,
 )
+from heliosweep.kernels.spot_derivatives import (
+    PARAMETERS,
+    RESIDUAL,
+    SEEN_ROWS,
+    STATUS,
+    derivative_lanes,
+    seen_rows,
+)
 from heliosweep.kernels.two_axis import (
     ERRORS,
     TERMS,
@@ -23,7 +32,6 @@ from heliosweep.kernels.two_axis import (
     error_terms,
     mount_frames,
     normal_and_centre,
-    spot_and_jacobian,
 )
 
 KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
@@ -194,30 +202,19 @@ def test_no_sun_no_angles():
     np.testing.assert_array_equal(np.isnan(angles).all(axis=1), [True, True, True, False])
 
 
-@kernel
-def _evaluated(frame, angles, errors, offsets, sun, to_target, face, jacobian):
-    terms = np.empty(TERMS)
+def evaluated(frame, angles, errors, offsets, sun, to_target, face):
+    """Spots of one mount: y, z and status, shape (3, S), and derivatives (2, 6, S)."""
+    spots, terms = len(angles), np.empty(TERMS)
     error_terms(errors, terms)
-    cosine, sine = np.cos(angles), np.sin(angles)
-    return spot_and_jacobian(
-        frame,
-        cosine[0],
-        sine[0],
-        cosine[1],
-        sine[1],
-        terms,
-        offsets[0],
-        offsets[1],
-        offsets[2],
-        sun[0],
-        sun[1],
-        sun[2],
-        to_target[0],
-        to_target[1],
-        to_target[2],
-        face,
-        jacobian,
-    )
+    blocks = np.empty((-(-spots // PACKET), SIDES, COLUMNS, PACKET))
+    seen = np.empty(len(blocks) * SEEN_ROWS * PACKET)
+    turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(-1, 4)
+    seen_rows(sun, turns, np.zeros((spots, 2)), seen)
+    for first in range(0, spots, PACKET):
+        lanes, lengths = min(PACKET, spots - first), np.array([*offsets, *to_target])
+        derivative_lanes(seen, first, terms, frame.ravel(), face.ravel(), lengths, blocks.reshape(-1), lanes)
+    rows = np.moveaxis(blocks, 0, 2).reshape(SIDES, COLUMNS, -1)[:, :, :spots]
+    return np.array([*rows[:, RESIDUAL], rows[0, STATUS]]), rows[:, :PARAMETERS]
 
 
 def complex_spot(frame, angles, errors, offsets, sun, to_target, face):
@@ -248,11 +245,13 @@ def complex_spot(frame, angles, errors, offsets, sun, to_target, face):
 def test_jacobian_against_complex_steps(kind):
     frames, sun, to_target, errors = scene(kind, 60)
     offsets, face = np.array([0.5, 0.3, 4.0]), face_axes(0.2, -0.3)
-    angles = aim(frames, sun, to_target, np.zeros(6), (0.5, 0.3, 4.0))
-    jacobian, seen = np.empty(12), 0
+    angles, seen = aim(frames, sun, to_target, np.zeros(6), (0.5, 0.3, 4.0)), 0
     for i in range(60):
         here = (frames[i], angles[i], errors[i], offsets, sun[i], to_target[i])
-        y, z, status = _evaluated(frames[i].ravel(), *here[1:], face.ravel(), jacobian)
+        spots, jacobian = evaluated(
+            frames[i], angles[i : i + 1], errors[i], offsets, sun[i : i + 1], to_target[i], face
+        )
+        y, z, status = spots[:, 0]
         if status != REACHES:
             continue
         seen += 1
@@ -260,14 +259,24 @@ def test_jacobian_against_complex_steps(kind):
         spots = np.array([complex_spot(*here[:2], step, *here[3:], face) for step in steps])
         np.testing.assert_allclose((y, z), spots[0].real, atol=1e-11)
         exact = spots.imag.T / 1e-30
-        np.testing.assert_allclose(jacobian.reshape(2, 6), exact, atol=1e-12 * np.max(np.abs(exact)), rtol=0)
+        np.testing.assert_allclose(jacobian[:, :, 0], exact, atol=1e-12 * np.max(np.abs(exact)), rtol=0)
     assert seen > 40
 
 
+def test_derivatives_do_not_depend_on_how_spots_are_packed():
+    frames, sun, to_target, errors = scene(AZIMUTH_ELEVATION, 150)
+    mount, face = (errors[0], (0.5, 0.3, 4.0)), face_axes(0.2, -0.3)
+    angles = aim(frames[:1], sun, to_target[:1], np.zeros(6), (0.5, 0.3, 4.0))
+    together = evaluated(frames[0], angles, *mount, sun, to_target[0], face)
+    for part in (slice(0, 1), slice(3, 12), slice(60, 130), slice(149, 150)):
+        spots, jacobian = evaluated(frames[0], angles[part], *mount, sun[part], to_target[0], face)
+        np.testing.assert_array_equal(spots, together[0][:, part])
+        np.testing.assert_array_equal(jacobian, together[1][:, :, part])
+
+
 def test_jacobian_where_there_is_no_spot():
-    jacobian = np.zeros(12)
-    sun, ahead = np.array([0.0, -0.6, 0.8]), np.array([0.0, 100.0, 50.0])  # south of a face that looks north
-    face = face_axes(0.0, 0.0).ravel()
-    y, z, status = _evaluated(np.eye(3).ravel(), np.ones(2), np.zeros(6), np.zeros(3), sun, ahead, face, jacobian)
-    assert status == BEHIND_FACE
-    assert np.isnan([y, z, *jacobian]).all()
+    sun, ahead = np.array([[0.0, -0.6, 0.8]]), np.array([0.0, 100.0, 50.0])  # south of a face that looks north
+    spots, jacobian = evaluated(np.eye(3), np.ones((1, 2)), np.zeros(6), np.zeros(3), sun, ahead, face_axes(0.0, 0.0))
+    assert spots[2] == BEHIND_FACE
+    assert np.isnan(spots[:2]).all()
+    assert np.isnan(jacobian).all()

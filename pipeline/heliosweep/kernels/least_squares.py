@@ -1,9 +1,10 @@
 """Small dense least squares: orthogonalisation of tall matrices, singular values of small ones.
 
-Rows have `LANES` numbers, so that a compiler can hold one in its registers: up to six columns of a matrix, and behind
-them a right-hand side. The factors are those of modified Gram-Schmidt with the right-hand side as a further column,
-which is as stable as Householder's method for least squares [1]_; singular values come from one-sided Jacobi rotations,
-to full relative precision for a matrix as small as this [2]_. No normal equations: their condition is the square.
+A matrix with a right-hand side stands in blocks, one for each packet of lanes: of its first kind of equations the
+columns, `PACKET` lanes each, then those of its second kind. Sums go over lanes, and then over the lanes' sums in a
+fixed order. The factors are those of modified Gram-Schmidt with the right-hand side as a further column, which is as
+stable as Householder's method for least squares [1]_; singular values come from one-sided Jacobi rotations, to full
+relative precision for a matrix as small as this [2]_. No normal equations: their condition is the square.
 
 References
 ----------
@@ -16,12 +17,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.packets import PACKET
 
-__all__ = ["LANES", "orthogonalise", "singular_values"]
+__all__ = ["BLOCK", "COLUMNS", "SIDES", "inverted", "orthogonalise", "singular_values", "total"]
 
-LANES = 8
-"""Numbers in a row."""
+COLUMNS = 8
+"""Columns of a block: up to six of a matrix, and behind them a right-hand side."""
+SIDES = 2
+"""Kinds of equations: for each lane one of each, such as those of y and of z."""
+BLOCK = SIDES * COLUMNS * PACKET
+"""Numbers of a block."""
 
 SWEEPS = 30
 """Sweeps of Jacobi rotations at the most; a matrix of six columns needs about six."""
@@ -30,55 +36,99 @@ Floats = NDArray[np.float64]
 
 
 @kernel
-def orthogonalise(rows: Floats, columns: int, upper: Floats) -> None:
+def orthogonalise(rows: Floats, lanes: int, columns: int, upper: Floats, sums: Floats) -> None:
     """Factor the first columns of a matrix and project what stands behind them.
 
     Parameters
     ----------
-    rows : ndarray, shape (M, LANES)
-        Matrix, then the right-hand side; replaced by orthogonal columns and the part of the right-hand side that is
-        orthogonal to them all.
+    rows : ndarray
+        Blocks of the matrix and the right-hand side in column `columns`; replaced by orthogonal columns and the part of
+        the right-hand side that is orthogonal to them all.
+    lanes : int
+        Lanes of all blocks.
     columns : int
         Columns of the matrix.
-    upper : ndarray, shape (LANES, LANES)
+    upper : ndarray, shape (COLUMNS, COLUMNS)
         Gets the triangular factor, and in column `columns` the right-hand side in terms of the orthonormal columns.
         Row j is zero where column j depends on those before it.
+    sums : ndarray
+        Room for `PACKET` sums.
     """
     upper[:] = 0.0
-    factors = np.empty(LANES)
+    products = upper[columns]  # the row below the factor: of column j with those from j on
+    for m in range(columns + 1):
+        products[m] = _without(rows, lanes, 0, m, 0.0, 0, sums)
     for j in range(columns):
-        # Written out, so that sums and factors stay in registers; loops over an array go through memory.
-        a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(len(rows)):
-            own = rows[i, j]
-            a += own * rows[i, 0]
-            b += own * rows[i, 1]
-            c += own * rows[i, 2]
-            d += own * rows[i, 3]
-            e += own * rows[i, 4]
-            f += own * rows[i, 5]
-            g += own * rows[i, 6]
-            h += own * rows[i, 7]
-        factors[0], factors[1], factors[2], factors[3] = a, b, c, d
-        factors[4], factors[5], factors[6], factors[7] = e, f, g, h
-        square = factors[j]
+        square = products[j]
         length = math.sqrt(square)
-        for k in range(LANES):
-            done = k < j or square <= 0.0
-            upper[j, k] = 0.0 if done else factors[k] / length
-            factors[k] = 0.0 if done or k == j else factors[k] / square
-        a, b, c, d = factors[0], factors[1], factors[2], factors[3]
-        e, f, g, h = factors[4], factors[5], factors[6], factors[7]
-        for i in range(len(rows)):
-            own = rows[i, j]
-            rows[i, 0] -= own * a
-            rows[i, 1] -= own * b
-            rows[i, 2] -= own * c
-            rows[i, 3] -= own * d
-            rows[i, 4] -= own * e
-            rows[i, 5] -= own * f
-            rows[i, 6] -= own * g
-            rows[i, 7] -= own * h
+        for m in range(j, columns + 1):
+            upper[j, m] = products[m] / length if square > 0.0 else 0.0
+        for m in range(j + 1, columns + 1):
+            factor = products[m] / square if square > 0.0 else 0.0
+            products[m] = _without(rows, lanes, j, m, factor, j + 1, sums)
+    products[:] = 0.0
+
+
+@inline
+def _without(rows, lanes, j, m, factor, n, sums):
+    """Subtract a multiple of column j from column m (if they are not the same); returns its product with column n."""
+    sums[:PACKET] = 0.0
+    for block in range((lanes + PACKET - 1) // PACKET):
+        here = min(PACKET, lanes - block * PACKET)
+        # Known not to be negative, or loads become gathers.
+        a = max(block * BLOCK + j * PACKET, 0)
+        b = max(block * BLOCK + m * PACKET, 0)
+        c = max(block * BLOCK + n * PACKET, 0)
+        second = COLUMNS * PACKET
+        if j == m:
+            for k in range(here):
+                sums[k] += rows[b + k] * rows[b + k] + rows[b + second + k] * rows[b + second + k]
+        elif j == n:
+            for k in range(here):
+                sums[k] += rows[b + k] * rows[c + k] + rows[b + second + k] * rows[c + second + k]
+        elif m == n:
+            for k in range(here):
+                y = rows[b + k] - factor * rows[a + k]
+                z = rows[b + second + k] - factor * rows[a + second + k]
+                rows[b + k], rows[b + second + k] = y, z
+                sums[k] += y * y + z * z
+        else:
+            for k in range(here):
+                y = rows[b + k] - factor * rows[a + k]
+                z = rows[b + second + k] - factor * rows[a + second + k]
+                rows[b + k], rows[b + second + k] = y, z
+                sums[k] += y * rows[c + k] + z * rows[c + second + k]
+    return total(sums)
+
+
+@inline
+def total(sums: Floats) -> float:
+    """Sum of `PACKET` sums, halves added to halves."""
+    for k in range(32):
+        sums[k] += sums[k + 32]
+    for k in range(16):
+        sums[k] += sums[k + 16]
+    a, b, c, d = sums[0] + sums[8], sums[1] + sums[9], sums[2] + sums[10], sums[3] + sums[11]
+    e, f, g, h = sums[4] + sums[12], sums[5] + sums[13], sums[6] + sums[14], sums[7] + sums[15]
+    return ((a + e) + (c + g)) + ((b + f) + (d + h))
+
+
+@kernel
+def inverted(upper: Floats, columns: int, inverse: Floats) -> float:
+    """Invert the triangular factor of `orthogonalise`; returns a bound of its condition number, NaN if it has none."""
+    here, there = 0.0, 0.0
+    for k in range(columns):
+        inverse[k, k] = 1.0 / upper[k, k]
+        there += inverse[k, k] * inverse[k, k]
+        for j in range(k + 1):
+            here += upper[j, k] * upper[j, k]
+        for j in range(k - 1, -1, -1):
+            product = 0.0
+            for i in range(j + 1, k + 1):
+                product += upper[j, i] * inverse[i, k]
+            inverse[j, k] = -product * inverse[j, j]
+            there += inverse[j, k] * inverse[j, k]
+    return math.sqrt(here * there)
 
 
 @kernel
@@ -87,41 +137,31 @@ def singular_values(upper: Floats, columns: int, values: Floats, right: Floats, 
 
     Parameters
     ----------
-    upper : ndarray, shape (LANES, LANES)
+    upper : ndarray, shape (COLUMNS, COLUMNS)
         From `orthogonalise`; overwritten.
     columns : int
         Columns of the matrix.
-    values : ndarray, shape (LANES,)
+    values : ndarray, shape (COLUMNS,)
         Gets the singular values, falling.
-    right : ndarray, shape (LANES, LANES)
+    right : ndarray, shape (COLUMNS, COLUMNS)
         Gets the right singular vectors as columns; the largest element of each is positive.
-    projected : ndarray, shape (LANES,)
+    projected : ndarray, shape (COLUMNS,)
         Gets the right-hand side in terms of the left singular vectors; 0 for a singular value of 0.
     """
     for a in range(columns):
         for b in range(columns):
             right[a, b] = 1.0 if a == b else 0.0
+    # Rounds of a tournament: the pairs of a round share no column, so that the processor turns them at once.
+    players = columns + columns % 2
     for _ in range(SWEEPS):
         rotated = False
-        for a in range(columns - 1):
-            for b in range(a + 1, columns):
-                alpha, beta, gamma = 0.0, 0.0, 0.0
-                for k in range(columns):
-                    alpha += upper[k, a] * upper[k, a]
-                    beta += upper[k, b] * upper[k, b]
-                    gamma += upper[k, a] * upper[k, b]
-                if abs(gamma) <= 1e-15 * math.sqrt(alpha * beta):
-                    continue
-                rotated = True
-                zeta = (beta - alpha) / (2.0 * gamma)
-                tangent = math.copysign(1.0, zeta) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
-                cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
-                sine = cosine * tangent
-                for k in range(columns):
-                    p, q = upper[k, a], upper[k, b]
-                    upper[k, a], upper[k, b] = cosine * p - sine * q, sine * p + cosine * q
-                    p, q = right[k, a], right[k, b]
-                    right[k, a], right[k, b] = cosine * p - sine * q, sine * p + cosine * q
+        for turn in range(players - 1):
+            for table in range(players // 2):
+                a, b = (turn + table) % (players - 1), (turn - table) % (players - 1)
+                b = players - 1 if table == 0 else b
+                a, b = min(a, b), max(a, b)
+                if b < columns and _turned(upper, right, a, b, columns):
+                    rotated = True
         if not rotated:
             break
     for a in range(columns):
@@ -132,6 +172,28 @@ def singular_values(upper: Floats, columns: int, values: Floats, right: Floats, 
         values[a] = math.sqrt(square)
         projected[a] = product / values[a] if square > 0.0 else 0.0
     _sort(columns, values, right, projected)
+
+
+@inline
+def _turned(upper, right, a, b, columns):
+    """Make columns a and b orthogonal; returns whether they were not."""
+    alpha, beta, gamma = 0.0, 0.0, 0.0
+    for k in range(columns):
+        alpha += upper[k, a] * upper[k, a]
+        beta += upper[k, b] * upper[k, b]
+        gamma += upper[k, a] * upper[k, b]
+    if abs(gamma) <= 1e-15 * math.sqrt(alpha * beta):
+        return False
+    zeta = (beta - alpha) / (2.0 * gamma)
+    tangent = math.copysign(1.0, zeta) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
+    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
+    sine = cosine * tangent
+    for k in range(columns):
+        p, q = upper[k, a], upper[k, b]
+        upper[k, a], upper[k, b] = cosine * p - sine * q, sine * p + cosine * q
+        p, q = right[k, a], right[k, b]
+        right[k, a], right[k, b] = cosine * p - sine * q, sine * p + cosine * q
+    return True
 
 
 @kernel

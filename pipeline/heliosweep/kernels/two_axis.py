@@ -17,11 +17,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows, known_record
 from heliosweep.kernels.mount_terms import ERRORS, TERMS, back, bore, error_terms, mount_frame, point, times, turn
 from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.receiver import REACHES, trace
 
 __all__ = [
     "ERRORS",
@@ -32,96 +31,9 @@ __all__ = [
     "mount_frame",
     "mount_frames",
     "normal_and_centre",
-    "spot_and_jacobian",
 ]
 
 Floats = NDArray[np.float64]
-
-
-@inline
-def _nine(m):
-    """Nine numbers of an array as a tuple."""
-    return m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8]
-
-
-@inline
-def spot_and_jacobian(
-    frame, cg, sg, ca, sa, terms, offset, axis_offset, pedestal, sx, sy, sz, dx, dy, dz, face, jacobian
-):
-    """Spot of a mount at given encoder angles, and its derivatives by the six errors.
-
-    Parameters
-    ----------
-    frame : ndarray, shape (9,)
-        Rows of Q, from `mount_frame`. [1]
-    cg, sg, ca, sa : float
-        Cosine and sine of the encoder angles g and a (without g0 and a0). [1]
-    terms : ndarray, shape (TERMS,)
-        The errors, from `error_terms`.
-    offset, axis_offset, pedestal : float
-        Offsets r, q and h. [m]
-    sx, sy, sz : float
-        Unit vector to the sun. [1]
-    dx, dy, dz : float
-        From the pivot to the aim point. [m]
-    face : ndarray, shape (9,)
-        Rows of `receiver.face_axes`. [1]
-    jacobian : ndarray, shape (12,)
-        Receives the derivatives of y by the errors in the order of `ERRORS`, then those of z; NaN where there is no
-        spot. [m/rad]
-
-    Returns
-    -------
-    y, z : float
-        Spot on the plane of the receiver, NaN where there is none. [m]
-    status : int
-        A code of `receiver`: `REACHES`, `MISSES`, `BEHIND_FACE` or `NO_SUN`.
-    """
-    cg, sg = cg * terms[0] - sg * terms[1], sg * terms[0] + cg * terms[1]
-    ca, sa = ca * terms[2] - sa * terms[3], sa * terms[2] + ca * terms[3]
-    ce, se, cm, sm = terms[4], terms[5], terms[6], terms[7]
-    bx, by, bz = bore(ca, sa, ce, se, sm, cm)
-    ox, oy, oz = bore(ca, sa, ce, se, 0.0, offset)
-    fx, fy = turn(cg, sg, bx, by)
-    gx, gy = turn(cg, sg, ox, oy + axis_offset)
-    gz = oz + pedestal
-    nx, ny, nz = back(frame, 0, *times(terms, 8, fx, fy, bz))
-    ex, ey, ez = times(terms, 8, gx, gy, gz)
-    ex, ey, ez = back(frame, 0, ex, ey, ez - pedestal)
-    px, py, pz = ex - dx, ey - dy, ez - dz
-    y, z, status = trace(px, py, pz, nx, ny, nz, sx, sy, sz, *_nine(face))
-
-    # dy = p.dP + q.dn: the ray moves with the centre P and turns with the normal n; what leads off the plane is undone
-    # along the ray.
-    lit = sx * nx + sy * ny + sz * nz
-    rx, ry, rz = 2.0 * lit * nx - sx, 2.0 * lit * ny - sy, 2.0 * lit * nz - sz
-    ax, ay, az = times(face, 0, rx, ry, rz)
-    length = -(face[0] * px + face[1] * py + face[2] * pz) / ax
-    lx, ly, lz = bore(-sa, ca, ce, se, 0.0, 1.0)  # the bore by a
-    kx, ky, kz = bore(ca, sa, ce, se, cm, -sm)  # the normal by mu
-    for m in range(2):
-        tan, c = (ay / ax, 3) if m == 0 else (az / ax, 6)
-        px, py, pz = face[c] - tan * face[0], face[c + 1] - tan * face[1], face[c + 2] - tan * face[2]
-        askew = px * nx + py * ny + pz * nz
-        qx, qy, qz = askew * sx + lit * px, askew * sy + lit * py, askew * sz + lit * pz
-        px, py, pz = times(frame, 0, px, py, pz)
-        qx, qy, qz = times(frame, 0, 2.0 * length * qx, 2.0 * length * qy, 2.0 * length * qz)
-        out = 6 * m
-        for tilt in range(2):
-            hx, hy, hz = times(terms, 17 + 9 * tilt, fx, fy, bz)
-            ix, iy, iz = times(terms, 17 + 9 * tilt, gx, gy, gz)
-            jacobian[out + 2 + tilt] = qx * hx + qy * hy + qz * hz + px * ix + py * iy + pz * iz
-        px, py, pz = back(terms, 8, px, py, pz)
-        qx, qy, qz = back(terms, 8, qx, qy, qz)
-        jacobian[out] = qx * fy - qy * fx + px * gy - py * gx
-        px, py = turn(cg, -sg, px, py)
-        qx, qy = turn(cg, -sg, qx, qy)
-        jacobian[out + 1] = (cm * qx + offset * px) * lx + (cm * qy + offset * py) * ly + (cm * qz + offset * pz) * lz
-        jacobian[out + 4] = qx * bz - qz * bx + px * oz - pz * ox
-        jacobian[out + 5] = qx * kx + qy * ky + qz * kz
-    if status != REACHES:
-        jacobian[:] = math.nan
-    return y, z, status
 
 
 def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: ArrayLike) -> Floats:
