@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.aiming import offset_normal
 from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import (
     AZIMUTH_ELEVATION,
     BEHIND_FACE,
@@ -76,6 +77,9 @@ _ALONG = 1e-15
 """Sine of the angle below which normal and primary axis are taken for parallel."""
 _LEVEL = 1e-12
 """Sine of the angle to the vertical below which the line to the aim point is taken for vertical."""
+
+_CURVE_ROWS = 22
+"""Rows of a packet of curves, see `_as_lane`."""
 
 Floats = NDArray[np.float64]
 Face = tuple[Vector, Vector, Vector]
@@ -306,20 +310,54 @@ def fill_spots(
     spots: Floats,
 ) -> None:
     """Fill `spots`, shape (3, P, H, T)."""
-    points = len(size)
+    points, instants = len(size), sun.shape[1]
+    mirrors = pivots.shape[1] * instants
     sine, cosine = np.sin(size), np.cos(size)
-    faces = [face_vectors(setting.face_azimuth[p], setting.face_tilt[p]) for p in range(points)]
-    for h in range(pivots.shape[1]):
-        for t in range(sun.shape[1]):
-            p = 0
-            while p < points:
-                curve = curve_of(setting, p, faces[p], source[p], axis[p], sun, pivots, h, t)
-                face = faces[p]
-                alike = True
-                while alike:
-                    y, z, status = spot_at(curve, face, cosine[p], sine[p])
-                    if curve.status != REACHES:
-                        y, z, status = math.nan, math.nan, curve.status
-                    spots[0, p, h, t], spots[1, p, h, t], spots[2, p, h, t] = y, z, status
-                    p += 1
-                    alike = p < points and like_the_last[p]
+    rows, out = np.empty(_CURVE_ROWS * PACKET), spots.reshape(-1)
+    for first in range(0, mirrors, PACKET):
+        lanes = min(PACKET, mirrors - first)
+        for p in range(points):
+            face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
+            if not like_the_last[p]:
+                for k in range(lanes):
+                    h, t = (first + k) // instants, (first + k) % instants
+                    curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, h, t)
+                    _as_lane(curve, rows, k)
+            _spot_lanes(rows, face, cosine[p], sine[p], out, p * mirrors + first, points * mirrors, lanes)
+
+
+@inline
+def _as_lane(curve, rows, k):
+    """Write a curve to lane k: sun, the parts of normal and centre, status."""
+    for c in range(3):
+        rows[c * PACKET + k] = curve.sun[c]
+        for part in range(3):
+            rows[(3 + 3 * part + c) * PACKET + k] = curve.normal[part][c]
+            rows[(12 + 3 * part + c) * PACKET + k] = curve.centre[part][c]
+    rows[21 * PACKET + k] = curve.status
+
+
+@inline
+def _of_lane(rows, row, k):
+    """Three rows of a lane."""
+    return rows[row * PACKET + k], rows[(row + 1) * PACKET + k], rows[(row + 2) * PACKET + k]
+
+
+@kernel
+def _spot_lanes(
+    rows: Floats, face: Face, cosine: float, sine: float, out: Floats, first: int, apart: int, lanes: int
+) -> None:
+    """Spots of a packet of curves at one size of the error: y, z and status to out[first:], so far `apart`."""
+    # Known not to be negative, or stores become scattered.
+    y_at, z_at, status_at = max(first, 0), max(first + apart, 0), max(first + 2 * apart, 0)
+    for k in range(lanes):
+        normal = _of_lane(rows, 3, k), _of_lane(rows, 6, k), _of_lane(rows, 9, k)
+        centre = _of_lane(rows, 12, k), _of_lane(rows, 15, k), _of_lane(rows, 18, k)
+        there = rows[21 * PACKET + k]
+        y, z, status = trace(
+            *at_angle(centre, cosine, sine), *at_angle(normal, cosine, sine), *_of_lane(rows, 0, k),
+            *face[0], *face[1], *face[2],
+        )  # fmt: skip
+        out[y_at + k] = y if there == REACHES else math.nan
+        out[z_at + k] = z if there == REACHES else math.nan
+        out[status_at + k] = status if there == REACHES else there
