@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -133,7 +134,7 @@ def test_errors_of_the_study_come_through_as_they_are(local):
     check(outcomes(local, iter([work(1)]))[1])
 
 
-@pytest.mark.parametrize(("bound", "value"), [("TASKS_IN_FLIGHT", 30), ("BYTES_IN_FLIGHT", 3 * 5 * 24)])
+@pytest.mark.parametrize(("bound", "value"), [("TASKS_IN_FLIGHT", 24), ("BYTES_IN_FLIGHT", 3 * 5 * 24)])
 def test_the_window_is_bounded(bound, value, local, monkeypatch):
     monkeypatch.setattr(cluster, "BLOCKS_PER_WORKER", 10**6)
     monkeypatch.setattr(cluster, bound, value)
@@ -188,6 +189,19 @@ def test_a_worker_of_another_version(local, monkeypatch):
 def test_nothing_of_it_is_open_to_others(local):
     listening = [local._client.scheduler.address, *local._client.nthreads()]
     assert all("//127.0.0.1:" in address for address in listening)
+
+
+def test_the_dashboard_is_imported_when_somebody_looks(local):
+    pytest.importorskip("bokeh")
+
+    def pages(dask_scheduler: Any) -> int:
+        return sum(hasattr(application, "app_paths") for application in dask_scheduler.http_application.applications)
+
+    assert local._client.run_on_scheduler(pages) == 0
+    for path in ("status", "", "workers"):
+        with urllib.request.urlopen(local._client.dashboard_link.replace("status", path)) as page:
+            assert b"bokeh" in page.read().lower()
+    assert local._client.run_on_scheduler(pages) == 1
 
 
 def test_nothing_is_left(monkeypatch, tmp_path, caplog, capfd):

@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 
 from heliosweep.grid.pieces import Constant, Embedded, Given, Joined, Made, Remade, View, Widened, compact_bytes
 
-__all__ = ["TASK_MARK", "Made", "Output", "evaluate"]
+__all__ = ["CONSTANT_MARK", "PREPARE_MARK", "TASK_MARK", "Made", "Output", "evaluate"]
 
 #: Stands in the names of the tasks that do the planned work; the progress display counts them.
 TASK_MARK = "evaluate-"
+#: Begin the names of those that make no planned work, and of arrays that blocks share.
+PREPARE_MARK, CONSTANT_MARK = "prepare-", "constant-"
 #: Pieces of an array up to this size stand in the task itself, larger ones have a key that blocks share. [bytes]
 EMBEDDED = 4096
 
@@ -111,16 +113,16 @@ def evaluate(
     """
     lengths = {dim: _blocks(sizes[dim], chunks.get(dim, sizes[dim])) for dim in dims}
     unique = uuid.uuid4().hex
-    made = f"{TASK_MARK if work else 'prepare-'}{name}-{unique}"
+    made = f"{TASK_MARK if work else PREPARE_MARK}{name}-{unique}"
     graph: _Graph = {}
     arguments = [
-        _Argument(array, dims, whole, lengths, f"constant-{number}-{unique}", graph)
+        _Argument(array, dims, whole, lengths, f"{CONSTANT_MARK}{number}-{unique}", graph)
         for number, (array, whole) in enumerate(zip(inputs, core, strict=True))
     ]
     spanned = {dim for argument in arguments for dim in argument.dims}
     unused = [(axis, dim) for axis, dim in enumerate(dims) if dim not in spanned]
     names = tuple(shared or ())
-    keys = [f"constant-{keyword}-{unique}" for keyword in names]
+    keys = [f"{CONSTANT_MARK}{keyword}-{unique}" for keyword in names]
     graph |= {key: (Constant(value),) for key, value in zip(keys, (shared or {}).values(), strict=True)}
     entries = list(outputs.items())
     order = {label: tuple(wanted) for label, wanted in (order or {}).items()}

@@ -6,18 +6,18 @@ import asyncio
 import concurrent.futures
 import logging
 import queue
+import uuid
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from heliosweep.config.execution import QUEUES
 from heliosweep.errors import HeliosweepError, RunInterrupted
 from heliosweep.grid.evaluate import TASK_MARK
 from heliosweep.runtime.connect import Connection, connected
+from heliosweep.runtime.fused import Graph, fused
 from heliosweep.runtime.progress import Progress
 from heliosweep.runtime.versions import check_workers
 from heliosweep.runtime.work import TRIES, Engine, Outcome, Work
@@ -100,20 +100,22 @@ def cluster_engine(execution: Execution, plan: Plan, progress: Progress) -> Iter
 
 @dataclass(frozen=True)
 class _Load:
-    """A part, and what it is in the scheduler: upper bounds, before the graph is simplified."""
+    """A part, and what it is in the scheduler."""
 
     work: Work
-    tasks: int
+    key: str
+    graph: Graph
     blocks: int
     nbytes: int
     alone: bool = False
 
     @classmethod
     def of(cls, work: Work) -> _Load:
-        graph = work.lazy.__dask_graph__()
-        sizes = {name: len(layer) for name, layer in graph.layers.items()} if graph else {}
-        blocks = sum(size for name, size in sizes.items() if TASK_MARK in name)
-        return cls(work, sum(sizes.values()), blocks, work.lazy.nbytes)
+        lazy = work.lazy if work.lazy.__dask_graph__() else work.lazy.chunk()
+        layers = work.lazy.__dask_graph__().layers if lazy is work.lazy else {}
+        blocks = sum(len(layer) for name, layer in layers.items() if TASK_MARK in name)
+        key = f"{work.part.name}-{uuid.uuid4().hex}"
+        return cls(work, key, fused(lazy, key), blocks, lazy.nbytes)
 
 
 class _Cluster:
@@ -138,7 +140,7 @@ class _Cluster:
                 following = next(loads, None)
             if not flight:
                 load = suspects.popleft()
-                self._submit(_Load(load.work, load.tasks, load.blocks, load.nbytes, alone=True), flight, done)
+                self._submit(replace(load, alone=True), flight, done)
             future = self._wait(done)
             load = flight.pop(future)
             outcome, killed = self._outcome(future, load, done)
@@ -155,17 +157,16 @@ class _Cluster:
         flying = flight.values()
         if not flying:
             return True
-        if sum(one.tasks for one in flying) + load.tasks > TASKS_IN_FLIGHT:
+        if sum(len(one.graph) for one in flying) + len(load.graph) > TASKS_IN_FLIGHT:
             return False
         if sum(one.nbytes for one in flying) + load.nbytes > BYTES_IN_FLIGHT:
             return False
         return len(flying) < 2 or sum(one.blocks for one in flying) < BLOCKS_PER_WORKER * self._workers
 
     def _submit(self, load: _Load, flight: dict[Future, _Load], done: queue.SimpleQueue[Future]) -> None:
-        lazy = load.work.lazy if load.tasks else load.work.lazy.chunk()
         # Part after part, so that the workers are busy with the next one while another is handed out; and no priority,
         # which would put this run behind all others of a scheduler that is shared.
-        future = self._client.compute(lazy, retries=TRIES - 1, fifo_timeout="0s")
+        future = self._client.get(load.graph, load.key, sync=False, retries=TRIES - 1, fifo_timeout="0s")
         flight[future] = load
         future.add_done_callback(done.put)
 
@@ -185,7 +186,7 @@ class _Cluster:
         from distributed.scheduler import KilledWorker
 
         try:
-            values = _values(future.result())
+            values = future.result()
         except (concurrent.futures.CancelledError, asyncio.CancelledError, OSError, TimeoutError) as error:
             if future.status == "error" and self._client.status == "running":
                 return Outcome(load.work.part, None, _plain(error)), False
@@ -219,10 +220,6 @@ class _Cluster:
             f"the scheduler of {self._connection.where} is gone; the parts that were done are kept: "
             "run the same command again when there is one"
         )
-
-
-def _values(computed: Any) -> dict[str, np.ndarray]:
-    return {str(name): array.to_numpy() for name, array in computed.data_vars.items()}
 
 
 def _plain(error: BaseException) -> Exception:

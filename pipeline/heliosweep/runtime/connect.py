@@ -36,6 +36,11 @@ WORKER_SETTINGS: dict[str, Any] = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
+    # Blocks that wait for large constants are handed out as all others: one by one, so that all workers end together.
+    "distributed.scheduler.rootish-taskgroup-dependencies": 1000,
+    # Of itself distributed wakes up every 20 ms for every scheduler, nanny, worker and client, on the workers' cores.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "2s",
 }
 _NOISY = ("distributed", "tornado", "asyncio")
 _COMM_SETTINGS = {

@@ -15,6 +15,7 @@ import numpy as np
 
 from heliosweep.config.execution import Execution
 from heliosweep.errors import HeliosweepError
+from heliosweep.families.registry import Family
 from heliosweep.grid.evaluate import TASK_MARK
 from heliosweep.grid.plan import Plan
 from heliosweep.runtime.progress import Progress
@@ -32,18 +33,22 @@ _WORKER_DIED = (
 )
 
 
-def get_ready(execution: Execution) -> None:
+def get_ready(execution: Execution, family: Family[Any]) -> None:
     """Begin what an engine takes some time to start, while this process does other things before it needs it.
 
     Parameters
     ----------
     execution : Execution
         Which engine.
+    family : Family
+        Of the study that it will compute.
     """
     if execution.scheduler == "distributed":
         from heliosweep.runtime.local_cluster import start_ahead
 
-        start_ahead()
+        start_ahead(
+            f"{type(family).__module__}.model"
+        )  # by convention what its blocks need; no matter if there is none
 
 
 @contextmanager

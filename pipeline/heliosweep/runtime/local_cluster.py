@@ -22,8 +22,13 @@ LEAST_MEMORY = 512 * 2**20
 DASHBOARD_PORT = 8787
 
 
-def start_ahead() -> bool:
+def start_ahead(*modules: str) -> bool:
     """Start the process that workers are forked from: it imports what they need while this one goes on.
+
+    Parameters
+    ----------
+    *modules : str
+        What they need that this process has not yet imported.
 
     Returns
     -------
@@ -38,7 +43,7 @@ def start_ahead() -> bool:
     from multiprocessing import forkserver
 
     with _interruptions_blocked():
-        forkserver.set_forkserver_preload(_needed())
+        forkserver.set_forkserver_preload([*_needed(), *modules])
         try:
             forkserver.ensure_running()
         except OSError as error:
@@ -75,7 +80,7 @@ def local_cluster(workers: int, memory: int | None) -> Iterator[Any]:
                     dashboard_address=free_dashboard("127.0.0.1"),
                     silence_logs=logging.CRITICAL,
                     local_directory=folder,
-                    scheduler_kwargs={"local_directory": folder},
+                    scheduler_kwargs={"local_directory": folder, "dashboard": False},
                 )
         except RuntimeError as error:
             raise HeliosweepError(
@@ -83,6 +88,7 @@ def local_cluster(workers: int, memory: int | None) -> Iterator[Any]:
                 'study with them must do so below `if __name__ == "__main__":`'
             ) from None
         stack.callback(_close, cluster)
+        _offer_dashboard(cluster.scheduler)
         log.info("dashboard: %s", cluster.dashboard_link)
         yield cluster
 
@@ -109,6 +115,25 @@ def _close(cluster: Any) -> None:
                 os.kill(nanny.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
     with suppress(TimeoutError):
         cluster.close(timeout=10)
+
+
+def _offer_dashboard(scheduler: Any) -> None:
+    """Let a scheduler import what shows its dashboard, which takes as long as its start, when somebody looks at it."""
+    from tornado.web import Application
+
+    pages = scheduler.http_application
+
+    class Dashboard(Application):
+        def find_handler(self, request: Any, **options: Any) -> Any:
+            if self in pages.applications:
+                pages.applications.remove(self)
+                with suppress(ImportError):  # there is no bokeh
+                    from distributed.dashboard.scheduler import connect
+
+                    connect(pages, scheduler.http_server, scheduler, prefix="/")
+            return pages.find_handler(request, **options)
+
+    pages.add_application(Dashboard())
 
 
 def free_dashboard(host: str) -> str:

@@ -118,8 +118,8 @@ class Run:
         if not force and (found := self.complete()):
             self._clear()
             return found
+        get_ready(self.study.execution, self.family)
         parts = self.plan.part_count  # what does not fit is refused here, before anything is expanded
-        get_ready(self.study.execution)
         earlier = None if force else self._earlier()
         self.store = self._store(force)
         if earlier:
