@@ -22,6 +22,7 @@ from heliosweep.kernels.sun import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
 from tests.bench.arithmetic import operations as counted
+from tests.bench.events import EVENTS, events
 from tests.bench.table import Row, best, measured, show
 from tests.kernels.fields import Field, chong2012
 from tests.kernels.oracles import frame, image, lost
@@ -35,21 +36,12 @@ SIZES = (2_500, 11_000, 100_000)
 #: Fields larger than all these are computed in so many blocks of so many heliostats, evenly spread over the field.
 WHOLE, BLOCKS, BLOCK = 11_000, 8, 1_000
 
-#: For each heliostat-instant of the field of 317, by latitude [deg] and method: candidates for shade and block, images
-#: whose area is computed, tests of two images, areas that two images share, and three. Counted on 21 November 2026.
-EVENTS = {
-    (0, "spinning"): (4.23, 1.40, 1.01, 0.226, 0.0076),
-    (0, "azimuth"): (4.23, 1.34, 0.76, 0.173, 0.0001),
-    (30, "spinning"): (5.11, 1.75, 1.69, 0.44, 0.057),
-    (30, "azimuth"): (5.11, 1.65, 1.41, 0.39, 0.046),
-}
-
 
 def operations(latitude: int, method: str) -> float:
     """Operations for each heliostat-instant on the field of 317, one lane of each stage counted in its source.
 
-    A frame, two pairs of axes, and stage by stage as in `EVENTS`: projection and separating axes, area of an image,
-    separating axes and areas of overlaps. The few lanes of the general way are left out.
+    A frame, two pairs of axes, and stage by stage as often as `events` counts: projection and separating axes, area of
+    an image, separating axes and areas of overlaps. The few lanes of the general way are left out.
     """
     stages = (
         counted(images.image, loop=0),
@@ -59,8 +51,9 @@ def operations(latitude: int, method: str) -> float:
         counted(overlaps.shared_by_three),
     )
     frame = counted(half_sides, {"tracking == SPINNING_ELEVATION": float(method == "spinning")}, loop=0)
-    events = sum(times * each for times, each in zip(EVENTS[latitude, method], stages, strict=True))
-    return frame + 2.0 * counted(images.axes, loop=0) + events
+    times = events(chong2012(), METHODS[method], year(latitude))
+    once = frame + 2.0 * counted(images.axes, loop=0)
+    return once + sum(times[name] * each for name, each in zip(EVENTS, stages, strict=True))
 
 
 def year(latitude: float, step: float = 1.0, every: int = 1) -> Floats:
