@@ -40,6 +40,15 @@ def folder(path: Path) -> None:
     path.mkdir()
 
 
+def metadata(path: Path) -> None:
+    truncate(path / ".zmetadata")
+
+
+def chunks(path: Path) -> None:
+    for chunk in path.glob("*/[0-9]*"):
+        truncate(chunk)
+
+
 def superblock(path: Path) -> None:
     flip(path, 40, 6)  # the address of the root group
 
@@ -67,6 +76,16 @@ def test_damage_is_told_with_a_remedy(pair, capsys, reader, damage):
     assert "heliosweep verify B" in said
     assert "heliosweep run B/study.resolved.yaml --output B" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("reader", ["compare A B", "compare B A", "report B", "export B -o out.nc"])
+@pytest.mark.parametrize("damage", [metadata, chunks])
+def test_so_is_damage_of_groups(pair, capsys, reader, damage):
+    damage(pair("result.zarr"))
+    assert main(reader.split()) == 1
+    said = capsys.readouterr().err
+    assert "B/result.zarr: is damaged: " in said
+    assert "heliosweep run B/study.resolved.yaml --output B" in said
 
 
 @pytest.mark.parametrize("damage", [truncate, empty, text, pipe, superblock])

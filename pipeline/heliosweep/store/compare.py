@@ -16,7 +16,7 @@ from heliosweep.store.digest import file_digest, tree, tree_digest
 from heliosweep.store.identity import changes
 from heliosweep.store.places import Places, units_of, value_text
 from heliosweep.store.raw import Raw, RawVariable, open_raw
-from heliosweep.store.sound import Sound, sound
+from heliosweep.store.sound import Sound, sound, with_remedy
 
 #: Longest text of an attribute that is shown whole.
 _LONGEST = 60
@@ -98,7 +98,7 @@ def compare(
         raise StudyError(Problem("tolerances must not be negative"))
     first, second = sound(a, b)
     comparison = Comparison(first.path, second.path)
-    with open_raw(first.path) as one, open_raw(second.path) as two:
+    with with_remedy(first.path, second.path), open_raw(first.path) as one, open_raw(second.path) as two:
         if _same_bytes(first, second):
             comparison.same_bytes = True
             return comparison

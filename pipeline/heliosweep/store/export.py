@@ -14,6 +14,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.store import raw as raw_results
 from heliosweep.store.encoding import Variable
 from heliosweep.store.netcdf import ResultWriter
+from heliosweep.store.sound import with_remedy
 
 #: Attributes that the writer makes anew.
 _MADE = {"_FillValue", "coordinates"}
@@ -70,7 +71,7 @@ def export(
         raise StudyError(Problem(f"exists already; {FORCE} replaces it", file=str(file)))
     if not file.parent.is_dir():
         raise StudyError(Problem("cannot be written: its folder does not exist", file=str(file)))
-    with raw_results.open_raw(place) as raw:
+    with with_remedy(place), raw_results.open_raw(place) as raw:
         cut = {kind: dict(lengths) for kind, lengths in raw.record.get("cut", {}).items()}
         storage = cut.get("storage", {}) if compression != "none" and level else {}
         variables = {

@@ -67,11 +67,27 @@ def sound(*paths: str | os.PathLike[str], as_written: bool = False) -> tuple[Sou
 
 
 @contextmanager
+def with_remedy(*places: Path) -> Iterator[None]:
+    """Add what can be done to errors that name one of these results: what its reader says knows nothing of it."""
+    try:
+        yield
+    except StudyError:
+        raise
+    except HeliosweepError as error:
+        for place in places:
+            said = str(error).removeprefix(f"{place}: ")
+            if said != str(error) and not said.startswith("is damaged: "):
+                raise HeliosweepError(_damage(place, _manifest(place), [said])) from error
+        raise
+
+
+@contextmanager
 def blaming_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     """Tell of a damaged result, where what is done with a `sound` one fails for no other reason that is known."""
     place = locate(path)
     try:
-        yield
+        with with_remedy(place):
+            yield
     except (HeliosweepError, OSError):
         raise
     except Exception as error:  # what values and attributes that make no sense lead to
