@@ -70,6 +70,8 @@ class Workload:
         Size of the coordinates. [bytes]
     axes : mapping of str to int
         Lengths of what is evaluated but not stored, for messages: study key, length.
+    fixed_bytes : int
+        What the family takes besides, whatever the study. [bytes]
     """
 
     parameters: Mapping[str, int]
@@ -85,6 +87,7 @@ class Workload:
     seconds_per_point: float = 0.0
     coordinate_bytes: int = 0
     axes: Mapping[str, int] = field(default_factory=dict)
+    fixed_bytes: int = 0
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -238,7 +241,8 @@ def make_plan(
     if copies * output_bytes > limits.disk:
         what = "the result" if copies == 1 else "the result and the parts it is made of"
         raise PlanError(_refusal(workload, what, copies * output_bytes, limits.disk, "of free disk"))
-    fixed = BASE_MEMORY + 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
+    fixed = BASE_MEMORY + workload.fixed_bytes
+    fixed += 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     if fixed > limits.memory:
         raise PlanError(_refusal(workload, "the program and the axes", fixed, limits.memory, "of memory"))
 

@@ -69,6 +69,7 @@ def workload(study: BackwardGazingStudy) -> Workload:
         itemsize={name: np.dtype(dtype).itemsize for name, dtype in DTYPES.items()},
         block_bytes=block_bytes,
         coordinate_bytes=8 * (10 * heliostats + hours + 200),
+        fixed_bytes=points.KERNEL_BYTES,
     )
 
 

@@ -79,6 +79,7 @@ def workload(study: BackwardGazingStudy) -> Workload:
         block_bytes=block_bytes,
         seconds_per_point=points.SECONDS_PER_POINT,
         coordinate_bytes=labels.coordinate_bytes(mapped),
+        fixed_bytes=points.KERNEL_BYTES,
     )
 
 

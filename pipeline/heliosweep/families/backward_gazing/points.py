@@ -36,6 +36,8 @@ SECONDS_PER_IMAGE = 0.6e-6
 SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 4.5e-6, "O2": 5e-6, "LM": 1.6e-6}
 #: Overhead of a point. [s]
 SECONDS_PER_POINT = 3e-3
+#: The largest kernels of all families, and what is needed to load them. [bytes]
+KERNEL_BYTES = 25 * 2**20
 #: Brightness of the highest level of a camera, relative to the disc centre; see `gazing_images.expose`.
 FULL_SCALE = 1.25
 #: Stream of random numbers of the cameras' gains; `gazing_images` and `camera_images` have others.

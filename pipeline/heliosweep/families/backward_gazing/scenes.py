@@ -64,6 +64,7 @@ def workload(study: BackwardGazingStudy) -> Workload:
         whole=seeds,
         seconds_per_point=points.SECONDS_PER_POINT,
         coordinate_bytes=labels.coordinate_bytes(study),
+        fixed_bytes=points.KERNEL_BYTES,
     )
 
 
