@@ -139,6 +139,25 @@ def test_no_bit_depends_on_the_packing():
         np.testing.assert_array_equal(np.concatenate(parts, axis=1), together)
 
 
+@pytest.mark.parametrize("kind", [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR])
+@pytest.mark.parametrize("samples", [1, 3])
+@pytest.mark.parametrize("spread", [2e-3, 0.2])
+def test_heliostats_may_share_packets(kind, samples, spread):
+    one, sun, places = setting((kind,)), suns(65), pivots(150)
+    actual, known = errors(1, 150, samples, spread=spread), errors(1, 150, seed=5, spread=spread)
+    together = mount_spots(one, actual, known, sun, places)
+    for t in (0, 64):
+        np.testing.assert_array_equal(
+            mount_spots(one, actual, known, sun[:, t : t + 1], places), together[..., t : t + 1, :]
+        )
+    some = mount_spots(one, actual, known, sun[:, 20:35], places)
+    np.testing.assert_array_equal(some, together[..., 20:35, :])
+    for h in (0, 63, 64, 149):
+        part = slice(h, h + 1)
+        alone = mount_spots(one, actual[:, part], known[:, part], sun, places[:, part])
+        np.testing.assert_array_equal(alone, together[:, :, part])
+
+
 def test_arguments_broadcast():
     one, sun, places = setting(KINDS), suns(20), pivots(5)
     for samples in (2, 20):

@@ -23,7 +23,7 @@ from heliosweep.kernels.mount_terms import back, bore, point, times, turn
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
 
-__all__ = ["AIM_ROWS", "KNOWN", "STATE_ROWS", "WORK_ROWS", "aim_lanes", "aim_rows", "known_record"]
+__all__ = ["AIM_ROWS", "KNOWN", "STATE_ROWS", "WORK_ROWS", "aim_each", "aim_lanes", "aim_rows", "known_record"]
 
 Floats = NDArray[np.float64]
 
@@ -202,9 +202,21 @@ def _steps(rows, work, state, offset, axis_offset, lanes):
 
 @inline
 def known_record(
-    dx: float, dy: float, dz: float, frame: Floats, terms: Floats, pedestal: float, record: Floats, to: int = 0
+    dx: float,
+    dy: float,
+    dz: float,
+    frame: Floats,
+    terms: Floats,
+    pedestal: float,
+    record: Floats,
+    to: int = 0,
+    apart: int = 1,
+    f: int = 0,
+    t: int = 0,
 ) -> None:
     """Write what all lanes of one mount share.
+
+    Arrays one number after the other, or so many `apart`: a lane of rows. Frame and terms begin in places `f` and `t`.
 
     Parameters
     ----------
@@ -219,24 +231,26 @@ def known_record(
         of eta and mu (12 to 15).
     """
     for m in range(3):
-        x, y, z = back(terms, 8, frame[m], frame[3 + m], frame[6 + m])
-        record[to + m], record[to + 3 + m], record[to + 6 + m] = x, y, z
+        g = f + m * apart
+        x, y, z = back(terms, t + 8 * apart, frame[g], frame[g + 3 * apart], frame[g + 6 * apart], apart)
+        r = to + m * apart
+        record[r], record[r + 3 * apart], record[r + 6 * apart] = x, y, z
     # The tilt turns about the base, below the pivot; the centre is counted from the pivot as it then stands.
-    x, y, z = times(frame, 0, dx, dy, dz)
-    x, y, z = back(terms, 8, x, y, z + pedestal)
-    record[to + 9], record[to + 10], record[to + 11] = x, y, z - pedestal
+    x, y, z = times(frame, f, dx, dy, dz, apart)
+    x, y, z = back(terms, t + 8 * apart, x, y, z + pedestal, apart)
+    record[to + 9 * apart], record[to + 10 * apart], record[to + 11 * apart] = x, y, z - pedestal
     for m in range(4):
-        record[to + 12 + m] = terms[4 + m]
+        record[to + (12 + m) * apart] = terms[t + (4 + m) * apart]
 
 
 @inline
-def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats, at: int = 0) -> None:
+def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats, at: int = 0, apart: int = 1) -> None:
     """Write lanes first..last of the rows of `aim_lanes`, all of one mount.
 
     Parameters
     ----------
     record : ndarray
-        The mount, from `known_record`, in places `at` on.
+        The mount, from `known_record`, in places `at` on, so many numbers `apart`.
     sun : ndarray, shape (3 * PACKET,)
         Rows x, y, z of the unit vectors to the sun, world frame. [1]
     first, last : int
@@ -244,16 +258,41 @@ def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats, a
     rows : ndarray, shape (AIM_ROWS * PACKET,)
         Receives them.
     """
-    xx, xy, xz, yx, yy, yz = record[at], record[at + 1], record[at + 2], record[at + 3], record[at + 4], record[at + 5]
-    zx, zy, zz = record[at + 6], record[at + 7], record[at + 8]
-    dx, dy, dz = record[at + 9], record[at + 10], record[at + 11]
-    ce, se, cm, sm = record[at + 12], record[at + 13], record[at + 14], record[at + 15]
+    xx, xy, xz = record[at], record[at + apart], record[at + 2 * apart]
+    yx, yy, yz = record[at + 3 * apart], record[at + 4 * apart], record[at + 5 * apart]
+    zx, zy, zz = record[at + 6 * apart], record[at + 7 * apart], record[at + 8 * apart]
+    dx, dy, dz = record[at + 9 * apart], record[at + 10 * apart], record[at + 11 * apart]
+    ce, se, cm, sm = (
+        record[at + 12 * apart],
+        record[at + 13 * apart],
+        record[at + 14 * apart],
+        record[at + 15 * apart],
+    )
     for k in range(first, last):
-        sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
-        rows[k] = xx * sx + xy * sy + xz * sz
-        rows[PACKET + k] = yx * sx + yy * sy + yz * sz
-        rows[2 * PACKET + k] = zx * sx + zy * sy + zz * sz
-        rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k] = dx, dy, dz
-        rows[6 * PACKET + k], rows[7 * PACKET + k] = ce, se
-        rows[8 * PACKET + k], rows[9 * PACKET + k] = cm, sm
-        rows[10 * PACKET + k] = 1.0 if (sz > 0.0 and sx + sy == sx + sy) else 0.0
+        _aim_row(xx, xy, xz, yx, yy, yz, zx, zy, zz, dx, dy, dz, ce, se, cm, sm, sun, k, rows)
+
+
+@inline
+def aim_each(record: Floats, sun: Floats, lanes: int, rows: Floats) -> None:
+    """The same where each lane is of another mount: rows of `known_record`, `PACKET` numbers apart."""
+    for k in range(lanes):
+        xx, xy, xz = record[k], record[PACKET + k], record[2 * PACKET + k]
+        yx, yy, yz = record[3 * PACKET + k], record[4 * PACKET + k], record[5 * PACKET + k]
+        zx, zy, zz = record[6 * PACKET + k], record[7 * PACKET + k], record[8 * PACKET + k]
+        dx, dy, dz = record[9 * PACKET + k], record[10 * PACKET + k], record[11 * PACKET + k]
+        ce, se = record[12 * PACKET + k], record[13 * PACKET + k]
+        cm, sm = record[14 * PACKET + k], record[15 * PACKET + k]
+        _aim_row(xx, xy, xz, yx, yy, yz, zx, zy, zz, dx, dy, dz, ce, se, cm, sm, sun, k, rows)
+
+
+@inline
+def _aim_row(xx, xy, xz, yx, yy, yz, zx, zy, zz, dx, dy, dz, ce, se, cm, sm, sun, k, rows):
+    """Write a lane of the rows."""
+    sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
+    rows[k] = xx * sx + xy * sy + xz * sz
+    rows[PACKET + k] = yx * sx + yy * sy + yz * sz
+    rows[2 * PACKET + k] = zx * sx + zy * sy + zz * sz
+    rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k] = dx, dy, dz
+    rows[6 * PACKET + k], rows[7 * PACKET + k] = ce, se
+    rows[8 * PACKET + k], rows[9 * PACKET + k] = cm, sm
+    rows[10 * PACKET + k] = 1.0 if (sz > 0.0 and sx + sy == sx + sy) else 0.0

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows
+from heliosweep.kernels.heliostat_lanes import HELIOSTAT_ROWS, heliostat_lanes
+from heliosweep.kernels.mount_aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_each, aim_lanes, aim_rows
 from heliosweep.kernels.mount_terms import TERMS, stand_terms
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.receiver import Setting, face_axes
@@ -82,7 +83,7 @@ def checked(
     """
     count = len(setting.kind)
     samples, corrected, suns, places = (
-        np.array(value, np.float64, order="C") for value in (actual, known, sun, pivots)
+        np.require(value, np.float64, ["C", "W"]) for value in (actual, known, sun, pivots)
     )
     heliostats = places.shape[1] if places.ndim == 3 else -1
     wanted = (
@@ -118,7 +119,10 @@ def fill_spots(
     heliostats, instants, samples = spots.shape[2], spots.shape[3], spots.shape[4]
     many = samples >= _MANY
     group = 1 if many else max(1, PACKET // instants)
-    frame, mounts, record = np.empty(9), np.empty(group * KNOWN), np.empty(group * samples * SAMPLE)
+    # Set up as many heliostats at once as there are lanes.
+    block, apart = PACKET // group * group, 1 if many else PACKET
+    frame, mounts, record = np.empty(9), np.empty(KNOWN * apart), np.empty(samples * SAMPLE * apart)
+    room = np.empty(HELIOSTAT_ROWS * PACKET)
     terms, corrected = np.empty(samples * TERMS), np.empty(TERMS)
     rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(WORK_ROWS * PACKET)
     suns, one_sun, one_state = np.empty(3 * PACKET), np.empty(3 * PACKET), np.empty(STATE_ROWS * PACKET)
@@ -132,22 +136,32 @@ def fill_spots(
         face, offset, axis_offset = faces[p], setting.mirror_offset[p], setting.axis_offset[p]
         for first in range(0, heliostats, group):
             here = min(group, heliostats - first)
-            for i in range(here):
-                h = first + i
-                if h == 0 or known.shape[1] > 1:
-                    stand_terms(corrections, 6 * min(h, known.shape[1] - 1), corrected, 0)
-                if h == 0 or actual.shape[1] > 1:
-                    sample_terms(errors, min(h, actual.shape[1] - 1), samples, terms)
-                mount_records(base, places, h, face, corrected, terms, samples, frame, mounts, record, i)
+            own = 0 if many else first % block
             if many:
+                if first == 0 or known.shape[1] > 1:
+                    stand_terms(corrections, 6 * min(first, known.shape[1] - 1), corrected, 0)
+                if first == 0 or actual.shape[1] > 1:
+                    sample_terms(errors, min(first, actual.shape[1] - 1), samples, terms)
+                mount_records(base, places, first, face, corrected, terms, samples, frame, mounts, record, 0)
                 transposed(record, samples, table)
+            elif first % block == 0:
+                known_apart = 6 if known.shape[1] > 1 else 0
+                actual_apart = 6 * samples if actual.shape[1] > 1 else 0
+                heliostat_lanes(
+                    base, places, first, min(block, heliostats - first), face, corrections, known_apart,
+                    errors, actual_apart, samples, room, mounts, record,
+                )  # fmt: skip
             for start in range(0, instants, PACKET):
                 count = min(PACKET, instants - start)
-                sun_rows(light, start, count, suns)
+                if first == 0 or instants > PACKET:
+                    sun_rows(light, start, count, suns)
                 full = whole(here * count, VECTOR)
-                for i in range(here):
-                    end = full if i == here - 1 else (i + 1) * count
-                    aim_rows(mounts, suns, i * count, end, rows, i * KNOWN)
+                if instants == 1 and not many:
+                    aim_each(mounts, suns, full, rows)
+                else:
+                    for i in range(here):
+                        end = full if i == here - 1 else (i + 1) * count
+                        aim_rows(mounts, suns, i * count, end, rows, own + i, apart)
                 aim_lanes(rows, state, work, offset, axis_offset, full)
                 if many:
                     for t in range(count):
@@ -162,7 +176,7 @@ def fill_spots(
                                     spots[m, p, first, start + t, b * PACKET + k] = out[m * PACKET + k]
                     continue
                 for k in range(samples):
-                    _spread_samples(record, samples, k, here, count, full, sample)
+                    _spread_samples(record, k, own, here, count, full, instants == 1, sample)
                     spot_lanes(sample, state, suns, face, offset, axis_offset, out, full)
                     for m in range(3):
                         for i in range(here):
@@ -171,17 +185,19 @@ def fill_spots(
 
 
 @inline
-def _spread_samples(record, samples, k, here, count, full, sample):
-    """Copy what `sample_record` made of sample k to the lanes of each heliostat; the last one has those left over."""
-    if count == 1:
-        for i in range(full):
-            at = (min(i, here - 1) * samples + k) * SAMPLE
-            for m in range(SAMPLE):
-                sample[m * PACKET + i] = record[at + m]
+def _spread_samples(record, k, own, here, count, full, each, sample):
+    """Copy what `sample_record` made of sample k to the lanes of each heliostat; the last one has those left over.
+
+    Heliostats from lane `own` of the record on; where `each` lane is another heliostat, copies are all there is to do.
+    """
+    first = max(k * SAMPLE * PACKET, 0)
+    if each:
+        for i in range(SAMPLE * PACKET):
+            sample[i] = record[first + i]
         return
     for i in range(here):
         end = full if i == here - 1 else (i + 1) * count
         for m in range(SAMPLE):
-            value = record[(i * samples + k) * SAMPLE + m]
+            value = record[first + m * PACKET + own + i]
             for lane in range(m * PACKET + i * count, m * PACKET + end):
                 sample[lane] = value

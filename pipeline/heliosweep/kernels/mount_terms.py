@@ -12,7 +12,20 @@ from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.deviation import primary_axis
 from heliosweep.kernels.vectors import cross
 
-__all__ = ["ERRORS", "TERMS", "back", "bore", "error_terms", "mount_frame", "point", "stand_terms", "times", "turn"]
+__all__ = [
+    "ERRORS",
+    "TERMS",
+    "are_small",
+    "back",
+    "bore",
+    "error_terms",
+    "mount_frame",
+    "point",
+    "small_terms",
+    "stand_terms",
+    "times",
+    "turn",
+]
 
 Floats = NDArray[np.float64]
 
@@ -108,45 +121,87 @@ def error_terms(errors: Floats, terms: Floats) -> None:
 
 
 @inline
-def stand_terms(errors: Floats, at: int, terms: Floats, to: int) -> None:
-    """Write the terms of errors[at:] that have no derivatives in them, 0 to 16, to terms[to:], see `error_terms`."""
+def stand_terms(errors: Floats, at: int, terms: Floats, to: int, apart: int = 1) -> None:
+    """Write the terms of errors[at:] that have no derivatives in them, 0 to 16, to terms[to:], see `error_terms`.
+
+    So many numbers `apart`: one after the other, or as a lane of rows.
+    """
     for m, error in ((0, errors[at]), (2, errors[at + 1]), (4, errors[at + 4]), (6, errors[at + 5])):
-        terms[to + m], terms[to + m + 1] = _cosine_sine(error)
+        terms[to + m * apart], terms[to + (m + 1) * apart] = _cosine_sine(error)
     e, n = errors[at + 2], errors[at + 3]
     square = e * e + n * n
-    u, v = _factors(square)
-    _rotation(terms, to + 8, 1.0 - v * n * n, v * e * n, 1.0 - v * e * e, u * n, u * e, 1.0 - v * square)
+    _tilt(terms, to, apart, e, n, square, _factors(square))
+
+
+@inline
+def small_terms(errors: Floats, at: int, terms: Floats, to: int, apart: int) -> None:
+    """The same for errors that are small, so many numbers `apart` as well, without a branch."""
+    g, a, e, n = errors[at], errors[at + apart], errors[at + 2 * apart], errors[at + 3 * apart]
+    eta, mu = errors[at + 4 * apart], errors[at + 5 * apart]
+    terms[to], terms[to + apart] = _small_cosine_sine(g)
+    terms[to + 2 * apart], terms[to + 3 * apart] = _small_cosine_sine(a)
+    terms[to + 4 * apart], terms[to + 5 * apart] = _small_cosine_sine(eta)
+    terms[to + 6 * apart], terms[to + 7 * apart] = _small_cosine_sine(mu)
+    square = e * e + n * n
+    _tilt(terms, to, apart, e, n, square, _small_factors(square))
+
+
+@inline
+def are_small(errors: Floats, at: int) -> bool:
+    """Whether `small_terms` may take the place of `stand_terms`."""
+    g, a, e, n, eta, mu = errors[at], errors[at + 1], errors[at + 2], errors[at + 3], errors[at + 4], errors[at + 5]
+    return max(max(max(g * g, a * a), max(eta * eta, mu * mu)), e * e + n * n) < _SMALL
+
+
+@inline
+def _tilt(terms, to, apart, e, n, square, factors):
+    """Write Rtilt = 1 + u K + v K^2."""
+    u, v = factors
+    xx, xy, yy, xz = 1.0 - v * n * n, v * e * n, 1.0 - v * e * e, u * n
+    zy, zz = u * e, 1.0 - v * square
+    _rotation(terms, to + 8 * apart, xx, xy, yy, xz, zy, zz, apart)
 
 
 @inline
 def _cosine_sine(angle):
     """Cosine and sine, of small angles by their series."""
-    t = angle * angle
-    if t < _SMALL:
-        cosine = 1 + t * (-1 / 2 + t * (1 / 24 + t * (-1 / 720 + t * (1 / 40320 + t * (-1 / 3628800 + t / 479001600)))))
-        sine = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800))))
-        return cosine, angle * sine
+    if angle * angle < _SMALL:
+        return _small_cosine_sine(angle)
     return math.cos(angle), math.sin(angle)
+
+
+@inline
+def _small_cosine_sine(angle):
+    """Cosine and sine by their series."""
+    t = angle * angle
+    cosine = 1 + t * (-1 / 2 + t * (1 / 24 + t * (-1 / 720 + t * (1 / 40320 + t * (-1 / 3628800 + t / 479001600)))))
+    sine = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800))))
+    return cosine, angle * sine
 
 
 @inline
 def _factors(square):
     """Factors u = sin(w) / w and v = (1 - cos(w)) / w^2 of Rtilt = 1 + u K + v K^2, of the squared length of w."""
     if square < _SMALL:
-        t = square
-        u = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800 + t * t / 6227020800))))
-        v = 1 / 2 + t * (-1 / 24 + t * (1 / 720 + t * (-1 / 40320 + t * (1 / 3628800 - t / 479001600))))
-        return u, v
+        return _small_factors(square)
     w = math.sqrt(square)
     return math.sin(w) / w, 2.0 * math.sin(0.5 * w) ** 2 / square
 
 
 @inline
-def _rotation(out, first, xx, xy, yy, xz, zy, zz):
+def _small_factors(t):
+    """The same by their series."""
+    u = 1 + t * (-1 / 6 + t * (1 / 120 + t * (-1 / 5040 + t * (1 / 362880 - t / 39916800 + t * t / 6227020800))))
+    v = 1 / 2 + t * (-1 / 24 + t * (1 / 720 + t * (-1 / 40320 + t * (1 / 3628800 - t / 479001600))))
+    return u, v
+
+
+@inline
+def _rotation(out, first, xx, xy, yy, xz, zy, zz, apart=1):
     """Write the matrix (xx, xy, xz; xy, yy, -zy; -xz, zy, zz) by rows."""
-    out[first], out[first + 1], out[first + 2] = xx, xy, xz
-    out[first + 3], out[first + 4], out[first + 5] = xy, yy, -zy
-    out[first + 6], out[first + 7], out[first + 8] = -xz, zy, zz
+    out[first], out[first + apart], out[first + 2 * apart] = xx, xy, xz
+    out[first + 3 * apart], out[first + 4 * apart], out[first + 5 * apart] = xy, yy, -zy
+    out[first + 6 * apart], out[first + 7 * apart], out[first + 8 * apart] = -xz, zy, zz
 
 
 @inline
@@ -199,20 +254,20 @@ def point(nx, ny, nz, ce, se, cm, sm, side):
 
 
 @inline
-def times(m, first, x, y, z):
-    """Product of a matrix, rows from m[first] on, and a vector."""
+def times(m, first, x, y, z, apart=1):
+    """Product of a matrix, rows from m[first] on, so many numbers apart, and a vector."""
     return (
-        m[first] * x + m[first + 1] * y + m[first + 2] * z,
-        m[first + 3] * x + m[first + 4] * y + m[first + 5] * z,
-        m[first + 6] * x + m[first + 7] * y + m[first + 8] * z,
+        m[first] * x + m[first + apart] * y + m[first + 2 * apart] * z,
+        m[first + 3 * apart] * x + m[first + 4 * apart] * y + m[first + 5 * apart] * z,
+        m[first + 6 * apart] * x + m[first + 7 * apart] * y + m[first + 8 * apart] * z,
     )
 
 
 @inline
-def back(m, first, x, y, z):
-    """Product of the transpose of a matrix, rows from m[first] on, and a vector."""
+def back(m, first, x, y, z, apart=1):
+    """Product of the transpose of a matrix, rows from m[first] on, so many numbers apart, and a vector."""
     return (
-        m[first] * x + m[first + 3] * y + m[first + 6] * z,
-        m[first + 1] * x + m[first + 4] * y + m[first + 7] * z,
-        m[first + 2] * x + m[first + 5] * y + m[first + 8] * z,
+        m[first] * x + m[first + 3 * apart] * y + m[first + 6 * apart] * z,
+        m[first + apart] * x + m[first + 4 * apart] * y + m[first + 7 * apart] * z,
+        m[first + 2 * apart] * x + m[first + 5 * apart] * y + m[first + 8 * apart] * z,
     )

@@ -52,8 +52,14 @@ def sample_record(
     pedestal: float,
     record: Floats,
     to: int,
+    apart: int = 1,
+    f: int = 0,
+    n: int = 0,
 ) -> None:
     """Write what all instants of a mount with one sample of its errors share.
+
+    Arrays one number after the other, or so many `apart`: a lane of rows. Frame and known terms begin in places `f` and
+    `n`.
 
     Parameters
     ----------
@@ -73,17 +79,20 @@ def sample_record(
         of eta and mu (16 to 19), distance of the pivot before the plane of the receiver (20).
     """
     for m in range(3):
-        x, y, z = terms[at + 8 + m], terms[at + 11 + m], terms[at + 14 + m]
-        record[to + m], record[to + 3 + m], record[to + 6 + m] = back(frame, 0, x, y, z)
-    record[to + 9] = (record[to + 2] - frame[6]) * pedestal - dx
-    record[to + 10] = (record[to + 5] - frame[7]) * pedestal - dy
-    record[to + 11] = (record[to + 8] - frame[8]) * pedestal - dz
-    for m, n in ((12, 2), (14, 0)):
-        record[to + m] = terms[at + n] * known[n] + terms[at + n + 1] * known[n + 1]
-        record[to + m + 1] = terms[at + n + 1] * known[n] - terms[at + n] * known[n + 1]
+        a = at + (8 + m) * apart
+        x, y, z = back(frame, f, terms[a], terms[a + 3 * apart], terms[a + 6 * apart], apart)
+        r = to + m * apart
+        record[r], record[r + 3 * apart], record[r + 6 * apart] = x, y, z
+    record[to + 9 * apart] = (record[to + 2 * apart] - frame[f + 6 * apart]) * pedestal - dx
+    record[to + 10 * apart] = (record[to + 5 * apart] - frame[f + 7 * apart]) * pedestal - dy
+    record[to + 11 * apart] = (record[to + 8 * apart] - frame[f + 8 * apart]) * pedestal - dz
+    for m in range(2):
+        a, b, r = at + (2 - 2 * m) * apart, n + (2 - 2 * m) * apart, to + (12 + 2 * m) * apart
+        record[r] = terms[a] * known[b] + terms[a + apart] * known[b + apart]
+        record[r + apart] = terms[a + apart] * known[b] - terms[a] * known[b + apart]
     for m in range(4):
-        record[to + 16 + m] = terms[at + 4 + m]
-    record[to + 20] = -(face[0] * dx + face[1] * dy + face[2] * dz)
+        record[to + (16 + m) * apart] = terms[at + (4 + m) * apart]
+    record[to + 20 * apart] = -(face[0] * dx + face[1] * dy + face[2] * dz)
 
 
 @kernel
