@@ -118,8 +118,8 @@ def counted(instants: int, samples: int) -> float:
     """Operations of a spot: aiming is shared by the samples, what an error makes of a mount by the instants."""
     aiming = operations(mount_aiming.aim_lanes, {"while": STEPS}, loops_only=True)
     aiming += operations(mount_aiming.aim_rows, loops_only=True)
-    sample = operations(mount_terms.error_terms) + operations(spot_lanes.sample_record)
-    known = operations(mount_terms.error_terms) + operations(mount_aiming.known_record)
+    sample = operations(mount_terms.small_terms) + operations(spot_lanes.sample_record)
+    known = operations(mount_terms.small_terms) + operations(mount_aiming.known_record)
     own = operations(spot_lanes.spot_lanes, loops_only=True)
     return own + aiming / samples + sample / instants + known / (instants * samples)
 
