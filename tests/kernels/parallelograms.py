@@ -3,9 +3,9 @@
 import numpy as np
 import shapely
 
-from heliosweep.kernels.images import IMAGE_ROWS, image
+from heliosweep.kernels.images import image, images_of
 from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.unions import PAIRS, ROOM_ROWS, unions
+from heliosweep.kernels.unions import room_for, unions
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 
@@ -13,18 +13,16 @@ SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 def union_areas(shapes, shading):
     """Union areas of parallelograms, shape (m, PACKET, 6): centre and half edges; the first `shading` are shades."""
     count = len(shapes)
-    images, apart = np.zeros(count * IMAGE_ROWS * PACKET), np.ones(count, bool)
-    present = np.zeros(count, np.int64)
+    images = images_of(count)
     up = np.repeat([0.0, 0.0, 1.0], PACKET)
     one, none = np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views = np.concatenate((one, none, cx, none, one, cy))
         frame = np.concatenate((ax, ay, none, bx, by, none, one))
-        present[m] = image(images, m * IMAGE_ROWS * PACKET, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
+        image(images, m, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
     total = np.empty(3 * PACKET)
-    room, (partner, meeting) = np.empty(ROOM_ROWS * PACKET), np.empty((2, PAIRS), np.int64)
-    unions(images, apart, present, shading, count, total, room, partner, meeting, PACKET)
+    unions(images, shading, count, total, room_for(count), PACKET)
     return total.reshape(3, PACKET)
 
 

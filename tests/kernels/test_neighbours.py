@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.field import aimed
-from heliosweep.kernels.neighbours import beam, bin_field, search
+from heliosweep.kernels.neighbours import beam, bin_field, longer, search
 from tests.kernels.fields import scattered, suns
 
 
 def found(i, bundle, limit, mirrors, grid):
-    names, count = search(i, bundle, limit, mirrors, grid, np.empty(1, np.int64), 0)
+    names = np.empty(1, np.int64)
+    while (count := search(i, bundle, limit, mirrors, grid, names, 0)) < 0:
+        names = longer(names)
     return names[:count]
 
 

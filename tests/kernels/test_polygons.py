@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.polygons import area, cut, gaps, square_area
+from heliosweep.kernels.polygons import CORNERS, area, cut, gaps, square_area
 from tests.kernels.parallelograms import corners, shapely_areas, union_areas
 
 
@@ -40,22 +40,40 @@ def test_unions_against_shapely(make, shading, count):
         np.testing.assert_allclose(union_areas(shapes, shading), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
 
 
+def subtracted(shapes, middle, size=2048):
+    """What `gaps` says of parallelograms, shape (m, 6), with scratch for so many numbers."""
+    polygons = np.zeros((len(shapes), CORNERS, 2))
+    polygons[:, :4] = corners(np.asarray(shapes))
+    scratch = np.empty(size), np.empty(size // 8, np.int64)
+    return gaps(polygons.ravel(), np.full(len(shapes), 4), 0, len(shapes), middle, *scratch)
+
+
+def stripes(count):
+    """Thin stripes in two directions, first one then the other."""
+    places, width = (np.arange(count) + 0.5) / count * 2.0 - 1.0, 0.3 / count
+    return [(p, 0.0, width, 0.0, 0.0, 2.0) for p in places] + [(0.0, p, 2.0, 0.0, 0.0, width) for p in places]
+
+
 def test_many_images_that_need_room():
-    """Thin stripes in two directions leave thousands of pieces open; scratch space grows, nothing is lost."""
-    count = 40
-    places = (np.arange(count) + 0.5) / count * 2.0 - 1.0
-    width = 0.3 / count
-    shapes = np.array(
-        [(p, 0.0, width, 0.0, 0.0, 2.0) for p in places] + [(0.0, p, 2.0, 0.0, 0.0, width) for p in places]
-    )
-    polygons = np.array([corners(s) for s in shapes])
-    before, after = gaps(polygons, np.full(2 * count, 4), count)
+    """Stripes leave thousands of pieces open; too little room is said, and with enough of it nothing is lost."""
+    shapes, size = stripes(40), 64
+    while not subtracted(shapes, 40, size)[2]:
+        size *= 2
+    assert size > 64
+    before, after, _ = subtracted(shapes, 40, size)
     np.testing.assert_allclose([before, after], [4.0 * 0.7, 4.0 * 0.49], atol=1e-12)
 
 
+def test_unions_find_the_room_they_need():
+    count = 200  # more pieces than the room that unions begin with
+    shapes = np.repeat(np.array(stripes(count))[:, np.newaxis], PACKET, axis=1)
+    assert not subtracted(shapes[:, 0], count)[2]
+    shaded, blocked, both = union_areas(shapes, count)
+    np.testing.assert_allclose([shaded[3], blocked[3], both[3]], [4.0 * 0.3, 4.0 * 0.3, 4.0 * 0.51], atol=1e-11)
+
+
 def test_a_covered_square_ends_the_search():
-    polygons = np.array([corners(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0]))] * 3)
-    assert gaps(polygons, np.full(3, 4), 1) == (0.0, 0.0)
+    assert subtracted([(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)] * 3, 1) == (0.0, 0.0, True)
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-300, 1e-17, 1e-16, 1e-13])
@@ -66,8 +84,7 @@ def test_nearly_level_edges_lose_nothing(tiny):
         ((0.0, 0.0, 1.0, tiny, -tiny, 1.0), 4.0),
         ((0.0, 0.0, tiny, 3.0, 2.0, tiny), 4.0),
     ):
-        polygon = corners(np.array(shape))
-        assert abs(square_area(polygon, 4) - expected) < 1e-12
+        assert abs(square_area(corners(np.array(shape)).ravel(), 0, 4) - expected) < 1e-12
         shapes = np.tile(np.array(shape), (2, PACKET, 1))
         assert abs(union_areas(shapes, 1) - expected).max() < 1e-12
 
@@ -76,10 +93,11 @@ def test_nearly_level_edges_lose_nothing(tiny):
 @given(st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), st.floats(0.0, 6.3))
 def test_cut_parts_add_up(shape, angle):
     polygon = corners(np.array(shape))
-    if area(polygon, 4) < 0.0:
-        polygon = polygon[::-1].copy()
-    inside, outside = np.empty((16, 2)), np.empty((16, 2))
-    left, right = cut(polygon, 4, 0.1, 0.2, np.cos(angle), np.sin(angle), inside, outside)
-    assert abs(area(inside, left) + area(outside, right) - area(polygon, 4)) < 1e-13
-    assert area(inside, left) > -1e-14
-    assert area(outside, right) > -1e-14
+    room = np.empty(40)
+    room[:8] = polygon.ravel()
+    if area(room, 0, 4) < 0.0:
+        room[:8] = polygon[::-1].ravel()
+    left, right = cut(room, 0, 4, 0.1, 0.2, np.cos(angle), np.sin(angle), 8, 24)
+    assert abs(area(room, 8, left) + area(room, 24, right) - area(room, 0, 4)) < 1e-13
+    assert area(room, 8, left) > -1e-14
+    assert area(room, 24, right) > -1e-14

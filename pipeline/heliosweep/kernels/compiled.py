@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-__all__ = ["PURE_PYTHON", "UNCACHED", "inline", "kernel", "processor"]
+__all__ = ["PURE_PYTHON", "UNCACHED", "inline", "inner", "kernel", "processor"]
 
 PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
@@ -57,7 +57,15 @@ def processor() -> str:
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function on its first call."""
-    return _compiled(function)
+    return _compiled(function, _nrt=True)  # said outright: what an `inner` calls would take its setting from it
+
+
+def inner(function: Callable[..., Any]) -> Any:
+    """Compile a function that makes no array and returns none: it counts no references to those it is given.
+
+    Counting costs an atomic operation or two for every array of every call: more than the work of many a call.
+    """
+    return _compiled(function, _nrt=False)
 
 
 def inline(function: Callable[..., Any]) -> Any:
@@ -65,7 +73,7 @@ def inline(function: Callable[..., Any]) -> Any:
 
     For the small bodies of lane loops: a call would keep a loop from becoming vector code.
     """
-    return _compiled(function, forceinline=True)
+    return _compiled(function, forceinline=True, _nrt=False)
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:

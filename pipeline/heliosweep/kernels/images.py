@@ -9,14 +9,16 @@ Rows of lanes stand in flat arrays, each block of them at an offset: a slice of 
 reference to it, at every call.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.polygons import edge_term, slopes, square_area
+from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.packets import PACKET, rows
+from heliosweep.kernels.polygons import CORNERS, edge_term, slopes, square_area
 
-__all__ = ["AREA", "AXES_ROWS", "IMAGE_ROWS", "axes", "image", "larger", "outline", "straddles"]
+__all__ = ["AREA", "AXES_ROWS", "IMAGE_ROWS", "Images", "axes", "image", "images_of", "larger", "outline", "straddles"]
 
 AXES_ROWS = 6
 """Rows of the axes of projection: U and V, components x, y, z of each."""
@@ -27,11 +29,28 @@ AREA = 6 * PACKET
 """Where the row of areas begins."""
 _HEIGHT = 7 * PACKET
 
+Floats = NDArray[np.float64]
+
+
+class Images(NamedTuple):
+    """Images on one test mirror: shading images, then blocking images."""
+
+    rows: Floats
+    """`IMAGE_ROWS` rows of lanes for each."""
+    apart: NDArray[np.bool_]
+    """Whether the bounding spheres of the mirror and of the test mirror are disjoint."""
+    present: NDArray[np.int64]
+    """Lanes in which each covers something of the test mirror, a bit for each lane."""
+
 
 @kernel
-def axes(
-    out: NDArray[np.float64], frames: NDArray[np.float64], f: int, directions: NDArray[np.float64], lanes: int
-) -> None:
+def images_of(count: int) -> Images:
+    """Room for so many images."""
+    return Images(rows(count * IMAGE_ROWS), np.empty(count, np.bool_), np.empty(count, np.int64))
+
+
+@inner
+def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
     """Write the rows U and V (x, y, z of each) of a test mirror for every lane.
 
     Their denominator is taken from the vectors, and not from the cosine: at grazing incidence rounding would show.
@@ -63,29 +82,29 @@ def axes(
         out[5 * PACKET + k] = scale * (dx * uy - dy * ux)
 
 
-@kernel
+@inner
 def image(
-    images: NDArray[np.float64],
-    o: int,
-    views: NDArray[np.float64],
-    frames: NDArray[np.float64],
+    images: Images,
+    m: int,
+    views: Floats,
+    frames: Floats,
     f: int,
     test: int,
-    directions: NDArray[np.float64],
+    directions: Floats,
     dx: float,
     dy: float,
     dz: float,
     apart: bool,
     lanes: int,
 ) -> np.int64:
-    """Write the image of one mirror on the test mirror for every lane; returns the set of lanes that have one.
+    """Make the image of one mirror on the test mirror for every lane; returns the set of lanes that have one.
 
     Parameters
     ----------
-    images : ndarray, shape (at least o + IMAGE_ROWS * PACKET,)
+    images : Images
         Receives the image.
-    o : int
-        Where it begins in `images`.
+    m : int
+        Its number.
     views : ndarray, shape (AXES_ROWS * PACKET,)
         U and V of the test mirror. [1/m]
     frames : ndarray
@@ -101,8 +120,25 @@ def image(
     lanes : int
         Lanes of the packet.
     """
-    o, f, test = max(o, 0), max(f, 0), max(test, 0)
-    behind = 0.0 if apart else -np.inf
+    o = m * IMAGE_ROWS * PACKET
+    images.apart[m] = apart
+    hits = _project(images.rows, o, views, frames, f, directions, dx, dy, dz, 0.0 if apart else -np.inf, lanes)
+    if hits != 0:
+        _measure(images.rows, o, lanes)
+        if not apart:
+            _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
+        hits = _some_area(images.rows, o, lanes)
+    images.present[m] = hits
+    return hits
+
+
+@inner
+def _project(images, o, views, frames, f, directions, dx, dy, dz, behind, lanes):
+    """Write centre and half edges, and 1 for the area where separating axes leave a chance of one.
+
+    The axes are the normals of the square's edges and of the image's. Returns the lanes that have a chance.
+    """
+    o, f = max(o, 0), max(f, 0)
     hits = np.int64(0)
     for k in range(lanes):
         ux, uy, uz = views[k], views[PACKET + k], views[2 * PACKET + k]
@@ -116,7 +152,6 @@ def image(
         images[o + k], images[o + PACKET + k] = cx, cy
         images[o + 2 * PACKET + k], images[o + 3 * PACKET + k] = ax, ay
         images[o + 4 * PACKET + k], images[o + 5 * PACKET + k] = bx, by
-        # Separating axes: the normals of the square's edges and of the image's.
         turn = abs(ax * by - ay * bx)
         gap = larger(abs(cx) - abs(ax) - abs(bx), abs(cy) - abs(ay) - abs(by)) - 1.0
         gap = larger(gap, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
@@ -124,8 +159,13 @@ def image(
         hit = (gap < 0.0) & (ahead > behind)
         images[o + AREA + k] = 1.0 if hit else 0.0
         hits |= np.int64(hit) << k
-    if hits == 0:
-        return hits
+    return hits
+
+
+@inner
+def _measure(images, o, lanes):
+    """Write the area on the square where there is a chance of one, by Green's theorem."""
+    o = max(o, 0)
     for k in range(lanes):
         cx, cy = images[o + k], images[o + PACKET + k]
         ax, ay = images[o + 2 * PACKET + k], images[o + 3 * PACKET + k]
@@ -137,11 +177,14 @@ def image(
             edge_term(x1, y1, x2, y2, b_rise, b_run) + edge_term(x3, y3, x0, y0, b_rise, b_run)
         )
         images[o + AREA + k] *= abs(total)
-    if not apart:
-        _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes)
-    found = np.int64(0)
+
+
+@inner
+def _some_area(images, o, lanes):
+    """Lanes where the image has an area."""
+    area, found = max(o, 0) + AREA, np.int64(0)
     for k in range(lanes):
-        found |= np.int64(images[o + AREA + k] > 0.0) << k
+        found |= np.int64(images[area + k] > 0.0) << k
     return found
 
 
@@ -151,7 +194,7 @@ def larger(a: float, b: float) -> float:
     return a if a > b else b
 
 
-@kernel
+@inner
 def _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes):
     """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it."""
     o, f, test = max(o, 0), max(f, 0), max(test, 0)
@@ -165,11 +208,17 @@ def _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes):
         images[height + k] = dx * nx + dy * ny + dz * nz
         images[height + PACKET + k] = px * nx + py * ny + pz * nz
         images[height + 2 * PACKET + k] = qx * nx + qy * ny + qz * nz
-    polygon = np.empty((5, 2))
     for k in range(lanes):
         if images[o + AREA + k] > 0.0 and straddles(images, o + k):
-            corners = outline(images, o + k, False, polygon)
-            images[o + AREA + k] = square_area(polygon, corners) if corners > 2 else 0.0
+            images[o + AREA + k] = _area_in_front(images, o + k)
+
+
+@kernel
+def _area_in_front(images, lane):
+    """Area on the square of the part of an image in front of the plane; rare, so it may make an array."""
+    polygon = np.empty(2 * CORNERS)
+    corners = outline(images, lane, False, polygon, np.int64(0))
+    return square_area(polygon, np.int64(0), corners) if corners > 2 else 0.0
 
 
 @inline
@@ -179,20 +228,22 @@ def straddles(images, lane):
     return images[height] < abs(images[height + PACKET]) + abs(images[height + 2 * PACKET])
 
 
-@kernel
-def outline(images, lane, apart, polygon):
+@inner
+def outline(images: Floats, lane: int, apart: bool, polygons: Floats, at: int) -> int:
     """Corners of an image, counter-clockwise, cut by the plane of the test mirror; returns their number.
 
     Parameters
     ----------
     images : ndarray
-        Images of mirrors.
+        Rows of images.
     lane : int
         Where the image begins in `images`, plus the lane.
     apart : bool
         Whether it was made with disjoint bounding spheres: nothing is cut then.
-    polygon : ndarray, shape (5, 2)
-        Receives the corners.
+    polygons : ndarray
+        Receives the corners, `polygons.CORNERS` at most.
+    at : int
+        Where to write them.
     """
     cx, cy = images[lane], images[lane + PACKET]
     ax, ay, bx, by = (
@@ -215,10 +266,11 @@ def outline(images, lane, apart, polygon):
         px, py, p = cx + f * ax + g * bx, cy + f * ay + g * by, height + f * along_a + g * along_b
         if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
             share = q / (q - p)
-            polygon[corners, 0], polygon[corners, 1] = qx + share * (px - qx), qy + share * (py - qy)
+            polygons[at + 2 * corners] = qx + share * (px - qx)
+            polygons[at + 2 * corners + 1] = qy + share * (py - qy)
             corners += 1
         if p >= 0.0:
-            polygon[corners, 0], polygon[corners, 1] = px, py
+            polygons[at + 2 * corners], polygons[at + 2 * corners + 1] = px, py
             corners += 1
         qx, qy, q = px, py, p
     return corners

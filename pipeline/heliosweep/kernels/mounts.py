@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inner
 from heliosweep.kernels.packets import PACKET
 
 __all__ = ["AZIMUTH_ELEVATION", "COSINE", "FRAME_ROWS", "SPINNING_ELEVATION", "Mirrors", "half_sides"]
@@ -47,7 +47,7 @@ class Mirrors(NamedTuple):
     """Distances to the target. [m]"""
 
 
-@kernel
+@inner
 def half_sides(
     frames: NDArray[np.float64], f: int, sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int, lanes: int
 ) -> None:

@@ -12,10 +12,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.mounts import Mirrors
 
-__all__ = ["Beam", "Grid", "beam", "bin_field", "candidates", "search", "sift"]
+__all__ = [
+    "Beam",
+    "Candidates",
+    "Grid",
+    "beam",
+    "bin_field",
+    "expected",
+    "longer",
+    "no_candidates",
+    "search",
+    "search_all",
+    "sift_all",
+]
 
 _SLACK = 1e-9
 """Relative slack of every cull: far above rounding, far below what would cost time."""
@@ -61,6 +73,14 @@ class Beam(NamedTuple):
     """Whether the azimuths span less than a half circle."""
 
 
+class Candidates(NamedTuple):
+    """Heliostats that may occlude each of some test heliostats."""
+
+    names: NDArray[np.int64]
+    first: NDArray[np.int64]
+    """Where those of each test heliostat begin in `names`, and where the last ones end."""
+
+
 @kernel
 def bin_field(mirrors: Mirrors) -> Grid:
     """Bin the mirror centres by a counting sort; a few cells for each heliostat at most."""
@@ -87,7 +107,7 @@ def bin_field(mirrors: Mirrors) -> Grid:
     return Grid(first, names, west, south, cell, columns, rows, z.min(), z.max(), largest)
 
 
-@kernel
+@inner
 def beam(directions: NDArray[np.float64], stride: int, count: int) -> Beam:
     """Bundle of the first `count` of the unit vectors whose x, then y, then z stand `stride` apart in a flat array."""
     x = y = z = 0.0
@@ -122,7 +142,7 @@ def beam(directions: NDArray[np.float64], stride: int, count: int) -> Beam:
     )
 
 
-@kernel
+@inner
 def search(
     i: int,
     bundle: Beam,
@@ -131,7 +151,7 @@ def search(
     grid: Grid,
     found: NDArray[np.int64],
     count: int,
-):
+) -> int:
     """Append to `found` every heliostat that may occlude heliostat i along some direction of the bundle.
 
     In plan, h ahead of i along the azimuth of d: the line distance has the components h sin a - dz cos a (a the
@@ -162,10 +182,8 @@ def search(
 
     Returns
     -------
-    found : ndarray of int64
-        The list, moved to a longer array when it was full.
-    count : int
-        Its new length.
+    int
+        Its new length; -1 if there was no room for all.
     """
     x, y, z, radius = mirrors.x, mirrors.y, mirrors.z, mirrors.radius
     wide = (radius[i] + grid.radius) * (1.0 + _SLACK)
@@ -175,7 +193,7 @@ def search(
     bound = 1.4142135623730951 * wide
     south, north = y[i] - grid.south - reach, y[i] - grid.south + reach
     if north < 0.0:
-        return found, count
+        return count
     last_row = int(min(north / grid.cell, grid.rows - 1.0))
     for row in range(int(max(south / grid.cell, 0.0)), last_row + 1):
         near, far = -reach, reach
@@ -197,45 +215,50 @@ def search(
             if not _may_occlude(i, j, bundle, limit, mirrors):
                 continue
             if count == found.shape[0]:
-                found = _longer(found)
+                return -1
             found[count] = j
             count += 1
-    return found, count
+    return count
 
 
 @kernel
-def sift(
-    i: int,
-    bundle: Beam,
-    mirrors: Mirrors,
-    wider: NDArray[np.int64],
-    first: int,
-    last: int,
-    found: NDArray[np.int64],
-    count: int,
-):
-    """Append to `found` every heliostat that may occlude heliostat i, out of what `search` found for a wider bundle.
+def no_candidates(tests: int, room: int) -> Candidates:
+    """Empty lists for so many test heliostats, with room for so many names."""
+    return Candidates(np.empty(room, np.int64), np.zeros(tests + 1, np.int64))
 
-    Parameters
-    ----------
-    i, bundle, mirrors, found, count
-        As in `search`.
-    wider : ndarray of int64
-        What was found for a wider bundle: `wider[first:last]`.
-    first, last : int
-        Part of it.
 
-    Returns
-    -------
-    found, count
-        As from `search`.
-    """
-    while count + last - first > found.shape[0]:
-        found = _longer(found)
-    for m in range(first, last):
-        found[count] = wider[m]
-        count += _may_occlude(i, wider[m], bundle, np.inf, mirrors)
-    return found, count
+@kernel
+def search_all(start: int, bundle: Beam, mirrors: Mirrors, grid: Grid, found: Candidates) -> Candidates:
+    """Replace the lists of the test heliostats from `start` on by what `search` finds along a bundle to the sun."""
+    names = found.names
+    for t in range(found.first.shape[0] - 1):
+        stop = search(start + t, bundle, np.inf, mirrors, grid, names, found.first[t])
+        while stop < 0:
+            names = longer(names)
+            stop = search(start + t, bundle, np.inf, mirrors, grid, names, found.first[t])
+        found.first[t + 1] = stop
+    return Candidates(names, found.first)
+
+
+@kernel
+def sift_all(start: int, bundle: Beam, mirrors: Mirrors, wider: Candidates, found: Candidates) -> Candidates:
+    """The same out of what `search_all` found for a wider bundle."""
+    names = found.names
+    while names.shape[0] < wider.first[-1]:
+        names = longer(names)
+    _sift(start, bundle, mirrors, wider, names, found.first)
+    return Candidates(names, found.first)
+
+
+@inner
+def _sift(start, bundle, mirrors, wider, names, first):
+    """Keep of a wider bundle's candidates those that may occlude along some direction of the bundle."""
+    count = np.int64(0)
+    for t in range(first.shape[0] - 1):
+        for m in range(wider.first[t], wider.first[t + 1]):
+            names[count] = wider.names[m]
+            count += _may_occlude(start + t, wider.names[m], bundle, np.inf, mirrors)
+        first[t + 1] = count
 
 
 @inline
@@ -251,7 +274,7 @@ def _may_occlude(i, j, bundle, limit, mirrors):
 
 
 @kernel
-def _longer(found):
+def longer(found):
     """Copy of a list with room for twice as many."""
     longer = np.empty(2 * found.shape[0], np.int64)
     for m in range(found.shape[0]):
@@ -259,9 +282,9 @@ def _longer(found):
     return longer
 
 
-@kernel
-def candidates(bundle: Beam, grid: Grid) -> float:
-    """Estimate of how many heliostats `search` finds along a bundle of directions to the sun."""
+@inner
+def expected(bundle: Beam, grid: Grid) -> float:
+    """Number of heliostats that `search` may be expected to find along a bundle of directions to the sun."""
     if not bundle.narrow:
         return np.inf
     wide = 2.0 * grid.radius
@@ -271,7 +294,7 @@ def candidates(bundle: Beam, grid: Grid) -> float:
     return (reach + wide) * (2.0 * wide + 0.5 * reach * abs(swing)) * density
 
 
-@kernel
+@inline
 def _beside(mx, my, bound, y0, y1, near, far):
     """Narrow the interval of x to mx x + my y <= bound for some y between y0 and y1."""
     room = bound - min(my * y0, my * y1)

@@ -11,7 +11,7 @@ ties to break. Directions of segments are known and carried along, never taken f
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import inline, inner
 from heliosweep.kernels.packets import GROUP, PACKET
 from heliosweep.kernels.polygons import edge_term, slope, slopes, unit
 
@@ -35,7 +35,7 @@ OVERLAP_ROWS = _TO // PACKET + 6
 """Rows of room that is needed."""
 
 
-@kernel
+@inner
 def pack(images: Floats, image: int, names: NDArray[np.int64], active: int, room: Floats, place: int) -> int:
     """Copy some lanes of an image next to each other; returns their number, filled up to whole groups by the last.
 
@@ -63,7 +63,7 @@ def pack(images: Floats, image: int, names: NDArray[np.int64], active: int, room
     return filled
 
 
-@kernel
+@inner
 def shared_by_two(room: Floats, lanes: int) -> None:
     """Write the areas of the square and two packed images together."""
     for k in range(lanes):
@@ -152,7 +152,7 @@ def _green(side, following, along, x, y, to):
     )
 
 
-@kernel
+@inner
 def shared_by_three(room: Floats, lanes: int) -> None:
     """Write the areas of the square and three packed images together."""
     _smallest_last(room, lanes)
@@ -192,7 +192,7 @@ def _direction(s):
     return _SLOPES + 2 * kind * PACKET
 
 
-@kernel
+@inner
 def _smallest_last(room, lanes):
     """Swap the second and the third image where the third is larger.
 
@@ -211,7 +211,7 @@ def _smallest_last(room, lanes):
             room[row + k], room[row + _IMAGE + k] = (other, one) if swapped else (one, other)
 
 
-@kernel
+@inner
 def _chain_of_first(room, lanes):
     """Write the chain of the first image clipped by the square in coordinates of the second, and all slopes."""
     for k in range(lanes):

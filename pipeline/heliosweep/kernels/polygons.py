@@ -1,22 +1,27 @@
 """Exact areas of convex polygons and of their unions within the square [-1, 1] x [-1, 1].
 
-A test mirror, scaled by its half sides, is that square, so sizes and aspect ratios drop out. Polygons are rows (x, y)
-of an array with a separate count of corners, counter-clockwise. Every routine depends continuously on the corners:
-coincident and nearly coincident edges cost rounding, never a wrong branch.
+A test mirror, scaled by its half sides, is that square, so sizes and aspect ratios drop out. Polygons are corners
+x, y, x, y, ... from some place of a flat array on, counter-clockwise, and counted apart. Every routine depends
+continuously on the corners: coincident and nearly coincident edges cost rounding, never a wrong branch.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import inline, inner
 
-__all__ = ["SQUARE", "area", "cut", "edge_term", "gaps", "slope", "slopes", "square_area", "unit"]
+__all__ = ["CORNERS", "SQUARE", "area", "cut", "edge_term", "gaps", "slope", "slopes", "square_area", "unit"]
 
 SQUARE = 4.0
 """Area of the square."""
 
+CORNERS = 5
+"""Most corners of a polygon to be subtracted: four, and one more where a plane cuts a corner off."""
 _NOTHING = 1e-17
 """Area of a piece not worth following: cutting along coincident edges leaves such slivers."""
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 @inline
@@ -63,63 +68,81 @@ def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: floa
     return c1 * x1 - c0 * x0 - 0.5 * (c1 - c0) * crossings
 
 
-@kernel
-def square_area(polygon: NDArray[np.float64], corners: int) -> float:
+@inner
+def square_area(polygons: Floats, at: int, corners: int) -> float:
     """Area of a polygon of either sense within the square."""
     total = 0.0
-    px, py = polygon[corners - 1, 0], polygon[corners - 1, 1]
+    px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
     for k in range(corners):
-        qx, qy = polygon[k, 0], polygon[k, 1]
+        qx, qy = polygons[at + 2 * k], polygons[at + 2 * k + 1]
         total += edge_term(px, py, qx, qy, slope(qy - py, qx - px), slope(qx - px, qy - py))
         px, py = qx, qy
     return abs(total)
 
 
-@kernel
-def area(polygon: NDArray[np.float64], corners: int) -> float:
+@inner
+def area(polygons: Floats, at: int, corners: int) -> float:
     """Area of a polygon, positive counter-clockwise."""
     total = 0.0
+    ox, oy = polygons[at], polygons[at + 1]
+    px, py = polygons[at + 2] - ox, polygons[at + 3] - oy
     for k in range(2, corners):
-        px, py = polygon[k - 1, 0] - polygon[0, 0], polygon[k - 1, 1] - polygon[0, 1]
-        qx, qy = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1]
+        qx, qy = polygons[at + 2 * k] - ox, polygons[at + 2 * k + 1] - oy
         total += px * qy - py * qx
+        px, py = qx, qy
     return 0.5 * total
 
 
-@kernel
-def cut(polygon, corners, ox, oy, ex, ey, inside, outside):
+@inner
+def cut(
+    polygons: Floats, at: int, corners: int, ox: float, oy: float, ex: float, ey: float, inside: int, outside: int
+) -> tuple[int, int]:
     """Cut a convex polygon by the line through o along e: what lies left of it, and what lies right.
+
+    Parameters
+    ----------
+    polygons : ndarray
+        Where all three polygons stand, and do not overlap.
+    at, corners : int
+        Where the polygon begins, and how many corners it has.
+    ox, oy, ex, ey : float
+        The line.
+    inside, outside : int
+        Where to write the part left of the line, and the part right of it.
 
     Returns
     -------
     tuple of int
-        Corners written to `inside` (left) and to `outside` (right). A part without interior may have corners on the
-        line; its area is nothing.
+        Corners written to `inside` and to `outside`. A part without interior may have corners on the line; its area
+        is nothing.
     """
     left = right = 0
-    qx, qy = polygon[corners - 1, 0], polygon[corners - 1, 1]
+    qx, qy = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
     q = ex * (qy - oy) - ey * (qx - ox)
     for k in range(corners):
-        px, py = polygon[k, 0], polygon[k, 1]
+        px, py = polygons[at + 2 * k], polygons[at + 2 * k + 1]
         p = ex * (py - oy) - ey * (px - ox)
         if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
             share = q / (q - p)
-            inside[left, 0] = outside[right, 0] = qx + share * (px - qx)
-            inside[left, 1] = outside[right, 1] = qy + share * (py - qy)
+            x, y = qx + share * (px - qx), qy + share * (py - qy)
+            polygons[inside + 2 * left], polygons[inside + 2 * left + 1] = x, y
+            polygons[outside + 2 * right], polygons[outside + 2 * right + 1] = x, y
             left += 1
             right += 1
         if p >= 0.0:
-            inside[left, 0], inside[left, 1] = px, py
+            polygons[inside + 2 * left], polygons[inside + 2 * left + 1] = px, py
             left += 1
         if p <= 0.0:
-            outside[right, 0], outside[right, 1] = px, py
+            polygons[outside + 2 * right], polygons[outside + 2 * right + 1] = px, py
             right += 1
         qx, qy, q = px, py, p
     return left, right
 
 
-@kernel
-def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], middle: int):
+@inner
+def gaps(
+    polygons: Floats, corners: Integers, first: int, last: int, middle: int, stack: Floats, pieces: Integers
+) -> tuple[float, float, bool]:
     """Area of the square that the union of convex polygons leaves open.
 
     Polygons are subtracted one after the other, depth first over convex pieces: the square is the first piece, each
@@ -129,100 +152,101 @@ def gaps(polygons: NDArray[np.float64], corners: NDArray[np.int64], middle: int)
 
     Parameters
     ----------
-    polygons : ndarray, shape (m, c, 2)
-        Corners, counter-clockwise. Large polygons first save work.
-    corners : ndarray of int64, shape (m,)
+    polygons : ndarray
+        Room for `CORNERS` corners of each. Large polygons first save work.
+    corners : ndarray of int64
         Number of corners of each.
+    first, last : int
+        Polygons first..last are meant.
     middle : int
-        Number of polygons to take for the first result.
+        Polygons first..middle are meant for the first result.
+    stack : ndarray
+        Scratch: three working copies of a piece, an eighth of it each, and the pieces to come.
+    pieces : ndarray of int64
+        Scratch: of each piece to come where it stands, its corners, and the polygon to subtract next.
 
     Returns
     -------
-    tuple of float
-        Area left open by the first `middle` polygons, and by all of them.
+    before, after : float
+        Area left open by first..middle, and by first..last.
+    fits : bool
+        Whether the scratch was large enough; otherwise the areas mean nothing.
     """
-    last, room = corners.shape[0], 32
-    block = np.empty((8 * room, 2))  # one allocation: they cost more than a cut
-    piece, inner = block[:room], block[room : 2 * room]
-    spare, outer = block[2 * room : 3 * room], block[3 * room : 4 * room]
-    stack = block[4 * room :]
-    pieces = np.empty((room, 2), np.int64)  # of each piece in the stack: its corners, the polygon to subtract next
-    stack[0, 0], stack[0, 1], stack[1, 0], stack[1, 1] = -1.0, -1.0, 1.0, -1.0
-    stack[2, 0], stack[2, 1], stack[3, 0], stack[3, 1] = 1.0, 1.0, -1.0, 1.0
-    pieces[0, 0], pieces[0, 1] = 4, 0
-    top, depth = 4, 1
+    room = stack.shape[0] // 8
+    stack[3 * room], stack[3 * room + 1], stack[3 * room + 2], stack[3 * room + 3] = -1.0, -1.0, 1.0, -1.0
+    stack[3 * room + 4], stack[3 * room + 5], stack[3 * room + 6], stack[3 * room + 7] = 1.0, 1.0, -1.0, 1.0
+    pieces[0], pieces[1], pieces[2] = 3 * room, 4, first
+    depth = 1
     before = after = 0.0
     while depth > 0:
         depth -= 1
-        size, k = pieces[depth, 0], pieces[depth, 1]
-        top -= size
-        _copy(stack[top:], piece, size)
+        top, size, k = pieces[3 * depth], pieces[3 * depth + 1], pieces[3 * depth + 2]
+        # Every cut may add a corner, or two to what rounding has left not quite convex.
+        most = size + 2 * CORNERS
+        if 2 * most > room or top + 2 * CORNERS * most > stack.shape[0] or 3 * (depth + CORNERS) > pieces.shape[0]:
+            return before, after, False
+        for m in range(2 * size):
+            stack[m] = stack[top + m]
         while True:
             if k == middle:
-                before += area(piece, size)
+                before += area(stack, 0, size)
             if k == last:
-                after += area(piece, size)
+                after += area(stack, 0, size)
                 break
-            if _misses(piece, size, polygons[k], corners[k]):
-                k += 1
-                continue
-            top_before, depth_before = top, depth
-            inside = size
-            _copy(piece, inner, size)
-            px, py = polygons[k, corners[k] - 1, 0], polygons[k, corners[k] - 1, 1]
-            for e in range(corners[k]):
-                qx, qy = polygons[k, e, 0], polygons[k, e, 1]
-                if 2 * inside + 2 > room:  # no cut can more than double the corners
-                    room *= 2
-                    piece, inner, spare, outer = _longer(piece), _longer(inner), _longer(spare), _longer(outer)
-                inside, outside = cut(inner, inside, px, py, qx - px, qy - py, spare, outer)
-                inner, spare = spare, inner
-                if inside < 3:
+            crossing = _crossing(polygons, 2 * CORNERS * k, corners[k], stack, size)
+            if crossing == 0:
+                break  # within the polygon
+            if crossing > 0:
+                more = _subtract(
+                    polygons, 2 * CORNERS * k, corners[k], crossing, size, stack, pieces, depth, top, k + 1
+                )
+                if more >= 0:
+                    depth += more
                     break
-                if outside > 2 and area(outer, outside) > _NOTHING:
-                    while top + outside > stack.shape[0]:
-                        stack = _longer(stack)
-                    if depth == pieces.shape[0]:
-                        longer = np.empty((2 * depth, 2), np.int64)
-                        _copy(pieces, longer, depth)
-                        pieces = longer
-                    _copy(outer, stack[top:], outside)
-                    pieces[depth, 0], pieces[depth, 1] = outside, k + 1
-                    top += outside
-                    depth += 1
-                px, py = qx, qy
             k += 1
-            if inside > 2 and area(inner, inside) > _NOTHING:
-                break
-            top, depth = top_before, depth_before  # the polygon misses this piece: keep it whole
-    return before, after
+    return before, after, True
 
 
-@kernel
-def _misses(one, size, other, corners):
-    """Whether the bounding boxes of two polygons are apart: most pieces miss most polygons."""
-    for c in range(2):
-        low, high = one[0, c], one[0, c]
-        for k in range(1, size):
-            low, high = min(low, one[k, c]), max(high, one[k, c])
-        below, above = True, True
-        for k in range(corners):
-            below = below and other[k, c] <= low
-            above = above and other[k, c] >= high
-        if below or above:
-            return True
-    return False
+@inner
+def _crossing(polygons, at, corners, stack, size):
+    """Edges of a polygon beyond which the first piece has corners, a bit for each; -1 where all lie beyond one."""
+    found = 0
+    px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
+    for e in range(corners):
+        qx, qy = polygons[at + 2 * e], polygons[at + 2 * e + 1]
+        beyond, within = False, False
+        for c in range(size):
+            side = (qx - px) * (stack[2 * c + 1] - py) - (qy - py) * (stack[2 * c] - px)
+            beyond |= side < 0.0
+            within |= side > 0.0
+        if beyond and not within:
+            return -1
+        found |= beyond << e
+        px, py = qx, qy
+    return found
 
 
-@kernel
-def _copy(source, target, corners):
-    for k in range(corners):
-        target[k, 0], target[k, 1] = source[k, 0], source[k, 1]
+@inner
+def _subtract(polygons, at, corners, crossing, size, stack, pieces, depth, top, following):
+    """Cut the first piece of the stack by the edges of a polygon and put what lies outside on the stack.
 
-
-@kernel
-def _longer(polygon):
-    """Copy of a polygon array with room for twice as many corners."""
-    longer = np.empty((2 * polygon.shape[0], 2))
-    _copy(polygon, longer, polygon.shape[0])
-    return longer
+    Returns the number of new pieces; -1 if the polygon misses the piece.
+    """
+    room = stack.shape[0] // 8
+    piece, target, spare = 0, room, 2 * room
+    more = 0
+    px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
+    for e in range(corners):
+        qx, qy = polygons[at + 2 * e], polygons[at + 2 * e + 1]
+        if crossing >> e & 1:
+            size, outside = cut(stack, piece, size, px, py, qx - px, qy - py, target, top)
+            if size < 3:
+                return -1
+            piece, target, spare = target, spare, target
+            if outside > 2 and area(stack, top, outside) > _NOTHING:
+                new = 3 * (depth + more)
+                pieces[new], pieces[new + 1], pieces[new + 2] = top, outside, following
+                top += 2 * outside
+                more += 1
+        px, py = qx, qy
+    return more if area(stack, piece, size) > _NOTHING else -1

@@ -1,31 +1,35 @@
 """Exact areas of unions of images, for all lanes of a packet.
 
-By inclusion and exclusion while no four images of a lane overlap one another: the sum of the areas, less the overlaps
-of pairs, plus the overlaps of triples. Shade, block and both together share all terms. The other lanes, few, subtract
-their images from the square one by one.
+Where a lane has several images, those hidden by others are taken out. What is left is added up by inclusion and
+exclusion while no four images of a lane overlap one another: the sum of the areas, less the overlaps of pairs, plus the
+overlaps of triples. Shade, block and both together share all terms. The other lanes, few, subtract their images from
+the square one by one.
 
-Sets of lanes are integers with a bit for each lane.
+Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
+the order of the grid: the bits of a lane do not depend on its packet.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.images import AREA, IMAGE_ROWS, larger, outline, straddles
+from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.hidden import BOX_ROWS, take_out_hidden
+from heliosweep.kernels.images import AREA, IMAGE_ROWS, Images, larger, outline, straddles
 from heliosweep.kernels.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_three, shared_by_two
-from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.polygons import SQUARE, gaps
+from heliosweep.kernels.packets import PACKET, rows
+from heliosweep.kernels.polygons import CORNERS, SQUARE, gaps
 
-__all__ = ["PAIRS", "ROOM_ROWS", "unions"]
+__all__ = ["Room", "room_for", "unions"]
 
-_PAIRWISE = 12
-"""Images in one lane up to which pairs are tried before the general union."""
-PAIRS = PACKET * _PAIRWISE * (_PAIRWISE - 1) // 2
+_FEW = 5
+"""Images in one lane up to which pairs are tried before the general way."""
+_PAIRS = PACKET * _FEW * (_FEW - 1) // 2
 """Most pairs that overlap in some lane that has so few images."""
 
-ROOM_ROWS = OVERLAP_ROWS + 1
-"""Rows of room that the overlaps need, and one for what a pair or a triple shares."""
 _SPREAD = OVERLAP_ROWS * PACKET
+"""Row of room, behind what the overlaps need, for what a pair or a triple shares in the lanes of the packet."""
 
 _NOTHING = 1e-14
 """Area of an image that the general way leaves out: no wider than rounding, its corners may be in disorder."""
@@ -37,121 +41,144 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@kernel
-def unions(
-    images: Floats,
-    apart: NDArray[np.bool_],
-    present: Integers,
-    shading: int,
-    count: int,
-    total: Floats,
-    room: Floats,
-    partner: Integers,
-    meeting: Integers,
-    lanes: int,
-) -> None:
-    """Exact areas of the unions of images, for every lane, on the square of area 4.
+class Room(NamedTuple):
+    """Scratch for the unions of so many images."""
 
-    Which way a lane goes depends on its own images only, and they keep the order of the grid: the bits of a lane do
-    not depend on its packet.
+    overlaps: Floats
+    """Rows of lanes."""
+    lanes: Integers
+    """Names of lanes that are packed."""
+    first: Integers
+    """Where the pairs of each image begin, whose earlier image is `partner`, in rising order."""
+    partner: Integers
+    meeting: Integers
+    """Lanes in which the two images of each pair overlap."""
+    boxes: Floats
+    """Numbers of the images of one lane, `BOX_ROWS` for each."""
+    names: Integers
+    """Names of the images of one lane, and how many corners each has."""
+    corners: Integers
+    polygons: Floats
+    stack: Floats
+    """Pieces of the square that images of one lane leave open, and their names."""
+    pieces: Integers
+
+
+@kernel
+def room_for(count: int) -> Room:
+    """Scratch for so many images."""
+    return Room(
+        rows(OVERLAP_ROWS + 1),
+        np.empty(PACKET, np.int64),
+        np.zeros(count + 1, np.int64),
+        np.empty(_PAIRS, np.int64),
+        np.empty(_PAIRS, np.int64),
+        np.empty(count * BOX_ROWS),
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+        np.empty(count * 2 * CORNERS),
+        np.empty(2048),
+        np.empty(256, np.int64),
+    )
+
+
+@inner
+def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
+    """Exact areas of the unions of images, for every lane, on the square of area 4.
 
     Parameters
     ----------
-    images : ndarray, shape (at least count * IMAGE_ROWS * PACKET,)
-        Shading images, then blocking images.
-    apart : ndarray of bool, shape (at least count,)
-        Whether each was made with disjoint bounding spheres.
-    present : ndarray of int64, shape (at least count,)
-        Lanes in which each is, as `images.image` gives them.
+    images : Images
+        Shading images, then blocking images; loses those that are hidden.
     shading, count : int
         Number of shading images, and of all images.
     total : ndarray, shape (3 * PACKET,)
         Receives the rows: area shaded, area blocked, area shaded or blocked.
-    room : ndarray, shape (ROOM_ROWS * PACKET,)
-        Scratch.
-    partner, meeting : ndarray of int64, shape (PAIRS,)
-        Scratch: of each pair that overlaps its earlier image, and the lanes where it does.
+    room : Room
+        Scratch for at least so many images.
     lanes : int
         Lanes of the packet, a multiple of `packets.GROUP`.
     """
-    several = _sums(images, present, shading, count, total, lanes)
-    if several == 0:
-        return
-    general = _crowded(present, count) | _straddling(images, apart, present, count, several, lanes)
-    names, first = np.empty(PACKET, np.int64), np.zeros(count + 1, np.int64)
-    pairs = np.int64(0)  # those of image m are partner[first[m] : first[m + 1]], in rising order
-    for m in range(count):
-        for n in range(m):
-            both = present[n] & present[m] & several & ~general
-            if both != 0:
-                both &= _overlapping(images, n, m, lanes)
-            if both == 0:
-                continue
-            both = _shared(images, np.int64(-1), n, m, both, names, room, lanes)
-            _add(-1.0, room, total, m < shading, n >= shading, lanes)
-            partner[pairs], meeting[pairs] = n, both
-            pairs += 1
-            for e in range(first[n], first[n + 1]):
-                o = partner[e]
-                three = both & meeting[e] & _meeting_of(o, partner, meeting, first[m], pairs) & ~general
-                # Where a fourth image meets the three, the inclusions would go on: such lanes take the general way.
-                for earlier in range(first[n], e):
-                    fourth = _meeting_of(partner[earlier], partner, meeting, first[m], pairs) & meeting[earlier]
-                    general |= three & fourth & _meeting_of(partner[earlier], partner, meeting, first[o], first[o + 1])
-                three &= ~general
-                if three != 0:
-                    _shared(images, o, n, m, three, names, room, lanes)
-                    _add(1.0, room, total, m < shading, o >= shading, lanes)
-        first[m + 1] = pairs
-    general &= several
-    for k in range(lanes):
-        if general >> k & 1:
-            total[k], total[_BLOCK + k], total[_BOTH + k] = _general(images, apart, shading, count, k)
-
-
-@kernel
-def _sums(images, present, shading, count, total, lanes):
-    """Write the sums of the areas; returns the lanes that have several images."""
-    for k in range(lanes):
-        total[k] = total[_BLOCK + k] = 0.0
-    once = several = np.int64(0)
-    for m in range(count):
-        area, row = m * IMAGE_ROWS * PACKET + AREA, _BLOCK if m >= shading else 0
+    several, many, crowded = _counted(images.present, count)
+    general = np.int64(0)
+    if several != 0:
+        general = _straddling(images, count, several, lanes)
+        many = crowded & ~general
+        if many != 0:
+            for k in range(lanes):
+                if many >> k & 1:
+                    take_out_hidden(images, np.int64(0), shading, k, room.boxes, room.names, room.corners)
+                    take_out_hidden(images, shading, count, k, room.boxes, room.names, room.corners)
+            several, many, crowded = _counted(images.present, count)
+        general |= crowded
+    _add_areas(images.rows, shading, count, total, lanes)
+    if several & ~general != 0:
+        _meetings(images, several & ~general, count, room, lanes)
+        general |= _cliques(count, room)
+        _subtract_overlaps(images.rows, shading, count, ~general, total, room, lanes)
+    if general != 0:
         for k in range(lanes):
-            total[row + k] += images[area + k]
-        several |= once & present[m]
-        once |= present[m]
-    for k in range(lanes):
-        total[_BOTH + k] = total[k] + total[_BLOCK + k]
-    return several
+            if general >> k & 1 and not _general(images, shading, count, k, total, room, room.stack, room.pieces):
+                _general_with_more_room(images, shading, count, k, total, room)
 
 
-@kernel
-def _crowded(present, count):
-    """Lanes that have more than `_PAIRWISE` images, 12 = 1100: counted in four binary digits, and full at 16."""
-    one = two = four = eight = full = np.int64(0)
-    for m in range(count if count > _PAIRWISE else 0):
+@inner
+def _counted(present, count):
+    """Lanes that have two images at least, those that have four, and those that have more than `_FEW`, 5 = 101."""
+    one = two = four = several = many = crowded = np.int64(0)
+    for m in range(count):
         carry, one = one & present[m], one ^ present[m]
+        several |= carry
         carry, two = two & carry, two ^ carry
+        many |= carry
         carry, four = four & carry, four ^ carry
-        carry, eight = eight & carry, eight ^ carry
-        full |= carry
-    return full | (eight & four & (two | one))
+        crowded |= carry  # eight
+    return several, many, crowded | (four & two)
 
 
-@kernel
-def _straddling(images, apart, present, count, several, lanes):
-    """Lanes with an image of a mirror that straddles the plane of the test mirror."""
+@inner
+def _straddling(images, count, several, lanes):
+    """Lanes with several images and one of a mirror that straddles the plane of the test mirror."""
     found = np.int64(0)
     for m in range(count):
-        if not apart[m] and present[m] & several != 0:
+        some = images.present[m] & several
+        if some != 0 and not images.apart[m]:
             for k in range(lanes):
-                if present[m] >> k & 1 and straddles(images, m * IMAGE_ROWS * PACKET + k):
+                if some >> k & 1 and straddles(images.rows, m * IMAGE_ROWS * PACKET + k):
                     found |= np.int64(1) << k
     return found
 
 
-@kernel
+@inner
+def _add_areas(images, shading, count, total, lanes):
+    """Write the sums of the areas."""
+    for k in range(lanes):
+        total[k] = total[_BLOCK + k] = 0.0
+    for m in range(count):
+        area, row = m * IMAGE_ROWS * PACKET + AREA, _BLOCK if m >= shading else 0
+        for k in range(lanes):
+            total[row + k] += images[area + k]
+    for k in range(lanes):
+        total[_BOTH + k] = total[k] + total[_BLOCK + k]
+
+
+@inner
+def _meetings(images, some, count, room, lanes):
+    """List the pairs of images that overlap, and in which of the lanes."""
+    pairs = np.int64(0)
+    for m in range(count):
+        here = images.present[m] & some
+        for n in range(m if here != 0 else 0):
+            both = images.present[n] & here
+            if both != 0:
+                both &= _overlapping(images.rows, n, m, lanes)
+            if both != 0:
+                room.partner[pairs], room.meeting[pairs] = n, both
+                pairs += 1
+        room.first[m + 1] = pairs
+
+
+@inner
 def _overlapping(images, n, m, lanes):
     """Lanes where the parallelograms n and m overlap, by the separating axes."""
     n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
@@ -173,76 +200,130 @@ def _overlapping(images, n, m, lanes):
     return found
 
 
-@kernel
-def _shared(images, o, n, m, some, names, room, lanes):
+@inner
+def _cliques(count, room):
+    """Lanes where four images overlap one another: there the inclusions would go on."""
+    first, partner, meeting = room.first, room.partner, room.meeting
+    found = np.int64(0)
+    for m in range(count):
+        for d in range(first[m], first[m + 1]):
+            for e in range(first[m], d):
+                three = meeting[d] & meeting[e] & _meeting_of(room, partner[e], partner[d])
+                for f in range(first[m], e if three & ~found != 0 else first[m]):
+                    fourth = three & meeting[f] & _meeting_of(room, partner[f], partner[d])
+                    found |= fourth & _meeting_of(room, partner[f], partner[e])
+    return found
+
+
+@inline
+def _meeting_of(room, n, m):
+    """Lanes where the images n < m overlap."""
+    found = np.int64(0)
+    for e in range(room.first[m], room.first[m + 1]):
+        if room.partner[e] == n:
+            found = room.meeting[e]
+    return found
+
+
+@inner
+def _subtract_overlaps(images, shading, count, some, total, room, lanes):
+    """Subtract what pairs of images share in some lanes, and add what triples share."""
+    first, partner, meeting = room.first, room.partner, room.meeting
+    for m in range(count):
+        for d in range(first[m], first[m + 1]):
+            n = partner[d]
+            both = meeting[d] & some
+            if both != 0:
+                both = _shared(images, np.int64(-1), n, m, both, room, lanes)
+                _add(-1.0, room.overlaps, total, m < shading, n >= shading, lanes)
+            meeting[d] = both
+            for e in range(first[m], d if both != 0 else first[m]):
+                three = both & meeting[e] & _meeting_of(room, partner[e], n)
+                if three != 0:
+                    _shared(images, partner[e], n, m, three, room, lanes)
+                    _add(1.0, room.overlaps, total, m < shading, partner[e] >= shading, lanes)
+
+
+@inner
+def _shared(images, o, n, m, some, room, lanes):
     """Write the areas that n, m and, unless it is negative, o share in some lanes, and 0 in the others.
 
     Returns the lanes that have any.
     """
     active = np.int64(0)
     for k in range(lanes):
-        names[active] = k
+        room.lanes[active] = k
         active += some >> k & 1
-    filled = pack(images, n * IMAGE_ROWS * PACKET, names, active, room, np.int64(0))
-    pack(images, m * IMAGE_ROWS * PACKET, names, active, room, np.int64(1))
+    filled = pack(images, n * IMAGE_ROWS * PACKET, room.lanes, active, room.overlaps, np.int64(0))
+    pack(images, m * IMAGE_ROWS * PACKET, room.lanes, active, room.overlaps, np.int64(1))
     if o < 0:
-        shared_by_two(room, filled)
+        shared_by_two(room.overlaps, filled)
     else:
-        pack(images, o * IMAGE_ROWS * PACKET, names, active, room, np.int64(2))
-        shared_by_three(room, filled)
+        pack(images, o * IMAGE_ROWS * PACKET, room.lanes, active, room.overlaps, np.int64(2))
+        shared_by_three(room.overlaps, filled)
+    return _spread(room.overlaps, room.lanes, active, lanes)
+
+
+@inner
+def _spread(overlaps, names, active, lanes):
+    """Put what the packed lanes share where these lanes are, and 0 elsewhere; returns the lanes that have any."""
     found = np.int64(0)
     for k in range(lanes):
-        room[_SPREAD + k] = 0.0
+        overlaps[_SPREAD + k] = 0.0
     for k in range(active):
-        room[_SPREAD + names[k]] = room[SHARED + k]
-        found |= np.int64(room[SHARED + k] > 0.0) << names[k]
+        overlaps[_SPREAD + names[k]] = overlaps[SHARED + k]
+        found |= np.int64(overlaps[SHARED + k] > 0.0) << names[k]
     return found
 
 
 @inline
-def _add(sign, room, total, shade, block, lanes):
+def _add(sign, overlaps, total, shade, block, lanes):
     """Add what images share: to all, and to shade or block where all of them are of that kind."""
     row = _BLOCK if block else 0
     if shade or block:
         for k in range(lanes):
-            total[row + k] += sign * room[_SPREAD + k]
+            total[row + k] += sign * overlaps[_SPREAD + k]
     for k in range(lanes):
-        total[_BOTH + k] += sign * room[_SPREAD + k]
+        total[_BOTH + k] += sign * overlaps[_SPREAD + k]
 
 
-@kernel
-def _meeting_of(image, partner, meeting, start, stop):
-    """Lanes where an image overlaps that whose pairs stand from `start` to `stop`."""
-    for e in range(start, stop):
-        if partner[e] == image:
-            return meeting[e]
-    return np.int64(0)
-
-
-@kernel
-def _general(images, apart, shading, count, k):
-    """Unions in one lane, by subtracting the images from the square, large ones first."""
-    order, areas = np.empty(count, np.int64), np.empty(count)
-    some = shades = np.int64(0)  # a literal would compile the callees twice
-    for m in range(count):
-        if m == shading:
-            shades = some
-        here = images[m * IMAGE_ROWS * PACKET + AREA + k]
-        if here > _NOTHING:
-            n = some
-            while n > (shades if m >= shading else 0) and here > areas[n - 1]:
-                order[n], areas[n] = order[n - 1], areas[n - 1]
-                n -= 1
-            order[n], areas[n] = m, here
-            some += 1
-    if shading == count:
-        shades = some
-    polygons, corners = np.empty((some, 5, 2)), np.empty(some, np.int64)
+@inner
+def _general(images, shading, count, k, total, room, stack, pieces):
+    """Write the unions of one lane by subtracting the images from the square; returns whether the room sufficed."""
+    shades = _largest_first(images.rows, np.int64(0), shading, k, room, np.int64(0))
+    some = _largest_first(images.rows, shading, count, k, room, shades)
     for m in range(some):
-        corners[m] = outline(images, order[m] * IMAGE_ROWS * PACKET + k, apart[order[m]], polygons[m])
-    unshaded, uncovered = gaps(polygons, corners, shades)
-    if some - shades > 1:
-        unblocked, _ = gaps(polygons[shades:], corners[shades:], some - shades)
-    else:
-        unblocked = SQUARE - (areas[shades] if some > shades else 0.0)
-    return SQUARE - unshaded, SQUARE - unblocked, SQUARE - uncovered
+        name = room.names[m]
+        lane = name * IMAGE_ROWS * PACKET + k
+        room.corners[m] = outline(images.rows, lane, images.apart[name], room.polygons, 2 * CORNERS * m)
+    unshaded, uncovered, fits = gaps(room.polygons, room.corners, np.int64(0), some, shades, stack, pieces)
+    unblocked = SQUARE - (room.boxes[shades] if some > shades else 0.0)
+    if fits and some - shades > 1:
+        unblocked, _, fits = gaps(room.polygons, room.corners, shades, some, some, stack, pieces)
+    total[k], total[_BLOCK + k], total[_BOTH + k] = SQUARE - unshaded, SQUARE - unblocked, SQUARE - uncovered
+    return fits
+
+
+@inner
+def _largest_first(images, start, stop, k, room, some):
+    """List the images start..stop of a lane after `some` others, large ones first; returns the length of the list."""
+    names, areas = room.names, room.boxes
+    begin = some
+    for m in range(start, stop):
+        area = images[m * IMAGE_ROWS * PACKET + AREA + k]
+        if area > _NOTHING:
+            n = some
+            while n > begin and area > areas[n - 1]:
+                names[n], areas[n] = names[n - 1], areas[n - 1]
+                n -= 1
+            names[n], areas[n] = m, area
+            some += 1
+    return some
+
+
+@kernel
+def _general_with_more_room(images, shading, count, k, total, room):
+    """`_general` with larger and larger scratch: hundreds of thin images may leave thousands of pieces."""
+    size = 2 * room.stack.shape[0]
+    while not _general(images, shading, count, k, total, room, np.empty(size), np.empty(size, np.int64)):
+        size *= 2
