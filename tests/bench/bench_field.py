@@ -19,6 +19,7 @@ from heliosweep.kernels.field import aimed, field_series, field_sums
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
 from heliosweep.kernels.neighbours import bin_field
 from heliosweep.kernels.sun import declination_cooper, solar_clock
+from heliosweep.kernels.sweep import blockers_of
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
 from tests.bench.arithmetic import operations as counted
@@ -44,8 +45,8 @@ def operations(latitude: int, method: str) -> float:
     an image, separating axes and areas of overlaps. The few lanes of the general way are left out.
     """
     stages = (
-        counted(images.image, loop=0),
-        counted(images.image, loop=1),
+        counted(images._project, loop=0),
+        counted(images._measure, loop=0),
         counted(unions._overlapping, loop=0),
         counted(overlaps.shared_by_two, loop=0),
         counted(overlaps.shared_by_three),
@@ -190,7 +191,7 @@ def set_up(field: Field) -> Row:
 
     def work() -> None:
         mirrors = aimed(*field)
-        field_kernels._blockers(mirrors, bin_field(mirrors), 0, count)
+        blockers_of(mirrors, bin_field(mirrors), 0, count)
         field_kernels._sorted(sun)
 
     seconds = best(work, 3)

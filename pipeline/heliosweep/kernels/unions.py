@@ -1,9 +1,9 @@
 """Exact areas of unions of images, for all lanes of a packet.
 
-Where a lane has several images, those hidden by others are taken out. What is left is added up by inclusion and
-exclusion while no four images of a lane overlap one another: the sum of the areas, less the overlaps of pairs, plus the
-overlaps of triples. Shade, block and both together share all terms. The other lanes, few, subtract their images from
-the square one by one.
+Where a lane has many images, those hidden by others are taken out. What is left is added up by inclusion and exclusion
+while no four images of a lane overlap one another: the sum of the areas, less the overlaps of pairs, plus the overlaps
+of triples. Shade, block and both together share all terms. The other lanes, few, subtract their images from the square
+one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
 the order of the grid: the bits of a lane do not depend on its packet.
@@ -54,13 +54,12 @@ class Room(NamedTuple):
     meeting: Integers
     """Lanes in which the two images of each pair overlap."""
     boxes: Floats
-    """Numbers of the images of one lane, `BOX_ROWS` for each."""
+    """Of one lane, image by image: boxes or areas, names, sizes or numbers of corners, and corners."""
     names: Integers
-    """Names of the images of one lane, and how many corners each has."""
     corners: Integers
     polygons: Floats
     stack: Floats
-    """Pieces of the square that images of one lane leave open, and their names."""
+    """Pieces of the square that the images of one lane leave open, as `polygons.gaps` keeps them."""
     pieces: Integers
 
 
@@ -99,17 +98,13 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     lanes : int
         Lanes of the packet, a multiple of `packets.GROUP`.
     """
-    several, many, crowded = _counted(images.present, count)
+    several, crowded = _counted(images.present, count)
     general = np.int64(0)
     if several != 0:
         general = _straddling(images, count, several, lanes)
-        many = crowded & ~general
-        if many != 0:
-            for k in range(lanes):
-                if many >> k & 1:
-                    take_out_hidden(images, np.int64(0), shading, k, room.boxes, room.names, room.corners)
-                    take_out_hidden(images, shading, count, k, room.boxes, room.names, room.corners)
-            several, many, crowded = _counted(images.present, count)
+        if crowded & ~general != 0:
+            _thin_out(images, shading, count, crowded & ~general, room, lanes)
+            several, crowded = _counted(images.present, count)
         general |= crowded
     _add_areas(images.rows, shading, count, total, lanes)
     if several & ~general != 0:
@@ -124,16 +119,24 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
 
 @inner
 def _counted(present, count):
-    """Lanes that have two images at least, those that have four, and those that have more than `_FEW`, 5 = 101."""
-    one = two = four = several = many = crowded = np.int64(0)
+    """Lanes that have several images, and those that have more than `_FEW`, 5 = 101 in binary digits."""
+    one = two = four = several = crowded = np.int64(0)
     for m in range(count):
         carry, one = one & present[m], one ^ present[m]
         several |= carry
         carry, two = two & carry, two ^ carry
-        many |= carry
         carry, four = four & carry, four ^ carry
-        crowded |= carry  # eight
-    return several, many, crowded | (four & two)
+        crowded |= carry
+    return several, crowded | (four & two)
+
+
+@inner
+def _thin_out(images, shading, count, crowded, room, lanes):
+    """Take out the images that are hidden by others of their kind in crowded lanes."""
+    for k in range(lanes):
+        if crowded >> k & 1:
+            take_out_hidden(images, np.int64(0), shading, k, room.boxes, room.names, room.corners)
+            take_out_hidden(images, shading, count, k, room.boxes, room.names, room.corners)
 
 
 @inner
