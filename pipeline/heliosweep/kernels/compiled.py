@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from heliosweep.kernels.parts import compile_in_parts
+
 __all__ = ["PURE_PYTHON", "UNCACHED", "inline", "inner", "kernel", "processor"]
 
 PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
@@ -84,10 +86,12 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     function.__qualname__ += f"-{_FINGERPRINT}-{processor()}"
     options |= {"nogil": True, "error_model": "numpy"}
     try:
-        return _written_in_turn(numba.njit(function, cache=True, **options))
+        compiled = _written_in_turn(numba.njit(function, cache=True, **options))
     except RuntimeError:  # there is no folder that numba could write compiled code to
         UNCACHED.append(function.__name__)
-        return numba.njit(function, **options)
+        compiled = numba.njit(function, **options)
+    compile_in_parts(compiled, function, **options)
+    return compiled
 
 
 def _written_in_turn(dispatcher: Any) -> Any:

@@ -305,13 +305,12 @@ def _minimise(
 def _full_step(work, parameters, x, tried):
     """The same as `_step` without damping, by the inverse of the triangular factor in place of singular vectors."""
     upper, inverse = work.upper, work.right
-    tried[:] = x
     square, largest = 0.0, 0.0
     for j in range(parameters):
         change = 0.0
         for k in range(j, parameters):
             change += inverse[j, k] * upper[k, parameters]
-        tried[j] -= change
+        tried[j] = x[j] - change
         square += upper[j, parameters] ** 2
         largest = max(largest, abs(tried[j] - x[j]))
     return 0.5 * square, square, largest
@@ -321,7 +320,8 @@ def _full_step(work, parameters, x, tried):
 def _step(work, parameters, damping, x, tried):
     """Write a damped step from `x`; returns what it promises, the square by which spots move, the largest change."""
     values, right, projected = work.values, work.right, work.projected
-    tried[:] = x
+    for j in range(x.shape[0]):
+        tried[j] = x[j]
     gain, shift, largest = 0.0, 0.0, 0.0
     for k in range(parameters):
         square = values[k] * values[k]
