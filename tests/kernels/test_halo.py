@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels import field as kernels
+from heliosweep.kernels import sweep as kernels
 from heliosweep.kernels.field import aimed, field_series
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.packets import packet_order
