@@ -84,10 +84,10 @@ class Candidates(NamedTuple):
 @kernel
 def bin_field(mirrors: Mirrors) -> Grid:
     """Bin the mirror centres by a counting sort; a few cells for each heliostat at most."""
-    x, y, z, radius = mirrors.x, mirrors.y, mirrors.z, mirrors.radius
+    x, y = mirrors.x, mirrors.y
     count = x.shape[0]
-    west, east, south, north = x.min(), x.max(), y.min(), y.max()
-    largest = radius.max()
+    (west, east), (south, north), (bottom, top) = _range(x), _range(y), _range(mirrors.z)
+    largest = _range(mirrors.radius)[1]
     # Cells of one bounding diameter, but larger where the field is sparse.
     cell = max(2.0 * largest, np.sqrt((east - west) * (north - south) / (2.0 * count)))
     cell = max(cell, max(east - west, north - south) / (2.0 * count), 1e-9)
@@ -104,7 +104,16 @@ def bin_field(mirrors: Mirrors) -> Grid:
     for j in range(count):
         names[fill[home[j]]] = j
         fill[home[j]] += 1
-    return Grid(first, names, west, south, cell, columns, rows, z.min(), z.max(), largest)
+    return Grid(first, names, west, south, cell, columns, rows, bottom, top, largest)
+
+
+@inner
+def _range(values):
+    """Smallest and largest of some numbers: as methods of arrays they take a second to compile."""
+    low = high = values[0]
+    for k in range(1, values.shape[0]):
+        low, high = min(low, values[k]), max(high, values[k])
+    return low, high
 
 
 @inner
