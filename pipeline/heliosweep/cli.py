@@ -334,6 +334,7 @@ def _plan(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
+    _start_ahead(options)
     from heliosweep import workflow
 
     study = _load(options)
@@ -341,6 +342,21 @@ def _run(options: argparse.Namespace) -> None:
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
     print(result.path)
+
+
+def _start_ahead(options: argparse.Namespace) -> None:
+    """Let the process that workers of a local cluster are forked from import what they need while this one does.
+
+    By a glance at the study: what a wrong guess costs is the time of a processor, no more.
+    """
+    with suppress(OSError, UnicodeDecodeError), open(options.study, encoding="utf-8") as file:
+        text = file.read(65_536)
+        if options.scheduler == "distributed" or (options.scheduler is None and "distributed" in text):
+            from heliosweep.runtime.local_cluster import start_ahead
+
+            family = re.search(r"^family: *([a-z_]+) *$", text, re.MULTILINE)
+            model = [f"heliosweep.families.{family[1]}.model"] if family else []
+            start_ahead("heliosweep.workflow", "heliosweep.runtime.cluster", *model)
 
 
 def _status(options: argparse.Namespace) -> None:

@@ -30,7 +30,7 @@ def test_the_same_bits_from_fewer_tasks(name):
     family, plan = workflow.family_of(study), workflow.plan(study)
     splittable = plan.workload.splittable
     lazy = family.build(study, {**plan.chunks, **({splittable: 7} if splittable else {})}, {})
-    graph = fused(lazy := lazy.drop_vars(lazy.coords), "part")
+    graph = fused(lazy := lazy.drop_vars(lazy.coords), "part", "run")
     assert len(graph) < len(dict(lazy.__dask_graph__()))
     same(dask.get(graph, "part"), lazy.compute(scheduler="synchronous"))
 
@@ -61,7 +61,7 @@ PLACES = xr.DataArray(np.arange(12.0), dims="x")
 def test_one_task_for_each_block_and_one_for_the_rest():
     block = made("block", made("sun", PLACES, work=False), PLACES, work=True)
     lazy = xr.Dataset({"twice": 2 * block, "block": block, "mean": weighted_mean(block, PLACES, "x", {}, {})})
-    graph = fused(lazy, "part")
+    graph = fused(lazy, "part", "run")
     assert len(graph) == 4 + 1
     same(dask.get(graph, "part"), lazy.compute(scheduler="synchronous"))
 
@@ -69,7 +69,7 @@ def test_one_task_for_each_block_and_one_for_the_rest():
 def test_large_constants_stay_tasks_that_blocks_share():
     large = xr.DataArray(np.random.default_rng(1).random(EMBEDDED), dims="of")
     lazy = xr.Dataset({"a": made("block", PLACES, large, work=True, core=1)})
-    graph = fused(lazy, "part")
+    graph = fused(lazy, "part", "run")
     assert len(graph) == 4 + 1 + 1
     same(dask.get(graph, "part"), lazy.compute(scheduler="synchronous"))
 
@@ -77,7 +77,7 @@ def test_large_constants_stay_tasks_that_blocks_share():
 def test_what_waits_for_no_block_is_shared_among_workers():
     alone = made("alone", PLACES, work=False)
     lazy = xr.Dataset({"block": made("block", PLACES, work=True), "after": made("after", alone, work=False)})
-    graph = fused(lazy, "part")
+    graph = fused(lazy, "part", "run")
     assert len(graph) == 4 + 4 + 1
     same(dask.get(graph, "part"), lazy.compute(scheduler="synchronous"))
 
@@ -85,6 +85,6 @@ def test_what_waits_for_no_block_is_shared_among_workers():
 def test_blocks_that_wait_for_blocks():
     first = made("first", PLACES, work=True)
     lazy = xr.Dataset({"second": made("second", first, PLACES, work=True)})
-    graph = fused(lazy, "part")
+    graph = fused(lazy, "part", "run")
     assert len(graph) == 4 + 4 + 1
     same(dask.get(graph, "part"), lazy.compute(scheduler="synchronous"))

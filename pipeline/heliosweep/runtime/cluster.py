@@ -110,12 +110,12 @@ class _Load:
     alone: bool = False
 
     @classmethod
-    def of(cls, work: Work) -> _Load:
+    def of(cls, work: Work, run: str) -> _Load:
         lazy = work.lazy if work.lazy.__dask_graph__() else work.lazy.chunk()
         layers = work.lazy.__dask_graph__().layers if lazy is work.lazy else {}
         blocks = sum(len(layer) for name, layer in layers.items() if TASK_MARK in name)
         key = f"{work.part.name}-{uuid.uuid4().hex}"
-        return cls(work, key, fused(lazy, key), blocks, lazy.nbytes)
+        return cls(work, key, fused(lazy, key, run), blocks, lazy.nbytes)
 
 
 class _Cluster:
@@ -132,7 +132,8 @@ class _Cluster:
         done: queue.SimpleQueue[Future] = queue.SimpleQueue()
         # A part that was in flight when the worker of another one died may be innocent: it gets a try alone.
         suspects: deque[_Load] = deque()
-        loads = map(_Load.of, works)
+        run = uuid.uuid4().hex
+        loads = (_Load.of(work, run) for work in works)
         following = next(loads, None)
         while following or flight or suspects:
             while following and self._room(flight, following):

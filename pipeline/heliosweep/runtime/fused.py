@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Graph: TypeAlias = dict[Any, Any]
 
 
-def fused(lazy: xr.Dataset, name: str) -> Graph:
+def fused(lazy: xr.Dataset, name: str, group: str) -> Graph:
     """Fuse the graph of a part.
 
     What a block is made from, as the sun, is made in its task, perhaps in those of other blocks too; only constants,
@@ -37,6 +37,9 @@ def fused(lazy: xr.Dataset, name: str) -> Graph:
         Variables of a part, all of them lazy.
     name : str
         Key of the task that gives their values, a dict of str to numpy.ndarray.
+    group : str
+        Of the blocks of all parts of a run. The scheduler hands out one by one the tasks of a large group alone; of
+        those of a small one, as the blocks of the last part are, it would give one worker several while others wait.
 
     Returns
     -------
@@ -52,12 +55,15 @@ def fused(lazy: xr.Dataset, name: str) -> Graph:
     # What waits for no block and is behind none: every worker shall have a share of it too.
     free = {key for key in graph.keys() - before if constants.issuperset(needs[key])}
     blocks = work | {key for key in free if _name(key).startswith(PREPARE_MARK)}
+    called = {key: (f"{TASK_MARK}{group}", name, key) for key in work}
     few: Graph = {}
     for key in blocks:
         inside, waits = _behind(needs[key], needs, blocks | constants)
-        few[key] = (_Fused({other: graph[other] for other in (*inside, key)}, key, waits), waits)
+        given = [called.get(other, other) for other in waits]
+        few[called.get(key, key)] = (_Fused({other: graph[other] for other in (*inside, key)}, key, waits), given)
     inside, waits = _behind(wanted, needs, blocks | constants)
-    few[name] = (_Fused({other: graph[other] for other in inside}, keys, waits), waits)
+    given = [called.get(other, other) for other in waits]
+    few[name] = (_Fused({other: graph[other] for other in inside}, keys, waits), given)
     return few | {key: graph[key] for key in constants}
 
 
