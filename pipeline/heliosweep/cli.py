@@ -349,7 +349,9 @@ def _start_ahead(options: argparse.Namespace) -> None:
 
     By a glance at the study: what a wrong guess costs is the time of a processor, no more.
     """
-    with suppress(OSError, UnicodeDecodeError), open(options.study, encoding="utf-8") as file:
+    from pathlib import Path
+
+    with suppress(OSError, UnicodeDecodeError), Path(options.study).open(encoding="utf-8") as file:
         text = file.read(65_536)
         if options.scheduler == "distributed" or (options.scheduler is None and "distributed" in text):
             from heliosweep.runtime.local_cluster import start_ahead
