@@ -27,6 +27,15 @@ def test_warm_makes_the_one_signature_ready():
     assert not fresh
 
 
+def test_code_is_made_of_what_python_calls_alone():
+    program = (
+        "from heliosweep.kernels import field, sweep, unions, warm\n"
+        "warm.warm_field(); print(len(sweep.sweep.signatures), len(unions.unions.signatures))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1", "0"]
+
+
 def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(monkeypatch):
     monkeypatch.setattr(compiled, "UNCACHED", [])
     space: dict[str, Any] = {}

@@ -72,3 +72,15 @@ def test_processors_that_share_a_cache_share_no_file():
         names.add(subprocess.run(run, env=os.environ | changed, capture_output=True, text=True, check=True).stdout)
     assert len(names) == 1 + len(targets)
     assert field.sweep.py_func.__qualname__.endswith(f"-{processor()}")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("family", FAMILIES)
+def test_parts_have_the_bits_of_kernels_that_are_compiled_by_themselves(family, tmp_path):
+    program = (
+        "import runpy, sys; from heliosweep.kernels import parts; parts._TRIED_WITH.clear()\n"
+        f"sys.argv[1:] = [{family!r}]; runpy.run_module('tests.kernels.processors', run_name='__main__')"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert json.loads(run.stdout)[family] == digests(family)

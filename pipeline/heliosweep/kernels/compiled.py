@@ -19,7 +19,7 @@ from heliosweep.kernels.parts import compile_in_parts
 
 __all__ = ["PURE_PYTHON", "UNCACHED", "inline", "inner", "kernel", "processor"]
 
-PURE_PYTHON = os.environ.get("HELIOSWEEP_PURE_PYTHON", "") not in ("", "0")
+PURE_PYTHON = any(os.environ.get(name, "") not in ("", "0") for name in ("HELIOSWEEP_PURE_PYTHON", "NUMBA_DISABLE_JIT"))
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
 
 UNCACHED: list[str] = []

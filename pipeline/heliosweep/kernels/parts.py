@@ -9,7 +9,7 @@ compile as they do by themselves, to the same results.
 """
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -20,7 +20,7 @@ _TRIED_WITH = {(0, 68)}
 """Versions of numba."""
 
 
-def compile_in_parts(whole: Any, function: Any, **options: Any) -> None:
+def compile_in_parts(whole: Any, function: Callable[..., Any], **options: Any) -> None:
     """Make machine code of a kernel where Python calls it, and a part where another kernel does.
 
     Parameters
@@ -38,7 +38,8 @@ def compile_in_parts(whole: Any, function: Any, **options: Any) -> None:
 
     if numba.version_info.short not in _TRIED_WITH:
         return
-    part = numba.njit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+    make: Any = numba.njit  # these options are not among those that it tells of
+    part = make(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
     compile_alone, template = whole.compile, part.get_call_template
 
     def compile_of_parts(signature: Any) -> Any:
