@@ -38,3 +38,12 @@ def test_compiler_options_live_in_one_place():
     for source in SOURCES:
         if source.stem != "compiled":
             assert "njit" not in source.read_text(), source.name
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
+def test_kernels_that_count_no_references_make_no_arrays(source):
+    makers = {"array", "concatenate", "copy", "empty", "empty_like", "full", "ones", "stack", "zeros", "zeros_like"}
+    for node in ast.walk(ast.parse(source.read_text())):
+        if isinstance(node, ast.FunctionDef) and {"inline", "inner"} & {ast.unparse(d) for d in node.decorator_list}:
+            called = {ast.unparse(call.func) for call in ast.walk(node) if isinstance(call, ast.Call)}
+            assert not called & {f"np.{name}" for name in makers}, f"{source.name}: {node.name}"

@@ -90,7 +90,8 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     except RuntimeError:  # there is no folder that numba could write compiled code to
         UNCACHED.append(function.__name__)
         compiled = numba.njit(function, **options)
-    compile_in_parts(compiled, function, **options)
+    make: Any = numba.njit  # the two options are not among those that its types tell of
+    compile_in_parts(compiled, make(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options))
     return compiled
 
 

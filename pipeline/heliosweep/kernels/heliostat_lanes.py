@@ -83,7 +83,7 @@ def heliostat_lanes(
             )  # fmt: skip
 
 
-@inline
+@kernel
 def _stand(base, pivots, first, here, lanes, room):
     """Write rows of the way to the aim point and of the frames: one frame for all but target-aligned mounts."""
     kind, latitude, axis_azimuth, target_height, _ = base

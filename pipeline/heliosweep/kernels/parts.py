@@ -9,7 +9,7 @@ compile as they do by themselves, to the same results.
 """
 
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -20,17 +20,13 @@ _TRIED_WITH = {(0, 68)}
 """Versions of numba."""
 
 
-def compile_in_parts(whole: Any, function: Callable[..., Any], **options: Any) -> None:
+def compile_in_parts(whole: Any, part: Any) -> None:
     """Make machine code of a kernel where Python calls it, and a part where another kernel does.
 
     Parameters
     ----------
-    whole : numba.core.dispatcher.Dispatcher
-        The kernel, compiled on its first call.
-    function : function
-        What it was made of.
-    **options
-        How it is compiled.
+    whole, part : numba.core.dispatcher.Dispatcher
+        The kernel, and the same without what Python calls it by; each compiled on its first call.
     """
     import numba
     from numba.core import types
@@ -38,8 +34,6 @@ def compile_in_parts(whole: Any, function: Callable[..., Any], **options: Any) -
 
     if numba.version_info.short not in _TRIED_WITH:
         return
-    make: Any = numba.njit  # these options are not among those that it tells of
-    part = make(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
     compile_alone, template = whole.compile, part.get_call_template
 
     def compile_of_parts(signature: Any) -> Any:
@@ -48,7 +42,7 @@ def compile_in_parts(whole: Any, function: Callable[..., Any], **options: Any) -
 
     def call_template(args: Any, kws: Any) -> Any:
         """As a call, but a number that is written out is no reason to compile again, unless its place is the caller."""
-        if "forceinline" not in options:
+        if "forceinline" not in part.targetoptions:
             args, kws = [types.unliteral(each) for each in args], {k: types.unliteral(each) for k, each in kws.items()}
         return template(args, kws)
 
