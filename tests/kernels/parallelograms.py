@@ -10,10 +10,9 @@ from heliosweep.kernels.unions import room_for, unions
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 
 
-def union_areas(shapes, shading):
-    """Union areas of parallelograms, shape (m, PACKET, 6): centre and half edges; the first `shading` are shades."""
-    count = len(shapes)
-    images = images_of(count)
+def images_for(shapes):
+    """Images that are the given parallelograms, shape (m, PACKET, 6): centre and half edges."""
+    images = images_of(len(shapes))
     up = np.repeat([0.0, 0.0, 1.0], PACKET)
     one, none = np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
@@ -21,8 +20,13 @@ def union_areas(shapes, shading):
         views = np.concatenate((one, none, cx, none, one, cy))
         frame = np.concatenate((ax, ay, none, bx, by, none, one))
         image(images, m, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
-    total = np.empty(3 * PACKET)
-    unions(images, shading, count, total, room_for(count), PACKET)
+    return images
+
+
+def union_areas(shapes, shading):
+    """Union areas of parallelograms, shape (3, PACKET), by the kernel; the first `shading` are shades."""
+    count, total = len(shapes), np.empty(3 * PACKET)
+    unions(images_for(shapes), shading, count, total, room_for(count), PACKET)
     return total.reshape(3, PACKET)
 
 
