@@ -143,6 +143,16 @@ def test_least_squares_equals_scipy(parameters):
     np.testing.assert_allclose(found.estimate[0, :parameters], theirs, rtol=0, atol=1e-12)
 
 
+def test_errors_that_are_not_sought_are_nothing_whatever_was_fitted_before():
+    few = Case(true=truth(2), noise=1e-3, seeds=3)
+    alone = few.calibrate(parameters=2).estimate
+    for parameters in (6, 4):
+        for _ in range(20):  # scratch that is not written would hold what these leave behind
+            Case(true=TRUE, noise=1e-3, seeds=3).calibrate(parameters=parameters)
+            np.testing.assert_array_equal(few.calibrate(parameters=2).estimate, alone)
+    np.testing.assert_allclose(alone[:, :2], np.broadcast_to(truth(2)[..., :2], alone[:, :2].shape), atol=1e-4)
+
+
 @pytest.mark.parametrize("loss", [HUBER, CAUCHY])
 @pytest.mark.parametrize("parameters", [4, 6])
 def test_robust_losses_equal_scipy(loss, parameters):

@@ -5,8 +5,7 @@ projects along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the 
 and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1: the test mirror is the square [-1, 1] x [-1, 1], and the image
 of another mirror a parallelogram given by its centre and two half edges.
 
-Rows of lanes stand in flat arrays, each block of them at an offset: a slice of an array would be counted as one more
-reference to it, at every call.
+Rows of lanes stand in flat arrays, each block of them at an offset from the start.
 """
 
 from typing import NamedTuple

@@ -305,12 +305,14 @@ def _minimise(
 def _full_step(work, parameters, x, tried):
     """The same as `_step` without damping, by the inverse of the triangular factor in place of singular vectors."""
     upper, inverse = work.upper, work.right
+    for j in range(x.shape[0]):  # also the errors that are not sought
+        tried[j] = x[j]
     square, largest = 0.0, 0.0
     for j in range(parameters):
         change = 0.0
         for k in range(j, parameters):
             change += inverse[j, k] * upper[k, parameters]
-        tried[j] = x[j] - change
+        tried[j] -= change
         square += upper[j, parameters] ** 2
         largest = max(largest, abs(tried[j] - x[j]))
     return 0.5 * square, square, largest

@@ -85,6 +85,9 @@ def room_for(count: int) -> Room:
 def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
     """Exact areas of the unions of images, for every lane, on the square of area 4.
 
+    Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
+    radian before grazing incidence makes them: to 2e-12.
+
     Parameters
     ----------
     images : Images
