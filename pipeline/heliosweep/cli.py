@@ -11,8 +11,8 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from heliosweep import __version__
@@ -35,7 +35,7 @@ _FIGURES = ("png", "svg", "pdf")
 #: Objects that are made between two runs of Python's garbage collector; its own choice is 700.
 _OBJECTS_BETWEEN_COLLECTIONS = 10_000
 
-#: Arrays from this size on go back to the system when they are let go; of smaller ones, each thread keeps so much for
+#: Arrays from this size on go back to the system when they are let go; of smaller ones, each pool keeps so much for
 #: the next, for page faults can take a sixth of a run. And the names of both in the C library. [bytes]
 _GIVEN_BACK, _KEPT = 4 * 2**20, 16 * 2**20
 _M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD = -3, -1
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _print_anything()
     if arguments is None:
         _collect_less()
-        _keep_less()
+        _reuse_memory()
     given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
     if not given:
         parser.print_help(sys.stderr)
@@ -98,8 +98,8 @@ def _collect_less() -> None:
     atexit.register(gc.freeze)
 
 
-def _keep_less() -> None:
-    """Keep no memory for large arrays that are no more, as the C library of Linux does: up to 200 MB."""
+def _reuse_memory() -> None:
+    """Let the C library of Linux keep no memory of large arrays that are no more, up to 200 MB, and some of small ones."""
     with suppress(AttributeError, OSError, TypeError):  # other systems
         library = ctypes.CDLL(None)
         library.mallopt(_M_MMAP_THRESHOLD, _GIVEN_BACK)
@@ -334,31 +334,41 @@ def _plan(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    _start_ahead(options)
-    from heliosweep import workflow
+    with _ahead(options) as ahead:
+        from heliosweep import workflow
 
-    study = _load(options)
-    result = workflow.run(
-        study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
-    )
-    print(result.path)
+        study = _load(options)
+        if study.execution.scheduler != "distributed":
+            ahead.close()
+        result = workflow.run(
+            study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
+        )
+        print(result.path)
 
 
-def _start_ahead(options: argparse.Namespace) -> None:
+@contextmanager
+def _ahead(options: argparse.Namespace) -> Iterator[ExitStack]:
     """Let the process that workers of a local cluster are forked from import what they need while this one does.
 
-    By a glance at the study: what a wrong guess costs is the time of a processor, no more.
+    By a glance at the study; closing what is given back ends that process if it was not needed.
     """
     from pathlib import Path
 
-    with suppress(OSError, UnicodeDecodeError), Path(options.study).open(encoding="utf-8") as file:
-        text = file.read(65_536)
-        if options.scheduler == "distributed" or (options.scheduler is None and "distributed" in text):
-            from heliosweep.runtime.local_cluster import start_ahead
+    with ExitStack() as stack:
+        text, path = "", Path(options.study)
+        with suppress(OSError, UnicodeDecodeError):
+            if path.is_file():  # a pipe can be read once
+                with path.open(encoding="utf-8") as file:
+                    text = file.read(65_536)
+        asked = f"scheduler: {options.scheduler}" if options.scheduler else text
+        if re.search(r"\bscheduler: *[\"']?distributed\b", asked):
+            from heliosweep.runtime.local_cluster import end_ahead, start_ahead
 
+            stack.callback(end_ahead)
             family = re.search(r"^family: *([a-z_]+) *$", text, re.MULTILINE)
             model = [f"heliosweep.families.{family[1]}.model"] if family else []
             start_ahead("heliosweep.workflow", "heliosweep.runtime.cluster", *model)
+        yield stack
 
 
 def _status(options: argparse.Namespace) -> None:

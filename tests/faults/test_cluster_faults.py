@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,6 +54,23 @@ def test_a_part_that_kills_its_workers():
     assert str(done[2].error).startswith("its worker died 3 times; there may be too little memory: raise execution.mem")
     for number in (0, 1, 3, 4, 5):
         check(done[number], blocks=4)
+
+
+def test_a_part_beside_one_that_kills_its_workers_is_tried_alone(tmp_path):
+    """Both have failed three times then, and both would succeed at the fourth."""
+
+    def kill(block: np.ndarray) -> np.ndarray:
+        if block[0] >= 100:
+            time.sleep(0.3)  # in the queue of the worker, or at work in it, when that dies
+        elif len(deaths := list(tmp_path.iterdir())) < 3:
+            (tmp_path / str(len(deaths))).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return block
+
+    with engine(workers=1) as started:
+        done = outcomes(started, (work(number, kill, blocks=1) for number in range(3)))
+    for number in range(3):
+        check(done[number], blocks=1)
 
 
 @pytest.mark.parametrize("moment", ["before the first part", "between parts"])
@@ -173,3 +191,59 @@ def test_many_workers_are_killed():
         killer.join()
     assert all(outcome.error is None for outcome in done.values())
     assert len(done) == 20
+
+
+STUDY = """
+family: dish_tracking
+site: {latitude: 40, longitude: 0}
+time:
+  {clock: civil, timezone: "+00:00", dates: [2021-03-20], window: {start: "07:00", stop: "17:00", step: 30 min}}
+mount: {model: rigid}
+errors: {axis_tilt: [0.05, 0.1], axis_tilt_direction: [0, 90]}
+tolerance: 4 mrad
+execution: {scheduler: distributed, workers: 2}
+"""
+
+
+def command(folder: Path, *arguments: str, **options: Any) -> subprocess.Popen[str]:
+    """A run of the study, in a session of its own."""
+    words = [
+        sys.executable,
+        "-m",
+        "heliosweep",
+        "run",
+        *arguments,
+        "--output",
+        str(folder / "out"),
+        "--no-report",
+        "-q",
+    ]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(words, cwd=folder, text=True, stdout=pipe, stderr=pipe, start_new_session=True, **options)
+
+
+@pytest.mark.parametrize("delay", [0.4, 0.8, 1.2, 1.6])
+def test_interrupted_while_workers_are_got_ready(delay, tmp_path):
+    (tmp_path / "study.yaml").write_text(STUDY)
+    with command(tmp_path, "study.yaml") as process:
+        time.sleep(delay)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert "Traceback" not in errors
+    wait_until(lambda: not alive(process.pid), 5)
+
+
+def test_a_study_that_is_refused_leaves_no_process(tmp_path):
+    (tmp_path / "study.yaml").write_text(STUDY.replace("latitude: 40", "latitude: 400"))
+    with command(tmp_path, "study.yaml") as process:
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 2
+        assert "study.yaml:3:" in errors
+    wait_until(lambda: not alive(process.pid), 5)
+
+
+def test_a_study_from_a_pipe(tmp_path):
+    with command(tmp_path, "/dev/stdin", "--scheduler", "distributed", stdin=subprocess.PIPE) as process:
+        _, errors = process.communicate(STUDY, timeout=60)
+    assert process.returncode == 0, errors
+    assert (tmp_path / "out" / "result.nc").is_file()

@@ -58,7 +58,7 @@ def test_kernels_that_count_no_references_are_given_no_array_by_others():
         home = {function.name: source.stem for function in decorated(source, "kernel", "inner", "inline")}
         for node in ast.walk(ast.parse(source.read_text())):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("heliosweep.kernels."):
-                home |= {alias.asname or alias.name: node.module.rpartition(".")[2] for alias in node.names}
+                home |= {alias.asname or alias.name: str(node.module).rpartition(".")[2] for alias in node.names}
         for function in decorated(source, "inline", "inner"):
             calls = [call.func for call in ast.walk(function) if isinstance(call, ast.Call)]
             called = {f"{home[name]}.{name}" for name in map(ast.unparse, calls) if name in home}

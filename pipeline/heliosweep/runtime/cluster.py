@@ -140,8 +140,8 @@ class _Cluster:
                 self._submit(following, flight, done)
                 following = next(loads, None)
             if not flight:
-                load = suspects.popleft()
-                self._submit(replace(load, alone=True), flight, done)
+                again = _Load.of(suspects.popleft().work, run)  # by another name: the old one stands for its failure
+                self._submit(replace(again, alone=True), flight, done)
             future = self._wait(done)
             load = flight.pop(future)
             outcome, killed = self._outcome(future, load, done)

@@ -110,4 +110,5 @@ class _Fused:
         graph = self.graph | {key: (Constant(value),) for key, value in zip(self.waits, given, strict=True)}
         if not isinstance(self.wanted, dict):
             return dask.get(graph, self.wanted)
-        return {name: np.asarray(finalize(dask.get(graph, keys))) for name, keys in self.wanted.items()}
+        blocks = dask.get(graph, list(self.wanted.values()))  # at once: variables share tasks
+        return {name: np.asarray(finalize(values)) for name, values in zip(self.wanted, blocks, strict=True)}

@@ -40,8 +40,9 @@ def start_ahead(*modules: str) -> bool:
 
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return False
-    from multiprocessing import forkserver
+    from multiprocessing import forkserver, resource_tracker
 
+    resource_tracker.ensure_running()  # it unblocks signals, and would do so below
     with _interruptions_blocked():
         forkserver.set_forkserver_preload([*_needed(), *modules])
         try:
@@ -50,6 +51,16 @@ def start_ahead(*modules: str) -> bool:
             log.debug("workers are started one by one: %s", error)
             return False
     return True
+
+
+def end_ahead() -> None:
+    """End the process of `start_ahead`, if there is one: it keeps memory, and standard output open."""
+    forkserver = sys.modules.get("multiprocessing.forkserver")
+    pid = getattr(getattr(forkserver, "_forkserver", None), "_forkserver_pid", None)
+    if forkserver and pid:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)  # type: ignore[attr-defined, unused-ignore]  # no such signal on Windows
+        forkserver._forkserver._stop()
 
 
 def _needed() -> list[str]:
