@@ -78,6 +78,45 @@ def test_a_file_is_not_swept_under_two_names(study_file, name) -> None:
         load(study_file(layout=f"layout: {{file: [a.csv, '{name}']}}"), REGISTRY)
 
 
+@pytest.fixture
+def linked(study_file) -> Path:
+    """A study of two files: ``lk`` is a link to a folder, so that ``lk/../a.csv`` is in the folder which holds that."""
+    Path("far/deep").mkdir(parents=True)
+    Path("lk").symlink_to("far/deep")
+    Path("a.csv").write_text("x,y\n0,50\n")
+    Path("far/a.csv").write_text("x,y\n0,60\n")
+    return study_file(layout="layout: {file: [a.csv, lk/../a.csv]}")
+
+
+def test_links_are_followed_as_the_system_does(linked) -> None:
+    assert load(linked, REGISTRY).files() == {"layout.file": ("a.csv", "lk/../a.csv")}
+    Path("lk/a.csv").write_text("x,y\n0,70\n")
+    linked.write_text(linked.read_text().replace("a.csv, lk/../a.csv", "lk/a.csv, far/deep/a.csv"))
+    with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'lk/a\.csv'"):
+        load(linked, REGISTRY)
+
+
+@pytest.mark.parametrize("folder", ["out", "lk/out"])
+def test_resolved_study_names_the_same_files_through_links(linked, folder) -> None:
+    study = load(linked, REGISTRY)
+    Path(folder).mkdir()
+    resolved = Path(folder, "study.resolved.yaml")
+    resolved.write_text(resolved_yaml(study, resolved.parent))
+    again = load(resolved, REGISTRY)
+    assert again.study_id == study.study_id
+    named = study.files()["layout.file"], again.files()["layout.file"]
+    assert [study.resolve(a).samefile(again.resolve(b)) for a, b in zip(*named, strict=True)] == [True, True]
+
+
+def test_links_stay_where_they_lead_to_the_same_file(study_file) -> None:
+    Path("far").mkdir()
+    Path("out").mkdir()
+    Path("lk").symlink_to("far")
+    Path("far/a.csv").write_text("x,y\n0,50\n")
+    study = load(study_file(layout="layout: {file: lk/a.csv}"), REGISTRY)
+    assert "file: ../lk/a.csv" in resolved_yaml(study, Path("out"))
+
+
 def test_files_are_relative_to_the_study(study_file) -> None:
     folder = Path("deep")
     folder.mkdir()

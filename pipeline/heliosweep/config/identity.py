@@ -118,13 +118,19 @@ def resolved(study: Study, relative_to: Path | None = None) -> dict[str, Any]:
         they were given, relative to the folder of the original study file.
     """
 
-    def seen_from(name: str) -> str:
-        return Path(os.path.relpath(study.resolve(name), relative_to)).as_posix()
+    def seen_from(folder: Path, name: str) -> str:
+        path = study.resolve(name)
+        seen = os.path.relpath(path, folder)
+        if os.path.realpath(folder / seen) != os.path.realpath(path):  # ".." after a link to a folder is elsewhere
+            seen = os.path.relpath(Path(os.path.realpath(path.parent)) / path.name, os.path.realpath(folder))
+        return Path(seen).as_posix()
 
     def rewrite(parameter: Parameter | None, value: Any) -> Any:
         if relative_to is None or not isinstance(parameter, FileName):
             return value
-        return [seen_from(name) for name in value.values()] if isinstance(value, Sweep) else seen_from(value)
+        names = value.values() if isinstance(value, Sweep) else [value]
+        seen = [seen_from(Path(relative_to), name) for name in names]
+        return seen if isinstance(value, Sweep) else seen[0]
 
     return {key: entry for key, entry in plain(study, rewrite).items() if entry not in ("", [], {})}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, TypeVar
@@ -151,9 +152,11 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
 def _same_files(study: Study) -> Iterator[Problem]:
     """Yield names of a list that mean a file which stands in it already: saved elsewhere, both would be one name."""
     for key, names in study.files().items():
-        first: dict[str, str] = {}
+        first: dict[pathlib.Path, str] = {}
         for position, name in enumerate(names):
-            before = first.setdefault(os.path.relpath(study.resolve(name)), name)
+            path = study.resolve(name)
+            # ".." after a link to a folder leads to where that folder is.
+            before = first.setdefault(pathlib.Path(os.path.realpath(path.parent)) / path.name, name)
             if before is not name:
                 message = f"is the same file as {shown(before)}; name each file once (got {shown(name)})"
                 yield study.problem(f"{key}[{position}]", message)
