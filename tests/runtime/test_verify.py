@@ -247,7 +247,6 @@ def test_results_that_are_none(plain, tmp_path):
 def test_a_reader_that_hangs_is_ended(plain, monkeypatch):
     flip(plain / "result.nc", -1)
     monkeypatch.setattr(contents, "_PATIENCE", 0.01)
-    monkeypatch.setattr(contents, "_BYTES_PER_SECOND", 1e12)
     assert "cannot be read to its end: its structure is damaged" in verify(plain).text
 
 

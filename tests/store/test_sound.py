@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +19,7 @@ from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.store import contents, sound
 from tests.faults.stopped import flip, truncate
-from tests.store.samples import write_folder
+from tests.store.samples import digests, write_folder
 
 #: What reads results, as commands; B is what is damaged.
 READERS = ["compare A B", "compare B A", "report B", "export B --csv out.csv", "table B -o out.csv"]
@@ -88,6 +91,44 @@ def test_so_is_damage_of_groups(pair, capsys, reader, damage):
     assert "heliosweep run B/study.resolved.yaml --output B" in said
 
 
+PUBLISHERS = ["report B", "export B -o out.nc", "export B --csv out.csv", "table B -o out.csv"]
+
+
+@pytest.mark.parametrize("reader", PUBLISHERS)
+def test_a_group_without_a_chunk_is_not_published(pair, capsys, reader):
+    (pair("result.zarr") / "power" / "1.1.0").unlink()
+    assert main(reader.split()) == 1
+    said = capsys.readouterr().err
+    assert re.search(r"B/result\.zarr: is damaged: part series-\d+ .*is not what was computed", said)
+    assert "heliosweep run B/study.resolved.yaml --output B" in said
+    assert [*Path().glob("out.*"), *Path("B").glob("report.html")] == []
+
+
+def test_a_group_of_other_bytes_and_the_same_content_is_published(pair):
+    attributes = pair("result.zarr") / "power" / ".zattrs"
+    attributes.write_text(attributes.read_text() + " ")
+    assert main(["export", "B", "-o", "out.nc"]) == 0
+
+
+@pytest.mark.parametrize("reader", ["compare A B", *PUBLISHERS, "verify B"])
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_pipe_in_a_group_is_not_waited_for(pair, capsys, reader, alone):
+    path = pair("result.zarr")
+    pipe(path / "power" / "1.1.0")
+    if alone:
+        (path.parent / "manifest.json").unlink()
+    assert main(reader.split()) == 1
+    out, err = capsys.readouterr()
+    assert "power/1.1.0 is no file" in out + err
+
+
+@pytest.mark.parametrize("reader", ["compare A B", "report B", "verify B"])
+@pytest.mark.parametrize("result", ["result.nc", "result.zarr"])
+def test_a_pipe_for_a_manifest_is_not_waited_for(pair, reader, result):
+    pipe(pair(result).parent / "manifest.json")
+    assert main(reader.split()) in (0, 1)
+
+
 @pytest.mark.parametrize("damage", [truncate, empty, text, pipe, superblock])
 def test_a_file_alone(pair, damage):
     path = pair()
@@ -122,13 +163,64 @@ def test_other_bytes_of_the_same_content_are_read(pair):
     assert sound.sound(path, as_written=True)[0].path == path
 
 
+HANG = """
+import os, pathlib, sys, time
+from heliosweep.store import contents, raw
+
+def read(*_):
+    pathlib.Path("reads").write_text(str(os.getpid()))
+    time.sleep(1e6)
+
+raw.Raw.read = read
+sys.exit(contents.main())
+"""
+
+
 def test_a_reader_that_hangs_is_ended(pair, monkeypatch):
     path = pair()
     flip(path)
-    monkeypatch.setattr(contents, "_PATIENCE", 0.01)
-    monkeypatch.setattr(contents, "_BYTES_PER_SECOND", 1e12)
+    monkeypatch.setattr(contents, "_READER", [sys.executable, "-c", HANG])
+    monkeypatch.setattr(contents, "_PATIENCE", 8.0)  # many times longer than it takes to begin reading
     with pytest.raises(HeliosweepError, match="cannot be read to its end: its structure is damaged"):
         sound.sound(path)
+    with pytest.raises(ProcessLookupError):  # it did read, and is there no more
+        os.kill(int(Path("reads").read_text()), 0)
+
+
+SAY = "import sys, time\nfor _ in range(int(sys.argv[1])): print(flush=True); time.sleep(0.1)\nprint('[]')"
+
+
+def test_a_reader_that_is_slow_is_waited_for(tmp_path, monkeypatch):
+    """A hundred times longer than its file has bytes for, and three times longer than silence is borne."""
+    (tmp_path / "30").write_bytes(b"packed")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(contents, "_READER", [sys.executable, "-I", "-c", SAY])
+    monkeypatch.setattr(contents, "_PATIENCE", 1.0)
+    monkeypatch.setattr(contents, "_SLOWEST", 1e3)
+    assert contents.check_apart(Path("30"), None) == []
+
+
+def test_a_reader_of_values_without_end_is_ended(tmp_path, monkeypatch):
+    (tmp_path / "1000000").write_bytes(b"damaged")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(contents, "_READER", [sys.executable, "-I", "-c", SAY])
+    monkeypatch.setattr(contents, "_PATIENCE", 1.0)
+    assert contents.check_apart(Path("1000000"), None) == ["cannot be read to its end: its structure is damaged"]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_it_tells_of_every_piece(pair, known):
+    path = pair()
+    manifest = json.loads((path.parent / "manifest.json").read_text()) if known else None
+    done = subprocess.run(
+        [*contents._READER, str(path)], input=json.dumps(manifest), capture_output=True, text=True, check=True
+    )
+    *told, wrong = done.stdout.splitlines()
+    assert json.loads(wrong) == []
+    assert told == [""] * len(told)
+    with netCDF4.Dataset(path) as file:
+        least = len(file.variables)
+    assert len(told) >= least + (len(digests()) if known else 0)
 
 
 @pytest.mark.parametrize("result", ["result.nc", "result.zarr"])

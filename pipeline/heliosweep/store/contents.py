@@ -10,24 +10,31 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryFile
+from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.slabs import Part
-from heliosweep.store.digest import content_digest, part_digest, tree
+from heliosweep.store.digest import content_digest, odd, part_digest
 from heliosweep.store.places import Places
 from heliosweep.store.raw import Raw, open_raw, stored_parts
 
 #: Damaged parts that are named; of more, the number is told.
 _NAMED = 20
-#: Time for reading what is damaged, besides that for its length; and address space. [s, bytes]
-_PATIENCE, _BYTES_PER_SECOND, _ROOM = 60.0, 20e6, 8 * 2**30
+#: The process that reads what may be damaged: it is ended after so long without a piece read; address space. [s, bytes]
+_PATIENCE, _ROOM = 60.0, 8 * 2**30
+#: Damage may also tell of values without end. Nobody who reads so slowly, and no file packed so densely by zlib, is
+#: suspected of it. [bytes/s, 1]
+_SLOWEST, _DENSEST = 20e6, 1032
+#: Its command, without the name of the result.
+_READER = [sys.executable, "-P", "-m", "heliosweep.store.contents"]
 
 
 def read_part(path: str | os.PathLike[str], part: Part, digest: str | None = None) -> dict[str, np.ndarray] | None:
@@ -115,7 +122,7 @@ def check_parts(raw: Raw, cut: Mapping[str, Any], digests: Mapping[str, str]) ->
     return count, wrong
 
 
-def check(path: Path, manifest: Mapping[str, Any]) -> list[str]:
+def check(path: Path, manifest: Mapping[str, Any], told: Callable[[], object] = lambda: None) -> list[str]:
     """Compare what a result holds with its manifest.
 
     Parameters
@@ -124,6 +131,8 @@ def check(path: Path, manifest: Mapping[str, Any]) -> list[str]:
         The result.
     manifest : mapping
         Its manifest.
+    told : callable
+        Called after every piece that was read.
 
     Returns
     -------
@@ -131,7 +140,9 @@ def check(path: Path, manifest: Mapping[str, Any]) -> list[str]:
         What is wrong.
     """
     try:
-        with open_raw(path) as raw:
+        if path.is_dir() and (strange := odd(path)):
+            return [f"{name} is no file" for name in strange[:_NAMED]]
+        with open_raw(path, told) as raw:
             wrong = _check_identity(raw, manifest)
             parts = manifest.get("parts")
             if isinstance(parts, Mapping):
@@ -145,7 +156,7 @@ def check(path: Path, manifest: Mapping[str, Any]) -> list[str]:
                 if len(digests) != count:
                     wrong.append(f"manifest.json has digests of {len(digests):,} parts, the result has {count:,}")
             expected = manifest["result"].get("content_digest")
-            if not wrong and expected and content_digest(path) != expected:
+            if not wrong and expected and content_digest(path, told) != expected:
                 wrong.append("attributes or coordinates are not those that were written (the values are)")
     except HeliosweepError as error:
         return [str(error).removeprefix(f"{path}: ")]
@@ -159,17 +170,19 @@ def _check_identity(raw: Raw, manifest: Mapping[str, Any]) -> list[str]:
     return [] if said == found else [f"is of study {found}, manifest.json of study {said}"]
 
 
-def _check_readable(path: Path) -> list[str]:
+def _check_readable(path: Path, told: Callable[[], object]) -> list[str]:
     """Read a result of which nothing is known to its end."""
     try:
-        content_digest(path)
+        content_digest(path, told)
     except HeliosweepError as error:
         return [str(error).removeprefix(f"{path}: ")]
     return []
 
 
 def check_apart(path: Path, manifest: Mapping[str, Any] | None) -> list[str]:
-    """Do `check` in a process of its own, which may hang or die of what it reads.
+    """Do `check` of a file in a process of its own, which may hang or die of what it reads.
+
+    It is waited for as long as it goes on reading, for how long that takes depends on how the values are packed.
 
     Parameters
     ----------
@@ -183,34 +196,52 @@ def check_apart(path: Path, manifest: Mapping[str, Any] | None) -> list[str]:
     list of str
         What is wrong.
     """
-    size = sum(tree(path).values()) if path.is_dir() else path.stat().st_size
-    command = [sys.executable, "-P", "-m", "heliosweep.store.contents", str(path)]
+    end = monotonic() + _PATIENCE + path.stat().st_size * _DENSEST / _SLOWEST
+    with TemporaryFile("w+") as question, TemporaryFile("w+") as answer:
+        json.dump(manifest, question)
+        question.seek(0)
+        command = [*_READER, str(path)]
+        with subprocess.Popen(command, stdin=question, stdout=answer, stderr=subprocess.DEVNULL) as reader:
+            try:
+                length = 0
+                while not _ended(reader):
+                    before, length = length, os.fstat(answer.fileno()).st_size
+                    if length == before or monotonic() > end:
+                        return ["cannot be read to its end: its structure is damaged"]
+            finally:
+                reader.kill()
+        answer.seek(0)
+        try:
+            return [str(line) for line in json.load(answer)]
+        except ValueError:
+            return [f"cannot be read: its structure is damaged (the library ended with code {reader.returncode})"]
+
+
+def _ended(process: subprocess.Popen[Any]) -> bool:
     try:
-        done = subprocess.run(
-            command,
-            input=json.dumps(manifest),
-            capture_output=True,
-            text=True,
-            timeout=_PATIENCE + size / _BYTES_PER_SECOND,
-            check=False,
-        )
-        wrong = json.loads(done.stdout)
+        process.wait(_PATIENCE)
     except subprocess.TimeoutExpired:
-        return ["cannot be read to its end: its structure is damaged"]
-    except ValueError:
-        return [f"cannot be read: its structure is damaged (the library ended with code {done.returncode})"]
-    return [str(line) for line in wrong]
+        return False
+    return True
+
+
+def _tell() -> None:
+    print(flush=True)
 
 
 def main() -> int:
-    """Check the result named on the command line against the manifest on standard input, or ``null``."""
+    """Check the result named on the command line against the manifest on standard input, or ``null``.
+
+    Standard output has an empty line for every piece that was read, and in the end what is wrong, as JSON.
+    """
     if os.name == "posix":
         import resource
 
         with_limit = (_ROOM, resource.getrlimit(resource.RLIMIT_AS)[1])
         resource.setrlimit(resource.RLIMIT_AS, with_limit)
     path, manifest = Path(sys.argv[1]), json.load(sys.stdin)
-    print(json.dumps(_check_readable(path) if manifest is None else check(path, manifest)))
+    wrong = _check_readable(path, _tell) if manifest is None else check(path, manifest, _tell)
+    print(json.dumps(wrong))
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +46,12 @@ def foreign(path: Path) -> list[str]:
     return sorted(file.relative_to(path).as_posix() for file in _files(path) if not _is_own(file.name))
 
 
+def odd(path: Path) -> list[str]:
+    """Names of what stands for chunks or metadata of a Zarr group and is no file: a pipe would be waited for."""
+    there = (entry for entry in path.rglob("*") if _is_own(entry.name) and not entry.is_file() and not entry.is_dir())
+    return sorted(entry.relative_to(path).as_posix() for entry in there)
+
+
 def _files(path: Path) -> Iterator[Path]:
     return (file for file in path.rglob("*") if file.is_file())
 
@@ -76,7 +82,7 @@ def part_digest(values: Mapping[str, np.ndarray]) -> str:
     return digest.hexdigest()
 
 
-def content_digest(path: str | os.PathLike[str]) -> str:
+def content_digest(path: str | os.PathLike[str], told: Callable[[], object] = lambda: None) -> str:
     """SHA-256 over names, dimensions, types, attributes and values of a result.
 
     Equal for results that say the same, whatever library version, format, storage layout or compression wrote them.
@@ -85,6 +91,8 @@ def content_digest(path: str | os.PathLike[str]) -> str:
     ----------
     path : path
         NetCDF file or Zarr group.
+    told : callable
+        Called after every piece that was read.
 
     Returns
     -------
@@ -94,7 +102,7 @@ def content_digest(path: str | os.PathLike[str]) -> str:
     from heliosweep.store.raw import open_raw
 
     digest = hashlib.sha256()
-    with open_raw(path) as raw:
+    with open_raw(path, told) as raw:
         digest.update(_canonical(raw.sizes))
         digest.update(_canonical(raw.attributes))
         for name, variable in sorted(raw.variables.items()):

@@ -14,7 +14,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.store import raw as raw_results
 from heliosweep.store.encoding import Variable
 from heliosweep.store.netcdf import ResultWriter
-from heliosweep.store.sound import with_remedy
+from heliosweep.store.sound import sound, with_remedy
 
 #: Attributes that the writer makes anew.
 _MADE = {"_FillValue", "coordinates"}
@@ -55,7 +55,7 @@ def export(
     StudyError
         There is no Zarr result, or the target exists.
     HeliosweepError
-        The result is damaged, or the file cannot be written.
+        The result is damaged, or is not what its manifest tells of, or the file cannot be written.
     """
     place = Path(source)
     if place.is_dir() and (place / "result.zarr").is_dir():
@@ -71,6 +71,7 @@ def export(
         raise StudyError(Problem(f"exists already; {FORCE} replaces it", file=str(file)))
     if not file.parent.is_dir():
         raise StudyError(Problem("cannot be written: its folder does not exist", file=str(file)))
+    sound(place, as_written=True)
     with with_remedy(place), raw_results.open_raw(place) as raw:
         cut = {kind: dict(lengths) for kind, lengths in raw.record.get("cut", {}).items()}
         storage = cut.get("storage", {}) if compression != "none" and level else {}

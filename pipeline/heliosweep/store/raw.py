@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +82,8 @@ class Raw:
         Reads a region of a variable.
     record : mapping
         What a Zarr group holds besides (see `zarr_result.read_metadata`).
+    told : callable
+        Called after every reading.
     """
 
     path: Path
@@ -90,6 +92,7 @@ class Raw:
     variables: dict[str, RawVariable]
     reader: Callable[[str, Index], Any]
     record: Mapping[str, Any] = field(default_factory=dict)
+    told: Callable[[], object] = lambda: None
 
     def read(self, name: str, index: Index) -> np.ndarray:
         """Values of a region, as stored.
@@ -104,6 +107,7 @@ class Raw:
             values = np.asarray(self.reader(name, index), dtype=object if variable.text else None)
         except Exception as error:
             raise HeliosweepError(f"{self.path}: {name} cannot be read: {_said(error)}") from error
+        self.told()
         # "<" and "=" mean the same here, but the NetCDF library warns of the one.
         native = np.dtype(values.dtype.newbyteorder("=").str)
         return values if variable.text else values.astype(native, copy=False).view(native)
@@ -188,8 +192,15 @@ def locate(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def open_raw(path: str | os.PathLike[str]) -> Iterator[Raw]:
+def open_raw(path: str | os.PathLike[str], told: Callable[[], object] = lambda: None) -> Iterator[Raw]:
     """Open a result, of either format.
+
+    Parameters
+    ----------
+    path : path
+        The result.
+    told : callable
+        Called after every reading of values.
 
     Raises
     ------
@@ -205,7 +216,7 @@ def open_raw(path: str | os.PathLike[str]) -> Iterator[Raw]:
         except Exception as error:  # the libraries raise anything for what is damaged
             kind = "Zarr group" if place.is_dir() else "NetCDF file"
             raise HeliosweepError(f"{place}: is no {kind}, or damaged: {_said(error)}") from error
-        yield raw
+        yield replace(raw, told=told)
 
 
 def stored_parts(cut: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[Part]:

@@ -84,6 +84,8 @@ def read_json(path: Path) -> Any:
     ValueError
         It is no JSON, or nested deeper than anything that a run writes.
     """
+    if path.is_fifo():  # would be waited for
+        raise ValueError("it is a pipe and no file")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except RecursionError:

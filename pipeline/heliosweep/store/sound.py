@@ -1,8 +1,11 @@
-"""Whether a result that somebody names can be read in this process.
+"""Whether a result that somebody names can be read in this process, and is what its manifest tells of.
 
 A damaged NetCDF file can keep the HDF5 library in an endless loop, or end the process. A file whose bytes are those
-that its manifest tells of does neither; any other is first read to its end by a process of its own, with a limit of
-time (`contents.check_apart`). Zarr groups are read by code that raises errors, and need none of it.
+that its manifest tells of does neither; any other is first read to its end by a process of its own, which is ended
+when it goes on no more (`contents.check_apart`). Zarr groups are read by code that raises errors and only waits for
+pipes, but takes a chunk that is missing for one of NaN: where it matters (`as_written`), the bytes of the group are
+compared with its manifest, and where they are others, its values and attributes. A group without a manifest, or under
+another name than its manifest has, is only looked through for pipes.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from typing import Any, NamedTuple
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.store.contents import check, check_apart
-from heliosweep.store.digest import file_digest
+from heliosweep.store.digest import file_digest, odd, tree_digest
 from heliosweep.store.finished import MANIFEST, read_manifest
 from heliosweep.store.raw import is_netcdf, is_zarr, locate
 
@@ -47,7 +50,8 @@ def sound(*paths: str | os.PathLike[str], as_written: bool = False) -> tuple[Sou
     *paths : path
         Result folders, NetCDF files or Zarr groups.
     as_written : bool
-        Whether a result whose manifest tells of other values or attributes is refused too.
+        Whether a result whose manifest tells of other values or attributes is refused too. Zarr groups are hashed for
+        it, at about the speed of SHA-256, as NetCDF files always are.
 
     Returns
     -------
@@ -99,9 +103,14 @@ def blaming_damage(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def _checked(place: Path, as_written: bool) -> Sound:
-    if is_zarr(place):
-        return Sound(place)
     manifest = _manifest(place)
+    if is_zarr(place):
+        if names := odd(place):
+            raise HeliosweepError(_damage(place, manifest, [f"{name} is no file" for name in names]))
+        changed = as_written and manifest and tree_digest(place) != manifest["result"]["sha256"]
+        if changed and (wrong := check(place, manifest)):
+            raise HeliosweepError(_damage(place, manifest, wrong))
+        return Sound(place)
     if not is_netcdf(place):
         if not manifest:
             raise StudyError(Problem("is no result; name a result folder", file=str(place)))
