@@ -99,7 +99,7 @@ def _collect_less() -> None:
 
 
 def _reuse_memory() -> None:
-    """Let the C library of Linux keep no memory of large arrays that are no more, up to 200 MB, and some of small ones."""
+    """Let the C library of Linux keep up to 200 MB less of large arrays that are no more, and some of small ones."""
     with suppress(AttributeError, OSError, TypeError):  # other systems
         library = ctypes.CDLL(None)
         library.mallopt(_M_MMAP_THRESHOLD, _GIVEN_BACK)
