@@ -42,7 +42,8 @@ def start_ahead(*modules: str) -> bool:
         return False
     from multiprocessing import forkserver, resource_tracker
 
-    resource_tracker.ensure_running()  # it unblocks signals, and would do so below
+    with _interruptions_blocked():
+        resource_tracker.ensure_running()  # it unblocks Ctrl-C once it runs, and would do so below
     with _interruptions_blocked():
         forkserver.set_forkserver_preload([*_needed(), *modules])
         try:
