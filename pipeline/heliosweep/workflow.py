@@ -92,7 +92,11 @@ def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) ->
     from heliosweep.store.raw import WORKING
 
     execution, folder = study.execution.resolved(), result_folder(study, output)
-    elsewhere = _workers_elsewhere(execution)
+    try:
+        elsewhere = _workers_elsewhere(execution)
+    except StudyError as error:
+        written = execution.scheduler in repr(study.source.data.get("execution"))  # and not asked for otherwise
+        raise (_located(error, study) if written else error) from None
     limits = machine_limits(elsewhere or execution.workers, execution.memory, folder)
     where: Any = "processes" if execution.scheduler in ("processes", "distributed") else "here"
     # The parts stay on the disk until the file that is made of them is whole; what is there already takes no more.
@@ -103,10 +107,14 @@ def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) ->
     try:
         return make_plan(workload, limits, execution.chunks, where="elsewhere" if elsewhere else where, copies=copies)
     except StudyError as error:  # the plan knows keys, not where they stand
-        located = (
-            problem if problem.file else study.problem(problem.key, problem.message) for problem in error.problems
-        )
-        raise StudyError(located) from None
+        raise _located(error, study) from None
+
+
+def _located(error: StudyError, study: Study) -> StudyError:
+    """The same problems where their keys stand in the study file."""
+    return StudyError(
+        problem if problem.file else study.problem(problem.key, problem.message) for problem in error.problems
+    )
 
 
 def _workers_elsewhere(execution: Execution) -> int | None:

@@ -240,6 +240,16 @@ def test_an_address_where_nobody_listens(monkeypatch):
     assert time.monotonic() - before < 6
 
 
+def test_an_address_where_nobody_listens_is_told_where_it_stands(monkeypatch, tmp_path):
+    monkeypatch.setattr(connect, "PATIENCE", 1)
+    path, address = tmp_path / "study.yaml", f"tcp://127.0.0.1:{free_port()}"
+    path.write_text(yaml.safe_dump(dict(SMALL)) + f"execution:\n  scheduler: {address}\n")
+    with pytest.raises(StudyError) as caught:
+        workflow.plan(path)
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line) == (str(path), len(path.read_text().splitlines()))
+
+
 @pytest.mark.long
 def test_an_address_where_somebody_else_listens(monkeypatch):
     monkeypatch.setattr(connect, "PATIENCE", 3)
