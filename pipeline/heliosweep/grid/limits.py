@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -170,6 +170,11 @@ def human_bytes(count: float) -> str:
             return f"{count:.0f} {unit}" if unit == "B" or count >= 100 else f"{count:.1f} {unit}"
         count /= 1000
     return f"{count:.3g} EB"
+
+
+def human_lengths(sizes: Mapping[str, int]) -> str:
+    """Lengths of dimensions in words, for instance ``site 25, heliostat 317``."""
+    return ", ".join(f"{dim} {length:,}" for dim, length in sizes.items())
 
 
 def human_seconds(seconds: float) -> str:

@@ -15,7 +15,7 @@ from typing import Literal
 
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
-from heliosweep.grid.limits import Limits, human_bytes, human_seconds
+from heliosweep.grid.limits import Limits, human_bytes, human_lengths, human_seconds
 from heliosweep.grid.slabs import Part, Series, series_lengths, slab_lengths, slabs
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
@@ -147,17 +147,22 @@ class Plan:
     series: Series | None = None
 
     def __repr__(self) -> str:
+        words = self.in_words()
+        cut = f"{self.part_count:,} parts, {self.blocks:,} blocks; {self.workers} at a time"
+        rows = {name: words.pop(name) for name in ("dimensions", "points", "evaluations")} | {"cut into": cut} | words
+        return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in rows.items())])
+
+    def in_words(self) -> dict[str, str]:
+        """Say what the study is and costs, by the name of each quantity."""
         work = self.workload
-        rows = {
-            "dimensions": ", ".join(f"{dim} {size:,}" for dim, size in work.sizes.items()) or "none",
+        return {
+            "dimensions": human_lengths(work.sizes) or "none",
             "points": f"{work.points:,} parameter combinations",
             "evaluations": f"{work.points * work.evaluations:,} {work.unit}",
-            "cut into": f"{self.part_count:,} parts, {self.blocks:,} blocks; {self.workers} at a time",
             "peak memory": f"about {human_bytes(self.peak_memory)}",
             "output": human_bytes(self.output_bytes),
             "time": f"about {human_seconds(self.seconds)} in the kernels",
         }
-        return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in rows.items())])
 
     @property
     def blocks(self) -> int:

@@ -112,8 +112,7 @@ class _Load:
     @classmethod
     def of(cls, work: Work, run: str) -> _Load:
         lazy = work.lazy if work.lazy.__dask_graph__() else work.lazy.chunk()
-        layers = work.lazy.__dask_graph__().layers if lazy is work.lazy else {}
-        blocks = sum(len(layer) for name, layer in layers.items() if TASK_MARK in name)
+        blocks = sum(len(layer) for name, layer in lazy.__dask_graph__().layers.items() if TASK_MARK in name)
         key = f"{work.part.name}-{uuid.uuid4().hex}"
         return cls(work, key, fused(lazy, key, run), blocks, lazy.nbytes)
 

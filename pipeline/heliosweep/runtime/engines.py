@@ -46,9 +46,7 @@ def get_ready(execution: Execution, family: Family[Any]) -> None:
     if execution.scheduler == "distributed":
         from heliosweep.runtime.local_cluster import start_ahead
 
-        start_ahead(
-            f"{type(family).__module__}.model"
-        )  # by convention what its blocks need; no matter if there is none
+        start_ahead(f"{type(family).__module__}.model")  # by convention what its blocks need; it may not exist
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from heliosweep.config.study import Study
-from heliosweep.grid.limits import human_bytes, human_seconds
+from heliosweep.grid.limits import human_lengths
 from heliosweep.grid.plan import Plan
 from heliosweep.runtime.status import status_of
 
@@ -26,19 +26,19 @@ def plan_text(study: Study, plan: Plan, folder: Path) -> str:
     -------
     str
     """
-    workload = plan.workload
-    chunks = {dim: length for dim, length in plan.chunks.items() if length < workload.sizes.get(dim, 0)}
+    words, sizes = plan.in_words(), plan.workload.sizes
+    chunks = {dim: length for dim, length in plan.chunks.items() if length < sizes.get(dim, 0)}
     rows = {
         "study": f"{study.title or study.family} ({study.family}, {study.study_id})",
-        "dimensions": _lengths(workload.sizes) or "none",
-        "points": f"{workload.points:,} parameter combinations",
-        "evaluations": f"{workload.points * workload.evaluations:,} {workload.unit}",
-        "blocks": f"{plan.blocks:,}" + (f", each at most {_lengths(chunks)}" if chunks else ""),
+        "dimensions": words["dimensions"],
+        "points": words["points"],
+        "evaluations": words["evaluations"],
+        "blocks": f"{plan.blocks:,}" + (f", each at most {human_lengths(chunks)}" if chunks else ""),
         "parts": f"{plan.part_count:,}, each of which is kept once it is done{_done(folder)}",
         "workers": f"{plan.workers} ({study.execution.scheduler})",
-        "peak memory": f"about {human_bytes(plan.peak_memory)}",
-        "output": f"{human_bytes(plan.output_bytes)} in {folder}",
-        "time": f"about {human_seconds(plan.seconds)} in the kernels",
+        "peak memory": words["peak memory"],
+        "output": f"{words['output']} in {folder}",
+        "time": words["time"],
     }
     width = max(map(len, rows))
     return "\n".join(f"{name:{width}}  {value}" for name, value in rows.items())
@@ -48,7 +48,3 @@ def _done(folder: Path) -> str:
     """What earlier runs have left in the folder, in words."""
     status = status_of(folder)
     return {"complete": "; all are done", "not run": ""}.get(status.state, f"; {status.detail}")
-
-
-def _lengths(sizes: dict[str, int]) -> str:
-    return ", ".join(f"{dim} {length:,}" for dim, length in sizes.items())
