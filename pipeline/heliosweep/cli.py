@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
-from heliosweep.runtime.signals import ignore_interruptions, interruptible
+from heliosweep.runtime.signals import interruptible
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -65,12 +65,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(_joined(given))
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
+    with interruptible(ends_process=arguments is None):
+        return _exit_code(options)
+
+
+def _exit_code(options: argparse.Namespace) -> int:
+    """Carry out a command, and say what went wrong."""
     try:
-        with interruptible():
-            return options.command(options) or 0
+        return options.command(options) or 0
     except (RunInterrupted, KeyboardInterrupt) as stop:
-        if arguments is None:
-            ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
         print(str(stop) or "interrupted", file=sys.stderr)
         return RunInterrupted.exit_code
     except HeliosweepError as error:

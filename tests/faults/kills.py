@@ -402,7 +402,8 @@ def _child(
 def _main(arguments: list[str]) -> int:
     from heliosweep.cli import main
 
-    return main(arguments)
+    sys.argv = ["heliosweep", *arguments]
+    return main()  # as a process of its own: signals that come when it has been stopped are ignored
 
 
 class _Watch:

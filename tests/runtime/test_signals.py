@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from contextlib import suppress
 
 import pytest
 
@@ -21,6 +22,30 @@ def test_each_signal_interrupts_and_handlers_are_restored(number):
     with pytest.raises(KeyboardInterrupt), interruptible():
         signal.raise_signal(number)
     assert [signal.getsignal(known) for known in SIGNALS] == before
+
+
+def test_signals_in_a_row_are_one_request(monkeypatch):
+    with interruptible():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+        monkeypatch.setattr("heliosweep.runtime.signals._ONE_REQUEST", 0.0)  # a second one later
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_process_that_was_stopped_is_not_stopped_again(stopped):
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        with suppress(KeyboardInterrupt), interruptible(ends_process=True):
+            if stopped:
+                signal.raise_signal(signal.SIGTERM)
+        assert all((signal.getsignal(number) == signal.SIG_IGN) is stopped for number in SIGNALS)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def test_what_is_ignored_stays_ignored():

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType, TracebackType
-from typing import NoReturn
 
 #: Ctrl-C, a polite kill, and a terminal that is closed.
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
-#: That a signal has asked to stop.
-_asked = threading.Event()
+#: Signals so soon after another are one request: a terminal and make pass on the same Ctrl-C, and keys are hit twice,
+#: which shall not tear the tidying up. [s]
+_ONE_REQUEST = 1.0
+
+#: When a signal that asked to stop was obeyed, by the clock that never goes backwards; None: none has asked. [s]
+_obeyed: float | None = None
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Give `handler` the signals that stop a run while the context lasts.
+def _handled(
+    handler: Callable[[int, FrameType | None], object], ignored_after: Callable[[], bool] = lambda: False
+) -> Iterator[None]:
+    """Give `handler` the signals that stop a run while the context lasts; from then on they may be `ignored_after`.
 
     Signals that are ignored (as under nohup) stay ignored. Only the main thread may set handlers, and only it is
     interrupted; in any other one this does nothing.
@@ -33,32 +39,35 @@ def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[Non
         yield
     finally:
         for number, known in before.items():
-            signal.signal(number, known)
+            signal.signal(number, signal.SIG_IGN if ignored_after() else known)
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Let every signal that stops a run raise KeyboardInterrupt while the context lasts."""
-    _asked.clear()
-    with _handled(_interrupt):
+def interruptible(*, ends_process: bool = False) -> Iterator[None]:
+    """Let every signal that stops a run raise KeyboardInterrupt while the context lasts.
+
+    Parameters
+    ----------
+    ends_process : bool
+        Whether the process ends after the context: if it was stopped, later signals are then ignored, for they shall
+        not change how a process ends that is ending.
+    """
+    global _obeyed
+    _obeyed = None
+    with _handled(_interrupt, lambda: ends_process and _obeyed is not None):
         yield
 
 
-def ignore_interruptions() -> None:
-    """Ignore every signal that stops a run, to the end of the process."""
-    if threading.current_thread() is threading.main_thread():
-        for number in _SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
-
-
-def _interrupt(*_: object) -> NoReturn:
-    _asked.set()
-    raise KeyboardInterrupt
+def _interrupt(*_: object) -> None:
+    global _obeyed
+    if _obeyed is None or time.monotonic() - _obeyed >= _ONE_REQUEST:
+        _obeyed = time.monotonic()
+        raise KeyboardInterrupt
 
 
 def raise_if_interrupted() -> None:
     """Raise KeyboardInterrupt where one was asked for; some libraries swallow the one that was raised in them."""
-    if _asked.is_set() and threading.current_thread() is threading.main_thread():
+    if _obeyed is not None and threading.current_thread() is threading.main_thread():
         raise KeyboardInterrupt
 
 
