@@ -73,9 +73,6 @@ def _overlaps(
     """Count tests of pairs, pairs and triples as `unions.unions` goes through them."""
     several, crowded = (int(each) for each in unions._counted(images.present, count))
     straddling = int(unions._straddling(images, count, several, lanes))
-    if crowded & ~straddling:
-        unions._thin_out(images, shading, count, crowded & ~straddling, room, lanes)
-        several, crowded = (int(each) for each in unions._counted(images.present, count))
     some = several & ~crowded & ~straddling
     present = [int(each) & some & real for each in images.present[:count]]
     found["tests of pairs"] += _count(real) * sum(present[n] & present[m] != 0 for m in range(count) for n in range(m))

@@ -3,15 +3,20 @@
 import numpy as np
 import shapely
 
-from heliosweep.kernels.images import image, images_of
+from heliosweep.kernels.hidden import take_out_hidden
+from heliosweep.kernels.images import images_of, measure, project
 from heliosweep.kernels.packets import PACKET
 from heliosweep.kernels.unions import room_for, unions
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 
 
-def images_for(shapes):
-    """Images that are the given parallelograms, shape (m, PACKET, 6): centre and half edges."""
+def images_for(shapes, shading=None, hiding=0):
+    """Images that are the given parallelograms, shape (m, PACKET, 6): centre and half edges.
+
+    The first `shading` are shades, or all; in the lanes `hiding` those are taken out that others of their kind hide.
+    """
+    shading = len(shapes) if shading is None else shading
     images = images_of(len(shapes))
     up = np.repeat([0.0, 0.0, 1.0], PACKET)
     one, none = np.ones(PACKET), np.zeros(PACKET)
@@ -19,14 +24,16 @@ def images_for(shapes):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views = np.concatenate((one, none, cx, none, one, cy))
         frame = np.concatenate((ax, ay, none, bx, by, none, one))
-        image(images, m, views, frame, 0, 0, up, 0.0, 0.0, 1.0, True, PACKET)
+        hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, PACKET)
+        take_out_hidden(images, shading if m >= shading else 0, m, hits & hiding, PACKET)
+        measure(images, m, frame, 0, 0, 0.0, 0.0, 1.0, PACKET)
     return images
 
 
-def union_areas(shapes, shading):
-    """Union areas of parallelograms, shape (3, PACKET), by the kernel; the first `shading` are shades."""
+def union_areas(shapes, shading, hiding=0):
+    """Union areas of parallelograms, shape (3, PACKET), by the kernel; arguments as of `images_for`."""
     count, total = len(shapes), np.empty(3 * PACKET)
-    unions(images_for(shapes), shading, count, total, room_for(count), PACKET)
+    unions(images_for(shapes, shading, hiding), shading, count, total, room_for(count), PACKET)
     return total.reshape(3, PACKET)
 
 

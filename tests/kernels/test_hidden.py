@@ -1,29 +1,25 @@
-"""Images are taken out where a larger one hides them, and nowhere else."""
+"""Images are taken out where another one hides them, and nowhere else."""
 
 import numpy as np
 import pytest
 import shapely
 
-from heliosweep.kernels.hidden import BOX_ROWS, take_out_hidden
 from heliosweep.kernels.packets import PACKET
 from tests.kernels.parallelograms import SQUARE, corners, images_for, shapely_areas, union_areas
 
-FIRST = 3
+LANE = 3
 """The lane that is looked at."""
 
 
-def left(shapes, start=0, stop=None):
+def left(shapes, shading=None):
     """Which of parallelograms, shape (m, 6), stay in one lane; the others lose their area there, and there alone."""
-    stop = len(shapes) if stop is None else stop
-    images = images_for(np.repeat(np.asarray(shapes, float)[:, np.newaxis], PACKET, axis=1))
-    areas = images.rows.reshape(len(shapes), -1, PACKET)[:, 6].copy()
-    before = images.present.copy()
-    scratch = np.empty(len(shapes) * BOX_ROWS), *np.empty((2, len(shapes)), np.int64)
-    take_out_hidden(images, start, stop, FIRST, *scratch)
-    stays = images.present >> FIRST & 1 == 1
-    np.testing.assert_array_equal(images.present | 1 << FIRST, before | 1 << FIRST)
-    areas[~stays, FIRST] = 0.0
-    np.testing.assert_array_equal(images.rows.reshape(len(shapes), -1, PACKET)[:, 6], areas)
+    everywhere = np.repeat(np.asarray(shapes, float)[:, np.newaxis], PACKET, axis=1)
+    before, images = images_for(everywhere), images_for(everywhere, shading, 1 << LANE)
+    stays = images.present >> LANE & 1 == 1
+    np.testing.assert_array_equal(images.present | 1 << LANE, before.present | 1 << LANE)
+    areas, expected = (each.rows.reshape(len(shapes), -1, PACKET)[:, 6].copy() for each in (images, before))
+    expected[~stays, LANE] = 0.0
+    np.testing.assert_array_equal(areas, expected)
     return stays.tolist()
 
 
@@ -48,8 +44,9 @@ def test_of_equals_the_first_stays():
 
 def test_kinds_do_not_hide_one_another():
     small, large = rectangle(-0.2, 0.2, -0.2, 0.2), rectangle(-1.0, 1.0, -1.0, 1.0)
-    assert left([small, large], 0, 1) == [True, True]
-    assert left([small, large], 1, 2) == [True, True]
+    assert left([small, large], 1) == [True, True]
+    assert left([large, small], 1) == [True, True]
+    assert left([small, large, small, large], 2) == [False, True, False, True]
 
 
 def crowd(rng, count):
@@ -73,7 +70,8 @@ def test_nothing_is_lost_that_could_be_seen(seed):
     assert shapely.area(shapely.difference(parts[there & ~stays], seen)).max() < 1e-12
 
 
+@pytest.mark.parametrize("hiding", [0, -1], ids=["all", "without those hidden"])
 @pytest.mark.parametrize(("shading", "count"), [(7, 7), (12, 14), (40, 45), (0, 20)])
-def test_unions_of_crowds_against_shapely(shading, count):
+def test_unions_of_crowds_against_shapely(shading, count, hiding):
     shapes = crowd(np.random.default_rng(count), count)
-    np.testing.assert_allclose(union_areas(shapes, shading), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
+    np.testing.assert_allclose(union_areas(shapes, shading, hiding), shapely_areas(shapes, shading), atol=1e-12, rtol=0)

@@ -60,10 +60,25 @@ def test_order_does_not_depend_on_the_bundle():
     rng = np.random.default_rng(2)
     mirrors = aimed(*scattered(rng, 100, 9.0))
     grid = bin_field(mirrors)
-    rank = np.argsort(grid.names)
-    for d in suns(rng, 20, 1.0, 80.0):
-        names = found(3, beam(d, 1, 1), np.inf, mirrors, grid)
-        assert np.all(np.diff(rank[names]) > 0)
+    everywhere = beam(np.array([1.0, -1.0, 0.0, 0.0, 1e-6, 1e-6]), 2, 2)
+    for i in range(0, 100, 9):
+        order = found(i, everywhere, np.inf, mirrors, grid)
+        assert sorted([*order, i]) == list(range(100))
+        rank = np.argsort([*order, i])
+        for d in suns(rng, 20, 1.0, 80.0):
+            names = found(i, beam(d, 1, 1), np.inf, mirrors, grid)
+            assert np.all(np.diff(rank[names]) > 0)
+
+
+def test_what_is_near_comes_first():
+    x, side = np.arange(-9.0, 10.0) * 20.0, np.full(19, 4.0)
+    for east, north in ((x, np.full(19, 50.0)), (np.full(19, 50.0), x)):
+        mirrors = aimed(east, north, np.full(19, 5.0), side, side, 60.0)
+        for sign in (-1.0, 1.0):
+            d = sign * np.array([east[1] - east[0], north[1] - north[0], 0.0]) / 20.0
+            d[2] = 0.01
+            ahead = 9 + int(sign) * np.arange(1, 10)
+            assert list(found(9, beam(d / np.linalg.norm(d), 1, 1), np.inf, mirrors, bin_field(mirrors))) == list(ahead)
 
 
 def test_bins_hold_every_heliostat_once():

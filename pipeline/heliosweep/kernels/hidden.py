@@ -1,8 +1,7 @@
-"""Images that a larger one hides: with a low sun most of them, and without them the union is the same.
+"""Images that another one hides: with a low sun most of them, and without them the union is the same.
 
-An image is hidden by another of its kind that contains the box around what it covers on the test mirror. Of the images
-of one lane the largest is held against all others, then the largest that is left, until each has been tried or is
-hidden: as many rounds as images stay, each over vectors of images.
+An image is hidden by another of its kind that contains the box around what it covers on the test mirror. Candidates
+come nearest first, more or less, and the nearest hide most of the others before their areas are computed.
 """
 
 import numpy as np
@@ -11,91 +10,79 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, inner
 from heliosweep.kernels.images import AREA, IMAGE_ROWS, Images, larger
 from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.polygons import unit
 
-__all__ = ["BOX_ROWS", "take_out_hidden"]
+__all__ = ["take_out_hidden"]
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-BOX_ROWS = 4
-"""Of each image in a lane: centre x, y and half sides x, y of the box around what it covers on the square."""
-
-_TRIED, _HIDDEN = np.int64(-1), np.int64(-2)
-"""What stands for the size of an image that has been held against the others, and of one that is hidden."""
-_NAME_BITS = 20
-_LAST_NAME = (1 << _NAME_BITS) - 1
-_UNIT = float(1 << 40)
-"""Sizes are integers, areas in units of 2^-40 and below them the place in the list, so that the largest is found by
-vectors; so many places that no field has more candidates."""
 
 
 @inner
-def take_out_hidden(
-    images: Images, start: int, stop: int, k: int, boxes: Floats, names: Integers, sizes: Integers
-) -> None:
-    """Take the images out of one lane that lie, on the square, within a larger one; of equals the first stays.
+def take_out_hidden(images: Images, first: int, m: int, some: np.int64, lanes: int) -> np.int64:
+    """Take an image out where an earlier one of its kind hides it, and the earlier ones that it hides itself.
+
+    Mirrors that may straddle the plane of the test mirror hide none. Of equals the first stays.
 
     Parameters
     ----------
     images : Images
-        The area of a hidden one becomes 0, and it is no longer present in the lane.
-    start, stop : int
-        Images of one kind, shading or blocking. None of them straddles the plane of the test mirror in this lane.
-    k : int
-        The lane.
-    boxes : ndarray, shape (BOX_ROWS * R,)
-        Scratch; R at least the number of images.
-    names, sizes : ndarray of int64, shape (R,)
-        Scratch.
+        Where an image is hidden its area becomes 0, and an earlier one is no longer present.
+    first, m : int
+        Numbers of the first image of the kind, and of the one that `images.project` has made.
+    some : int
+        Lanes in which it may cover something, and in which that is wanted.
+    lanes : int
+        Lanes of the packet.
+
+    Returns
+    -------
+    int
+        Lanes where the image is hidden.
     """
-    bit, count = np.int64(1) << k, np.int64(0)
-    largest = np.int64(0)
-    for m in range(start, stop):
-        if images.present[m] & bit != 0:
-            names[count] = m
-            sizes[count] = _write_box(images.rows, m * IMAGE_ROWS * PACKET + k, boxes, count, names.shape[0])
-            largest = max(largest, sizes[count])
-            count += 1
-    while largest > 0:
-        place = _LAST_NAME - (largest & _LAST_NAME)
-        sizes[place] = _TRIED
-        largest = _hide(images.rows, names[place] * IMAGE_ROWS * PACKET + k, boxes, sizes, count)
-    for e in range(count):
-        if sizes[e] == _HIDDEN:
-            images.present[names[e]] &= ~bit
-            images.rows[names[e] * IMAGE_ROWS * PACKET + AREA + k] = 0.0
-
-
-@inline
-def _write_box(images, o, boxes, e, room):
-    """Write the box around what an image covers on the square; returns its size."""
-    o, e = max(o, 0), max(e, 0)
-    cx, cy = images[o], images[o + PACKET]
-    width = abs(images[o + 2 * PACKET]) + abs(images[o + 4 * PACKET])
-    height = abs(images[o + 3 * PACKET]) + abs(images[o + 5 * PACKET])
-    west, east = max(-1.0, cx - width), min(1.0, cx + width)
-    south, north = max(-1.0, cy - height), min(1.0, cy + height)
-    boxes[e], boxes[room + e] = 0.5 * (west + east), 0.5 * (south + north)
-    boxes[2 * room + e], boxes[3 * room + e] = 0.5 * (east - west), 0.5 * (north - south)
-    return np.int64(images[o + AREA] * _UNIT) << _NAME_BITS | (_LAST_NAME - e)
+    hidden = np.int64(0)
+    for n in range(first, m):
+        both = images.present[n] & some & ~hidden
+        if both != 0 and images.apart[n]:
+            hidden |= both & _contains(images.rows, n, m, lanes)
+    _take_out(images.rows, m, hidden, lanes)
+    for n in range(first, m if images.apart[m] else first):
+        both = images.present[n] & some & ~hidden
+        if both != 0:
+            both &= _contains(images.rows, m, n, lanes)
+            _take_out(images.rows, n, both, lanes)
+            images.present[n] &= ~both
+    return hidden
 
 
 @inner
-def _hide(images, o, boxes, sizes, count):
-    """Mark the boxes within an image: no corner lies beyond its edges, |(P - C) x b| <= |a x b| and so for a.
+def _contains(images, n, m, lanes):
+    """Lanes where image n contains the box around what image m covers on the square.
 
-    Returns the size of the largest image that is neither tried nor hidden.
+    No corner P of the box lies beyond the edges of n: |(P - C) x b| <= |a x b|, and so for a.
     """
-    o, room, largest = max(o, 0), sizes.shape[0], np.int64(0)
-    cx, cy = images[o], images[o + PACKET]
-    ax, ay, bx, by = images[o + 2 * PACKET], images[o + 3 * PACKET], images[o + 4 * PACKET], images[o + 5 * PACKET]
-    turn = abs(ax * by - ay * bx)
-    for e in range(count):
-        x, y, width, height = boxes[e] - cx, boxes[room + e] - cy, boxes[2 * room + e], boxes[3 * room + e]
+    n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
+    one, other = n * IMAGE_ROWS * PACKET, m * IMAGE_ROWS * PACKET
+    found = np.int64(0)
+    for k in range(lanes):
+        cx, cy = images[other + k], images[other + PACKET + k]
+        reach_x = abs(images[other + 2 * PACKET + k]) + abs(images[other + 4 * PACKET + k])
+        reach_y = abs(images[other + 3 * PACKET + k]) + abs(images[other + 5 * PACKET + k])
+        west, east = unit(cx - reach_x), unit(cx + reach_x)
+        south, north = unit(cy - reach_y), unit(cy + reach_y)
+        x, y = 0.5 * (west + east) - images[one + k], 0.5 * (south + north) - images[one + PACKET + k]
+        width, height = 0.5 * (east - west), 0.5 * (north - south)
+        ax, ay = images[one + 2 * PACKET + k], images[one + 3 * PACKET + k]
+        bx, by = images[one + 4 * PACKET + k], images[one + 5 * PACKET + k]
         beyond_a = abs(x * by - y * bx) + width * abs(by) + height * abs(bx)
         beyond_b = abs(x * ay - y * ax) + width * abs(ay) + height * abs(ax)
-        size = sizes[e]
-        size = _HIDDEN if (larger(beyond_a, beyond_b) <= turn) & (size > 0) else size
-        sizes[e] = size
-        largest = size if size > largest else largest
-    return largest
+        found |= np.int64(larger(beyond_a, beyond_b) <= abs(ax * by - ay * bx)) << k
+    return found
+
+
+@inline
+def _take_out(images, m, some, lanes):
+    """Leave an image no area in some lanes."""
+    if some != 0:
+        area = max(m, 0) * IMAGE_ROWS * PACKET + AREA
+        for k in range(lanes):
+            images[area + k] = 0.0 if some >> k & 1 else images[area + k]

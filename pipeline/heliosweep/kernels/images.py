@@ -17,7 +17,19 @@ from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.packets import PACKET, rows
 from heliosweep.kernels.polygons import CORNERS, edge_term, slopes, square_area
 
-__all__ = ["AREA", "AXES_ROWS", "IMAGE_ROWS", "Images", "axes", "image", "images_of", "larger", "outline", "straddles"]
+__all__ = [
+    "AREA",
+    "AXES_ROWS",
+    "IMAGE_ROWS",
+    "Images",
+    "axes",
+    "images_of",
+    "larger",
+    "measure",
+    "outline",
+    "project",
+    "straddles",
+]
 
 AXES_ROWS = 6
 """Rows of the axes of projection: U and V, components x, y, z of each."""
@@ -82,13 +94,12 @@ def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) ->
 
 
 @inner
-def image(
+def project(
     images: Images,
     m: int,
     views: Floats,
     frames: Floats,
     f: int,
-    test: int,
     directions: Floats,
     dx: float,
     dy: float,
@@ -96,20 +107,22 @@ def image(
     apart: bool,
     lanes: int,
 ) -> np.int64:
-    """Make the image of one mirror on the test mirror for every lane; returns the set of lanes that have one.
+    """Project a mirror to the plane of the test mirror, and find the lanes in which it may cover something of that.
+
+    Separating axes tell: the normals of the square's edges and of the image's.
 
     Parameters
     ----------
     images : Images
-        Receives the image.
+        Receives the image; instead of the area 1 in the lanes found, and 0 elsewhere.
     m : int
         Its number.
     views : ndarray, shape (AXES_ROWS * PACKET,)
         U and V of the test mirror. [1/m]
     frames : ndarray
         Frames of mirrors. [m]
-    f, test : int
-        Where those of the other mirror and of the test mirror begin.
+    f : int
+        Where that of the mirror begins.
     directions : ndarray, shape (3 * PACKET,)
         Rows of the direction d. [1]
     dx, dy, dz : float
@@ -118,27 +131,15 @@ def image(
         Whether the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     lanes : int
         Lanes of the packet.
+
+    Returns
+    -------
+    int
+        The lanes found.
     """
-    o = m * IMAGE_ROWS * PACKET
+    out, o, f = images.rows, max(m, 0) * IMAGE_ROWS * PACKET, max(f, 0)
     images.apart[m] = apart
-    hits = _project(images.rows, o, views, frames, f, directions, dx, dy, dz, 0.0 if apart else -np.inf, lanes)
-    if hits != 0:
-        _measure(images.rows, o, lanes)
-        if not apart:
-            _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
-        hits = _some_area(images.rows, o, lanes)
-    images.present[m] = hits
-    return hits
-
-
-@inner
-def _project(images, o, views, frames, f, directions, dx, dy, dz, behind, lanes):
-    """Write centre and half edges, and 1 for the area where separating axes leave a chance of one.
-
-    The axes are the normals of the square's edges and of the image's. Returns the lanes that have a chance.
-    """
-    o, f = max(o, 0), max(f, 0)
-    hits = np.int64(0)
+    behind, found = 0.0 if apart else -np.inf, np.int64(0)
     for k in range(lanes):
         ux, uy, uz = views[k], views[PACKET + k], views[2 * PACKET + k]
         vx, vy, vz = views[3 * PACKET + k], views[4 * PACKET + k], views[5 * PACKET + k]
@@ -148,21 +149,44 @@ def _project(images, o, views, frames, f, directions, dx, dy, dz, behind, lanes)
         ax, ay = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
         bx, by = qx * ux + qy * uy + qz * uz, qx * vx + qy * vy + qz * vz
         ahead = dx * directions[k] + dy * directions[PACKET + k] + dz * directions[2 * PACKET + k]
-        images[o + k], images[o + PACKET + k] = cx, cy
-        images[o + 2 * PACKET + k], images[o + 3 * PACKET + k] = ax, ay
-        images[o + 4 * PACKET + k], images[o + 5 * PACKET + k] = bx, by
+        out[o + k], out[o + PACKET + k] = cx, cy
+        out[o + 2 * PACKET + k], out[o + 3 * PACKET + k] = ax, ay
+        out[o + 4 * PACKET + k], out[o + 5 * PACKET + k] = bx, by
         turn = abs(ax * by - ay * bx)
         gap = larger(abs(cx) - abs(ax) - abs(bx), abs(cy) - abs(ay) - abs(by)) - 1.0
         gap = larger(gap, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
         gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
         hit = (gap < 0.0) & (ahead > behind)
-        images[o + AREA + k] = 1.0 if hit else 0.0
-        hits |= np.int64(hit) << k
-    return hits
+        out[o + AREA + k] = 1.0 if hit else 0.0
+        found |= np.int64(hit) << k
+    return found
 
 
 @inner
-def _measure(images, o, lanes):
+def measure(
+    images: Images, m: int, frames: Floats, f: int, test: int, dx: float, dy: float, dz: float, lanes: int
+) -> np.int64:
+    """Write the area of an image on the test mirror; returns the lanes in which there is any.
+
+    Parameters
+    ----------
+    images : Images
+        The image as `project` has left it.
+    m, frames, f, dx, dy, dz, lanes
+        As there.
+    test : int
+        Where the frame of the test mirror begins.
+    """
+    o = m * IMAGE_ROWS * PACKET
+    _areas(images.rows, o, lanes)
+    if not images.apart[m]:
+        _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
+    images.present[m] = _some_area(images.rows, o, lanes)
+    return images.present[m]
+
+
+@inner
+def _areas(images, o, lanes):
     """Write the area on the square where there is a chance of one, by Green's theorem."""
     o = max(o, 0)
     for k in range(lanes):

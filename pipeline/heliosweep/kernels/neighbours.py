@@ -169,8 +169,9 @@ def search(
     is least, -R sin a, where they meet; for dz < 0, h > 0. (A direction below the horizon is the same upside down.)
     So D lies in a strip of half-width R from h = -R on, swung over the azimuths of the bundle; left and right
     of the swing, and behind, three straight lines at sqrt(2) R from i contain it (a swing below a half circle).
-    The cells between these lines are visited. Each heliostat in them is kept if the angle between D and the axis is
-    below asin(R / |D|) + half-angle, by the triangle inequality on the sphere, or if |D| <= R.
+    The cells between these lines are visited, rows and in each row from heliostat i outward: what is near hides what is
+    far, and the order of any two does not depend on the bundle. Each heliostat in them is kept if the angle between D
+    and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on the sphere, or if |D| <= R.
 
     Parameters
     ----------
@@ -203,8 +204,11 @@ def search(
     south, north = y[i] - grid.south - reach, y[i] - grid.south + reach
     if north < 0.0:
         return count
-    last_row = int(min(north / grid.cell, grid.rows - 1.0))
-    for row in range(int(max(south / grid.cell, 0.0)), last_row + 1):
+    first_row, last_row = int(max(south / grid.cell, 0.0)), int(min(north / grid.cell, grid.rows - 1.0))
+    home_row = min(int((y[i] - grid.south) / grid.cell), grid.rows - 1)
+    home_column = min(int((x[i] - grid.west) / grid.cell), grid.columns - 1)
+    for s in range(last_row + 1 - first_row):
+        row = _outward(s, home_row, last_row + 1)
         near, far = -reach, reach
         if bundle.narrow:
             y0 = grid.south + (row - 1e-6) * grid.cell - y[i]
@@ -217,10 +221,11 @@ def search(
         west, east = (x[i] + near - grid.west) / grid.cell - 1e-6, (x[i] + far - grid.west) / grid.cell + 1e-6
         if east < 0.0 or west > grid.columns:
             continue
-        start = row * grid.columns + int(min(max(west, 0.0), grid.columns - 1.0))
-        stop = row * grid.columns + int(min(max(east, 0.0), grid.columns - 1.0)) + 1
-        for k in range(grid.first[start], grid.first[stop]):
-            j = grid.names[k]
+        start, stop = int(min(max(west, 0.0), grid.columns - 1.0)), int(min(max(east, 0.0), grid.columns - 1.0)) + 1
+        home, cells = min(max(home_column, start), stop), row * grid.columns
+        begin, middle, end = grid.first[cells + start], grid.first[cells + home], grid.first[cells + stop]
+        for c in range(end - begin):
+            j = grid.names[_outward(c, middle, end)]
             if not _may_occlude(i, j, bundle, limit, mirrors):
                 continue
             if count == found.shape[0]:
@@ -228,6 +233,12 @@ def search(
             found[count] = j
             count += 1
     return count
+
+
+@inline
+def _outward(s, middle, stop):
+    """Number s of a range that ends before `stop`: from its middle on, and then from there back."""
+    return middle + s if middle + s < stop else stop - 1 - s
 
 
 @kernel

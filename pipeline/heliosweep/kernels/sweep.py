@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.images import AXES_ROWS, axes, image, images_of
+from heliosweep.kernels.hidden import take_out_hidden
+from heliosweep.kernels.images import AXES_ROWS, axes, images_of, measure, project
 from heliosweep.kernels.mounts import COSINE, FRAME_ROWS, Mirrors, half_sides
 from heliosweep.kernels.neighbours import (
     Candidates,
@@ -219,16 +220,25 @@ def _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images,
 
 @inner
 def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, images, made, lanes):
-    """Make images of the candidates of heliostat i, those numbered `made` and on; returns the number of images."""
-    test = halo.place[i] * FRAME_ROWS * PACKET
+    """Make images of the candidates of heliostat i, those numbered `made` and on; returns the number of images.
+
+    Lanes that have had two images are searched for hidden ones: what is done in a lane depends on its own images only.
+    """
+    test, first = halo.place[i] * FRAME_ROWS * PACKET, made
+    once = twice = np.int64(0)
     for m in range(candidates.first[t], candidates.first[t + 1]):
         j = candidates.names[m]
         dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
         reach = mirrors.radius[i] + mirrors.radius[j]
         apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
         other = halo.place[j] * FRAME_ROWS * PACKET
-        hits = image(images, made, views, frames, other, test, directions, dx, dy, dz, apart, lanes)
-        made += np.int64(hits != 0)
+        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, lanes)
+        if hits & twice != 0:
+            hits &= ~take_out_hidden(images, first, made, hits & twice, lanes)
+        if hits != 0:
+            hits = measure(images, made, frames, other, test, dx, dy, dz, lanes)
+            once, twice = once | hits, twice | once & hits
+            made += np.int64(hits != 0)
     return made
 
 

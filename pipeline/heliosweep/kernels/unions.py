@@ -1,9 +1,8 @@
 """Exact areas of unions of images, for all lanes of a packet.
 
-Where a lane has many images, those hidden by others are taken out. What is left is added up by inclusion and exclusion
-while no four images of a lane overlap one another: the sum of the areas, less the overlaps of pairs, plus the overlaps
-of triples. Shade, block and both together share all terms. The other lanes, few, subtract their images from the square
-one by one.
+Images are added up by inclusion and exclusion while no four of a lane overlap one another: the sum of the areas, less
+the overlaps of pairs, plus the overlaps of triples. Shade, block and both together share all terms. The other lanes,
+few, subtract their images from the square one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
 the order of the grid: the bits of a lane do not depend on its packet.
@@ -15,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.hidden import BOX_ROWS, take_out_hidden
 from heliosweep.kernels.images import AREA, IMAGE_ROWS, Images, larger, outline, straddles
 from heliosweep.kernels.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_three, shared_by_two
 from heliosweep.kernels.packets import PACKET, rows
@@ -53,8 +51,8 @@ class Room(NamedTuple):
     partner: Integers
     meeting: Integers
     """Lanes in which the two images of each pair overlap."""
-    boxes: Floats
-    """Of one lane, image by image: boxes or areas, names, sizes or numbers of corners, and corners."""
+    areas: Floats
+    """Of one lane, image by image: areas, names, numbers of corners, and corners."""
     names: Integers
     corners: Integers
     polygons: Floats
@@ -72,7 +70,7 @@ def room_for(count: int) -> Room:
         np.zeros(count + 1, np.int64),
         np.empty(_PAIRS, np.int64),
         np.empty(_PAIRS, np.int64),
-        np.empty(count * BOX_ROWS),
+        np.empty(count),
         np.empty(count, np.int64),
         np.empty(count, np.int64),
         np.empty(count * 2 * CORNERS),
@@ -91,7 +89,7 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     Parameters
     ----------
     images : Images
-        Shading images, then blocking images; loses those that are hidden.
+        Shading images, then blocking images.
     shading, count : int
         Number of shading images, and of all images.
     total : ndarray, shape (3 * PACKET,)
@@ -105,9 +103,6 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     general = np.int64(0)
     if several != 0:
         general = _straddling(images, count, several, lanes)
-        if crowded & ~general != 0:
-            _thin_out(images, shading, count, crowded & ~general, room, lanes)
-            several, crowded = _counted(images.present, count)
         general |= crowded
     _add_areas(images.rows, shading, count, total, lanes)
     if several & ~general != 0:
@@ -131,15 +126,6 @@ def _counted(present, count):
         carry, four = four & carry, four ^ carry
         crowded |= carry
     return several, crowded | (four & two)
-
-
-@inner
-def _thin_out(images, shading, count, crowded, room, lanes):
-    """Take out the images that are hidden by others of their kind in crowded lanes."""
-    for k in range(lanes):
-        if crowded >> k & 1:
-            take_out_hidden(images, np.int64(0), shading, k, room.boxes, room.names, room.corners)
-            take_out_hidden(images, shading, count, k, room.boxes, room.names, room.corners)
 
 
 @inner
@@ -303,7 +289,7 @@ def _general(images, shading, count, k, total, room, stack, pieces):
         lane = name * IMAGE_ROWS * PACKET + k
         room.corners[m] = outline(images.rows, lane, images.apart[name], room.polygons, 2 * CORNERS * m)
     unshaded, uncovered, fits = gaps(room.polygons, room.corners, np.int64(0), some, shades, stack, pieces)
-    unblocked = SQUARE - (room.boxes[shades] if some > shades else 0.0)
+    unblocked = SQUARE - (room.areas[shades] if some > shades else 0.0)
     if fits and some - shades > 1:
         unblocked, _, fits = gaps(room.polygons, room.corners, shades, some, some, stack, pieces)
     total[k], total[_BLOCK + k], total[_BOTH + k] = SQUARE - unshaded, SQUARE - unblocked, SQUARE - uncovered
@@ -313,7 +299,7 @@ def _general(images, shading, count, k, total, room, stack, pieces):
 @inner
 def _largest_first(images, start, stop, k, room, some):
     """List the images start..stop of a lane after `some` others, large ones first; returns the length of the list."""
-    names, areas = room.names, room.boxes
+    names, areas = room.names, room.areas
     begin = some
     for m in range(start, stop):
         area = images[m * IMAGE_ROWS * PACKET + AREA + k]
