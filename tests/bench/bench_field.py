@@ -45,8 +45,8 @@ def operations(latitude: int, method: str) -> float:
     an image, separating axes and areas of overlaps. The few lanes of the general way are left out.
     """
     stages = (
-        counted(images._project, loop=0),
-        counted(images._measure, loop=0),
+        counted(images.project, loop=0),
+        counted(images._areas, loop=0),
         counted(unions._overlapping, loop=0),
         counted(overlaps.shared_by_two, loop=0),
         counted(overlaps.shared_by_three),
