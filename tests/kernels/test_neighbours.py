@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.field import aimed
-from heliosweep.kernels.neighbours import beam, bin_field, longer, search
+from heliosweep.kernels.neighbours import beam, bin_field, search
 from tests.kernels.fields import scattered, suns
 
 
 def found(i, bundle, limit, mirrors, grid):
-    names = np.empty(1, np.int64)
-    while (count := search(i, bundle, limit, mirrors, grid, names, 0)) < 0:
-        names = longer(names)
+    names, count = search(i, bundle, limit, mirrors, grid, np.empty(1, np.int64), 0)
     return names[:count]
 
 

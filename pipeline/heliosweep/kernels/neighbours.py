@@ -22,7 +22,6 @@ __all__ = [
     "beam",
     "bin_field",
     "expected",
-    "longer",
     "no_candidates",
     "search",
     "search_all",
@@ -151,7 +150,7 @@ def beam(directions: NDArray[np.float64], stride: int, count: int) -> Beam:
     )
 
 
-@inner
+@kernel
 def search(
     i: int,
     bundle: Beam,
@@ -160,7 +159,7 @@ def search(
     grid: Grid,
     found: NDArray[np.int64],
     count: int,
-) -> int:
+) -> tuple[NDArray[np.int64], int]:
     """Append to `found` every heliostat that may occlude heliostat i along some direction of the bundle.
 
     In plan, h ahead of i along the azimuth of d: the line distance has the components h sin a - dz cos a (a the
@@ -192,9 +191,21 @@ def search(
 
     Returns
     -------
-    int
-        Its new length; -1 if there was no room for all.
+    found : ndarray of int64
+        The list; another array where there was no room for all.
+    count : int
+        Its new length.
     """
+    stop = _search(i, bundle, limit, mirrors, grid, found, count)
+    while stop < 0:
+        found = _longer(found)
+        stop = _search(i, bundle, limit, mirrors, grid, found, count)
+    return found, stop
+
+
+@inner
+def _search(i, bundle, limit, mirrors, grid, found, count):
+    """`search` while there is room; returns the new length, or -1 where there is none."""
     x, y, z, radius = mirrors.x, mirrors.y, mirrors.z, mirrors.radius
     wide = (radius[i] + grid.radius) * (1.0 + _SLACK)
     rise = max(grid.top - z[i], z[i] - grid.bottom)
@@ -250,14 +261,10 @@ def no_candidates(tests: int, room: int) -> Candidates:
 @kernel
 def search_all(start: int, bundle: Beam, mirrors: Mirrors, grid: Grid, found: Candidates) -> Candidates:
     """Replace the lists of the test heliostats from `start` on by what `search` finds along a bundle to the sun."""
-    names = found.names
-    for t in range(found.first.shape[0] - 1):
-        stop = search(start + t, bundle, np.inf, mirrors, grid, names, found.first[t])
-        while stop < 0:
-            names = longer(names)
-            stop = search(start + t, bundle, np.inf, mirrors, grid, names, found.first[t])
-        found.first[t + 1] = stop
-    return Candidates(names, found.first)
+    names, first = found
+    for t in range(first.shape[0] - 1):
+        names, first[t + 1] = search(start + t, bundle, np.inf, mirrors, grid, names, first[t])
+    return Candidates(names, first)
 
 
 @kernel
@@ -265,7 +272,7 @@ def sift_all(start: int, bundle: Beam, mirrors: Mirrors, wider: Candidates, foun
     """The same out of what `search_all` found for a wider bundle."""
     names = found.names
     while names.shape[0] < wider.first[-1]:
-        names = longer(names)
+        names = _longer(names)
     _sift(start, bundle, mirrors, wider, names, found.first)
     return Candidates(names, found.first)
 
@@ -294,12 +301,12 @@ def _may_occlude(i, j, bundle, limit, mirrors):
 
 
 @kernel
-def longer(found):
+def _longer(found):
     """Copy of a list with room for twice as many."""
-    longer = np.empty(2 * found.shape[0], np.int64)
+    copy = np.empty(2 * found.shape[0], np.int64)
     for m in range(found.shape[0]):
-        longer[m] = found[m]
-    return longer
+        copy[m] = found[m]
+    return copy
 
 
 @inner

@@ -20,7 +20,6 @@ from heliosweep.kernels.neighbours import (
     beam,
     bin_field,
     expected,
-    longer,
     no_candidates,
     search,
     search_all,
@@ -132,12 +131,8 @@ def blockers_of(mirrors: Mirrors, grid: Grid, start: int, stop: int) -> Candidat
     """Heliostats that may block each of the block, whatever the sun."""
     names, first = np.empty(4 * (stop - start), np.int64), np.zeros(stop - start + 1, np.int64)
     for i in range(start, stop):
-        bundle, count = beam(mirrors.aim[i], np.int64(1), np.int64(1)), np.int64(-1)
-        while count < 0:
-            count = search(i, bundle, mirrors.throw[i], mirrors, grid, names, first[i - start])
-            if count < 0:
-                names = longer(names)
-        first[i - start + 1] = count
+        bundle, t = beam(mirrors.aim[i], np.int64(1), np.int64(1)), i - start
+        names, first[t + 1] = search(i, bundle, mirrors.throw[i], mirrors, grid, names, first[t])
     return Candidates(names, first)
 
 
