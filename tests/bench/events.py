@@ -13,7 +13,7 @@ from heliosweep.kernels.field import _sorted, aimed
 from heliosweep.kernels.images import AXES_ROWS, Images, axes, images_of
 from heliosweep.kernels.mounts import FRAME_ROWS, half_sides
 from heliosweep.kernels.neighbours import beam, bin_field, no_candidates, search_all
-from heliosweep.kernels.packets import PACKET, rows
+from heliosweep.kernels.packets import PACKET, ROW, rows
 from tests.kernels.fields import Field
 
 Floats = NDArray[np.float64]
@@ -39,15 +39,15 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     found: Counter[str] = Counter()
     for p in range(0, len(first) - 1, PACKETS):
         lanes, instants = stages._directions(sun, order[first[p] : first[p + 1]], lines.to_sun), first[p + 1] - first[p]
-        shaders = search_all(0, beam(lines.to_sun, PACKET, instants), mirrors, grid, shaders)
+        shaders = search_all(0, beam(lines.to_sun, ROW, instants), mirrors, grid, shaders)
         for i in range(count):
-            half_sides(frames, i * FRAME_ROWS * PACKET, lines.to_sun, mirrors, i, tracking, lanes)
+            half_sides(frames, i * FRAME_ROWS * ROW, lines.to_sun, mirrors, i, tracking, lanes)
         for i in range(p % HELIOSTATS, count, HELIOSTATS):
             made = shading = candidates = 0
             for some, directions in ((shaders, lines.to_sun), (blockers, lines.to_target)):
                 for c in range(3):
-                    lines.to_target[c * PACKET : (c + 1) * PACKET] = mirrors.aim[i, c]
-                axes(lines.views, frames, i * FRAME_ROWS * PACKET, directions, lanes)
+                    lines.to_target[c * ROW : (c + 1) * ROW] = mirrors.aim[i, c]
+                axes(lines.views, frames, i * FRAME_ROWS * ROW, directions, lanes)
                 scene = mirrors, everyone, frames, directions, lines.views
                 made = int(stages._make_images(i, i, some, *scene, images, made, lanes))
                 shading = made if some is shaders else shading

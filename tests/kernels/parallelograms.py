@@ -5,7 +5,7 @@ import shapely
 
 from heliosweep.kernels.hidden import take_out_hidden
 from heliosweep.kernels.images import images_of, measure, project
-from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.packets import PACKET, ROW
 from heliosweep.kernels.unions import room_for, unions
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
@@ -18,23 +18,26 @@ def images_for(shapes, shading=None, hiding=0):
     """
     shading = len(shapes) if shading is None else shading
     images = images_of(len(shapes))
-    up = np.repeat([0.0, 0.0, 1.0], PACKET)
-    one, none = np.ones(PACKET), np.zeros(PACKET)
+    up, one, none = np.repeat([0.0, 0.0, 1.0], ROW), np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
-        views = np.concatenate((one, none, cx, none, one, cy))
-        frame = np.concatenate((ax, ay, none, bx, by, none, one))
+        views, frame = rows_of(one, none, cx, none, one, cy), rows_of(ax, ay, none, bx, by, none, one)
         hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, PACKET)
         take_out_hidden(images, shading if m >= shading else 0, m, hits & hiding, PACKET)
         measure(images, m, frame, 0, 0, 0.0, 0.0, 1.0, PACKET)
     return images
 
 
+def rows_of(*lanes):
+    """Rows as kernels want them."""
+    return np.pad(lanes, ((0, 0), (0, ROW - PACKET))).ravel()
+
+
 def union_areas(shapes, shading, hiding=0):
     """Union areas of parallelograms, shape (3, PACKET), by the kernel; arguments as of `images_for`."""
-    count, total = len(shapes), np.empty(3 * PACKET)
+    count, total = len(shapes), np.empty(3 * ROW)
     unions(images_for(shapes, shading, hiding), shading, count, total, room_for(count), PACKET)
-    return total.reshape(3, PACKET)
+    return total.reshape(3, ROW)[:, :PACKET]
 
 
 def corners(shapes):

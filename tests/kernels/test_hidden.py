@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.packets import PACKET, ROW
 from tests.kernels.parallelograms import SQUARE, corners, images_for, shapely_areas, union_areas
 
 LANE = 3
@@ -17,7 +17,7 @@ def left(shapes, shading=None):
     before, images = images_for(everywhere), images_for(everywhere, shading, 1 << LANE)
     stays = images.present >> LANE & 1 == 1
     np.testing.assert_array_equal(images.present | 1 << LANE, before.present | 1 << LANE)
-    areas, expected = (each.rows.reshape(len(shapes), -1, PACKET)[:, 6].copy() for each in (images, before))
+    areas, expected = (each.rows.reshape(len(shapes), -1, ROW)[:, 6, :PACKET].copy() for each in (images, before))
     expected[~stays, LANE] = 0.0
     np.testing.assert_array_equal(areas, expected)
     return stays.tolist()

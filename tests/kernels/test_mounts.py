@@ -5,17 +5,17 @@ import pytest
 
 from heliosweep.kernels.field import aimed
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, FRAME_ROWS, SPINNING_ELEVATION, half_sides
-from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.packets import ROW
 from tests.kernels.fields import scattered, suns
 from tests.kernels.oracles import frame
 
 
 def sides(mirrors, i, sun, tracking):
     """Half sides (a, b) for up to PACKET sun vectors."""
-    rows, out = np.full((3, PACKET), np.nan), np.full(FRAME_ROWS * PACKET, np.nan)
+    rows, out = np.full((3, ROW), np.nan), np.full(FRAME_ROWS * ROW, np.nan)
     rows[:, : len(sun)] = sun.T
     half_sides(out, 0, rows.ravel(), mirrors, i, tracking, len(sun))
-    rows = out[: 6 * PACKET].reshape(2, 3, PACKET)[:, :, : len(sun)]
+    rows = out[: 6 * ROW].reshape(2, 3, ROW)[:, :, : len(sun)]
     return np.swapaxes(rows[0], 0, 1), np.swapaxes(rows[1], 0, 1)
 
 

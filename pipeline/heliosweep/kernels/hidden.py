@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner
 from heliosweep.kernels.images import AREA, IMAGE_ROWS, Images, larger
-from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.packets import ROW
 from heliosweep.kernels.polygons import unit
 
 __all__ = ["take_out_hidden"]
@@ -61,18 +61,18 @@ def _contains(images, n, m, lanes):
     No corner P of the box lies beyond the edges of n: |(P - C) x b| <= |a x b|, and so for a.
     """
     n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
-    one, other = n * IMAGE_ROWS * PACKET, m * IMAGE_ROWS * PACKET
+    one, other = n * IMAGE_ROWS * ROW, m * IMAGE_ROWS * ROW
     found = np.int64(0)
     for k in range(lanes):
-        cx, cy = images[other + k], images[other + PACKET + k]
-        reach_x = abs(images[other + 2 * PACKET + k]) + abs(images[other + 4 * PACKET + k])
-        reach_y = abs(images[other + 3 * PACKET + k]) + abs(images[other + 5 * PACKET + k])
+        cx, cy = images[other + k], images[other + ROW + k]
+        reach_x = abs(images[other + 2 * ROW + k]) + abs(images[other + 4 * ROW + k])
+        reach_y = abs(images[other + 3 * ROW + k]) + abs(images[other + 5 * ROW + k])
         west, east = unit(cx - reach_x), unit(cx + reach_x)
         south, north = unit(cy - reach_y), unit(cy + reach_y)
-        x, y = 0.5 * (west + east) - images[one + k], 0.5 * (south + north) - images[one + PACKET + k]
+        x, y = 0.5 * (west + east) - images[one + k], 0.5 * (south + north) - images[one + ROW + k]
         width, height = 0.5 * (east - west), 0.5 * (north - south)
-        ax, ay = images[one + 2 * PACKET + k], images[one + 3 * PACKET + k]
-        bx, by = images[one + 4 * PACKET + k], images[one + 5 * PACKET + k]
+        ax, ay = images[one + 2 * ROW + k], images[one + 3 * ROW + k]
+        bx, by = images[one + 4 * ROW + k], images[one + 5 * ROW + k]
         beyond_a = abs(x * by - y * bx) + width * abs(by) + height * abs(bx)
         beyond_b = abs(x * ay - y * ax) + width * abs(ay) + height * abs(ax)
         found |= np.int64(larger(beyond_a, beyond_b) <= abs(ax * by - ay * bx)) << k
@@ -83,6 +83,6 @@ def _contains(images, n, m, lanes):
 def _take_out(images, m, some, lanes):
     """Leave an image no area in some lanes."""
     if some != 0:
-        area = max(m, 0) * IMAGE_ROWS * PACKET + AREA
+        area = max(m, 0) * IMAGE_ROWS * ROW + AREA
         for k in range(lanes):
             images[area + k] = 0.0 if some >> k & 1 else images[area + k]

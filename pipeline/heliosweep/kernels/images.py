@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.packets import PACKET, rows
+from heliosweep.kernels.packets import ROW, rows
 from heliosweep.kernels.polygons import CORNERS, edge_term, slopes, square_area
 
 __all__ = [
@@ -36,9 +36,9 @@ AXES_ROWS = 6
 IMAGE_ROWS = 10
 """Rows of an image: centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none); and, only for
 mirrors that may straddle the plane of the test mirror, the heights over it: of the centre, and along a and b."""
-AREA = 6 * PACKET
+AREA = 6 * ROW
 """Where the row of areas begins."""
-_HEIGHT = 7 * PACKET
+_HEIGHT = 7 * ROW
 
 Floats = NDArray[np.float64]
 
@@ -68,29 +68,29 @@ def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) ->
 
     Parameters
     ----------
-    out : ndarray, shape (AXES_ROWS * PACKET,)
+    out : ndarray, shape (AXES_ROWS * ROW,)
         Receives U and V; nothing where there is no frame. [1/m]
     frames : ndarray
         Frames of mirrors. [m]
     f : int
         Where that of the test mirror begins.
-    directions : ndarray, shape (3 * PACKET,)
+    directions : ndarray, shape (3 * ROW,)
         Rows of the direction d. [1]
     lanes : int
         Lanes of the packet.
     """
     f = max(f, 0)  # an index that may be negative would keep the loop from becoming vector code
     for k in range(lanes):
-        ux, uy, uz = frames[f + k], frames[f + PACKET + k], frames[f + 2 * PACKET + k]
-        vx, vy, vz = frames[f + 3 * PACKET + k], frames[f + 4 * PACKET + k], frames[f + 5 * PACKET + k]
-        dx, dy, dz = directions[k], directions[PACKET + k], directions[2 * PACKET + k]
+        ux, uy, uz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
+        vx, vy, vz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
+        dx, dy, dz = directions[k], directions[ROW + k], directions[2 * ROW + k]
         ax, ay, az = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
         facing = ux * ax + uy * ay + uz * az
         scale = 1.0 / facing if facing > 0.0 else 0.0
-        out[k], out[PACKET + k], out[2 * PACKET + k] = scale * ax, scale * ay, scale * az
-        out[3 * PACKET + k] = scale * (dy * uz - dz * uy)
-        out[4 * PACKET + k] = scale * (dz * ux - dx * uz)
-        out[5 * PACKET + k] = scale * (dx * uy - dy * ux)
+        out[k], out[ROW + k], out[2 * ROW + k] = scale * ax, scale * ay, scale * az
+        out[3 * ROW + k] = scale * (dy * uz - dz * uy)
+        out[4 * ROW + k] = scale * (dz * ux - dx * uz)
+        out[5 * ROW + k] = scale * (dx * uy - dy * ux)
 
 
 @inner
@@ -117,13 +117,13 @@ def project(
         Receives the image; instead of the area 1 in the lanes found, and 0 elsewhere.
     m : int
         Its number.
-    views : ndarray, shape (AXES_ROWS * PACKET,)
+    views : ndarray, shape (AXES_ROWS * ROW,)
         U and V of the test mirror. [1/m]
     frames : ndarray
         Frames of mirrors. [m]
     f : int
         Where that of the mirror begins.
-    directions : ndarray, shape (3 * PACKET,)
+    directions : ndarray, shape (3 * ROW,)
         Rows of the direction d. [1]
     dx, dy, dz : float
         D, from the centre of the test mirror to that of the other. [m]
@@ -137,21 +137,21 @@ def project(
     int
         The lanes found.
     """
-    out, o, f = images.rows, max(m, 0) * IMAGE_ROWS * PACKET, max(f, 0)
+    out, o, f = images.rows, max(m, 0) * IMAGE_ROWS * ROW, max(f, 0)
     images.apart[m] = apart
     behind, found = 0.0 if apart else -np.inf, np.int64(0)
     for k in range(lanes):
-        ux, uy, uz = views[k], views[PACKET + k], views[2 * PACKET + k]
-        vx, vy, vz = views[3 * PACKET + k], views[4 * PACKET + k], views[5 * PACKET + k]
-        px, py, pz = frames[f + k], frames[f + PACKET + k], frames[f + 2 * PACKET + k]
-        qx, qy, qz = frames[f + 3 * PACKET + k], frames[f + 4 * PACKET + k], frames[f + 5 * PACKET + k]
+        ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
+        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
+        px, py, pz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
+        qx, qy, qz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
         cx, cy = dx * ux + dy * uy + dz * uz, dx * vx + dy * vy + dz * vz
         ax, ay = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
         bx, by = qx * ux + qy * uy + qz * uz, qx * vx + qy * vy + qz * vz
-        ahead = dx * directions[k] + dy * directions[PACKET + k] + dz * directions[2 * PACKET + k]
-        out[o + k], out[o + PACKET + k] = cx, cy
-        out[o + 2 * PACKET + k], out[o + 3 * PACKET + k] = ax, ay
-        out[o + 4 * PACKET + k], out[o + 5 * PACKET + k] = bx, by
+        ahead = dx * directions[k] + dy * directions[ROW + k] + dz * directions[2 * ROW + k]
+        out[o + k], out[o + ROW + k] = cx, cy
+        out[o + 2 * ROW + k], out[o + 3 * ROW + k] = ax, ay
+        out[o + 4 * ROW + k], out[o + 5 * ROW + k] = bx, by
         turn = abs(ax * by - ay * bx)
         gap = larger(abs(cx) - abs(ax) - abs(bx), abs(cy) - abs(ay) - abs(by)) - 1.0
         gap = larger(gap, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
@@ -177,7 +177,7 @@ def measure(
     test : int
         Where the frame of the test mirror begins.
     """
-    o = m * IMAGE_ROWS * PACKET
+    o = m * IMAGE_ROWS * ROW
     _areas(images.rows, o, lanes)
     if not images.apart[m]:
         _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
@@ -190,9 +190,9 @@ def _areas(images, o, lanes):
     """Write the area on the square where there is a chance of one, by Green's theorem."""
     o = max(o, 0)
     for k in range(lanes):
-        cx, cy = images[o + k], images[o + PACKET + k]
-        ax, ay = images[o + 2 * PACKET + k], images[o + 3 * PACKET + k]
-        bx, by = images[o + 4 * PACKET + k], images[o + 5 * PACKET + k]
+        cx, cy = images[o + k], images[o + ROW + k]
+        ax, ay = images[o + 2 * ROW + k], images[o + 3 * ROW + k]
+        bx, by = images[o + 4 * ROW + k], images[o + 5 * ROW + k]
         (a_rise, a_run), (b_rise, b_run) = slopes(ax, ay), slopes(bx, by)
         x0, y0, x1, y1 = cx - ax - bx, cy - ay - by, cx + ax - bx, cy + ay - by
         x2, y2, x3, y3 = cx + ax + bx, cy + ay + by, cx - ax + bx, cy - ay + by
@@ -223,14 +223,14 @@ def _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes):
     o, f, test = max(o, 0), max(f, 0), max(test, 0)
     height = o + _HEIGHT
     for k in range(lanes):
-        ux, uy, uz = frames[test + k], frames[test + PACKET + k], frames[test + 2 * PACKET + k]
-        vx, vy, vz = frames[test + 3 * PACKET + k], frames[test + 4 * PACKET + k], frames[test + 5 * PACKET + k]
-        px, py, pz = frames[f + k], frames[f + PACKET + k], frames[f + 2 * PACKET + k]
-        qx, qy, qz = frames[f + 3 * PACKET + k], frames[f + 4 * PACKET + k], frames[f + 5 * PACKET + k]
+        ux, uy, uz = frames[test + k], frames[test + ROW + k], frames[test + 2 * ROW + k]
+        vx, vy, vz = frames[test + 3 * ROW + k], frames[test + 4 * ROW + k], frames[test + 5 * ROW + k]
+        px, py, pz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
+        qx, qy, qz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         images[height + k] = dx * nx + dy * ny + dz * nz
-        images[height + PACKET + k] = px * nx + py * ny + pz * nz
-        images[height + 2 * PACKET + k] = qx * nx + qy * ny + qz * nz
+        images[height + ROW + k] = px * nx + py * ny + pz * nz
+        images[height + 2 * ROW + k] = qx * nx + qy * ny + qz * nz
     for k in range(lanes):
         if images[o + AREA + k] > 0.0 and straddles(images, o + k):
             images[o + AREA + k] = _area_in_front(images, o + k)
@@ -248,7 +248,7 @@ def _area_in_front(images, lane):
 def straddles(images, lane):
     """Whether some corner of a near mirror lies behind the plane of the test mirror; `lane` as in `outline`."""
     height = lane + _HEIGHT
-    return images[height] < abs(images[height + PACKET]) + abs(images[height + 2 * PACKET])
+    return images[height] < abs(images[height + ROW]) + abs(images[height + 2 * ROW])
 
 
 @inner
@@ -268,17 +268,17 @@ def outline(images: Floats, lane: int, apart: bool, polygons: Floats, at: int) -
     at : int
         Where to write them.
     """
-    cx, cy = images[lane], images[lane + PACKET]
+    cx, cy = images[lane], images[lane + ROW]
     ax, ay, bx, by = (
-        images[lane + 2 * PACKET],
-        images[lane + 3 * PACKET],
-        images[lane + 4 * PACKET],
-        images[lane + 5 * PACKET],
+        images[lane + 2 * ROW],
+        images[lane + 3 * ROW],
+        images[lane + 4 * ROW],
+        images[lane + 5 * ROW],
     )
     height, along_a, along_b = 1.0, 0.0, 0.0
     if not apart:
-        height, along_a = images[lane + _HEIGHT], images[lane + _HEIGHT + PACKET]
-        along_b = images[lane + _HEIGHT + 2 * PACKET]
+        height, along_a = images[lane + _HEIGHT], images[lane + _HEIGHT + ROW]
+        along_b = images[lane + _HEIGHT + 2 * ROW]
     if ax * by - ay * bx < 0.0:
         ax, ay, along_a, bx, by, along_b = bx, by, along_b, ax, ay, along_a
     corners = 0

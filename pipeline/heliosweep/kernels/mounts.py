@@ -1,9 +1,8 @@
 """Mirror frames of the two tracking methods.
 
 A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
-its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows with
-room for `PACKET` numbers each in one flat array, because loops over rows at fixed offsets of one array turn into vector
-code.
+its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows,
+`ROW` numbers apart in one flat array, because loops over rows at fixed offsets of one array turn into vector code.
 """
 
 from typing import NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inner
-from heliosweep.kernels.packets import PACKET
+from heliosweep.kernels.packets import ROW
 
 __all__ = ["AZIMUTH_ELEVATION", "COSINE", "FRAME_ROWS", "SPINNING_ELEVATION", "Mirrors", "half_sides"]
 
@@ -22,7 +21,7 @@ AZIMUTH_ELEVATION = 1
 """Vertical first axis: the width axis u = unit(z x n) stays horizontal."""
 FRAME_ROWS = 7
 """Rows of a frame: the half sides (w/2) u and (h/2) v, components x, y, z of each; the cosine of incidence."""
-COSINE = 6 * PACKET
+COSINE = 6 * ROW
 """Where the row of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2, begins."""
 
 _PARALLEL = 1e-30
@@ -59,11 +58,11 @@ def half_sides(
 
     Parameters
     ----------
-    frames : ndarray, shape (at least f + FRAME_ROWS * PACKET,)
+    frames : ndarray, shape (at least f + FRAME_ROWS * ROW,)
         Receives the rows. [m]
     f : int
         Where they begin in `frames`.
-    sun : ndarray, shape (3 * PACKET,)
+    sun : ndarray, shape (3 * ROW,)
         Rows x, y, z of the unit vectors to the sun. [1]
     mirrors : Mirrors
         The field.
@@ -83,7 +82,7 @@ def half_sides(
     if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
         ex, ey = -ry / level, rx / level
     for k in range(lanes):
-        sx, sy, sz = sun[k], sun[PACKET + k], sun[2 * PACKET + k]
+        sx, sy, sz = sun[k], sun[ROW + k], sun[2 * ROW + k]
         nx, ny, nz = rx + sx, ry + sy, rz + sz
         if tracking == SPINNING_ELEVATION:
             ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx
@@ -101,8 +100,8 @@ def half_sides(
         present = half_width if length > 0.0 else 0.0
         frames[f + COSINE + k] = min(1.0, 0.5 * length)
         frames[f + k] = present * ux
-        frames[f + PACKET + k] = present * uy
-        frames[f + 2 * PACKET + k] = present * uz
-        frames[f + 3 * PACKET + k] = half_height * (ny * uz - nz * uy)
-        frames[f + 4 * PACKET + k] = half_height * (nz * ux - nx * uz)
-        frames[f + 5 * PACKET + k] = half_height * (nx * uy - ny * ux)
+        frames[f + ROW + k] = present * uy
+        frames[f + 2 * ROW + k] = present * uz
+        frames[f + 3 * ROW + k] = half_height * (ny * uz - nz * uy)
+        frames[f + 4 * ROW + k] = half_height * (nz * ux - nx * uz)
+        frames[f + 5 * ROW + k] = half_height * (nx * uy - ny * ux)

@@ -12,26 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.packets import GROUP, PACKET
+from heliosweep.kernels.packets import GROUP, ROW
 from heliosweep.kernels.polygons import edge_term, slope, slopes, unit
 
 __all__ = ["OVERLAP_ROWS", "SHARED", "pack", "shared_by_three", "shared_by_two"]
 
 Floats = NDArray[np.float64]
 
-_IMAGE = 6 * PACKET
+_IMAGE = 6 * ROW
 """Rows of a packed image: centre and half edges, as in `images`."""
 SHARED = 3 * _IMAGE
 """Where the row of areas begins."""
-_SCALE = SHARED + PACKET
+_SCALE = SHARED + ROW
 """What an area in coordinates of the last image is multiplied by."""
-_CHAIN = _SCALE + PACKET
+_CHAIN = _SCALE + ROW
 """Where the 16 corners x of a chain begin, and 16 rows later y."""
-_SLOPES = _CHAIN + 32 * PACKET
+_SLOPES = _CHAIN + 32 * ROW
 """Slopes dy/dx and dx/dy of x, a, y, b in coordinates of the second image; then of these and p, q in those of the
 third; then how the former coordinates are made the latter."""
-_THIRD, _TO = _SLOPES + 8 * PACKET, _SLOPES + 20 * PACKET
-OVERLAP_ROWS = _TO // PACKET + 6
+_THIRD, _TO = _SLOPES + 8 * ROW, _SLOPES + 20 * ROW
+OVERLAP_ROWS = _TO // ROW + 6
 """Rows of room that is needed."""
 
 
@@ -57,7 +57,7 @@ def pack(images: Floats, image: int, names: NDArray[np.int64], active: int, room
     filled = -(-active // GROUP) * GROUP
     for k in range(active, filled):
         names[k] = names[active - 1]
-    for row in range(0, 6 * PACKET, PACKET):
+    for row in range(0, 6 * ROW, ROW):
         for k in range(filled):
             room[place * _IMAGE + row + k] = images[image + row + names[k]]
     return filled
@@ -81,7 +81,7 @@ def shared_by_two(room: Floats, lanes: int) -> None:
 @inline
 def _edge(room, image, row, k):
     """A half edge of a packed image, or its centre."""
-    return room[image + row * PACKET + k], room[image + (row + 1) * PACKET + k]
+    return room[image + row * ROW + k], room[image + (row + 1) * ROW + k]
 
 
 @inline
@@ -162,25 +162,25 @@ def shared_by_three(room: Floats, lanes: int) -> None:
     for s in range(16):
         # The segments of the chain run along x, a, x, y, x, b, x, y, and so again.
         own, following = _direction(s), _direction(s + 1)
-        start, stop = _CHAIN + s * PACKET, _CHAIN + (s + 1) % 16 * PACKET
+        start, stop = _CHAIN + s * ROW, _CHAIN + (s + 1) % 16 * ROW
         for k in range(lanes):
-            along = room[own + k], room[own + PACKET + k]
-            qx, qy = room[stop + k], room[stop + 16 * PACKET + k]
-            side = _clipped(room[start + k], room[start + 16 * PACKET + k], qx, qy, along)
+            along = room[own + k], room[own + ROW + k]
+            qx, qy = room[stop + k], room[stop + 16 * ROW + k]
+            side = _clipped(room[start + k], room[start + 16 * ROW + k], qx, qy, along)
             x = side[5]
             then = x, unit(qy + (x - qx) * room[following + k])
             to = (
                 room[_TO + k],
-                room[_TO + PACKET + k],
-                room[_TO + 2 * PACKET + k],
-                room[_TO + 3 * PACKET + k],
-                room[_TO + 4 * PACKET + k],
-                room[_TO + 5 * PACKET + k],
+                room[_TO + ROW + k],
+                room[_TO + 2 * ROW + k],
+                room[_TO + 3 * ROW + k],
+                room[_TO + 4 * ROW + k],
+                room[_TO + 5 * ROW + k],
             )
             third = own + (_THIRD - _SLOPES) + k
-            p = room[_THIRD + 8 * PACKET + k], room[_THIRD + 9 * PACKET + k]
-            q = room[_THIRD + 10 * PACKET + k], room[_THIRD + 11 * PACKET + k]
-            room[SHARED + k] += _green(side, then, (room[third], room[third + PACKET]), p, q, to)
+            p = room[_THIRD + 8 * ROW + k], room[_THIRD + 9 * ROW + k]
+            q = room[_THIRD + 10 * ROW + k], room[_THIRD + 11 * ROW + k]
+            room[SHARED + k] += _green(side, then, (room[third], room[third + ROW]), p, q, to)
     for k in range(lanes):
         room[SHARED + k] = abs(room[SHARED + k] * room[_SCALE + k])
 
@@ -189,7 +189,7 @@ def shared_by_three(room: Floats, lanes: int) -> None:
 def _direction(s):
     """Where the slopes of the direction of a segment begin: of x, a, y or b."""
     kind = 0 if s % 2 == 0 else (2 if s % 4 == 3 else (1 if s % 8 == 1 else 3))
-    return _SLOPES + 2 * kind * PACKET
+    return _SLOPES + 2 * kind * ROW
 
 
 @inner
@@ -204,7 +204,7 @@ def _smallest_last(room, lanes):
         ex, ey = _edge(room, 2 * _IMAGE, 2, k)
         fx, fy = _edge(room, 2 * _IMAGE, 4, k)
         room[_SCALE + k] = 1.0 if abs(px * qy - py * qx) < abs(ex * fy - ey * fx) else 0.0
-    for row in range(_IMAGE, 2 * _IMAGE, PACKET):
+    for row in range(_IMAGE, 2 * _IMAGE, ROW):
         for k in range(lanes):
             one, other = room[row + k], room[row + _IMAGE + k]
             swapped = room[_SCALE + k] > 0.0
@@ -218,9 +218,9 @@ def _chain_of_first(room, lanes):
         side0, side1, side2, side3 = _sides(room, 0, k)
         second, _ = _coordinates(room, _IMAGE, k)
         _write_corners(room, _CHAIN + k, second, side0)
-        _write_corners(room, _CHAIN + 4 * PACKET + k, second, side1)
-        _write_corners(room, _CHAIN + 8 * PACKET + k, second, side2)
-        _write_corners(room, _CHAIN + 12 * PACKET + k, second, side3)
+        _write_corners(room, _CHAIN + 4 * ROW + k, second, side1)
+        _write_corners(room, _CHAIN + 8 * ROW + k, second, side2)
+        _write_corners(room, _CHAIN + 12 * ROW + k, second, side3)
     for k in range(lanes):
         _write_slopes_of_chain(room, _SLOPES, _IMAGE, k)
     for k in range(lanes):
@@ -230,21 +230,21 @@ def _chain_of_first(room, lanes):
         (px, py), (qx, qy) = _edge(room, _IMAGE, 2, k), _edge(room, _IMAGE, 4, k)
         cx, cy = _edge(room, _IMAGE, 0, k)
         room[_SCALE + k] = turn
-        _write_slopes(room, _THIRD + 8 * PACKET + k, to, px, py)
-        _write_slopes(room, _THIRD + 10 * PACKET + k, to, qx, qy)
-        room[_TO + k], room[_TO + 3 * PACKET + k] = _turned(to, px, py)
-        room[_TO + PACKET + k], room[_TO + 4 * PACKET + k] = _turned(to, qx, qy)
-        room[_TO + 2 * PACKET + k], room[_TO + 5 * PACKET + k] = _moved(to, cx, cy)
+        _write_slopes(room, _THIRD + 8 * ROW + k, to, px, py)
+        _write_slopes(room, _THIRD + 10 * ROW + k, to, qx, qy)
+        room[_TO + k], room[_TO + 3 * ROW + k] = _turned(to, px, py)
+        room[_TO + ROW + k], room[_TO + 4 * ROW + k] = _turned(to, qx, qy)
+        room[_TO + 2 * ROW + k], room[_TO + 5 * ROW + k] = _moved(to, cx, cy)
 
 
 @inline
 def _write_corners(room, at, to, side):
     """Write the corners before, within and after a clipped edge, x and 16 rows later y."""
     x0, c0, xa, xb, c1, x1 = side
-    room[at], room[at + 16 * PACKET] = _moved(to, x0, c0)
-    room[at + PACKET], room[at + 17 * PACKET] = _moved(to, xa, c0)
-    room[at + 2 * PACKET], room[at + 18 * PACKET] = _moved(to, xb, c1)
-    room[at + 3 * PACKET], room[at + 19 * PACKET] = _moved(to, x1, c1)
+    room[at], room[at + 16 * ROW] = _moved(to, x0, c0)
+    room[at + ROW], room[at + 17 * ROW] = _moved(to, xa, c0)
+    room[at + 2 * ROW], room[at + 18 * ROW] = _moved(to, xb, c1)
+    room[at + 3 * ROW], room[at + 19 * ROW] = _moved(to, x1, c1)
 
 
 @inline
@@ -253,13 +253,13 @@ def _write_slopes_of_chain(room, at, image, k):
     to, _ = _coordinates(room, image, k)
     (ax, ay), (bx, by) = _edge(room, 0, 2, k), _edge(room, 0, 4, k)
     _write_slopes(room, at + k, to, 1.0, 0.0)
-    _write_slopes(room, at + 2 * PACKET + k, to, ax, ay)
-    _write_slopes(room, at + 4 * PACKET + k, to, 0.0, 1.0)
-    _write_slopes(room, at + 6 * PACKET + k, to, bx, by)
+    _write_slopes(room, at + 2 * ROW + k, to, ax, ay)
+    _write_slopes(room, at + 4 * ROW + k, to, 0.0, 1.0)
+    _write_slopes(room, at + 6 * ROW + k, to, bx, by)
 
 
 @inline
 def _write_slopes(room, at, to, x, y):
     """Write the slopes of a direction."""
     dx, dy = _turned(to, x, y)
-    room[at], room[at + PACKET] = slopes(dx, dy)
+    room[at], room[at + ROW] = slopes(dx, dy)

@@ -9,13 +9,17 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
 
-__all__ = ["GROUP", "PACKET", "packet_order", "rows"]
+__all__ = ["GROUP", "PACKET", "ROW", "packet_order", "rows"]
 
 PACKET = 64
-"""Most instants (lanes) in a packet, and the room for them in every row of lanes."""
+"""Most instants (lanes) in a packet."""
 
 GROUP = 8
 """Packets are filled up to a multiple of so many lanes, the vector of the widest processors: no loop leaves a rest."""
+
+ROW = PACKET + GROUP
+"""Numbers from the start of a row of lanes to that of the next. With as many as a packet has lanes, a power of two, the
+rows of short packets, as a low sun makes them, would crowd into an eighth of the places of the processor's cache."""
 
 _LIMIT = 60.0
 """Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
@@ -28,9 +32,9 @@ have too many candidates. Thousands of instants fill their packets within it, bu
 @kernel
 def rows(count: int) -> NDArray[np.float64]:
     """Room for rows of lanes, one after the other, from the start of a cache line: a load across two costs double."""
-    room = np.empty(count * PACKET + 8)
+    room = np.empty(count * ROW + 8)
     skip = -(room.ctypes.data >> 3) & 7
-    return room[skip : skip + count * PACKET]
+    return room[skip : skip + count * ROW]
 
 
 @kernel

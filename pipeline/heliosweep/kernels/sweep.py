@@ -25,7 +25,7 @@ from heliosweep.kernels.neighbours import (
     search_all,
     sift_all,
 )
-from heliosweep.kernels.packets import GROUP, PACKET, rows
+from heliosweep.kernels.packets import GROUP, ROW, rows
 from heliosweep.kernels.polygons import SQUARE
 from heliosweep.kernels.unions import room_for, unions
 
@@ -108,16 +108,16 @@ def sweep(
                 wide = search_all(start, bundle, mirrors, grid, wide)
         packet = order[first[p] : first[p + 1]]
         lanes = _directions(sun, packet, lines.to_sun)
-        bundle = beam(lines.to_sun, PACKET, packet.shape[0])
+        bundle = beam(lines.to_sun, ROW, packet.shape[0])
         if together:
             shaders = sift_all(start, bundle, mirrors, wide, shaders)
         else:
             shaders = search_all(start, bundle, mirrors, grid, shaders)
         count = _named(start, blockers, shaders, halo)
-        if count * FRAME_ROWS * PACKET > frames.shape[0]:
+        if count * FRAME_ROWS * ROW > frames.shape[0]:
             frames = rows((count + count // 4) * FRAME_ROWS)
         for m in range(count):
-            half_sides(frames, m * FRAME_ROWS * PACKET, lines.to_sun, mirrors, halo.names[m], tracking, lanes)
+            half_sides(frames, m * FRAME_ROWS * ROW, lines.to_sun, mirrors, halo.names[m], tracking, lanes)
         most = _most(blockers, shaders)
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
@@ -159,7 +159,7 @@ def _directions(sun, packet, to_sun):
     for k in range(lanes):
         when = packet[min(k, packet.shape[0] - 1)]
         for c in range(3):
-            to_sun[c * PACKET + k] = sun[when, c]
+            to_sun[c * ROW + k] = sun[when, c]
     return lanes
 
 
@@ -200,7 +200,7 @@ def _most(blockers, shaders):
 def _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series):
     """Efficiencies of all test heliostats at the instants of one packet."""
     for t in range(blockers.first.shape[0] - 1):
-        i, test = start + t, halo.place[start + t] * FRAME_ROWS * PACKET
+        i, test = start + t, halo.place[start + t] * FRAME_ROWS * ROW
         axes(lines.views, frames, test, lines.to_sun, lanes)
         shading = _make_images(
             i, t, shaders, mirrors, halo, frames, lines.to_sun, lines.views, images, np.int64(0), lanes
@@ -219,14 +219,14 @@ def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, ima
 
     Lanes that have had two images are searched for hidden ones: what is done in a lane depends on its own images only.
     """
-    test, first = halo.place[i] * FRAME_ROWS * PACKET, made
+    test, first = halo.place[i] * FRAME_ROWS * ROW, made
     once = twice = np.int64(0)
     for m in range(candidates.first[t], candidates.first[t + 1]):
         j = candidates.names[m]
         dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
         reach = mirrors.radius[i] + mirrors.radius[j]
         apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
-        other = halo.place[j] * FRAME_ROWS * PACKET
+        other = halo.place[j] * FRAME_ROWS * ROW
         hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, lanes)
         if hits & twice != 0:
             hits &= ~take_out_hidden(images, first, made, hits & twice, lanes)
@@ -242,7 +242,7 @@ def _aim(to_target, mirrors, i, lanes):
     """Write the direction to the target in rows."""
     x, y, z = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
     for k in range(lanes):
-        to_target[k], to_target[PACKET + k], to_target[2 * PACKET + k] = x, y, z
+        to_target[k], to_target[ROW + k], to_target[2 * ROW + k] = x, y, z
 
 
 @inline
@@ -251,8 +251,8 @@ def _efficiencies(frames, cosine, total, result, lanes):
     cosine = max(cosine, 0)
     for k in range(lanes):
         result[k] = frames[cosine + k]
-        result[PACKET + k], result[2 * PACKET + k] = _left(total[k]), _left(total[PACKET + k])
-        result[3 * PACKET + k] = frames[cosine + k] * _left(total[2 * PACKET + k])
+        result[ROW + k], result[2 * ROW + k] = _left(total[k]), _left(total[ROW + k])
+        result[3 * ROW + k] = frames[cosine + k] * _left(total[2 * ROW + k])
 
 
 @inline
@@ -267,10 +267,10 @@ def _write(result, packet, t, sums, series):
     count = packet.shape[0]
     for c in range(4):
         if sums.shape[0] > 0:
-            sums[t, c] += _sum(result, c * PACKET, count)
+            sums[t, c] += _sum(result, c * ROW, count)
         if series.shape[2] > 0:
             for k in range(count):
-                series[c, packet[k], t] = result[c * PACKET + k]
+                series[c, packet[k], t] = result[c * ROW + k]
 
 
 @inner

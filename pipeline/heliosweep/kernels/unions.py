@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.images import AREA, IMAGE_ROWS, Images, larger, outline, straddles
 from heliosweep.kernels.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_three, shared_by_two
-from heliosweep.kernels.packets import PACKET, rows
+from heliosweep.kernels.packets import PACKET, ROW, rows
 from heliosweep.kernels.polygons import CORNERS, SQUARE, gaps
 
 __all__ = ["Room", "room_for", "unions"]
@@ -26,13 +26,13 @@ _FEW = 5
 _PAIRS = PACKET * _FEW * (_FEW - 1) // 2
 """Most pairs that overlap in some lane that has so few images."""
 
-_SPREAD = OVERLAP_ROWS * PACKET
+_SPREAD = OVERLAP_ROWS * ROW
 """Row of room, behind what the overlaps need, for what a pair or a triple shares in the lanes of the packet."""
 
 _NOTHING = 1e-14
 """Area of an image that the general way leaves out: no wider than rounding, its corners may be in disorder."""
 
-_BLOCK, _BOTH = PACKET, 2 * PACKET
+_BLOCK, _BOTH = ROW, 2 * ROW
 """Rows of the totals, after that of shade."""
 
 Floats = NDArray[np.float64]
@@ -92,7 +92,7 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
         Shading images, then blocking images.
     shading, count : int
         Number of shading images, and of all images.
-    total : ndarray, shape (3 * PACKET,)
+    total : ndarray, shape (3 * ROW,)
         Receives the rows: area shaded, area blocked, area shaded or blocked.
     room : Room
         Scratch for at least so many images.
@@ -136,7 +136,7 @@ def _straddling(images, count, several, lanes):
         some = images.present[m] & several
         if some != 0 and not images.apart[m]:
             for k in range(lanes):
-                if some >> k & 1 and straddles(images.rows, m * IMAGE_ROWS * PACKET + k):
+                if some >> k & 1 and straddles(images.rows, m * IMAGE_ROWS * ROW + k):
                     found |= np.int64(1) << k
     return found
 
@@ -147,7 +147,7 @@ def _add_areas(images, shading, count, total, lanes):
     for k in range(lanes):
         total[k] = total[_BLOCK + k] = 0.0
     for m in range(count):
-        area, row = m * IMAGE_ROWS * PACKET + AREA, _BLOCK if m >= shading else 0
+        area, row = m * IMAGE_ROWS * ROW + AREA, _BLOCK if m >= shading else 0
         for k in range(lanes):
             total[row + k] += images[area + k]
     for k in range(lanes):
@@ -174,14 +174,14 @@ def _meetings(images, some, count, room, lanes):
 def _overlapping(images, n, m, lanes):
     """Lanes where the parallelograms n and m overlap, by the separating axes."""
     n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
-    one, other = n * IMAGE_ROWS * PACKET, m * IMAGE_ROWS * PACKET
+    one, other = n * IMAGE_ROWS * ROW, m * IMAGE_ROWS * ROW
     found = np.int64(0)
     for k in range(lanes):
-        cx, cy = images[other + k] - images[one + k], images[other + PACKET + k] - images[one + PACKET + k]
-        ax, ay = images[one + 2 * PACKET + k], images[one + 3 * PACKET + k]
-        bx, by = images[one + 4 * PACKET + k], images[one + 5 * PACKET + k]
-        px, py = images[other + 2 * PACKET + k], images[other + 3 * PACKET + k]
-        qx, qy = images[other + 4 * PACKET + k], images[other + 5 * PACKET + k]
+        cx, cy = images[other + k] - images[one + k], images[other + ROW + k] - images[one + ROW + k]
+        ax, ay = images[one + 2 * ROW + k], images[one + 3 * ROW + k]
+        bx, by = images[one + 4 * ROW + k], images[one + 5 * ROW + k]
+        px, py = images[other + 2 * ROW + k], images[other + 3 * ROW + k]
+        qx, qy = images[other + 4 * ROW + k], images[other + 5 * ROW + k]
         ab, pq = abs(ax * by - ay * bx), abs(px * qy - py * qx)
         ap, aq = abs(ax * py - ay * px), abs(ax * qy - ay * qx)
         bp, bq = abs(bx * py - by * px), abs(bx * qy - by * qx)
@@ -246,12 +246,12 @@ def _shared(images, o, n, m, some, room, lanes):
     for k in range(lanes):
         room.lanes[active] = k
         active += some >> k & 1
-    filled = pack(images, n * IMAGE_ROWS * PACKET, room.lanes, active, room.overlaps, np.int64(0))
-    pack(images, m * IMAGE_ROWS * PACKET, room.lanes, active, room.overlaps, np.int64(1))
+    filled = pack(images, n * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(0))
+    pack(images, m * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(1))
     if o < 0:
         shared_by_two(room.overlaps, filled)
     else:
-        pack(images, o * IMAGE_ROWS * PACKET, room.lanes, active, room.overlaps, np.int64(2))
+        pack(images, o * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(2))
         shared_by_three(room.overlaps, filled)
     return _spread(room.overlaps, room.lanes, active, lanes)
 
@@ -286,7 +286,7 @@ def _general(images, shading, count, k, total, room, stack, pieces):
     some = _largest_first(images.rows, shading, count, k, room, shades)
     for m in range(some):
         name = room.names[m]
-        lane = name * IMAGE_ROWS * PACKET + k
+        lane = name * IMAGE_ROWS * ROW + k
         room.corners[m] = outline(images.rows, lane, images.apart[name], room.polygons, 2 * CORNERS * m)
     unshaded, uncovered, fits = gaps(room.polygons, room.corners, np.int64(0), some, shades, stack, pieces)
     unblocked = SQUARE - (room.areas[shades] if some > shades else 0.0)
@@ -302,7 +302,7 @@ def _largest_first(images, start, stop, k, room, some):
     names, areas = room.names, room.areas
     begin = some
     for m in range(start, stop):
-        area = images[m * IMAGE_ROWS * PACKET + AREA + k]
+        area = images[m * IMAGE_ROWS * ROW + AREA + k]
         if area > _NOTHING:
             n = some
             while n > begin and area > areas[n - 1]:
