@@ -1,5 +1,6 @@
 """Compiler options, the warm start and the pure-Python switch."""
 
+import operator
 import os
 import subprocess
 import sys
@@ -8,6 +9,8 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import types
+from numba.core.registry import cpu_target
 
 from heliosweep.kernels import compiled, parts, warm
 from heliosweep.kernels.field import field_sums, sweep
@@ -38,6 +41,37 @@ def test_code_is_made_of_what_python_calls_alone(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
     assert done.stdout.split() == ["[]", "1"]
+
+
+def test_kernels_go_through_few_passes_and_leave_the_compiler_as_it_was():
+    before = types.BaseFunction.get_call_type
+    space: dict[str, Any] = {}
+    exec("def largest(x, y):\n    return max(x, y) + max(x + y, y)", space)
+    largest = compiled.kernel(space["largest"])
+    assert largest(1.0, 2) == 5.0
+    (result,) = largest.overloads.values()
+    (passes,) = result.metadata["pipeline_times"].values()
+    assert len(passes) < 12
+    assert types.BaseFunction.get_call_type is before
+
+
+def test_signatures_of_operators_are_found_once_and_those_of_compiled_code_each_time():
+    typing, asked = cpu_target.typing_context, []
+
+    def find(function, *call):
+        asked.append(function)
+        return types.BaseFunction.get_call_type(function, *call)
+
+    typing.refresh()
+    get_call_type = parts._remembered(find)
+    add, largest = (typing.resolve_value_type(each) for each in (operator.add, max))
+    for function in (add, largest, add, largest):
+        kind = types.float64 if function is add else types.int64
+        get_call_type(function, typing, (types.float64, kind), {})
+    assert asked == [add, largest, largest]
+    assert get_call_type(add, typing, (types.float64, types.float64), {}).return_type == types.float64
+    assert get_call_type(add, typing, (types.int64, types.int64), {}).return_type == types.int64
+    assert asked == [add, largest, largest, add]
 
 
 def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(monkeypatch):

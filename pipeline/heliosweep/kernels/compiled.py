@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from heliosweep.kernels.parts import compile_in_parts
+from heliosweep.kernels.parts import compile_in_parts, few_passes
 
 __all__ = ["PURE_PYTHON", "UNCACHED", "inline", "inner", "kernel", "processor"]
 
@@ -84,7 +84,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     import numba
 
     function.__qualname__ += f"-{_FINGERPRINT}-{processor()}"
-    options |= {"nogil": True, "error_model": "numpy"}
+    options |= {"nogil": True, "error_model": "numpy"} | few_passes()
     try:
         compiled = _written_in_turn(numba.njit(function, cache=True, **options))
     except RuntimeError:  # there is no folder that numba could write compiled code to

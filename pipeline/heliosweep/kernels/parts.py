@@ -4,20 +4,30 @@ By itself the compiler optimises every kernel and makes machine code of it, and 
 calls it: half the time of a first run. Here machine code is made of kernels that Python calls alone. What other kernels
 call is brought to the compiler's intermediate form, linked as it is, and optimised where it ends up.
 
+What is left is mostly the compiler's own work in Python. So kernels go through those of its passes alone that they
+need, and what an operator makes of the types of its operands is found out once, not anew for each time it is written.
+
 This reaches into the compiler, so it is done for the versions alone that it was tried with; with any other, kernels
 compile as they do by themselves, to the same results.
 """
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
-__all__ = ["compile_in_parts"]
+__all__ = ["compile_in_parts", "few_passes"]
 
 _TRIED_WITH = {(0, 68)}
 """Versions of numba."""
+
+
+def few_passes() -> dict[str, Any]:
+    """Options of the compiler: that a kernel goes through few passes."""
+    import numba
+
+    return {"pipeline_class": _pipeline()} if numba.version_info.short in _TRIED_WITH else {}
 
 
 def compile_in_parts(whole: Any, part: Any) -> None:
@@ -49,22 +59,77 @@ def compile_in_parts(whole: Any, part: Any) -> None:
     whole.compile, whole.get_call_template, whole.get_overload = compile_of_parts, call_template, part.get_overload
 
 
+@cache
+def _pipeline() -> Any:
+    """Class of compilers that leave out what no kernel needs.
+
+    Left out are passes for closures, `with`, `literally`, `literal_unroll`, functions inlined as Python, branches that
+    types alone decide, and what is told to people who look at types. A kernel that needs such a pass does not compile.
+    """
+    from numba.core import typed_passes, untyped_passes
+    from numba.core.compiler import CompilerBase
+    from numba.core.compiler_machinery import PassManager
+
+    passes = (
+        untyped_passes.TranslateByteCode,
+        untyped_passes.FixupArgs,
+        untyped_passes.IRProcessing,
+        untyped_passes.GenericRewrites,
+        untyped_passes.ReconstructSSA,
+        typed_passes.NopythonTypeInference,
+        typed_passes.PreLowerStripPhis,
+        typed_passes.IRLegalization,
+        typed_passes.NativeLowering,
+        typed_passes.NoPythonBackend,
+    )
+
+    class Pipeline(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            manager = PassManager("kernel")
+            for each in passes:
+                manager.add_pass(each, each.name())
+            manager.finalize()
+            return [manager]
+
+    return Pipeline
+
+
 @contextmanager
 def _parts() -> Iterator[None]:
-    """Compile as `_library` does, and collect no garbage: that would take a tenth of the time."""
+    """Compile as `_library` and `_remembered` do, and collect no garbage: that would take a tenth of the time."""
+    from numba.core import types
     from numba.core.registry import cpu_target
 
     cpu_target.target_context.refresh()  # what comes with the compiler is to be whole
-    codegen = cpu_target.target_context.codegen()
-    before, collects = codegen._library_class, gc.isenabled()
-    codegen._library_class = _library()
+    codegen, functions = cpu_target.target_context.codegen(), cast(Any, types.BaseFunction)
+    library, find, collects = codegen._library_class, functions.get_call_type, gc.isenabled()
+    codegen._library_class, functions.get_call_type = _library(), _remembered(find)
     gc.disable()
     try:
         yield
     finally:
-        codegen._library_class = before
+        codegen._library_class, functions.get_call_type = library, find
         if collects:
             gc.enable()
+
+
+def _remembered(find: Callable[..., Any]) -> Callable[..., Any]:
+    """As `find`, the signature of an operator or function of the compiler for types of operands, but found once.
+
+    Not where it stands for code that was compiled for these types: which code that is depends on the caller's options.
+    """
+    found: dict[Any, Any] = {}
+
+    def get_call_type(function: Any, context: Any, operands: Any, named: Any) -> Any:
+        key = function, tuple(operands), tuple(named)
+        if key in found:
+            return found[key]
+        signature = find(function, context, operands, named)
+        if not named and function.get_impl_key(signature) is function.typing_key:
+            found[key] = signature
+        return signature
+
+    return get_call_type
 
 
 @cache
