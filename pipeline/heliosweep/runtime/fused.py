@@ -106,6 +106,10 @@ class _Fused:
     wanted: Any
     waits: Sequence[Any]
 
+    def __dask_tokenize__(self) -> Any:
+        """What tells it from all others: names, that of what it makes is unique; else dask would pickle the tasks."""
+        return type(self).__name__, self.wanted
+
     def __call__(self, given: Sequence[Any]) -> Any:
         graph = self.graph | {key: (Constant(value),) for key, value in zip(self.waits, given, strict=True)}
         if not isinstance(self.wanted, dict):
