@@ -45,7 +45,7 @@ def start_ahead(*modules: str) -> bool:
     with _interruptions_blocked():
         resource_tracker.ensure_running()  # it unblocks Ctrl-C once it runs, and would do so below
     with _interruptions_blocked():
-        forkserver.set_forkserver_preload([*_needed(), *modules])
+        forkserver.set_forkserver_preload(_needed(*modules))
         try:
             forkserver.ensure_running()
         except OSError as error:
@@ -64,10 +64,10 @@ def end_ahead() -> None:
         forkserver._forkserver._stop()
 
 
-def _needed() -> list[str]:
-    """What workers need: what this process has imported of our own, and the libraries."""
+def _needed(*modules: str) -> list[str]:
+    """What workers need: what this process has imported of our own, `modules`, and the libraries."""
     ours = [name for name in sys.modules if name.partition(".")[0] == "heliosweep"]
-    return [*ours, "heliosweep.runtime.preloaded"]
+    return ["heliosweep.runtime.preloading", *ours, *modules, "heliosweep.runtime.preloaded"]
 
 
 @contextmanager

@@ -10,3 +10,4 @@ from numba.core.registry import cpu_target
 cpu_target.typing_context.refresh()
 cpu_target.target_context.refresh()
 gc.freeze()  # or each worker's collector would write to, and so copy, the memory that they share
+gc.enable()
