@@ -306,7 +306,7 @@ def run(
         try:
             if report:
                 _check_published(asked)
-            path = now.result(force=force, progress=progress)
+            path = now.result(force=force, progress=progress, then=_drawing(asked) if report else ())
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
                     _report(folder, asked)
@@ -358,6 +358,11 @@ def _report(folder: Path, study: Study) -> None:
         what = f"{type(error).__name__}: {error}".rstrip(": ")
         again = shlex.join(["heliosweep", "report", str(folder)])
         raise HeliosweepError(f"the result is complete, the report failed ({what}); run: {again}") from error
+
+
+def _drawing(study: Study) -> list[str]:
+    """Modules that draw a study's report; by convention that of its family is called so, and it may not exist."""
+    return ["heliosweep.report.page", f"{type(family_of(study)).__module__}.report"]
 
 
 def _check_published(study: Study) -> None:

@@ -149,8 +149,8 @@ def _palettes() -> dict[str, list[str]]:
 
     from heliosweep.report.style import COLOURS, DIFFERENCES, NO_VALUE, VALUES
 
-    scales = {"values": VALUES, "differences": DIFFERENCES}
-    found = {key: [to_hex(colormaps[name](i / (SHADES - 1))) for i in range(SHADES)] for key, name in scales.items()}
+    scales = {"values": colormaps[VALUES], "differences": colormaps[DIFFERENCES]}  # each is made when asked for
+    found = {key: [to_hex(scale(i / (SHADES - 1))) for i in range(SHADES)] for key, scale in scales.items()}
     return {**found, "lines": list(COLOURS[:-1]), "none": [NO_VALUE]}
 
 

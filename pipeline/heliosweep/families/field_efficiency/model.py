@@ -98,7 +98,7 @@ def _seconds(study: FieldEfficiencyStudy, grid: Grid) -> float:
     thin = {dim: slice(None, None, max(1, size // SAMPLED_SITES)) for dim, size in grid.sizes.items()}
     sampled = Grid(study, thin)
     sun = sun_vectors(site_of(sampled), instants_of(sampled).thinned(SAMPLED_INSTANTS), {})
-    sine = sun.isel(xyz=2).to_numpy()
+    sine = sun.isel(xyz=2).compute(scheduler="synchronous").to_numpy()  # unasked, dask would import distributed
     sine = sine[sine > 0]
     if not sine.size:
         return SECONDS_AT_ZENITH
