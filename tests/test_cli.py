@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import re
@@ -15,7 +16,7 @@ import pytest
 import xarray as xr
 import yaml
 
-from heliosweep.cli import main
+from heliosweep.cli import _Imports, main
 from heliosweep.kernels import compiled
 from heliosweep.runtime.run import prepare_kernels
 from tests.conftest import SMALL, STUDIES
@@ -362,3 +363,19 @@ def test_an_edited_study_says_what_changed(folder, capsys, caplog):
     first, second = capsys.readouterr().out.splitlines()
     assert first != second
     assert "changed receiver.height: 60.0 -> 70.0" in caplog.text
+
+
+def test_what_imports_leave_is_kept_from_the_collector():
+    imports = _Imports()
+    before = gc.get_freeze_count()
+    imports.pass_over("stop", {})
+    assert gc.get_freeze_count() == before
+    try:
+        imports.pass_over("start", {})
+        frozen = gc.get_freeze_count()
+        assert frozen > before
+        kept: list[list[int]] = [[] for _ in range(100_000)]
+        imports.pass_over("start", {})  # nothing was imported since
+        assert gc.get_freeze_count() < frozen + len(kept)
+    finally:
+        gc.unfreeze()

@@ -8,8 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 import heliosweep
+from tests.conftest import SMALL
 
 PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
 
@@ -77,6 +79,21 @@ def test_faces_import_nothing_heavy(module):
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not HEAVY & set(loaded)
+
+
+@pytest.mark.parametrize("scheduler", ["synchronous", "threads", "processes"])
+def test_a_run_without_a_cluster_does_not_import_distributed(scheduler, tmp_path):
+    study = {**SMALL, "execution": {"scheduler": scheduler, "workers": 1}}
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(study))
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys, heliosweep\n"
+        "if __name__ == '__main__':\n"
+        "    heliosweep.run('study.yaml', 'out')\n"
+        "    print('distributed' in sys.modules)\n"
+    )
+    ran = subprocess.run([sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert ran.stdout == "False\n"
 
 
 def test_the_public_names():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gc
 import logging
 import socket
 import subprocess
@@ -189,6 +190,11 @@ def test_a_worker_of_another_version(local, monkeypatch):
 def test_nothing_of_it_is_open_to_others(local):
     listening = [local._client.scheduler.address, *local._client.nthreads()]
     assert all("//127.0.0.1:" in address for address in listening)
+
+
+def test_workers_share_what_was_imported_and_collect_the_rest(local):
+    collectors = local._client.run(lambda: (gc.isenabled(), gc.get_freeze_count()))
+    assert all(enabled and frozen > 100_000 for enabled, frozen in collectors.values())
 
 
 def test_the_dashboard_is_imported_when_somebody_looks(local):

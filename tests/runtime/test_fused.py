@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 import xarray as xr
 import yaml
+from dask.base import tokenize
 
 from heliosweep import workflow
 from heliosweep.families.registry import families
 from heliosweep.grid.evaluate import EMBEDDED, evaluate
 from heliosweep.reduce.weighted import weighted_mean
-from heliosweep.runtime.fused import fused
+from heliosweep.runtime.fused import _Fused, fused
 from tests.conftest import SMALL
 
 STUDIES = {
@@ -33,6 +34,21 @@ def test_the_same_bits_from_fewer_tasks(name):
     graph = fused(lazy := lazy.drop_vars(lazy.coords), "part", "run")
     assert len(graph) < len(dict(lazy.__dask_graph__()))
     same(dask.get(graph, "part"), lazy.compute(scheduler="synchronous"))
+
+
+class Secret:
+    """A task that cannot be pickled."""
+
+    def __reduce__(self) -> Any:
+        raise AssertionError("was pickled")
+
+    def __call__(self) -> None:
+        """Nothing."""
+
+
+def test_names_stand_for_what_is_fused():
+    one, same, other = (_Fused({key: (Secret(),)}, key, ()) for key in ("a", "a", "b"))
+    assert tokenize({"x": (one, [])}) == tokenize({"x": (same, [])}) != tokenize({"x": (other, [])})
 
 
 def same(values: Mapping[str, np.ndarray], reference: xr.Dataset) -> None:

@@ -11,6 +11,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import dask.multiprocessing
+import dask.threaded
 import numpy as np
 
 from heliosweep.config.execution import Execution
@@ -109,7 +111,7 @@ class _InTurn:
         raise AssertionError("tried out")
 
     def _values(self, lazy: xr.Dataset) -> dict[str, np.ndarray]:
-        return _computed(lazy, self._progress, scheduler="synchronous")
+        return _computed(lazy, self._progress, get=dask.get)
 
     def _repair(self, error: Exception) -> None:
         """Make ready for another try."""
@@ -134,7 +136,7 @@ class _Threads(_InTurn):
             yield pending.popleft().result()
 
     def _values(self, lazy: xr.Dataset) -> dict[str, np.ndarray]:
-        return _computed(lazy, self._progress, scheduler="threads", pool=self._workers)
+        return _computed(lazy, self._progress, get=dask.threaded.get, pool=self._workers)
 
 
 class _Processes(_InTurn):
@@ -152,7 +154,7 @@ class _Processes(_InTurn):
 
     def _values(self, lazy: xr.Dataset) -> dict[str, np.ndarray]:
         try:
-            return _computed(lazy, self._progress, scheduler="processes", pool=self._workers)
+            return _computed(lazy, self._progress, get=dask.multiprocessing.get, pool=self._workers)
         except BrokenProcessPool:
             raise _WorkerDied(_WORKER_DIED) from None
 
@@ -181,10 +183,13 @@ def _pool(pool: Executor) -> Iterator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _computed(lazy: xr.Dataset, progress: Progress, **options: Any) -> dict[str, np.ndarray]:
-    """Values of all variables, computed in one go."""
+def _computed(
+    lazy: xr.Dataset, progress: Progress, get: Callable[..., Any], pool: Executor | None = None
+) -> dict[str, np.ndarray]:
+    """Values of all variables, computed in one go by a scheduler of dask; by its name, dask imports distributed."""
+    options = {"pool": pool} if pool else {}
     # The five places of a dask callback: start, start_state, pretask, posttask, finish.
-    done = lazy.compute(**options, callbacks=[(None, None, None, _counter(progress), None)])
+    done = lazy.compute(scheduler=get, **options, callbacks=[(None, None, None, _counter(progress), None)])
     return {str(name): array.to_numpy() for name, array in done.data_vars.items()}
 
 

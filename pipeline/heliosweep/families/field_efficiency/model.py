@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
+import dask
 import numpy as np
 import xarray as xr
 
@@ -98,7 +99,7 @@ def _seconds(study: FieldEfficiencyStudy, grid: Grid) -> float:
     thin = {dim: slice(None, None, max(1, size // SAMPLED_SITES)) for dim, size in grid.sizes.items()}
     sampled = Grid(study, thin)
     sun = sun_vectors(site_of(sampled), instants_of(sampled).thinned(SAMPLED_INSTANTS), {})
-    sine = sun.isel(xyz=2).compute(scheduler="synchronous").to_numpy()  # unasked, dask would import distributed
+    sine = sun.isel(xyz=2).compute(scheduler=dask.get).to_numpy()  # by name, or without one, dask imports distributed
     sine = sine[sine > 0]
     if not sine.size:
         return SECONDS_AT_ZENITH
