@@ -365,11 +365,14 @@ def test_an_edited_study_says_what_changed(folder, capsys, caplog):
     assert "changed receiver.height: 60.0 -> 70.0" in caplog.text
 
 
-def test_what_imports_leave_is_kept_from_the_collector():
+def test_what_imports_leave_is_kept_from_the_collector(monkeypatch):
     imports = _Imports()
     before = gc.get_freeze_count()
-    imports.pass_over("stop", {})
-    assert gc.get_freeze_count() == before
+    for phase, threads in (("stop", 1), ("start", 2)):
+        monkeypatch.setattr("threading.active_count", lambda threads=threads: threads)
+        imports.pass_over(phase, {})
+        assert gc.get_freeze_count() == before
+    monkeypatch.setattr("threading.active_count", lambda: 1)
     try:
         imports.pass_over("start", {})
         frozen = gc.get_freeze_count()

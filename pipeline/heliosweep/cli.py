@@ -11,13 +11,14 @@ import logging
 import os
 import re
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
-from heliosweep.runtime.signals import interruptible
+from heliosweep.runtime.signals import ignore_interruptions, interruptible
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -65,15 +66,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(_joined(given))
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
-    with interruptible(ends_process=arguments is None):
-        return _exit_code(options)
+    with interruptible():
+        return _exit_code(options, ends_process=arguments is None)
 
 
-def _exit_code(options: argparse.Namespace) -> int:
+def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
     """Carry out a command, and say what went wrong."""
     try:
         return options.command(options) or 0
     except (RunInterrupted, KeyboardInterrupt) as stop:
+        if ends_process:
+            ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
         print(str(stop) or "interrupted", file=sys.stderr)
         return RunInterrupted.exit_code
     except HeliosweepError as error:
@@ -103,14 +106,17 @@ def _collect_less() -> None:
 
 
 class _Imports:
-    """Keeps what imports leave from the garbage collector."""
+    """Spares the garbage collector what imports leave, when they are what is going on."""
 
     def __init__(self) -> None:
         self._modules = 0
 
     def pass_over(self, phase: str, _: dict[str, int]) -> None:
-        """Freeze what is there when a collection starts amid imports, so that it finds nothing to look at."""
-        if phase == "start" and len(sys.modules) > self._modules:
+        """Freeze what is there when a collection starts after new imports: it then looks at nothing.
+
+        Only before the threads that compute begin: garbage in cycles that is there stays to the end of the process.
+        """
+        if phase == "start" and threading.active_count() == 1 and len(sys.modules) > self._modules:
             self._modules = len(sys.modules)
             gc.freeze()
 

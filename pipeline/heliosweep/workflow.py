@@ -347,9 +347,9 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
 
 def _report(folder: Path, study: Study) -> None:
-    from heliosweep.report.page import write_report
-
     try:
+        from heliosweep.report.page import write_report
+
         write_report(folder, study)
     except HeliosweepError:
         raise
@@ -361,7 +361,7 @@ def _report(folder: Path, study: Study) -> None:
 
 
 def _drawing(study: Study) -> list[str]:
-    """Modules that draw a study's report; by convention that of its family is called so, and it may not exist."""
+    """Modules that draw a study's report: the page's, and ``report`` beside that of its family, where there is one."""
     return ["heliosweep.report.page", f"{type(family_of(study)).__module__}.report"]
 
 

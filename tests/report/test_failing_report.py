@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from heliosweep.cli import main
@@ -33,3 +35,13 @@ def test_a_failing_report_leaves_the_result_and_says_so(tmp_path, monkeypatch, c
     monkeypatch.undo()
     assert main(["report", str(tmp_path / "a result")]) == 0
     assert (tmp_path / "a result" / "report.html").is_file()
+
+
+def test_a_report_that_cannot_be_imported_leaves_the_result_and_says_so(tmp_path, monkeypatch, capsys):
+    (tmp_path / "study.yaml").write_text(STUDY, encoding="utf-8")
+    monkeypatch.setitem(sys.modules, "heliosweep.report.page", None)
+    assert main(["run", str(tmp_path / "study.yaml"), "--quiet", "--output", str(tmp_path / "out")]) == 1
+    told = capsys.readouterr().err
+    assert "Traceback" not in told
+    assert "the result is complete, the report failed (ModuleNotFoundError: " in told.splitlines()[-1]
+    assert (tmp_path / "out" / "result.nc").is_file()

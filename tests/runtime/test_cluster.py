@@ -193,8 +193,8 @@ def test_nothing_of_it_is_open_to_others(local):
 
 
 def test_workers_share_what_was_imported_and_collect_the_rest(local):
-    collectors = local._client.run(lambda: (gc.isenabled(), gc.get_freeze_count()))
-    assert all(enabled and frozen > 100_000 for enabled, frozen in collectors.values())
+    collectors = local._client.run(lambda: (gc.isenabled(), gc.get_threshold()[0], gc.get_freeze_count()))
+    assert all(enabled and between < 10_000 and frozen > 100_000 for enabled, between, frozen in collectors.values())
 
 
 def test_the_dashboard_is_imported_when_somebody_looks(local):

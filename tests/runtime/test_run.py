@@ -72,6 +72,7 @@ def test_what_is_needed_afterwards_is_imported_meanwhile(tmp_path, monkeypatch, 
     before = set(threading.enumerate())
     workflow.run(small(), tmp_path / "out")
     for thread in set(threading.enumerate()) - before:
+        assert thread.daemon  # a process that ends does not wait for it
         thread.join(30)
     assert sys.modules.pop("slow").imported
 

@@ -8,7 +8,13 @@ from contextlib import suppress
 
 import pytest
 
-from heliosweep.runtime.signals import TidyStack, interruptible, uninterrupted
+from heliosweep.runtime.signals import (
+    TidyStack,
+    ignore_interruptions,
+    interruptible,
+    raise_if_interrupted,
+    uninterrupted,
+)
 
 if not hasattr(signal, "SIGHUP"):
     pytest.skip("signals of POSIX systems", allow_module_level=True)
@@ -35,17 +41,39 @@ def test_signals_in_a_row_are_one_request(monkeypatch):
             signal.raise_signal(signal.SIGINT)
 
 
-@pytest.mark.parametrize("stopped", [False, True])
-def test_a_process_that_was_stopped_is_not_stopped_again(stopped):
+def test_what_is_ignored_to_the_end_stays_ignored_after_the_context():
     before = {number: signal.getsignal(number) for number in SIGNALS}
     try:
-        with suppress(KeyboardInterrupt), interruptible(ends_process=True):
-            if stopped:
+        with suppress(KeyboardInterrupt), interruptible():
+            try:
                 signal.raise_signal(signal.SIGTERM)
-        assert all((signal.getsignal(number) == signal.SIG_IGN) is stopped for number in SIGNALS)
+            finally:
+                ignore_interruptions()
+        assert all(signal.getsignal(number) == signal.SIG_IGN for number in SIGNALS)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def test_what_was_obeyed_is_forgotten_after_the_context():
+    with suppress(KeyboardInterrupt), interruptible():
+        signal.raise_signal(signal.SIGINT)
+    raise_if_interrupted()
+
+
+def test_a_second_signal_does_not_replace_what_is_said_of_the_first(monkeypatch):
+    monkeypatch.setattr("heliosweep.runtime.signals._ONE_REQUEST", 0.0)  # however much later it comes
+
+    def work() -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            with uninterrupted():
+                signal.raise_signal(signal.SIGINT)
+            raise RuntimeError("interrupted: how to go on") from None
+
+    with interruptible(), pytest.raises(RuntimeError):
+        work()
 
 
 def test_what_is_ignored_stays_ignored():

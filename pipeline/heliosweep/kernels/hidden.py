@@ -1,7 +1,8 @@
 """Images that another one hides: with a low sun most of them, and without them the union is the same.
 
 An image is hidden by another of its kind that contains the box around what it covers on the test mirror. Candidates
-come nearest first, more or less, and the nearest hide most of the others before their areas are computed.
+come by rows and cells of the grid from the test heliostat outward (`neighbours.search`), so that images of the nearest
+hide most of the others before the areas of these are computed.
 """
 
 import numpy as np

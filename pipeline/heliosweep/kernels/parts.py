@@ -85,7 +85,7 @@ def _pipeline() -> Any:
 
     class Pipeline(CompilerBase):
         def define_pipelines(self) -> list[Any]:
-            manager = PassManager("kernel")
+            manager = PassManager("kernel (few passes, see heliosweep.kernels.parts)")
             for each in passes:
                 manager.add_pass(each, each.name())
             manager.finalize()

@@ -217,7 +217,8 @@ def _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images,
 def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, images, made, lanes):
     """Make images of the candidates of heliostat i, those numbered `made` and on; returns the number of images.
 
-    Lanes that have had two images are searched for hidden ones: what is done in a lane depends on its own images only.
+    Hidden ones are taken out in lanes that have had two: with fewer, as mostly, that costs more than it saves. What is
+    done in a lane depends on its own images only.
     """
     test, first = halo.place[i] * FRAME_ROWS * ROW, made
     once = twice = np.int64(0)

@@ -5,7 +5,7 @@ the overlaps of pairs, plus the overlaps of triples. Shade, block and both toget
 few, subtract their images from the square one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
-the order of the grid: the bits of a lane do not depend on its packet.
+the order of the search, outward from the test mirror: the bits of a lane do not depend on its packet.
 """
 
 from typing import NamedTuple

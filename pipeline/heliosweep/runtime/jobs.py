@@ -70,13 +70,15 @@ def job_queue(execution: Execution, workers: int) -> Iterator[tuple[Any, Callabl
         local = execution.scheduler == "local-jobs"
         options = _job_options(execution.scheduler, job)
         options["local_directory"] = folder if local else "${TMPDIR:-/tmp}"  # read by the shell of the job
-        scheduler = {"dashboard_address": free_dashboard("127.0.0.1"), "local_directory": folder}
-        if local:
-            scheduler["host"] = "127.0.0.1"
+        scheduler = {"local_directory": folder} | ({"host": "127.0.0.1"} if local else {})
         try:
-            cluster = cluster_class(
-                job_cls=job_class, scheduler_options=scheduler, silence_logs=logging.CRITICAL, **options
-            )
+            with free_dashboard("127.0.0.1") as dashboard:
+                cluster = cluster_class(
+                    job_cls=job_class,
+                    scheduler_options={"dashboard_address": dashboard, **scheduler},
+                    silence_logs=logging.CRITICAL,
+                    **options,
+                )
         except (OSError, ValueError, RuntimeError) as error:
             problem = f"the job queue cannot be used: {str(error).splitlines()[0]}"
             raise StudyError(Problem(problem, "execution.scheduler")) from None

@@ -7,12 +7,14 @@ import os
 import signal
 import socket
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.runtime.scratch import scratch
+from heliosweep.runtime.signals import uninterrupted
 
 log = logging.getLogger("heliosweep")
 
@@ -82,24 +84,24 @@ def local_cluster(workers: int, memory: int | None) -> Iterator[Any]:
         folder = stack.enter_context(scratch())
         try:
             stack.enter_context(_started(forked))
-            with _interruptions_blocked():
+            with free_dashboard("127.0.0.1") as dashboard, _interruptions_blocked():
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
                     processes=True,
                     host="127.0.0.1",
                     memory_limit=limit,
-                    dashboard_address=free_dashboard("127.0.0.1"),
+                    dashboard_address=dashboard,
                     silence_logs=logging.CRITICAL,
                     local_directory=folder,
                     scheduler_kwargs={"local_directory": folder, "dashboard": False},
                 )
+                stack.callback(_close, cluster)
         except RuntimeError as error:
             raise HeliosweepError(
                 f"the workers of the local cluster do not start ({str(error).splitlines()[0]}); a script that runs a "
                 'study with them must do so below `if __name__ == "__main__":`'
             ) from None
-        stack.callback(_close, cluster)
         _offer_dashboard(cluster.scheduler)
         log.info("dashboard: %s", cluster.dashboard_link)
         yield cluster
@@ -148,28 +150,34 @@ def _offer_dashboard(scheduler: Any) -> None:
     pages.add_application(Dashboard())
 
 
-def free_dashboard(host: str) -> str:
-    """Address for a dashboard: the usual port where it is free, else any."""
+@contextmanager
+def free_dashboard(host: str) -> Iterator[str]:
+    """Address for a dashboard that is started in the context: the usual port where it is free, else any."""
+    address = f"{host}:{DASHBOARD_PORT}"
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, DASHBOARD_PORT))
         except OSError:
-            return f"{host}:0"
-    return f"{host}:{DASHBOARD_PORT}"
+            address = f"{host}:0"
+    with warnings.catch_warnings():  # another run may take the port first: then distributed takes any, and warns
+        warnings.filterwarnings("ignore", "Port .* is already in use", UserWarning)
+        yield address
 
 
 @contextmanager
 def _interruptions_blocked() -> Iterator[None]:
     """Hand on blocked signals to threads, and by them to processes, that are started meanwhile.
 
-    Ctrl-C reaches every process of a terminal: this one alone acts on it, when the context is left.
+    Ctrl-C reaches every process of a terminal: this one alone acts on it, when the context is left. (Blocked here, a
+    signal may come by way of another thread.)
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
-        yield
+        with uninterrupted():
+            yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -2,4 +2,7 @@
 
 import gc
 
-gc.disable()  # until all is imported, see `preloaded`: looking at each object takes a fifth of that time
+USUAL = gc.get_threshold()
+"""How often the garbage collector looks, which `preloaded` goes back to."""
+
+gc.set_threshold(10**6)  # more objects than imports make: looking at each takes a fifth of their time

@@ -130,7 +130,8 @@ class Run:
         if len(self.store.journal.done) < parts:
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
-            threading.Thread(target=_import, args=then).start()
+            if then:  # nobody waits for it: not the end of a process either
+                threading.Thread(target=_import, args=then, daemon=True).start()
             with self.timed("compute"):
                 execute(self.family, self.study, self.plan, self.store, self.skeleton, self.inputs, progress)
         with self.timed("publish"):

@@ -21,13 +21,11 @@ _obeyed: float | None = None
 
 
 @contextmanager
-def _handled(
-    handler: Callable[[int, FrameType | None], object], ignored_after: Callable[[], bool] = lambda: False
-) -> Iterator[None]:
-    """Give `handler` the signals that stop a run while the context lasts; from then on they may be `ignored_after`.
+def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Give `handler` the signals that stop a run while the context lasts.
 
-    Signals that are ignored (as under nohup) stay ignored. Only the main thread may set handlers, and only it is
-    interrupted; in any other one this does nothing.
+    Signals that are ignored (as under nohup, or from `ignore_interruptions` on) stay ignored. Only the main thread may
+    set handlers, and only it is interrupted; in any other one this does nothing.
     """
     before = {}
     if threading.current_thread() is threading.main_thread():
@@ -39,26 +37,30 @@ def _handled(
         yield
     finally:
         for number, known in before.items():
-            signal.signal(number, signal.SIG_IGN if ignored_after() else known)
+            if signal.getsignal(number) is handler:
+                signal.signal(number, known)
 
 
 @contextmanager
-def interruptible(*, ends_process: bool = False) -> Iterator[None]:
-    """Let every signal that stops a run raise KeyboardInterrupt while the context lasts.
-
-    Parameters
-    ----------
-    ends_process : bool
-        Whether the process ends after the context: if it was stopped, later signals are then ignored, for they shall
-        not change how a process ends that is ending.
-    """
+def interruptible() -> Iterator[None]:
+    """Let every signal that stops a run raise KeyboardInterrupt while the context lasts."""
     global _obeyed
-    _obeyed = None
-    with _handled(_interrupt, lambda: ends_process and _obeyed is not None):
-        yield
+    try:
+        with _handled(_interrupt):
+            yield
+    finally:
+        _obeyed = None
+
+
+def ignore_interruptions() -> None:
+    """Ignore every signal that stops a run, to the end of the process."""
+    if threading.current_thread() is threading.main_thread():
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _interrupt(*_: object) -> None:
+    """Obey a signal, unless it is one request with the last that was obeyed."""
     global _obeyed
     if _obeyed is None or time.monotonic() - _obeyed >= _ONE_REQUEST:
         _obeyed = time.monotonic()
@@ -73,13 +75,13 @@ def raise_if_interrupted() -> None:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Put off interruptions to the end of the context."""
+    """Put off an interruption to the end of the context; after one that was obeyed already, another changes nothing."""
     held: list[int] = []
     try:
         with _handled(lambda number, _: held.append(number)):
             yield
     finally:
-        if held:
+        if held and _obeyed is None:
             signal.raise_signal(held[0])
 
 
