@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import signal
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,11 @@ from heliosweep.workflow import family_of, load
 
 settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
 settings.load_profile("heliosweep")
+
+# Signals that were ignored when the tests began, as in the background or under nohup, would be in all that they start.
+for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+    if signal.getsignal(getattr(signal, _name, signal.SIGINT)) == signal.SIG_IGN:
+        signal.signal(getattr(signal, _name), _handler)
 
 ROOT = Path(__file__).parent.parent
 STUDIES = ROOT / "studies"

@@ -306,7 +306,7 @@ def run(
         try:
             if report:
                 _check_published(asked)
-            path = now.result(force=force, progress=progress, then=_drawing(asked) if report else ())
+            path = now.result(force=force, progress=progress)
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
                     _report(folder, asked)
@@ -358,11 +358,6 @@ def _report(folder: Path, study: Study) -> None:
         what = f"{type(error).__name__}: {error}".rstrip(": ")
         again = shlex.join(["heliosweep", "report", str(folder)])
         raise HeliosweepError(f"the result is complete, the report failed ({what}); run: {again}") from error
-
-
-def _drawing(study: Study) -> list[str]:
-    """Modules that draw a study's report: the page's, and ``report`` beside that of its family, where there is one."""
-    return ["heliosweep.report.page", f"{type(family_of(study)).__module__}.report"]
 
 
 def _check_published(study: Study) -> None:

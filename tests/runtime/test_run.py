@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-import threading
-from importlib import import_module
 
 import pytest
 
@@ -62,21 +59,3 @@ def test_inputs(tmp_path, small, monkeypatch):
 
 def test_no_files_no_watching(small):
     Inputs(small()).check()
-
-
-def test_what_is_needed_afterwards_is_imported_meanwhile(tmp_path, monkeypatch, small):
-    (tmp_path / "wrong.py").write_text("1 / 0")
-    (tmp_path / "slow.py").write_text("import time; time.sleep(0.2); imported = True")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(workflow, "_drawing", lambda _: ["missing_altogether", "wrong", "slow"])
-    before = set(threading.enumerate())
-    workflow.run(small(), tmp_path / "out")
-    for thread in set(threading.enumerate()) - before:
-        assert thread.daemon  # a process that ends does not wait for it
-        thread.join(30)
-    assert sys.modules.pop("slow").imported
-
-
-def test_what_draws_a_report_has_the_names_of_modules(small):
-    for name in workflow._drawing(small()):
-        assert import_module(name)

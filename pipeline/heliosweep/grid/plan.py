@@ -19,7 +19,7 @@ from heliosweep.grid.limits import Limits, human_bytes, human_lengths, human_sec
 from heliosweep.grid.slabs import Part, Series, series_lengths, slab_lengths, slabs
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
-BASE_MEMORY, WORKER_PROCESS_MEMORY = 405 * 2**20, 100 * 2**20
+BASE_MEMORY, WORKER_PROCESS_MEMORY = 388 * 2**20, 100 * 2**20
 #: A NetCDF file without any data. [bytes]
 EMPTY_FILE = 56 * 2**10
 #: Work that a block should hold: long against a task's overhead of 0.2 ms, short against the run. [s]

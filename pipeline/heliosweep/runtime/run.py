@@ -5,10 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -101,7 +100,7 @@ class Run:
         """What the result belongs to."""
         return identity_of(self.study, attributes_of(self.family, self.study, self.coordinates))
 
-    def result(self, *, force: bool, progress: bool, then: Sequence[str] = ()) -> Path:
+    def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result in the folder, from what is there and what is computed now.
 
         Parameters
@@ -110,8 +109,6 @@ class Run:
             Whether to compute all of it, whatever is there.
         progress : bool
             Whether to show progress on standard error.
-        then : sequence of str
-            Modules that are needed afterwards: they are imported while parts are computed.
 
         Returns
         -------
@@ -130,8 +127,6 @@ class Run:
         if len(self.store.journal.done) < parts:
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
-            if then:  # nobody waits for it: not the end of a process either
-                threading.Thread(target=_import, args=then, daemon=True).start()
             with self.timed("compute"):
                 execute(self.family, self.study, self.plan, self.store, self.skeleton, self.inputs, progress)
         with self.timed("publish"):
@@ -281,13 +276,6 @@ class Run:
             },
         )
         sync(folder)
-
-
-def _import(*modules: str) -> None:
-    """Import modules, whatever comes of it: who needs one imports it again, and is told."""
-    for name in modules:
-        with suppress(Exception):
-            import_module(name)
 
 
 def prepare_kernels(family: Family[Any], study: Study) -> None:
