@@ -21,9 +21,9 @@ settings.register_profile("heliosweep", deadline=None, derandomize=True)  # mach
 settings.load_profile("heliosweep")
 
 # Signals that were ignored when the tests began, as in the background or under nohup, would be in all that they start.
-for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
-    if signal.getsignal(getattr(signal, _name, signal.SIGINT)) == signal.SIG_IGN:
-        signal.signal(getattr(signal, _name), _handler)
+for _number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
+    if signal.getsignal(_number) == signal.SIG_IGN:
+        signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 ROOT = Path(__file__).parent.parent
 STUDIES = ROOT / "studies"

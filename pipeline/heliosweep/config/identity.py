@@ -122,7 +122,7 @@ def resolved(study: Study, relative_to: Path | None = None) -> dict[str, Any]:
         path = study.resolve(name)
         seen = os.path.relpath(path, folder)
         if os.path.realpath(folder / seen) != os.path.realpath(path):  # ".." after a link to a folder is elsewhere
-            seen = os.path.relpath(Path(os.path.realpath(path.parent)) / path.name, os.path.realpath(folder))
+            seen = os.path.relpath(study.place_of(name), os.path.realpath(folder))
         return Path(seen).as_posix()
 
     def rewrite(parameter: Parameter | None, value: Any) -> Any:

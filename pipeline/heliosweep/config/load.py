@@ -154,9 +154,7 @@ def _same_files(study: Study) -> Iterator[Problem]:
     for key, names in study.files().items():
         first: dict[pathlib.Path, str] = {}
         for position, name in enumerate(names):
-            path = study.resolve(name)
-            # ".." after a link to a folder leads to where that folder is.
-            before = first.setdefault(pathlib.Path(os.path.realpath(path.parent)) / path.name, name)
+            before = first.setdefault(study.place_of(name), name)
             if before is not name:
                 message = f"is the same file as {shown(before)}; name each file once (got {shown(name)})"
                 yield study.problem(f"{key}[{position}]", message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -86,6 +87,11 @@ class Study(Block):
     def resolve(self, name: str) -> pathlib.Path:
         """Return the path of a file that the study names, relative to the study file."""
         return self._source.directory / name
+
+    def place_of(self, name: str) -> pathlib.Path:
+        """Return where that file is: ``..`` after a link to a folder leads to where that folder is."""
+        path = self.resolve(name)
+        return pathlib.Path(os.path.realpath(path.parent)) / path.name
 
     def problem(self, key: str, message: str) -> Problem:
         """Return a problem with the value of a dotted key (``site.latitude``), located in the study file."""

@@ -94,7 +94,7 @@ def bin_field(mirrors: Mirrors) -> Grid:
     home = np.empty(count, np.int64)
     first = np.zeros(columns * rows + 1, np.int64)
     for j in range(count):
-        home[j] = min(int((y[j] - south) / cell), rows - 1) * columns + min(int((x[j] - west) / cell), columns - 1)
+        home[j] = _cell(y[j], south, cell, rows) * columns + _cell(x[j], west, cell, columns)
         first[home[j] + 1] += 1
     for k in range(columns * rows):
         first[k + 1] += first[k]
@@ -104,6 +104,12 @@ def bin_field(mirrors: Mirrors) -> Grid:
         names[fill[home[j]]] = j
         fill[home[j]] += 1
     return Grid(first, names, west, south, cell, columns, rows, bottom, top, largest)
+
+
+@inline
+def _cell(value, low, cell, count):
+    """Row or column of the grid in which a coordinate lies, of so many that begin at the lowest."""
+    return min(int((value - low) / cell), count - 1)
 
 
 @inner
@@ -216,8 +222,8 @@ def _search(i, bundle, limit, mirrors, grid, found, count):
     if north < 0.0:
         return count
     first_row, last_row = int(max(south / grid.cell, 0.0)), int(min(north / grid.cell, grid.rows - 1.0))
-    home_row = min(int((y[i] - grid.south) / grid.cell), grid.rows - 1)
-    home_column = min(int((x[i] - grid.west) / grid.cell), grid.columns - 1)
+    home_row = _cell(y[i], grid.south, grid.cell, grid.rows)
+    home_column = _cell(x[i], grid.west, grid.cell, grid.columns)
     for s in range(last_row + 1 - first_row):
         row = _outward(s, home_row, last_row + 1)
         near, far = -reach, reach
