@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from heliosweep.api import family_of, load
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels import compiled
-from heliosweep.workflow import family_of, load
 
 settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
 settings.load_profile("heliosweep")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import re
@@ -16,9 +15,9 @@ import pytest
 import xarray as xr
 import yaml
 
-from heliosweep.cli import _Imports, main
+from heliosweep.cli import main
 from heliosweep.kernels import compiled
-from heliosweep.runtime.run import prepare_kernels
+from heliosweep.runs.run import prepare_kernels
 from tests.conftest import SMALL, STUDIES
 from tests.test_imports import HEAVY
 
@@ -81,7 +80,7 @@ def test_plan_writes_nothing(folder, capsys):
     before = contents(folder) | {"study.yaml"}
     assert main(["plan", study(folder)]) == 0
     text = capsys.readouterr().out
-    for word in ("dimensions", "latitude 2", "blocks", "peak memory", "output", "time"):
+    for word in ("dimensions", "latitude 2", "parts", "peak memory", "output", "time"):
         assert word in text
     assert contents(folder) == before
 
@@ -363,22 +362,3 @@ def test_an_edited_study_says_what_changed(folder, capsys, caplog):
     first, second = capsys.readouterr().out.splitlines()
     assert first != second
     assert "changed receiver.height: 60.0 -> 70.0" in caplog.text
-
-
-def test_what_imports_leave_is_kept_from_the_collector(monkeypatch):
-    imports = _Imports()
-    before = gc.get_freeze_count()
-    for phase, threads in (("stop", 1), ("start", 2)):
-        monkeypatch.setattr("threading.active_count", lambda threads=threads: threads)
-        imports.pass_over(phase, {})
-        assert gc.get_freeze_count() == before
-    monkeypatch.setattr("threading.active_count", lambda: 1)
-    try:
-        imports.pass_over("start", {})
-        frozen = gc.get_freeze_count()
-        assert frozen > before
-        kept: list[list[int]] = [[] for _ in range(100_000)]
-        imports.pass_over("start", {})  # nothing was imported since
-        assert gc.get_freeze_count() < frozen + len(kept)
-    finally:
-        gc.unfreeze()

@@ -13,7 +13,7 @@ import xarray as xr
 
 import heliosweep
 from heliosweep import HeliosweepError, StudyError
-from heliosweep.families.registry import families
+from heliosweep.families.family import families
 from tests.conftest import SMALL
 
 

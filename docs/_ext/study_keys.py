@@ -12,9 +12,8 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from heliosweep.config.block import Block, blocks_at
-from heliosweep.config.quantity import Samples
-from heliosweep.config.schema import json_schema
-from heliosweep.config.study import Study
+from heliosweep.config.study import Study, json_schema
+from heliosweep.config.values import Samples
 
 Schema = dict[str, Any]
 
@@ -211,7 +210,7 @@ class StudyKeys(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return a table for the keys at the top and one for each block."""
-        from heliosweep.families.registry import families
+        from heliosweep.families.family import families
 
         study = families()[self.arguments[0]].study_class()
         only, without = self.options.get("only", "").split(), self.options.get("without", "").split()
@@ -234,7 +233,7 @@ class StudyExample(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the file."""
-        from heliosweep.families.registry import families
+        from heliosweep.families.family import families
 
         text = families()[self.arguments[0]].example()
         return [nodes.literal_block(text, text, language="yaml")]

@@ -34,24 +34,24 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from heliosweep.config.building import logspace, sweep
+    from heliosweep.api import build, load, open_result, plan, run, status
+    from heliosweep.config.forms import logspace, sweep
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
-    from heliosweep.exchange.fields import layout_of, read_layout, write_layout
-    from heliosweep.exchange.frames import to_frame, write_csv
-    from heliosweep.exchange.sam import write_table
-    from heliosweep.interactive import efficiency_table, save, study
-    from heliosweep.pack.archive import pack_result
-    from heliosweep.workflow import build, load, open_result, plan, run, status
+    from heliosweep.notebook import efficiency_table, save, study
+    from heliosweep.share.archive import pack_result
+    from heliosweep.share.fields import layout_of, read_layout, write_layout
+    from heliosweep.share.frames import to_frame, write_csv
+    from heliosweep.share.sam import write_table
 
-#: Where public names are, of those that are not in `workflow`.
+#: Where public names are, of those that are not in `api`.
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
-    **dict.fromkeys(("logspace", "sweep"), "config.building"),
-    **dict.fromkeys(("layout_of", "read_layout", "write_layout"), "exchange.fields"),
-    **dict.fromkeys(("to_frame", "write_csv"), "exchange.frames"),
-    "write_table": "exchange.sam",
-    "pack_result": "pack.archive",
-    **dict.fromkeys(("efficiency_table", "save", "study"), "interactive"),
+    **dict.fromkeys(("logspace", "sweep"), "config.forms"),
+    **dict.fromkeys(("layout_of", "read_layout", "write_layout"), "share.fields"),
+    **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
+    "write_table": "share.sam",
+    "pack_result": "share.archive",
+    **dict.fromkeys(("efficiency_table", "save", "study"), "notebook"),
 }
 
 
@@ -59,7 +59,7 @@ def __getattr__(name: str) -> Any:
     """Import public names when they are first used, so that the command line answers at once."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULES.get(name, 'workflow')}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULES.get(name, 'api')}"), name)
 
 
 def _accessor(dataset: Any) -> Any:

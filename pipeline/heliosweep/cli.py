@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import argparse
 import atexit
-import ctypes
 import gc
 import io
 import logging
 import os
 import re
 import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
-from heliosweep.runtime.signals import ignore_interruptions, interruptible
+from heliosweep.runs.signals import ignore_interruptions, interruptible
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -33,13 +31,9 @@ _NEGATIVE = re.compile(r"-\.?\d")
 #: Formats of figures; pages are made of the first, which is always there.
 _FIGURES = ("png", "svg", "pdf")
 
-#: Objects that are made between two runs of Python's garbage collector; its own choice is 700.
-_OBJECTS_BETWEEN_COLLECTIONS = 10_000
-
-#: Arrays from this size on go back to the system when they are let go; of smaller ones, each pool keeps so much for
-#: the next, for page faults can take a sixth of a run. And the names of both in the C library. [bytes]
-_GIVEN_BACK, _KEPT = 4 * 2**20, 16 * 2**20
-_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD = -3, -1
+#: Objects that are made between two runs of Python's garbage collector, which has 700: imports leave 200,000, and to
+#: look at each again and again takes a fifth of the time of ``plan``.
+_BETWEEN_COLLECTIONS = 100_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -57,8 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     _print_anything()
     if arguments is None:
-        _collect_less()
-        _reuse_memory()
+        gc.set_threshold(_BETWEEN_COLLECTIONS)
+        atexit.register(gc.freeze)
     given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
     if not given:
         parser.print_help(sys.stderr)
@@ -93,40 +87,6 @@ def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
             raise
         print(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
         return 1
-
-
-def _collect_less() -> None:
-    """Spare the garbage collector what lives to the end: imports leave 200,000 objects, and it looks at each.
-
-    That is a fifth of the time of imports, and up to 0.7 s at the end of a process.
-    """
-    gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
-    gc.callbacks.append(_Imports().pass_over)
-    atexit.register(gc.freeze)
-
-
-class _Imports:
-    """Spares the garbage collector what imports leave, when they are what is going on."""
-
-    def __init__(self) -> None:
-        self._modules = 0
-
-    def pass_over(self, phase: str, _: dict[str, int]) -> None:
-        """Freeze what is there when a collection starts after new imports: it then looks at nothing.
-
-        Only before the threads that compute begin: garbage in cycles that is there stays to the end of the process.
-        """
-        if phase == "start" and threading.active_count() == 1 and len(sys.modules) > self._modules:
-            self._modules = len(sys.modules)
-            gc.freeze()
-
-
-def _reuse_memory() -> None:
-    """Let the C library of Linux keep up to 200 MB less of large arrays that are no more, and some of small ones."""
-    with suppress(AttributeError, OSError, TypeError):  # other systems
-        library = ctypes.CDLL(None)
-        library.mallopt(_M_MMAP_THRESHOLD, _GIVEN_BACK)
-        library.mallopt(_M_TRIM_THRESHOLD, _KEPT)
 
 
 def _print_anything() -> None:
@@ -299,9 +259,9 @@ def _formats(text: str) -> tuple[str, ...]:
 
 def _load(options: argparse.Namespace) -> Study:
     """Load the study with what the command line says of its execution, and pass on its warnings."""
-    from heliosweep import workflow
+    from heliosweep import api
 
-    study = workflow.load(options.study)
+    study = api.load(options.study)
     execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
     _warn(study)
     return study.model_copy(update={"execution": execution})
@@ -311,9 +271,9 @@ def _asked(options: argparse.Namespace) -> dict[str, Any]:
     """Keys of ``execution`` that the command line gives, read as those of a study file are."""
     from pydantic import ValidationError
 
+    from heliosweep.config.block import translate
     from heliosweep.config.execution import Profile
     from heliosweep.config.source import Source, scalar
-    from heliosweep.config.translate import translate
 
     texts = {name: getattr(options, name) for name in ("scheduler", "workers", "memory")}
     values = {name: scalar(text) for name, text in texts.items() if text is not None}
@@ -332,12 +292,12 @@ def _warn(study: Study) -> None:
 
 
 def _validate(options: argparse.Namespace) -> int:
-    from heliosweep import workflow
+    from heliosweep import api
 
     code = 0
     for path in options.studies:
         try:
-            study = workflow.load(path)
+            study = api.load(path)
         except StudyError as error:
             print(error, file=sys.stderr)
             code = error.exit_code
@@ -348,62 +308,34 @@ def _validate(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace) -> None:
-    from heliosweep import workflow
-    from heliosweep.runtime.tables import plan_text
+    from heliosweep import api
+    from heliosweep.runs.status import plan_text
 
     study = _load(options)
-    folder = workflow.result_folder(study, options.output)
-    print(plan_text(study, workflow.plan(study, folder), folder))
+    folder = api.result_folder(study, options.output)
+    print(plan_text(study, api.plan(study, folder), folder))
 
 
 def _run(options: argparse.Namespace) -> None:
-    with _ahead(options) as ahead:
-        from heliosweep import workflow
+    from heliosweep import api
 
-        study = _load(options)
-        if study.execution.scheduler != "distributed":
-            ahead.close()
-        result = workflow.run(
-            study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
-        )
-        print(result.path)
-
-
-@contextmanager
-def _ahead(options: argparse.Namespace) -> Iterator[ExitStack]:
-    """Let the process that workers of a local cluster are forked from import what they need while this one does.
-
-    By a glance at the study; closing what is given back ends that process if it was not needed.
-    """
-    from pathlib import Path
-
-    with ExitStack() as stack:
-        text, path = "", Path(options.study)
-        with suppress(OSError, UnicodeDecodeError):
-            if path.is_file():  # a pipe can be read once
-                with path.open(encoding="utf-8") as file:
-                    text = file.read(65_536)
-        asked = f"scheduler: {options.scheduler}" if options.scheduler else text
-        if re.search(r"\bscheduler: *[\"']?distributed\b", asked):
-            from heliosweep.runtime.local_cluster import end_ahead, start_ahead
-
-            stack.callback(end_ahead)
-            family = re.search(r"^family: *([a-z_]+) *$", text, re.MULTILINE)
-            model = [f"heliosweep.families.{family[1]}.model"] if family else []
-            start_ahead("heliosweep.workflow", "heliosweep.runtime.cluster", *model)
-        yield stack
+    study = _load(options)
+    result = api.run(
+        study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
+    )
+    print(result.path)
 
 
 def _status(options: argparse.Namespace) -> None:
-    from heliosweep import workflow
-    from heliosweep.runtime.status import status_lines
+    from heliosweep import api
+    from heliosweep.runs.status import status_lines
 
-    found = workflow.status(*options.of)
-    print("\n".join(status_lines(found)) or f"no study was run in {workflow.OUTPUTS}/ yet")
+    found = api.status(*options.of)
+    print("\n".join(status_lines(found)) or f"no study was run in {api.OUTPUTS}/ yet")
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from heliosweep.runtime.verify import verify
+    from heliosweep.runs.verify import verify
 
     code = 0
     for folder in options.folders:
@@ -423,19 +355,19 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> None:
     if options.csv is not None:
-        from heliosweep import workflow
-        from heliosweep.exchange.files import target_file
-        from heliosweep.exchange.frames import write_csv
-        from heliosweep.store.sound import blaming_damage, sound
+        from heliosweep import api
+        from heliosweep.share.files import target_file
+        from heliosweep.share.frames import write_csv
+        from heliosweep.store.checks import blaming_damage, sound
 
         target_file(options.csv, options.force, sources=_read_for(options.source))
         sound(options.source, as_written=True)
-        with blaming_damage(options.source), workflow.open_result(options.source) as result:
+        with blaming_damage(options.source), api.open_result(options.source) as result:
             print(write_csv(result, options.csv, options.variable, force=options.force))
         return
     if options.variable:
         raise StudyError(Problem("is for --csv", "--variable"))
-    from heliosweep.store.export import export
+    from heliosweep.store.result import export
 
     print(export(options.source, options.output, compression=options.compression, force=options.force))
 
@@ -444,33 +376,33 @@ def _read_for(source: str) -> set[Any]:
     """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
     from pathlib import Path
 
-    from heliosweep import workflow
-    from heliosweep.exchange.files import sources_of
+    from heliosweep import api
+    from heliosweep.share.files import sources_of
 
     files, path = {Path(source)}, Path(source)
     if path.is_dir():
         path = path / "study.resolved.yaml"
     if path.suffix.lower() in (".yaml", ".yml"):
         with suppress(HeliosweepError, OSError):  # whoever needs the study says what is wrong with it
-            files |= sources_of(workflow.load(path))
+            files |= sources_of(api.load(path))
     return files
 
 
 def _convert(options: argparse.Namespace) -> None:
-    from heliosweep import workflow
-    from heliosweep.exchange.fields import layout_of, read_layout, write_layout
-    from heliosweep.exchange.files import target_file
+    from heliosweep import api
+    from heliosweep.share.fields import layout_of, read_layout, write_layout
+    from heliosweep.share.files import target_file
 
     is_study = options.source.lower().endswith((".yaml", ".yml"))
     target_file(options.target, options.force, sources=_read_for(options.source))
-    layout = layout_of(workflow.load(options.source)) if is_study else read_layout(options.source)
+    layout = layout_of(api.load(options.source)) if is_study else read_layout(options.source)
     print(write_layout(layout, options.target, options.to, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
-    from heliosweep.exchange.files import target_file
-    from heliosweep.exchange.sam import write_table
-    from heliosweep.interactive import efficiency_table
+    from heliosweep.notebook import efficiency_table
+    from heliosweep.share.files import target_file
+    from heliosweep.share.sam import write_table
 
     # Before anything is computed.
     target_file(options.output, options.force, sources=_read_for(options.source))
@@ -485,22 +417,19 @@ def _table(options: argparse.Namespace) -> None:
 
 
 def _report(options: argparse.Namespace) -> None:
-    from heliosweep.report.index import update_index
-    from heliosweep.report.page import write_report
+    from heliosweep import api
 
-    page = write_report(options.folder, vector=[kind for kind in options.format if kind != "png"])
-    update_index(options.folder)
-    print(page)
+    print(api.report(options.folder, vector=[kind for kind in options.format if kind != "png"]))
 
 
 def _pack(options: argparse.Namespace) -> None:
-    from heliosweep.pack.archive import pack_result
+    from heliosweep.share.archive import pack_result
 
     print(pack_result(options.folder, options.output, license=options.license, force=options.force))
 
 
 def _schema(options: argparse.Namespace) -> None:
-    from heliosweep.families.registry import families
+    from heliosweep.families.family import families
 
     known = families()
     if options.family not in known:
@@ -511,13 +440,13 @@ def _schema(options: argparse.Namespace) -> None:
         return
     import json
 
-    from heliosweep.config.schema import json_schema
+    from heliosweep.config.study import json_schema
 
     print(json.dumps(json_schema(family.study_class()), indent=2))
 
 
 def _families(_: argparse.Namespace) -> None:
-    from heliosweep.families.registry import families
+    from heliosweep.families.family import families
 
     width = max(map(len, families()))
     for name, family in families().items():

@@ -44,7 +44,7 @@ class Problem:
 
     @property
     def unlisted(self) -> int:
-        """How many problems this one stands for that are not listed; 0 where it is one itself."""
+        """Number of problems that this one stands for and that are not listed; 0 where it is one itself."""
         found = _UNLISTED.fullmatch(self.message)
         return int(found.group(1).replace(",", "")) if found else 0
 
@@ -66,7 +66,7 @@ class StudyError(HeliosweepError):
 
     @property
     def count(self) -> int:
-        """How many problems were found, with those that are not listed."""
+        """Number of problems found, with those that are not listed."""
         return sum(problem.unlisted or 1 for problem in self.problems)
 
     def __reduce__(self) -> tuple[type[StudyError], tuple[tuple[Problem, ...]]]:

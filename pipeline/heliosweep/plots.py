@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
-from heliosweep.exchange import sam
+from heliosweep.share import sam
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,13 +69,12 @@ class Drawing:
         HeliosweepError
             The file cannot be written.
         """
-        from heliosweep.exchange.files import target_file, written_whole
+        from heliosweep.files import write_whole
         from heliosweep.report.style import image
+        from heliosweep.share.files import target_file
 
         file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
-        drawn = image(self.figure, file.suffix[1:].lower())
-        with written_whole(file) as stream:
-            stream.buffer.write(drawn)
+        write_whole(file, image(self.figure, file.suffix[1:].lower()))
         return file
 
 
@@ -101,26 +99,22 @@ def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select:
     StudyError
         No such variable, or a dimension that no value is given for.
     """
-    from heliosweep.report import maps
+    from heliosweep.report import pictures
     from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, number_text, printed
-    from heliosweep.report.style import VALUES
 
     here = _selected(result, variable, select, keep=("heliostat",))
     if "heliostat" not in here[variable].dims:
         raise StudyError(Problem("is not known of each heliostat; a map needs values along 'heliostat'", variable))
-    x = here["x"].to_numpy()
-    width, height = (
-        np.broadcast_to(np.asarray(here[side].to_numpy() if side in here.coords else 0.0, float), x.shape)
-        for side in ("heliostat_width", "heliostat_height")
-    )
     values = np.asarray(printed(here[variable].compute()), dtype=float)
     where = ", ".join(coordinate_text(here[name]) for name in select)
     percent = " %" if is_fraction(here[variable]) else ""
     mean = f"mean {number_text(float(np.nanmean(values)))}{percent}" if np.isfinite(values).any() else "no value"
     title = f"{where}\n{mean}" if where else mean
-    one = maps.FieldMap(title, x, here["y"].to_numpy(), width, height, values)
+    one = pictures.field_map(here, values, title)
+    if one is None:
+        raise StudyError(Problem("its heliostats have no places 'x' and 'y'", variable))
     label = axis_label(here[variable])
-    drawn = maps.map_figure([[one]], maps.value_scale([one]), label, VALUES)
+    drawn = pictures.picture_figure([one], pictures.within(label, [values], held=1.0))
     return Drawing(f"map_{variable}", f"{label}{f' at {where}' if where else ''}", drawn)
 
 
@@ -147,24 +141,18 @@ def plot_curve(result: xr.Dataset, variable: str, along: str, **select: Any) -> 
     StudyError
         No such variable or dimension, or too many of them left.
     """
-    from heliosweep.report.labels import axis_label, coordinate_text, printed
-    from heliosweep.report.style import new_figure, style
+    from heliosweep.report.labels import axis_label, coordinate_text, is_fraction
+    from heliosweep.report.panels import Panel, curve_figure
 
     here = _selected(result, variable, select, keep=(along,), most_left=1)
     array = here[variable].compute()
     if along not in array.dims:
         raise StudyError(Problem(f"is no dimension of {variable}, which has {', '.join(map(str, array.dims))}", along))
     others = [dim for dim in array.dims if dim != along]
-    with style():
-        figure = new_figure(6.3, 3.6)
-        axes = figure.add_axes((0.13, 0.15, 0.84, 0.8))
-        lines = [array] if not others else [array.isel({others[0]: i}) for i in range(array.sizes[others[0]])]
-        for line in lines[:MOST_LINES]:
-            name = coordinate_text(line[others[0]]) if others and others[0] in line.coords else None
-            axes.plot(array[along].to_numpy(), np.asarray(printed(line), dtype=float), label=name)
-        axes.set(xlabel=axis_label(array[along]), ylabel=textwrap.fill(axis_label(array), 36))
-        if others and len(lines) > 1:
-            axes.legend()
+    lines = [array] if not others else [array.isel({others[0]: i}) for i in range(array.sizes[others[0]])]
+    named = {coordinate_text(line[others[0]]) if others and len(lines) > 1 else "": line for line in lines[:MOST_LINES]}
+    panel = Panel(axis_label(array), {name: (100 if is_fraction(array) else 1) * line for name, line in named.items()})
+    figure = curve_figure([panel], axis_label(array[along]))
     where = ", ".join(coordinate_text(here[name]) for name in select)
     left_out = f", the first {MOST_LINES} of {len(lines)} lines" if len(lines) > MOST_LINES else ""
     caption = f"{axis_label(array)} along {along}{f' at {where}' if where else ''}{left_out}"

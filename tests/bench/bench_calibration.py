@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from heliosweep.kernels.calibration import CAUCHY, HUBER, SQUARED, Spots, calibrate
-from heliosweep.kernels.least_squares import BLOCK, COLUMNS, SIDES
-from heliosweep.kernels.mount_terms import TERMS, error_terms
-from heliosweep.kernels.packets import PACKET
-from heliosweep.kernels.receiver import face_axes
-from heliosweep.kernels.robust import weigh
-from heliosweep.kernels.spot_derivatives import RESIDUAL, SEEN_ROWS, derivative_lanes, seen_rows
-from heliosweep.kernels.sun import declination_cooper, solar_clock
-from heliosweep.kernels.two_axis import aim, mount_frames, normal_and_centre
+from heliosweep.kernels.mounts.aiming import aim, mount_frames
+from heliosweep.kernels.mounts.kinematics import TERMS, error_terms
+from heliosweep.kernels.spots.calibration import CAUCHY, HUBER, SQUARED, Spots, calibrate
+from heliosweep.kernels.spots.derivatives import RESIDUAL, SEEN_ROWS, derivative_lanes, seen_rows, weigh
+from heliosweep.kernels.spots.least_squares import BLOCK, COLUMNS, SIDES
+from heliosweep.kernels.spots.receiver import face_axes
+from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.vectors import PACKET
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
+from tests.kernels.mounts.normals import normal_and_centre
 
 Floats = NDArray[np.float64]
 

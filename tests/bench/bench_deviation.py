@@ -11,16 +11,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels import conics as conic_kernels
-from heliosweep.kernels import deviation
-from heliosweep.kernels.conics import conics
-from heliosweep.kernels.detectors import crossings
-from heliosweep.kernels.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, deviation_spots
-from heliosweep.kernels.sun import solar_clock
-from heliosweep.kernels.tolerances import tolerances
+from heliosweep.kernels.spots import curves as conic_kernels
+from heliosweep.kernels.spots import deviation
+from heliosweep.kernels.spots.curves import conics, crossings
+from heliosweep.kernels.spots.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, deviation_spots
+from heliosweep.kernels.spots.tolerances import tolerances
+from heliosweep.kernels.sun.clock import solar_clock
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
-from tests.kernels.deviations import LATITUDE, setting, unit
+from tests.kernels.spots.deviations import LATITUDE, setting, unit
 
 Floats = NDArray[np.float64]
 

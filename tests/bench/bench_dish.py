@@ -12,9 +12,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.families import fast_sun
-from heliosweep.kernels import ephemeris, pointing, tracking
-from heliosweep.kernels.tracking import RIGID, UNTILTED_HOME_AXES, pack_windows, window_errors
+from heliosweep.grid import spa as fast_sun
+from heliosweep.kernels.dish import tracking
+from heliosweep.kernels.dish import tracking as pointing
+from heliosweep.kernels.dish.tracking import RIGID, UNTILTED_HOME_AXES, window_errors
+from heliosweep.kernels.dish.windows import pack_windows
+from heliosweep.kernels.sun import ephemeris
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
 

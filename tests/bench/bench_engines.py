@@ -30,13 +30,13 @@ def study_file(folder: Path, days: int) -> Path:
 
 def compute_in_memory(study: Path, workers: int) -> None:
     """The whole work by dask's threads, in this process."""
-    from heliosweep import workflow
+    from heliosweep import api
 
-    loaded = workflow.load(study)
+    loaded = api.load(study)
     execution = loaded.execution.model_copy(update={"workers": workers})
     loaded = loaded.model_copy(update={"execution": execution})
-    workflow.family_of(loaded).prepare(loaded)
-    workflow.build(loaded).compute(scheduler="threads", num_workers=workers)
+    api.family_of(loaded).prepare(loaded)
+    api.build(loaded).compute(scheduler="threads", num_workers=workers)
 
 
 def timed(*arguments: str) -> float:

@@ -13,21 +13,20 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels import field as field_kernels
-from heliosweep.kernels import images, overlaps, unions
-from heliosweep.kernels.field import aimed, field_series, field_sums
-from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
-from heliosweep.kernels.neighbours import bin_field
-from heliosweep.kernels.sun import declination_cooper, solar_clock
-from heliosweep.kernels.sweep import blockers_of
+from heliosweep.kernels.field import efficiency as field_kernels
+from heliosweep.kernels.field import images, overlaps, unions
+from heliosweep.kernels.field.efficiency import aimed, blockers_of, field_series, field_sums
+from heliosweep.kernels.field.neighbours import bin_field
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
+from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
 from tests.bench.arithmetic import operations as counted
 from tests.bench.events import EVENTS, events
 from tests.bench.table import Row, best, measured, show
-from tests.kernels.fields import Field, chong2012
-from tests.kernels.oracles import frame, image, lost
-from tests.kernels.straightforward import straightforward_series
+from tests.kernels.field.fields import Field, chong2012
+from tests.kernels.field.oracles import frame, image, lost
+from tests.kernels.field.straightforward import straightforward_series
 
 Floats = NDArray[np.float64]
 
@@ -192,7 +191,7 @@ def set_up(field: Field) -> Row:
     def work() -> None:
         mirrors = aimed(*field)
         blockers_of(mirrors, bin_field(mirrors), 0, count)
-        field_kernels._sorted(sun)
+        field_kernels._sorted(mirrors, sun, SPINNING_ELEVATION, 0, count)
 
     seconds = best(work, 3)
     return Row(f"set-up of {count:,}", "heliostat", seconds / count, remark=f"{seconds:.2f} s in all")

@@ -10,10 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from heliosweep.kernels.gazing_geometry import transfers
-from heliosweep.kernels.gazing_grid import eroded, themis_8
-from heliosweep.kernels.gazing_images import image_set, module_spheres, trace, waviness
-from heliosweep.kernels.gazing_linear import (
+from heliosweep.kernels.gazing.geometry import transfers
+from heliosweep.kernels.gazing.linear import (
     ideal_squares,
     method_a,
     slope_bound,
@@ -21,12 +19,14 @@ from heliosweep.kernels.gazing_linear import (
     transferred,
     wavefront_departures,
 )
-from heliosweep.kernels.gazing_modules import module_estimates
-from heliosweep.kernels.sun_profiles import jose
-from heliosweep.kernels.sun_tables import noisy
+from heliosweep.kernels.gazing.mirror import eroded, themis_8
+from heliosweep.kernels.gazing.modules import module_estimates
+from heliosweep.kernels.gazing.rendering import image_set, module_spheres, trace, waviness
+from heliosweep.kernels.sun.profiles import jose
+from heliosweep.kernels.sun.tables import noisy
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
-from tests.kernels import gazing_twin as twin
+from tests.kernels.gazing import twin
 
 CAMERAS = 4
 #: Operations of the derivatives that `mirror_offsets` returns, which images and method A do not ask for.

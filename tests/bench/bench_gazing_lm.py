@@ -16,18 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from heliosweep.kernels import gazing_descent, gazing_lanes
-from heliosweep.kernels.gazing_geometry import EXACT, Scene, ideal_mirror, transfers
-from heliosweep.kernels.gazing_grid import MirrorGrid, themis_8
-from heliosweep.kernels.gazing_images import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing_linear import ideal_squares, ideal_wavefront, method_a
-from heliosweep.kernels.gazing_lm import fit_slopes, graduated
-from heliosweep.kernels.gazing_search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
-from heliosweep.kernels.sun_profiles import Profile, jose
-from heliosweep.kernels.sun_tables import noisy
+from heliosweep.kernels.gazing import lanes as gazing_lanes
+from heliosweep.kernels.gazing import lm as gazing_descent
+from heliosweep.kernels.gazing.geometry import EXACT, Scene, ideal_mirror, transfers
+from heliosweep.kernels.gazing.linear import ideal_squares, ideal_wavefront, method_a
+from heliosweep.kernels.gazing.lm import fit_slopes, graduated
+from heliosweep.kernels.gazing.mirror import MirrorGrid, themis_8
+from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
+from heliosweep.kernels.sun.profiles import Profile, jose
+from heliosweep.kernels.sun.tables import noisy
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
-from tests.kernels import gazing_twin as twin
+from tests.kernels.gazing import twin
 
 Floats = NDArray[np.float64]
 

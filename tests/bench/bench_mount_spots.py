@@ -12,10 +12,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels import mount_aiming, mount_terms, spot_lanes
-from heliosweep.kernels.mount_spots import mount_spots
-from heliosweep.kernels.receiver import AZIMUTH_ELEVATION, Setting, face_axes
-from heliosweep.kernels.spot_statistics import spot_statistics
+from heliosweep.kernels.mounts import aiming as mount_aiming
+from heliosweep.kernels.mounts import kinematics as mount_terms
+from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION
+from heliosweep.kernels.spots import records as spot_lanes
+from heliosweep.kernels.spots.mount_spots import mount_spots
+from heliosweep.kernels.spots.receiver import Setting, face_axes
+from heliosweep.kernels.spots.statistics import spot_statistics
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
 

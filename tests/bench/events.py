@@ -7,14 +7,14 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels import sweep as stages
-from heliosweep.kernels import unions
-from heliosweep.kernels.field import _sorted, aimed
-from heliosweep.kernels.images import AXES_ROWS, Images, axes, images_of
-from heliosweep.kernels.mounts import FRAME_ROWS, half_sides
-from heliosweep.kernels.neighbours import beam, bin_field, no_candidates, search_all
-from heliosweep.kernels.packets import PACKET, ROW, rows
-from tests.kernels.fields import Field
+from heliosweep.kernels.field import efficiency as stages
+from heliosweep.kernels.field import unions
+from heliosweep.kernels.field.efficiency import _sorted, aimed
+from heliosweep.kernels.field.images import AXES_ROWS, Images, axes, images_of
+from heliosweep.kernels.field.neighbours import beam, bin_field, no_candidates, search_all
+from heliosweep.kernels.field.packets import FRAME_ROWS, half_sides
+from heliosweep.kernels.vectors import PACKET, ROW, rows
+from tests.kernels.field.fields import Field
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     of them has the image, or two. Areas that two images share, and three: of the lanes where they overlap.
     """
     mirrors = aimed(*field)
-    sun, order, first = _sorted(sun)
+    sun, order, first = _sorted(mirrors, sun, tracking, 0, len(mirrors.x))
     grid, count = bin_field(mirrors), len(mirrors.x)
     blockers, shaders = stages.blockers_of(mirrors, grid, 0, count), no_candidates(count, count)
     everyone = stages.Halo(np.arange(count), np.arange(count))

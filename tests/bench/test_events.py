@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from heliosweep.kernels.mounts import AZIMUTH_ELEVATION
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from tests.bench.bench_field import year
 from tests.bench.events import EVENTS, events
 

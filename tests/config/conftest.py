@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from heliosweep.config.load import load
-from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
+from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 REGISTRY = {"field_efficiency": FieldEfficiencyStudy}
 

@@ -10,10 +10,9 @@ import pytest
 from heliosweep.config.block import Block
 from heliosweep.config.distribution import Distribution, Uncertain
 from heliosweep.config.faults import Invalid
-from heliosweep.config.identity import plain, resolved_yaml
+from heliosweep.config.identity import plain
 from heliosweep.config.load import load, load_mapping
-from heliosweep.config.schema import json_schema
-from heliosweep.config.study import Study
+from heliosweep.config.study import Study, json_schema
 from heliosweep.config.sweep import Listed, Range
 from heliosweep.errors import StudyError
 
@@ -124,7 +123,7 @@ def test_a_study_keeps_its_distributions(tmp_path: Path) -> None:
     assert list(study.sweeps()) == ["errors.elevation"]
     assert plain(study)["errors"]["azimuth"] == {"normal": [0.0, 1.5], "samples": 10, "seed": 7}
     path = tmp_path / "again.yaml"
-    path.write_text(resolved_yaml(study), encoding="utf-8")
+    path.write_text(study.to_yaml(), encoding="utf-8")
     again = load(path, REGISTRY)
     assert again == study
     assert again.study_id == study.study_id

@@ -8,11 +8,10 @@ import pytest
 
 from heliosweep.config.blocks import Execution
 from heliosweep.config.execution import QUEUES
-from heliosweep.config.identity import resolved_yaml
 from heliosweep.config.load import load
-from heliosweep.config.schema import json_schema
+from heliosweep.config.study import json_schema
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
+from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 from tests.config.conftest import LINES, REGISTRY
 
 PROFILES = """
@@ -109,7 +108,7 @@ def test_no_part_of_the_identity(load_study):
 
 def test_written_and_read_again(load_study, tmp_path):
     study = load_study(PROFILES + "  profile: cluster\n")
-    Path(tmp_path, "again.yaml").write_text(resolved_yaml(study))
+    Path(tmp_path, "again.yaml").write_text(study.to_yaml())
     assert load(tmp_path / "again.yaml", REGISTRY).execution == study.execution
 
 

@@ -7,7 +7,7 @@ from textwrap import dedent
 
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.config.load import MAX_PROBLEMS, _refusal, load, load_mapping
 from heliosweep.errors import Problem, StudyError
 
@@ -129,7 +129,7 @@ def test_problems_of_measured_spots_name_the_key_that_names_the_file(tmp_path: P
     """
     (tmp_path / "study.yaml").write_text(dedent(study), encoding="utf-8")
     with pytest.raises(StudyError) as error:
-        workflow.load(tmp_path / "study.yaml")
+        api.load(tmp_path / "study.yaml")
     (problem,) = error.value.problems
     assert (problem.line, problem.key) == (2, "calibration.spots")
     assert problem.file.endswith("spots.csv")

@@ -127,7 +127,7 @@ def test_large_files_are_refused_quickly(tmp_path: Path) -> None:
 
 def test_importing_needs_nothing_heavy() -> None:
     code = (
-        "import sys, heliosweep.config.load, heliosweep.config.schema, heliosweep.families.field_efficiency.config;"
+        "import sys, heliosweep.config.load, heliosweep.config.study, heliosweep.families.field_efficiency.study;"
         "print(*({'pandas', 'xarray', 'dask', 'numba', 'scipy', 'pvlib', 'pint', 'matplotlib'} & set(sys.modules)))"
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from heliosweep.config.schema import json_schema
-from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
+from heliosweep.config.study import json_schema
+from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 CHONG = {
     "family": "field_efficiency",

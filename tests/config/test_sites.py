@@ -40,7 +40,9 @@ def test_every_wrong_cell_at_its_line(load_study) -> None:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ("name,latitude,name\na,3,b\n", "sites.csv:1: column 'name' is there twice"),
+        ("name,latitude,name\na,3,b\n", "sites.csv:1:15: has two columns 'name'; remove one"),
+        ("name,lat\na,3\n", "sites.csv:1:6: unknown column 'lat'; did you mean 'latitude'?"),
+        ("name,latitude\n", "sites.csv: has a header but no sites: give one row for each"),
         ("name,latitude\na,3\nb,4\n\na,5\n", "sites.csv:5: name: another site has this name (got 'a')"),
     ],
 )

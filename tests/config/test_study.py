@@ -11,11 +11,10 @@ import pytest
 import yaml
 
 from heliosweep.config.blocks import Site
-from heliosweep.config.identity import resolved_yaml
 from heliosweep.config.load import load, load_mapping
 from heliosweep.config.sweep import Listed, Range
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.config import FieldEfficiencyStudy
+from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 from .conftest import REGISTRY
 
@@ -101,7 +100,7 @@ def test_resolved_study_names_the_same_files_through_links(linked, folder) -> No
     study = load(linked, REGISTRY)
     Path(folder).mkdir()
     resolved = Path(folder, "study.resolved.yaml")
-    resolved.write_text(resolved_yaml(study, resolved.parent))
+    resolved.write_text(study.to_yaml(resolved.parent))
     again = load(resolved, REGISTRY)
     assert again.study_id == study.study_id
     named = study.files()["layout.file"], again.files()["layout.file"]
@@ -114,7 +113,7 @@ def test_links_stay_where_they_lead_to_the_same_file(study_file) -> None:
     Path("lk").symlink_to("far")
     Path("far/a.csv").write_text("x,y\n0,50\n")
     study = load(study_file(layout="layout: {file: lk/a.csv}"), REGISTRY)
-    assert "file: ../lk/a.csv" in resolved_yaml(study, Path("out"))
+    assert "file: ../lk/a.csv" in study.to_yaml(Path("out"))
 
 
 def test_files_are_relative_to_the_study(study_file) -> None:
@@ -236,7 +235,7 @@ def test_resolved_study_names_files_as_seen_from_its_folder(study_file) -> None:
     }
     study = load(study_file(**lines).rename("studies/study.yaml"), REGISTRY)
     resolved = Path("outputs/one/study.resolved.yaml")
-    resolved.write_text(resolved_yaml(study, resolved.parent))
+    resolved.write_text(study.to_yaml(resolved.parent))
     again = load(resolved, REGISTRY)
     assert again.study_id == study.study_id
     assert again.files() == {
@@ -270,12 +269,12 @@ def test_resolved_study_names_files_as_seen_from_its_folder(study_file) -> None:
 )
 def test_resolved_study_loads_to_the_same(load_study, lines: dict[str, str]) -> None:
     study = load_study(**lines)
-    Path("resolved.yaml").write_text(resolved_yaml(study), encoding="utf-8")
+    Path("resolved.yaml").write_text(study.to_yaml(), encoding="utf-8")
     again = load(Path("resolved.yaml"), REGISTRY)
     assert again.canonical() == study.canonical()
     assert again.study_id == study.study_id
     assert again.title == study.title
-    assert resolved_yaml(again) == resolved_yaml(study)
+    assert again.to_yaml() == study.to_yaml()
 
 
 def test_python_study_is_the_same_as_its_file(load_study) -> None:

@@ -1,4 +1,4 @@
-"""Time zones come from the package that the results name, whatever the machine has."""
+"""Time zones come from the package that the results name; one way from the wall clock to universal time."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from importlib import resources
 import pandas as pd
 import pytest
 
-from heliosweep.config.times import parse_timezone
-from heliosweep.config.zones import names, zone
+from heliosweep.config.zones import names, parse_timezone, to_utc, zone
 
 #: Prints the offset of Berlin in summer, as a study gets it, and as Python would give it.
 _SCRIPT = """
 import datetime as dt, pickle, zoneinfo
-from heliosweep.config.times import parse_timezone
+from heliosweep.config.zones import parse_timezone
 noon = dt.datetime(2021, 6, 21, 12)
 for found in (parse_timezone("Europe/Berlin"), pickle.loads(pickle.dumps(parse_timezone("Europe/Berlin")))):
     print(noon.replace(tzinfo=found).utcoffset())
@@ -67,3 +66,26 @@ def test_pandas_takes_it():
     assert [time.hour for time in times] == [1, 3, 4, 5]
     local = pd.Timestamp("2021-06-21T12:00").tz_localize(zone("Europe/Berlin"))
     assert local.utcoffset() == dt.timedelta(hours=2)
+
+
+@pytest.mark.parametrize(
+    ("timezone", "wall", "utc", "is_shown"),
+    [
+        ("Europe/Berlin", "2024-06-21 12:30:00.5", "2024-06-21 10:30:00.5", True),
+        ("Europe/Berlin", "2024-03-31 01:59:59", "2024-03-31 00:59:59", True),
+        ("Europe/Berlin", "2024-03-31 02:00:00", "2024-03-31 01:00:00", False),
+        ("Europe/Berlin", "2024-03-31 02:59:59.5", "2024-03-31 01:00:00", False),
+        ("Europe/Berlin", "2024-03-31 03:00:00", "2024-03-31 01:00:00", True),
+        ("Europe/Berlin", "2024-10-27 02:30:00", "2024-10-27 00:30:00", True),  # the first of two
+        ("Europe/Berlin", "2024-10-27 03:00:00", "2024-10-27 02:00:00", True),
+        ("Australia/Lord_Howe", "2024-10-06 02:15:00", "2024-10-05 15:30:00", False),  # half an hour
+        ("Pacific/Apia", "2011-12-30 12:00:00", "2011-12-30 10:00:00", False),  # a day that was left out
+        ("America/St_Johns", "2024-01-01 00:00:00", "2024-01-01 03:30:00", True),
+        ("-03:30", "2024-01-01 24:00:00", "2024-01-02 03:30:00", True),
+    ],
+)
+def test_wall_clock(timezone, wall, utc, is_shown):
+    day, _, clock = wall.partition(" ")
+    seconds = sum(float(part) * unit for part, unit in zip(clock.split(":"), (3600, 60, 1), strict=True))
+    found = to_utc(dt.date.fromisoformat(day), seconds, parse_timezone(timezone))
+    assert found == (dt.datetime.fromisoformat(f"{utc}+00:00"), is_shown)

@@ -8,7 +8,7 @@ import pytest
 
 import heliosweep
 from heliosweep.cli import main
-from heliosweep.families.registry import families
+from heliosweep.families.family import families
 
 EDITS = {  # what is replaced, by what, and what must be said
     "a space forgotten": ("{height: 95}", "{height:95}", "write 'height: 95', with a colon and a space"),

@@ -13,8 +13,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from heliosweep.config.schema import json_schema
-from heliosweep.families.registry import families
+from heliosweep.config.study import json_schema
+from heliosweep.families.family import families
 from tests.conftest import ROOT, STUDIES
 
 from .pages import DOCS, PAGES, without_code

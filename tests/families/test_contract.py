@@ -2,72 +2,132 @@
 
 from __future__ import annotations
 
+import inspect
+import pickle
+import shutil
+import subprocess
+import sys
+
 import jsonschema
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 
-from heliosweep import workflow
-from heliosweep.config.schema import json_schema
-from heliosweep.families.registry import families
-from heliosweep.grid.plan import EMPTY_FILE
+from heliosweep import api
+from heliosweep.config.study import json_schema
+from heliosweep.families.family import families
+from heliosweep.grid.lazy import Work
+from heliosweep.grid.machine import Limits
+from heliosweep.grid.plan import EMPTY_FILE, make_plan
+from heliosweep.grid.regions import bytes_of
+from tests.conftest import STUDIES
 
-FAMILIES = list(families().values())
+SHIPPED = sorted(STUDIES.glob("*.yaml"))
+#: Computes parts that are given by standard input, and tells their variables.
+COMPUTE = "import pickle, sys; print(*(sorted(work.compute(part)) for work, part in pickle.load(sys.stdin.buffer)))"
 
 
-@pytest.fixture(params=FAMILIES, ids=lambda family: family.name)
+@pytest.fixture(params=list(families().values()), ids=lambda family: family.name, scope="module")
 def family(request):
     return request.param
 
 
-@pytest.fixture
-def example(family, tmp_path):
-    path = tmp_path / "example.yaml"
+@pytest.fixture(scope="module")
+def example(family, tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "example.yaml"
     path.write_text(family.example(), encoding="utf-8")
-    return workflow.load(path)
+    return api.load(path)
 
 
-def test_example_runs_and_the_plan_foresees_its_size(family, example, tmp_path):
-    planned = workflow.plan(example, tmp_path)
-    result = workflow.run(example, tmp_path / "result", report=False)
-    with result.open() as dataset:
-        assert dict(dataset.sizes) == planned.workload.sizes
-        assert sum(array.nbytes for array in dataset.data_vars.values()) == planned.workload.bytes_of(
-            planned.workload.sizes
-        )
-        # The plan takes the attributes of a large family for an empty file.
-        assert (planned.output_bytes - EMPTY_FILE) / 1.5 < result.path.stat().st_size < planned.output_bytes * 1.5
-        for name, array in dataset.data_vars.items():
-            assert array.dims == planned.workload.variables[str(name)]
+@pytest.fixture(scope="module")
+def ran(example, tmp_path_factory):
+    """Result of the example."""
+    return api.run(example, tmp_path_factory.mktemp("result"), report=False)
 
 
-def test_lazy_build_equals_the_run(example, tmp_path):
-    lazy = workflow.build(example)
-    assert all(array.chunks is not None for array in lazy.data_vars.values())
-    with workflow.run(example, tmp_path / "result", report=False).open() as dataset:
-        computed = lazy.compute()
-        for name in dataset.data_vars:
-            np.testing.assert_array_equal(computed[name], dataset[name])
-        assert set(computed.coords) == set(dataset.coords)
+@pytest.fixture
+def result(ran):
+    with ran.open() as dataset:
+        yield dataset
 
 
-def test_keywords_are_those_of_the_family(family, example):
-    words = workflow.build(example).attrs["keywords"].split(", ")
-    assert {"concentrating solar power", *getattr(family, "keywords", ())} <= set(words)
+def smallest(workload):
+    """The shortest parts that a study can be cut into, but of seven along the dimension that cuts points."""
+    return dict.fromkeys(workload.parameters, 1) | ({workload.splittable: 7} if workload.splittable else {})
+
+
+def test_the_plan_foresees_the_size(family, example, ran, result, tmp_path):
+    plan = api.plan(example, tmp_path)
+    assert dict(result.sizes) == plan.workload.sizes
+    assert result.nbytes - sum(label.nbytes for label in result.coords.values()) == bytes_of(
+        family.variables(example), plan.workload.sizes
+    )
+    # The plan takes the attributes of a large family for an empty file.
+    assert (plan.output_bytes - EMPTY_FILE) / 1.5 < ran.path.stat().st_size < plan.output_bytes * 1.5
+
+
+def test_variables_are_as_stated(family, example, result):
+    lazy, stated = api.build(example), family.variables(example)
+    assert list(lazy.data_vars) == list(result.data_vars) == list(stated)
+    for name, variable in stated.items():
+        for array in (lazy[name], result[name]):
+            assert array.dims == variable.dims
+            assert array.dtype == variable.dtype
+            told = {key: value for key, value in array.attrs.items() if key in variable.attrs}
+            np.testing.assert_equal(told, dict(variable.attrs))
+    assert set(lazy.coords) == set(result.coords)
+
+
+def test_no_number_depends_on_the_cut(family, example, result):
+    chunks = smallest(family.workload(example))
+    cut = example.model_copy(update={"execution": example.execution.model_copy(update={"chunks": chunks})})
+    for study in (example, cut):
+        lazy = api.build(study)
+        assert all(array.chunks is not None for array in lazy.data_vars.values())
+        for name, array in lazy.compute().data_vars.items():
+            assert array.to_numpy().tobytes() == result[name].to_numpy().tobytes(), name
+
+
+def test_what_is_computed_reads_no_file(family, tmp_path):
+    """In a process of its own, from which the study and all its files are gone."""
+    folder = tmp_path / "studies"
+    shutil.copytree(STUDIES, folder)
+    (folder / "example.yaml").write_text(family.example(), encoding="utf-8")
+    given, names = [], []
+    for path in sorted(folder.glob("*.yaml")):
+        if yaml.safe_load(path.read_text(encoding="utf-8"))["family"] != family.name:
+            continue
+        study = api.load(path)
+        workload, variables = family.workload(study), family.variables(study)
+        plan = make_plan(workload, variables, Limits(1, 2**34, 2**40), smallest(workload))
+        work = Work(family, study, plan.variables, plan.workload.sizes)
+        part = next(plan.parts())
+        given.append((work, part))
+        names.append(sorted(name for name, one in plan.variables.items() if one.kind == part.kind and not one.finished))
+    packed = pickle.dumps(given)
+    shutil.rmtree(folder)
+    done = subprocess.run([sys.executable, "-c", COMPUTE], input=packed, capture_output=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr.decode()
+    assert done.stdout.decode().strip() == " ".join(map(str, names))
+
+
+def test_keywords_are_those_of_the_family(family, result):
+    words = result.attrs["keywords"].split(", ")
+    assert {"concentrating solar power", *family.keywords} <= set(words)
     assert len(words) == len(set(words))
     assert family.name != "dish_tracking" or not any("heliostat" in word for word in words)
 
 
-def test_every_variable_says_what_it_is(example, tmp_path):
-    with workflow.run(example, tmp_path / "result", report=False).open() as dataset:
-        for name, array in dataset.data_vars.items():
-            assert "long_name" in array.attrs, name
-            assert "units" in array.attrs or array.dtype.kind == "M", name  # the units of dates are read off
-        for name, coordinate in dataset.coords.items():
-            assert "long_name" in coordinate.attrs, name
-            assert "units" in coordinate.attrs or coordinate.dtype.kind not in "fi", name
-        needed = {"Conventions", "title", "summary", "source", "history", "references", "study_id", "study"}
-        assert needed <= set(dataset.attrs)
+def test_every_variable_says_what_it_is(result):
+    for name, array in result.data_vars.items():
+        assert "long_name" in array.attrs, name
+        assert "units" in array.attrs or array.dtype.kind == "M", name  # the units of dates are read off
+    for name, coordinate in result.coords.items():
+        assert "long_name" in coordinate.attrs, name
+        assert "units" in coordinate.attrs or coordinate.dtype.kind not in "fi", name
+    needed = {"Conventions", "title", "summary", "source", "history", "references", "study_id", "study"}
+    assert needed <= set(result.attrs)
 
 
 def test_schema_takes_the_example_and_refuses_unknown_keys(family):
@@ -79,6 +139,22 @@ def test_schema_takes_the_example_and_refuses_unknown_keys(family):
     assert not validator.is_valid({**content, "unknown": 1})
 
 
-def test_figures_can_be_drawn(family, example, tmp_path):
-    with workflow.run(example, tmp_path / "result", report=False).open() as dataset:
-        assert list(family.figures(dataset))
+def test_figures_can_be_drawn(family, result):
+    assert list(family.figures(result))
+
+
+def check_names(study):
+    """No name is an argument of `sel`, which would take a label along it for that argument."""
+    family = api.family_of(study)
+    arguments = set(inspect.signature(xr.Dataset.sel).parameters)
+    coordinates = family.coordinates(study)
+    assert arguments.isdisjoint({*family.variables(study), *coordinates.variables, *coordinates.sizes})
+
+
+def test_labels_of_an_example_can_be_selected(example):
+    check_names(example)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_labels_of_a_shipped_study_can_be_selected(path):
+    check_names(api.load(path))

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from heliosweep.families import registry
+from heliosweep.families import family as registry
 
 ENTRIES = [
     ("toy", "heliosweep.families.field_efficiency:FAMILY"),
@@ -66,7 +66,7 @@ def test_of_two_families_of_one_name_ours_is_used(caplog: pytest.LogCaptureFixtu
 def test_only_the_family_asked_for_is_imported() -> None:
     code = (
         "import sys\n"
-        "from heliosweep.families.registry import study_classes\n"
+        "from heliosweep.families.family import study_classes\n"
         "study_classes()['field_efficiency']\n"
         "assert 'heliosweep.families.dish_tracking' not in sys.modules"
     )

@@ -24,9 +24,11 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from heliosweep import workflow
+import psutil
+
+from heliosweep import api
 from heliosweep.errors import HeliosweepError, PlanError, Problem, StudyError
-from heliosweep.grid import limits
+from heliosweep.grid import machine as limits
 from tests.faults.mutations import corpus, hostile_folder, mutated
 
 #: What no study file may take before it runs: processor time, for the machine may be busy, and memory.
@@ -43,25 +45,15 @@ _WHOLE_FILE = ("cannot be read", "is larger than", "is not UTF-8", "and at least
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one file.
-
-    Parameters
-    ----------
-    name : str
-        Seed, or what the file was called by the test.
-    outcome : {"plan", "refused", "ran", "defect"}
-        What it was.
-    defect : str
-        What is wrong with us; empty where nothing is.
-    seconds, bytes : float
-        Processor time and growth of the memory in use.
-    """
+    """What became of one file: "plan", "refused", "ran" or "defect", and what is wrong with us then."""
 
     name: str
     outcome: str
     defect: str = ""
     seconds: float = 0.0
+    """Processor time."""
     bytes: int = 0
+    """Growth of the memory in use."""
 
 
 class Overtime(BaseException):
@@ -96,8 +88,8 @@ def judge(path: Path, text: str, name: str, run_into: Path | None = None) -> Ver
     defect, outcome, study, planned = "", "plan", None, None
     try:
         with _limits():
-            study = workflow.load(path)
-            planned = workflow.plan(study)
+            study = api.load(path)
+            planned = api.plan(study)
     except StudyError as error:
         outcome = "refused"
         defect = "\n".join(complaints(error.problems, str(path), text))
@@ -114,7 +106,7 @@ def judge(path: Path, text: str, name: str, run_into: Path | None = None) -> Ver
     if run_into and not defect and study is not None and planned is not None and _is_tiny(study, planned):
         outcome = "ran"
         try:
-            workflow.run(study, run_into, report=False)
+            api.run(study, run_into, report=False)
         except HeliosweepError as error:
             defect = "" if str(error) else f"no message: {error!r}"
         except BaseException as error:
@@ -125,7 +117,7 @@ def judge(path: Path, text: str, name: str, run_into: Path | None = None) -> Ver
 
 
 def _is_tiny(study: Any, planned: Any) -> bool:
-    quick = planned.seconds < RUN_SECONDS and planned.output_bytes < RUN_BYTES and planned.blocks < 100
+    quick = planned.seconds < RUN_SECONDS and planned.output_bytes < RUN_BYTES and planned.part_count < 100
     return quick and study.execution.scheduler in ("threads", "synchronous")
 
 
@@ -146,8 +138,7 @@ def _limits() -> Iterator[None]:
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     before = signal.signal(signal.SIGPROF, stop), signal.signal(signal.SIGALRM, stop)
     try:
-        if size := _virtual():
-            resource.setrlimit(resource.RLIMIT_AS, (size + BYTES, hard))
+        resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + BYTES, hard))
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         signal.setitimer(signal.ITIMER_REAL, PATIENCE)
         with warnings.catch_warnings():
@@ -159,14 +150,6 @@ def _limits() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
         signal.signal(signal.SIGPROF, before[0])
         signal.signal(signal.SIGALRM, before[1])
-
-
-def _virtual() -> int:
-    """Address space in use, where the system tells. [bytes]."""
-    try:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
-    except OSError:
-        return 0
 
 
 def _peak_reset() -> int:
@@ -192,7 +175,7 @@ def _work(connection: Connection, folder: Path) -> None:
     for number, text in enumerate(corpus()):  # imports what is imported late
         path = folder / f"warm{number}.yaml"
         path.write_text(text, encoding="utf-8")
-        workflow.plan(workflow.load(path))
+        api.plan(api.load(path))
     gc.collect()
     gc.freeze()
     connection.send(None)

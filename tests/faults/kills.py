@@ -13,72 +13,57 @@ import errno
 import json
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
 
+import psutil
 import yaml
 
-from heliosweep.runtime.verify import verify
-from heliosweep.store.finished import Finished
-from heliosweep.store.journal import Journal
+from heliosweep.errors import HeliosweepError
+from heliosweep.families.family import families
+from heliosweep.grid import plan, regions
+from heliosweep.runs.verify import verify
+from heliosweep.store.folder import Finished
+from heliosweep.store.parts import PartStore
 from tests.conftest import ROOT, SMALL
 
-#: Parts in the works when a run is killed: two computed, one handed over, one stored.
-IN_FLIGHT = 4
-#: What a finished folder holds.
-WHOLE = {"manifest.json", "study.resolved.yaml"}
+#: Parts in the works when a run with two workers is killed: handed out, and one that is being stored.
+IN_FLIGHT = {"threads": 4 + 1, "processes": 4 + 1, "distributed": 2 + 3 * 2 + 1}
+#: What makes parts as small as can be.
+SMALL_PARTS = ((plan, "WANTED_PARTS", 10**9), (plan, "LEAST_SECONDS", 0.0), (regions, "SERIES_SLAB_BYTES", 8 * 2**10))
 
-_GAZING: dict[str, Any] = {
-    "family": "backward_gazing",
-    "heliostat": {"distance": 120, "pixel": 0.3},
-    "target": {"azimuth": 0, "elevation": 44},
-    "sun": {"azimuth": [0, 15, 30, 45, 60], "elevation": [50, 60, 70, 80]},
-    "defects": {"canting": {"2": [0, -1], "3": [0, 1]}},
-    "method": ["A", "O1"],
-    "erosion": 1,
-    "output": {"maps": True},
-}
-_DISH: dict[str, Any] = {
-    "family": "dish_tracking",
-    "site": {"latitude": {"start": -60, "stop": 60, "step": 5}, "longitude": 0},
-    "time": {
-        "clock": "civil",
-        "timezone": "+00:00",
-        "dates": ["2021-03-20", "2021-06-21"],
-        "window": {"start": "07:00", "stop": "17:00", "step": "30 min"},
-        "sampling": "left",
-    },
-    "mount": {"model": "rigid"},
-    "errors": {"axis_tilt": [0.05, 0.1, 0.2], "axis_tilt_direction": [0, 90, 180, 270]},
-    "tolerance": "4 mrad",
-}
-_MISALIGNMENT: dict[str, Any] = {
-    "family": "misalignment",
-    "sun": {"azimuth": [101, 180, 260], "elevation": [30, 40, 50]},
-    "receiver": {"height": 143, "azimuth": 0, "tilt": 0, "width": 9, "height_extent": 9},
-    "heliostats": {"positions": [[-16, 150, 0], [-45, 150, 0], [20, 90, 0]]},
-    "error": {"source": ["canting"], "axis": ["elevation", "azimuth"], "size": {"start": -30, "stop": 30, "step": 10}},
-}
+
+def _study(base: Mapping[str, Any] | str, scheduler: str = "threads", **blocks: Any) -> dict[str, Any]:
+    """A study, or the example of a family, with other blocks."""
+    known = yaml.safe_load(families()[base].example()) if isinstance(base, str) else base
+    return {**known, "execution": {"scheduler": scheduler, "workers": 2}, **blocks}
+
+
 _FIELD = {**SMALL, "site": {"latitude": [0, 10, 20, 30, 40, 50]}}
-_SERIES = {"time_series": True, "compression": "zlib", "compression_level": 1}
-
-#: Studies of 20 to 130 parts.
-STUDIES: dict[str, dict[str, Any]] = {
-    "field": {**_FIELD, "output": _SERIES},
-    "zarr": {**_FIELD, "output": {**_SERIES, "format": "zarr"}},
-    "processes": {**_FIELD, "output": _SERIES, "execution": {"scheduler": "processes", "workers": 2}},
-    "dish": _DISH,
-    "misalignment": _MISALIGNMENT,
-    "gazing": _GAZING,
+_SERIES: dict[str, Any] = {"time_series": True, "compression": "zlib", "compression_level": 1}
+#: Studies of 20 to 130 parts: by every kind of workers, in both formats, of every family.
+STUDIES = {
+    "field": _study(_FIELD, output=_SERIES),
+    "zarr": _study(_FIELD, output={**_SERIES, "format": "zarr"}),
+    "processes": _study(_FIELD, "processes", output=_SERIES),
+    "processes-zarr": _study(_FIELD, "processes", output={**_SERIES, "format": "zarr"}),
+    "cluster": _study(_FIELD, "distributed", output=_SERIES),
+    "cluster-zarr": _study(_FIELD, "distributed", output={**_SERIES, "format": "zarr"}),
+    "dish": _study("dish_tracking", site={"latitude": [0, 20, 40, 60], "longitude": 0}),
+    "misalignment": _study("misalignment", "processes", site={"latitude": [30, 40]}),
+    "gazing": _study("backward_gazing", sun={"azimuth": [0, 30], "elevation": [50, 70]}),
 }
 #: Few parts, one after the other, so that every run touches the same files in the same order.
 TINY = {**SMALL, "site": {"latitude": 40}, "execution": {"scheduler": "synchronous"}}
@@ -87,24 +72,17 @@ TINY_SERIES = {"time_series": True, "compression": "none"}
 
 @dataclass
 class Outcome:
-    """How a run ended.
-
-    Parameters
-    ----------
-    code : int
-        Exit code, negative for signals.
-    errors : str
-        Its standard error.
-    begun : list of str
-        Parts that were begun, in order.
-    touched : list of str
-        What was done to files in its folder, where that was asked for.
-    """
+    """How a run ended: exit code (negative for signals), standard error, parts begun, what was done to files."""
 
     code: int
     errors: str
     begun: list[str]
     touched: list[str]
+
+
+def _begun_or_ended(nursery: Nursery, place: Path) -> bool:
+    """True once a part of a run is done, or the run has ended."""
+    return bool(done_parts(place)) or nursery.ended_by(0.0)
 
 
 class Nursery:
@@ -136,25 +114,44 @@ class Nursery:
     def end(self) -> Outcome:
         """Wait for the run."""
         code = int(self._hear())
-        return Outcome(
-            code,
-            self._log.read_text(encoding="utf-8", errors="replace") if self._log.exists() else "",
-            _lines(self._begun),
-            _lines(Path(f"{self._begun}.touched")),
-        )
+        return Outcome(code, self.log(), _lines(self._begun), _lines(Path(f"{self._begun}.touched")))
 
     def run(self, arguments: list[str], **faults: Any) -> Outcome:
         """Run to the end."""
         self.start(arguments, **faults)
         return self.end()
 
-    def signal(self, number: int = signal.SIGKILL) -> None:
-        """Send a signal to the run and, if it is to be killed, to the processes that it started."""
-        with suppress(ProcessLookupError):
-            if number == signal.SIGKILL:
+    def signal(self, number: int = signal.SIGKILL, whom: str = "group") -> bool:
+        """Send a signal to the ``process`` of the run, the ``group`` of all it started, or a ``worker``, if any."""
+        with suppress(ProcessLookupError, psutil.NoSuchProcess):
+            if whom == "group":
                 os.killpg(self._pid, number)
+            elif whom == "process":
+                os.kill(self._pid, number)
+            else:
+                helpers = psutil.Process(self._pid).children()
+                workers = [worker for one in helpers for worker in one.children()]
+                for worker in workers[:1]:
+                    worker.send_signal(number)
+                return bool(workers)
+            return True
+        return False
+
+    def ended_by(self, deadline: float) -> bool:
+        """Wait for the end of the run, but not for longer."""
+        assert self._process.stdout is not None
+        left = max(0.0, deadline - time.monotonic())
+        ready, _, _ = select.select([self._process.stdout.fileno()], [], [], left)
+        return bool(ready)
+
+    def alone(self) -> bool:
+        """Wait until nothing that the run started is left; False where something stays."""
         with suppress(ProcessLookupError):
-            os.kill(self._pid, number)
+            for _ in range(1500):
+                os.killpg(self._pid, 0)
+                time.sleep(0.02)
+            return False
+        return True
 
     def log(self) -> str:
         """What the run has said so far."""
@@ -183,27 +180,20 @@ class Nursery:
 
 @dataclass
 class Tally:
-    """What killing came to.
-
-    Parameters
-    ----------
-    kills : int
-        Runs that were killed before they ended.
-    runs : int
-        Runs, killed or not.
-    redone : int
-        Parts that were begun again, all kills together.
-    most_redone : int
-        The same, for the worst kill.
-    finished : int
-        Studies that were brought to their end.
-    """
+    """Kills, runs (killed or not), studies brought to their end, and parts begun again after the worst kill."""
 
     kills: int = 0
     runs: int = 0
-    redone: int = 0
-    most_redone: int = 0
     finished: int = 0
+    most_redone: int = 0
+
+
+def wait_for(sight: Callable[[], object]) -> None:
+    """Wait until something is to be seen."""
+    deadline = time.monotonic() + 60
+    while not sight():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
 
 
 def write_study(folder: Path, content: Mapping[str, Any], name: str = "study.yaml") -> Path:
@@ -213,19 +203,17 @@ def write_study(folder: Path, content: Mapping[str, Any], name: str = "study.yam
     return path
 
 
-def kill_and_resume(
-    nursery: Nursery, study: Path, arguments: list[str], kills: int, seed: int, least: float = 0.0
-) -> Tally:
-    """Kill runs of a study at random moments until there were `kills` kills, and bring every one to its end.
+def kill_and_resume(nursery: Nursery, name: str, arguments: list[str], kills: int, seed: int) -> Tally:
+    """Kill runs of one of the studies at random moments, `kills` times, and bring every one to its end.
 
-    Raises
-    ------
-    AssertionError
-        Where a part that was done is lost, more is redone than was in the works, or the result is another one than
-        that of a run in peace.
+    Killed are in turn the process of the run, it with all that it started, and a worker process, where it has any: the
+    run itself goes on then. No part that was done may be lost, no more be redone than was in the works, no process be
+    left, and the result must be that of a run in peace.
     """
-    random, tally, folder = Random(seed), Tally(), nursery.folder
+    random, tally, folder, scheduler = Random(seed), Tally(), nursery.folder, STUDIES[name]["execution"]["scheduler"]
+    study = write_study(folder, STUDIES[name])
     command = ["run", str(study), "--quiet", *arguments, "--output"]
+    whom = ["process", "group"] + ["worker"] * (scheduler != "threads")
     assert nursery.run([*command, str(folder / "warm")]).code == 0  # compiles, where nobody has
     start = time.monotonic()
     peace = nursery.run([*command, str(folder / "peace")])
@@ -235,57 +223,52 @@ def kill_and_resume(
     assert len(set(peace.begun)) == len(peace.begun)
     expected = content_of(folder / "peace")
     while tally.kills < kills:
-        place = folder / f"out{tally.finished}"
-        before: dict[str, str] = {}
-        while True:
+        place, code = folder / f"out{tally.finished}", -1
+        before: dict[str, bytes] = {}
+        while code:
             nursery.start([*command, str(place)])
             tally.runs += 1
             # As many of them early as late: what is left to do grows less from kill to kill.
-            delay = random.uniform(least, whole * random.choice((0.3, 0.6, 1.1)))
-            deadline = time.monotonic() + delay if tally.kills < kills else float("inf")
-            outcome = _killed_at(nursery, deadline)
+            delay = random.uniform(0.0, whole * random.choice((0.3, 0.6, 1.1)))
+            killed, one = False, whom[tally.kills % len(whom)]
+            if one == "worker":  # workers that do not start are told of; those that have begun are replaced
+                wait_for(partial(_begun_or_ended, nursery, place))
+                delay /= 10
+            deadline = time.monotonic() + delay
+            if tally.kills < kills and not nursery.ended_by(deadline):
+                killed = nursery.signal(whom=one)
+            outcome = nursery.end()
+            code = outcome.code
+            tally.kills += killed and (code != 0 or one == "worker")
+            assert code == 0 or (killed and code == -signal.SIGKILL), f"exit code {code}: {outcome.errors}"
+            assert nursery.alone(), f"the kill of the {one} left processes"
             after = done_parts(place)
-            lost = {name for name, digest in before.items() if after.get(name) != digest}
-            assert not lost, f"lost {sorted(lost)} with kill {tally.kills}"
+            if unfinished := (place / "working").exists():
+                assert after.items() >= before.items(), f"kill {tally.kills} lost parts"
+            assert unfinished or not outcome.begun or Finished.find(place), f"kill {tally.kills} lost all parts"
             assert not before.keys() & set(outcome.begun), "computed what was done"
-            assert outcome.code in (0, -signal.SIGKILL), f"exit code {outcome.code}: {outcome.errors}"
             assert "damaged" not in outcome.errors
             assert "Traceback" not in outcome.errors
+            again = {name for name, times in Counter(outcome.begun).items() if times > 1}
+            if code and unfinished:
+                again |= set(outcome.begun) - after.keys()
+            tally.most_redone = max(tally.most_redone, len(again))
             before = after
-            if outcome.code == 0:
-                break
-            tally.kills += 1
-            again = len(set(outcome.begun) - after.keys())
-            tally.redone += again
-            tally.most_redone = max(tally.most_redone, again)
         tally.finished += 1
         assert content_of(place) == expected
         assert not leftovers(place)
         assert verify(place).ok, verify(place).text
-    assert tally.most_redone <= IN_FLIGHT
+    assert tally.most_redone <= IN_FLIGHT[scheduler]
     return tally
 
 
-def _killed_at(nursery: Nursery, deadline: float) -> Outcome:
-    """Wait for a run until a moment, then kill it."""
-    marker = nursery._process.stdout
-    assert marker is not None
-    import select
-
-    left = deadline - time.monotonic()
-    ready, _, _ = select.select([marker], [], [], None if left == float("inf") else max(0.0, left))
-    if not ready:
-        nursery.signal()
-    return nursery.end()
-
-
-def done_parts(folder: Path) -> dict[str, str]:
-    """Digest of each part that is done, in an unfinished folder or in a finished one."""
-    journal = Journal.read(folder / "working" / "journal.jsonl").done
-    finished = Finished.find(folder)
-    if finished and not (folder / "working").exists():
-        return dict(finished.digests)
-    return dict(journal)
+def done_parts(folder: Path) -> dict[str, bytes]:
+    """Digest of each part that is done, in an unfinished folder."""
+    try:
+        done = PartStore.open(folder / "working").done
+    except HeliosweepError:
+        return {}
+    return {name: done.get(done.index(name))[2] for name in done}
 
 
 def content_of(folder: Path) -> dict[str, bytes]:
@@ -297,7 +280,7 @@ def content_of(folder: Path) -> dict[str, bytes]:
 
 def leftovers(folder: Path) -> list[str]:
     """What no finished folder should hold."""
-    wanted = {"result.nc", "result.zarr", "report.html", "figures", *WHOLE}
+    wanted = {"result.nc", "result.zarr", "report.html", "figures", "manifest.json", "study.resolved.yaml"}
     hidden = [path.name for path in folder.rglob(".*") if path.name.endswith((".part", ".partial", ".lock"))]
     return sorted({path.name for path in folder.iterdir()} - wanted) + hidden
 
@@ -313,15 +296,13 @@ def _nurse() -> None:
     """Fork a child for each order that comes."""
     from importlib import import_module
 
-    from heliosweep import workflow
-    from heliosweep.store.fingerprint import code_versions
+    from heliosweep import api
 
-    for name in ("matplotlib.pyplot", "zarr", "heliosweep.cli", "heliosweep.report.page", "heliosweep.runtime.run"):
+    for name in ("matplotlib.pyplot", "zarr", "heliosweep.cli", "heliosweep.report.page", "heliosweep.runs.run"):
         import_module(name)
-    code_versions()
     for content in STUDIES.values():  # load all that is loaded late, but start no thread: none outlives a fork
-        study = workflow.load(content)
-        workflow.family_of(study).prepare(study)
+        study = api.load(content)
+        api.family_of(study).prepare(study)
     for line in sys.stdin:
         order = json.loads(line)
         pid = os.fork()
@@ -348,33 +329,18 @@ def _child(
     arguments: list[str],
     log: str,
     begun: str,
-    part_seconds: float = 0.0,
     watch: str = "",
     kill_at: int = 0,
     full_at: int = 0,
     setup: str = "",
 ) -> int:
-    """Run the command line.
+    """Run the command line after the Python of `setup`.
 
-    Parameters
-    ----------
-    arguments : list of str
-        Of the command line.
-    log, begun : str
-        Files for standard error and for the names of the parts that are begun.
-    part_seconds : float
-        Work of a part; 0: every part is as small as can be.
-    watch : str
-        Folder in which the touching of files is noted.
-    kill_at : int
-        Number of the touch before which the process is killed.
-    full_at : int
-        Number of the touch from which on the disk is full.
-    setup : str
-        Python to be run first.
+    Standard error goes to the file `log`, the names of the parts that are begun to `begun`. In the folder `watch` the
+    touching of files is noted; before number `kill_at` the process is killed, from `full_at` on the disk is full.
     """
-    from heliosweep.grid import plan, slabs
-    from heliosweep.runtime import execute
+    from heliosweep.runs import cluster, executors
+    from heliosweep.store import parts
 
     descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(descriptor, 2)
@@ -382,19 +348,23 @@ def _child(
     os.dup2(null, 0)
     os.dup2(null, 1)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background may ignore it
-    plan.PART_SECONDS, slabs.SERIES_PART_BYTES = part_seconds, 8 * 2**10
-    works = execute._works
+    for owner, attribute, value in SMALL_PARTS:
+        setattr(owner, attribute, value)
 
-    def noted(*said: Any) -> Iterator[Any]:
-        with open(begun, "a", encoding="utf-8") as file:  # noqa: PTH123
-            for work in works(*said):
-                print(work.part.name, file=file, flush=True)
-                yield work
+    def noted(submit: Any) -> Any:
+        def submitting(pool: Any, part: Any) -> Any:
+            with open(begun, "a", encoding="utf-8") as file:  # noqa: PTH123
+                print(part.name, file=file)
+            return submit(pool, part)
 
-    execute._works = noted  # type: ignore[assignment]
+        return submitting
+
+    for pool in (executors._Local, executors._Processes, cluster._Cluster):
+        setattr(pool, "submit", noted(pool.submit))  # noqa: B010  (a method)
     if setup:
         exec(setup, {"arguments": arguments})
     if watch:
+        parts.SYNC_SECONDS = 1e6  # the disk is waited for at the same moments in every run
         _Watch(watch, f"{begun}.touched", kill_at, full_at).begin()
     return int(_main(arguments))
 
@@ -419,14 +389,19 @@ class _Watch:
         self._lock = threading.Lock()
 
     def begin(self) -> None:
-        fsync = os.fsync
-
-        def watched_fsync(descriptor: int) -> None:
-            self._touch("fsync", str(Path(f"/proc/self/fd/{descriptor}").readlink()))
-            fsync(descriptor)
-
-        os.fsync = watched_fsync  # type: ignore[assignment]
+        os.fsync, os.write = self._watched("fsync"), self._watched("write")
         sys.addaudithook(self._audit)
+
+    def _watched(self, name: str) -> Any:
+        call = getattr(os, name)
+
+        def watched(descriptor: int, *said: Any) -> Any:
+            path = Path(f"/proc/self/fd/{descriptor}").readlink()
+            if path.is_relative_to(self._folder):
+                self._touch(name, str(path))
+            return call(descriptor, *said)
+
+        return watched
 
     def _audit(self, event: str, said: tuple[Any, ...]) -> None:
         if event not in self._EVENTS:

@@ -14,16 +14,16 @@ import shutil
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import islice
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, TypeAlias
 
 import yaml
 
-from heliosweep.families.registry import families
+from heliosweep.families.family import families
 from tests.conftest import STUDIES
 
 #: Folders of tables and images that the shipped studies name.
@@ -142,9 +142,7 @@ def hostile_folder(folder: Path) -> Path:
             file.truncate(20 * 2**30)
     (folder / "binary.csv").write_bytes(Random(1).randbytes(5000))
     (folder / "empty.csv").touch()
-    (folder / "wide.csv").write_text(
-        ",".join(["x", "y", *(f"c{number}" for number in range(5000))]) + "\n" + "1," * 5002
-    )
+    (folder / "wide.csv").write_text(",".join(["x", "y", *map(str, range(5000))]) + "\n" + "1," * 5002)
     (folder / "long.csv").write_text("name,latitude\n" + "".join(f"n{number},91\n" for number in range(20_000)))
     (folder / "quotes.csv").write_text('name,latitude\n"' + "a" * 200_000)
     (folder / "nan.csv").write_text("name,x,y,latitude,width,height\na,nan,inf,nan,1e308,-1\nb,1e309,,-inf,0,nan\n")
@@ -185,41 +183,33 @@ def _lines(change: Callable[[list[str], int, Random], None]) -> Change:
     return changed
 
 
-@_lines
 def _delete(lines: list[str], at: int, random: Random) -> None:
     del lines[at : at + random.choice((1, 1, 2, 5))]
 
 
-@_lines
 def _duplicate(lines: list[str], at: int, random: Random) -> None:
     lines[at:at] = [lines[at]] * random.choice((1, 1, 2, 50))
 
 
-@_lines
 def _swap(lines: list[str], at: int, random: Random) -> None:
     other = random.randrange(len(lines))
     lines[at], lines[other] = lines[other], lines[at]
 
 
-@_lines
 def _indent(lines: list[str], at: int, random: Random) -> None:
-    lines[at] = random.choice((" ", "  ", "\t", " " * 200, "- ", "\u00a0", "")) + lines[at].lstrip(
-        random.choice((" ", ""))
-    )
+    indent = random.choice((" ", "  ", "\t", " " * 200, "- ", "\u00a0", ""))
+    lines[at] = indent + lines[at].lstrip(random.choice((" ", "")))
 
 
-@_lines
 def _replace_after_colon(lines: list[str], at: int, random: Random) -> None:
     key, colon, _ = lines[at].partition(":")
     lines[at] = f"{key}{colon or ':'} {_raw(random)}"
 
 
-@_lines
 def _insert(lines: list[str], at: int, random: Random) -> None:
     lines.insert(at, f"{random.choice((random.choice(KEYS), random.choice(_known_keys())))}: {_raw(random)}")
 
 
-@_lines
 def _block_scalar(lines: list[str], at: int, random: Random) -> None:
     lines[at] = lines[at].partition(":")[0] + random.choice((": |", ": >", ": |-", ": >+9", ":"))
 
@@ -231,12 +221,10 @@ def _word(text: str, random: Random) -> str:
 
 
 def _characters(text: str, random: Random) -> str:
-    characters = list(text)
+    characters, odd = list(text), "\t\r\n\x00\x07\x1b\x7f\u202e\ufeff\u2028{}[]:,&*!|>'\"%@`#?- 0"
     for _ in range(random.choice((1, 2, 5))):
         at = random.randrange(len(characters) or 1)
-        characters[at : at + random.choice((0, 1))] = random.choice(
-            "\t\r\n\x00\x07\x1b\x7f\u202e\ufeff\u2028{}[]:,&*!|>'\"%@`#?- 0"
-        )
+        characters[at : at + random.choice((0, 1))] = random.choice(odd)
     return "".join(characters)
 
 
@@ -251,18 +239,9 @@ def _interleave(text: str, random: Random) -> str:
     return "\n".join(lines[: random.randrange(5, len(lines))])
 
 
-def _truncate(text: str, random: Random) -> str:
-    return text[: random.randrange(len(text) + 1)]
-
-
-def _repeat(text: str, random: Random) -> str:
-    return text + random.choice(("\n---\n", "\n...\n", "\n", "")) + text
-
-
 def _bomb(text: str, random: Random) -> str:
-    levels = random.choice((3, 9, 30))
     bomb = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
-    bomb += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, levels)]
+    bomb += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, random.choice((3, 9, 30)))]
     return random.choice(("\n".join(bomb) + "\n" + text, text + "\n" + "\n".join(bomb)))
 
 
@@ -278,15 +257,18 @@ def flooded(text: str, piece: str, head: str, length: int) -> str:
 # Changes of the structure, and of numbers, that keep the rest readable.
 
 
-def _places(data: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield container and key of every value."""
+def places_of(data: Any) -> Iterator[tuple[Any, Any]]:
+    """Container and key of every value."""
     if isinstance(data, dict | list):
         for key, value in list(data.items() if isinstance(data, dict) else enumerate(data)):
             yield data, key
-            yield from _places(value)
+            yield from places_of(value)
 
 
-def _structure(change: Callable[[Any, list[tuple[Any, Any]], dict[str, str], Random], None]) -> Change:
+Places: TypeAlias = list[tuple[Any, Any]]
+
+
+def _structure(change: Callable[[Any, Places, dict[str, str], Random], None]) -> Change:
     def changed(text: str, random: Random) -> str:
         if len(text) > 50_000:  # PyYAML's composer overflows the stack where nesting is deep
             return _word(text, random)
@@ -294,31 +276,25 @@ def _structure(change: Callable[[Any, list[tuple[Any, Any]], dict[str, str], Ran
             data = yaml.load(text, Loader=getattr(yaml, "CBaseLoader", yaml.BaseLoader))
         except (yaml.YAMLError, ValueError, RecursionError):
             return _word(text, random)
-        places = list(islice(_places(data), 5001))  # an alias bomb has more than anyone can list
-        if not places or len(places) > 5000:
+        found = list(islice(places_of(data), 5001))  # an alias bomb has more than anyone can list
+        if not found or len(found) > 5000:
             return _word(text, random)
         raw: dict[str, str] = {}
-        change(data, places, raw, random)
+        change(data, found, raw, random)
         try:
-            text = yaml.dump(
-                data, sort_keys=False, allow_unicode=True, width=120, default_flow_style=random.random() < 0.2
-            )
+            flow = random.random() < 0.2
+            text = yaml.dump(data, sort_keys=False, allow_unicode=True, width=120, default_flow_style=flow)
         except (yaml.YAMLError, RecursionError):
             return text
         for token, words in raw.items():
             text = text.replace(token, words)
-        return _unquoted(text)
+        return re.sub(r"'([-+.0-9eE]+|true|false)'", r"\1", text)  # which the loader read as text
 
     return changed
 
 
-def _unquoted(text: str) -> str:
-    """Take the quotes off numbers and flags, which the loader read as text."""
-    return re.sub(r"'([-+.0-9eE]+|true|false)'", r"\1", text)
-
-
 @_structure
-def _replace_values(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _replace_values(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
     for number in range(random.choice((1, 1, 2, 5))):
         where, key = random.choice(places)
         token = _TOKEN.format(number)
@@ -327,7 +303,7 @@ def _replace_values(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str
 
 
 @_structure
-def _add_keys(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _add_keys(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
     mappings = [data, *(where[key] for where, key in places if isinstance(where[key], dict))]
     for number in range(random.choice((1, 1, 3))):
         token = _TOKEN.format(number)
@@ -336,43 +312,53 @@ def _add_keys(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], ran
 
 
 @_structure
-def _graft(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _graft(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
     """Put a block of another study in place of the block of that name, or of any."""
     other = yaml.load(random.choice(corpus()), Loader=yaml.BaseLoader)
-    source, name = random.choice(list(_places(other)))
+    source, name = random.choice(list(places_of(other)))
     same = [(where, key) for where, key in places if key == name]
     where, key = random.choice(same or places)
     where[key] = copy.deepcopy(source[name])
 
 
 @_structure
-def _wrap(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _wrap(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
     where, key = random.choice(places)
     value = where[key]
-    where[key] = random.choice(
-        ([value], [value, value], {"file": value}, {"start": value, "stop": value, "num": 1}, {key: value})
-    )
+    swept = {"start": value, "stop": value, "num": 1}
+    where[key] = random.choice(([value], [value, value], {"file": value}, swept, {key: value}))
 
 
 @_structure
-def _remove(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _remove(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
     where, key = random.choice(places)
     del where[key]
 
 
-@_structure
-def _scale_numbers(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _numbers(places: Places, random: Random, counts: tuple[int, ...]) -> Places:
+    """Some of the places of numbers: so many as one of `counts`, or two."""
     numbers = [(where, key) for where, key in places if isinstance(where[key], str) and _is_number(where[key])]
-    for where, key in random.sample(numbers, min(len(numbers), random.choice((1, 1, 2, 4)))):
-        factor = random.choice((0, -1, 0.5, 2, 3, 10, 0.1, 1e-3, 1e3, 1e6, 1e-6, 1e9, 1e15, 1e-12, 1e150, 1e-150))
-        changed = float(where[key]) * factor + random.choice((0, 0, 0, 1, -1, 0.37))
-        where[key] = f"{changed:.12g}"
+    return random.sample(numbers, min(len(numbers), random.choice(counts) if counts else 2))
+
+
+def _changed_numbers(factors: Sequence[float], offsets: Sequence[float], digits: int, *counts: int) -> Change:
+    @_structure
+    def change(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
+        for where, key in _numbers(places, random, counts):
+            changed = float(where[key]) * random.choice(factors) + random.choice(offsets)
+            where[key] = f"{changed:.{digits}g}"
+
+    return change
+
+
+_FACTORS = (0, -1, 0.5, 2, 3, 10, 0.1, 1e-3, 1e3, 1e6, 1e-6, 1e9, 1e15, 1e-12, 1e150, 1e-150)
+_scale_numbers = _changed_numbers(_FACTORS, (0, 0, 0, 1, -1, 0.37), 12, 1, 1, 2, 4)
+_nudge_numbers = _changed_numbers((0.5, 0.9, 1, 1.1, 2), (-1, 0, 0, 1), 6)
 
 
 @_structure
-def _sweep_numbers(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
-    numbers = [(where, key) for where, key in places if isinstance(where[key], str) and _is_number(where[key])]
-    for number, (where, key) in enumerate(random.sample(numbers, min(len(numbers), random.choice((1, 2, 4))))):
+def _sweep_numbers(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
+    for number, (where, key) in enumerate(_numbers(places, random, (1, 2, 4))):
         value = float(where[key])
         raw[token := _TOKEN.format(number)] = random.choice((
             f"[{value:.12g}, {value * 1.5 + 1:.12g}]",
@@ -385,15 +371,7 @@ def _sweep_numbers(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str]
 
 
 @_structure
-def _nudge_numbers(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
-    numbers = [(where, key) for where, key in places if isinstance(where[key], str) and _is_number(where[key])]
-    for where, key in random.sample(numbers, min(len(numbers), 2)):
-        changed = float(where[key]) * random.choice((0.5, 0.9, 1, 1.1, 2))
-        where[key] = f"{changed + random.choice((-1, 0, 0, 1)):.6g}"
-
-
-@_structure
-def _options(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _options(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
     """Change what never changes a number."""
     lengths = random.choice(("1", "7", "1000000000000", "0", "x", "18446744073709551616"))
     names = random.choice(("time", "hour", "heliostat", "site", "nowhere", "latitude", "seed", "'../../x'", "''"))
@@ -408,7 +386,7 @@ def _options(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], rand
 
 
 @_structure
-def _title(data: Any, places: list[tuple[Any, Any]], raw: dict[str, str], random: Random) -> None:
+def _title(data: Any, places: Places, raw: dict[str, str], random: Random) -> None:
     raw[token := _TOKEN.format(0)] = random.choice(SCALARS)
     key = random.choice(("title", "description", "references"))
     if isinstance(data, dict):
@@ -426,17 +404,12 @@ def _is_number(text: str) -> bool:
 @cache
 def _known_keys() -> tuple[str, ...]:
     """Return every key of the shipped studies and of the schemas of all families."""
-    from heliosweep.config.schema import json_schema
+    from heliosweep.config.study import json_schema
 
-    keys = {str(key) for text in corpus() for where, key in _places(yaml.safe_load(text)) if isinstance(where, dict)}
+    keys = {str(key) for text in corpus() for where, key in places_of(yaml.safe_load(text)) if isinstance(where, dict)}
     for _, family in sorted(families().items()):
-        schema = json_schema(family.study_class())
-        keys |= {
-            name
-            for where, key in _places(schema)
-            if key == "properties" and isinstance(where[key], dict)
-            for name in where[key]
-        }
+        found = (where[key] for where, key in places_of(json_schema(family.study_class())) if key == "properties")
+        keys |= {name for properties in found if isinstance(properties, dict) for name in properties}
     return tuple(sorted(keys))
 
 
@@ -456,28 +429,18 @@ def _recode(codec: str) -> Callable[[bytes, Random], bytes]:
 
 
 _CHANGES: list[Change] = [
-    _delete, _duplicate, _swap, _indent, _replace_after_colon, _replace_after_colon, _insert, _insert, _block_scalar, _word,
-    _characters, _splice, _interleave, _truncate, _repeat, _bomb, _replace_values, _replace_values, _replace_values,
+    *map(_lines, (_delete, _duplicate, _swap, _indent, *[_replace_after_colon] * 2, _insert, _insert, _block_scalar)),
+    _word, _characters, _splice, _interleave,
+    lambda text, random: text[: random.randrange(len(text) + 1)],
+    lambda text, random: text + random.choice(("\n---\n", "\n...\n", "\n", "")) + text,
+    _bomb, _replace_values, _replace_values, _replace_values,
     _add_keys, _add_keys, _graft, _wrap, _remove, _scale_numbers, _sweep_numbers,
     lambda text, random: _flood(text, random) if random.random() < 0.15 else _word(text, random),
 ]  # fmt: skip
 _GENTLE: list[Change] = [
-    _nudge_numbers,
-    _nudge_numbers,
-    _nudge_numbers,
-    _options,
-    _options,
-    _title,
-    _scale_numbers,
-    _scale_numbers,
-    _sweep_numbers,
-    _replace_values,
-    _add_keys,
-    _graft,
-    _remove,
-    _wrap,
-    _title,
-]
+    _nudge_numbers, _nudge_numbers, _nudge_numbers, _options, _options, _title, _scale_numbers, _scale_numbers,
+    _sweep_numbers, _replace_values, _add_keys, _graft, _remove, _wrap, _title,
+]  # fmt: skip
 _ENCODINGS: list[Callable[[bytes, Random], bytes]] = [
     _flip, _flip, _recode("utf-16"), _recode("utf-32"), _recode("latin-1"), _recode("utf-8-sig"),
     lambda content, random: b"\xef\xbb\xbf" * 2 + content,

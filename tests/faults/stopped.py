@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.config.study import Study
 from heliosweep.errors import RunInterrupted
-from heliosweep.grid import plan, slabs
-from heliosweep.grid.slabs import Part
-from heliosweep.runtime import execute
-from heliosweep.store.journal import Journal
-from heliosweep.store.working import WorkingStore
-from tests.faults.kills import TINY
+from heliosweep.grid.lazy import Work
+from heliosweep.grid.regions import Part
+from heliosweep.store.parts import PartStore
+from tests.faults.kills import SMALL_PARTS, TINY, done_parts
+from tests.store.samples import flip, truncate
 
 #: Four points, each a part; and time series of a dozen parts.
 STUDY: dict[str, Any] = {**TINY, "site": {"latitude": [0, 40]}}
 SERIES: dict[str, Any] = {**STUDY, "output": {"time_series": True}}
+ZARR: dict[str, Any] = {**STUDY, "output": {"format": "zarr", "compression": "zlib"}}
+#: Names of the parts of STUDY.
+PARTS = [f"points-{number:05}" for number in range(4)]
 
 
 class Runs:
@@ -31,40 +33,29 @@ class Runs:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.monkeypatch = monkeypatch
         self.begun: list[str] = []
-        monkeypatch.setattr(plan, "PART_SECONDS", 0.0)
-        monkeypatch.setattr(slabs, "SERIES_PART_BYTES", 8 * 2**10)
-        works = execute._works
+        compute = Work.compute
 
-        def noted(*said: Any) -> Iterator[Any]:
-            for work in works(*said):
-                self.begun.append(work.part.name)
-                yield work
+        def noted(work: Work, part: Part) -> Any:
+            self.begun.append(part.name)
+            return compute(work, part)
 
-        monkeypatch.setattr(execute, "_works", noted)
+        for patch in (*SMALL_PARTS, (Work, "compute", noted)):
+            monkeypatch.setattr(*patch)
 
     def run(self, study: Study | Mapping[str, Any], folder: Path, **options: Any) -> list[str]:
         """Run a study; returns the parts that were begun."""
         self.begun.clear()
-        loaded = study if isinstance(study, Study) else workflow.load(study)
-        workflow.run(loaded, folder, report=False, **options)
+        loaded = study if isinstance(study, Study) else api.load(study)
+        api.run(loaded, folder, report=False, **options)
         return list(self.begun)
 
     def stop(self, study: Study | Mapping[str, Any], folder: Path, parts: int = 2, **options: Any) -> list[str]:
         """Run a study until so many parts are done; returns their names."""
-        commit, count = WorkingStore.commit, 0
-
-        def stopping(self: WorkingStore, part: Part, values: Any) -> None:
-            nonlocal count
-            if count == parts:
-                raise KeyboardInterrupt
-            count += 1
-            commit(self, part, values)
-
         with self.monkeypatch.context() as patch:
-            patch.setattr(WorkingStore, "commit", stopping)
+            after_parts(patch, parts, interrupt)
             with pytest.raises(RunInterrupted):
                 self.run(study, folder, **options)
-        done = list(Journal.read(folder / "working/journal.jsonl").done)
+        done = list(done_parts(folder))
         assert len(done) == parts
         return done
 
@@ -75,16 +66,23 @@ def runs(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> R
     return Runs(monkeypatch)
 
 
-def flip(path: Path, position: int = -1, bit: int = 0) -> None:
-    """Turn one bit of a file."""
-    content = bytearray(path.read_bytes())
-    content[position] ^= 1 << bit
-    path.write_bytes(content)
+def after_parts(patch: pytest.MonkeyPatch, parts: int, then: Callable[[], object]) -> None:
+    """Do something when so many parts are stored."""
+    commit, count = PartStore.commit, 0
+
+    def counting(store: PartStore, *said: Any) -> None:
+        nonlocal count
+        commit(store, *said)
+        count += 1
+        if count == parts:
+            then()
+
+    patch.setattr(PartStore, "commit", counting)
 
 
-def truncate(path: Path) -> None:
-    """Leave half of a file."""
-    os.truncate(path, path.stat().st_size // 2)
+def interrupt(*_: object, **__: object) -> None:
+    """Stand in for something during which Ctrl-C is hit."""
+    raise KeyboardInterrupt
 
 
 def replace_by_folder(path: Path) -> None:

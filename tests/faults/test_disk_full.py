@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels.warm import warm_field
-from heliosweep.store.journal import Journal
 from tests.conftest import SMALL
-from tests.faults.kills import content_of
+from tests.faults.kills import SMALL_PARTS, content_of, done_parts
 
 HOURS = {"start": 7, "stop": 17, "step": 0.05}
 BLOCKS = {"time": {**SMALL["time"], "hours": HOURS}, "output": {"time_series": True}}
@@ -36,28 +35,28 @@ def small_disk(tmp_path) -> Iterator[Path]:
 
 
 def test_full_disk(small, small_disk, monkeypatch):
-    monkeypatch.setattr("heliosweep.grid.limits._free_disk", lambda _: 2**40)  # it fills up after the plan
+    monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 2**40)  # it fills up after the plan
     with pytest.raises(HeliosweepError, match=r"new/out/working: cannot be written: disk full \(.*B free\)"):
-        workflow.run(small(**BLOCKS), small_disk / "new/out", report=False)
+        api.run(small(**BLOCKS), small_disk / "new/out", report=False)
     assert [path.name for path in (small_disk / "new/out").iterdir()] == ["working"]
-    assert Journal.read(small_disk / "new/out/working/journal.jsonl").done
+    assert done_parts(small_disk / "new/out")
 
 
 @pytest.mark.parametrize("size", ["40k", "200k", "400k", "3m"])
 def test_full_disk_and_room_again(small, small_disk, tmp_path, monkeypatch, size):
     """In the store or in the result: once there is room again, the run goes on."""
-    monkeypatch.setattr("heliosweep.grid.limits._free_disk", lambda _: 2**40)
-    monkeypatch.setattr("heliosweep.grid.plan.PART_SECONDS", 0.0)
+    monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 2**40)
+    for patch in SMALL_PARTS[:2]:
+        monkeypatch.setattr(*patch)
     subprocess.run(["mount", "-o", f"remount,size={size}", str(small_disk)], check=True)
     with pytest.raises(HeliosweepError, match=r"cannot be written: "):
-        workflow.run(small(**BLOCKS), small_disk / "out", report=False)
+        api.run(small(**BLOCKS), small_disk / "out", report=False)
     assert not list(small_disk.glob("out/result*"))
     assert not list(small_disk.glob("out/.*"))
-    done = Journal.read(small_disk / "out/working/journal.jsonl").done
-    assert bool(done) == (small_disk / "out").exists()
+    assert bool(done_parts(small_disk / "out")) == (small_disk / "out").exists()
     subprocess.run(["mount", "-o", "remount,size=32m", str(small_disk)], check=True)
-    workflow.run(small(**BLOCKS), small_disk / "out", report=False)
-    workflow.run(small(**BLOCKS), tmp_path / "peace", report=False)
+    api.run(small(**BLOCKS), small_disk / "out", report=False)
+    api.run(small(**BLOCKS), tmp_path / "peace", report=False)
     assert content_of(small_disk / "out") == content_of(tmp_path / "peace")
 
 
@@ -75,6 +74,6 @@ def test_largest_file_size(tmp_path):
         check=False,
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("new/out/working: cannot be written: File too large")
-    assert len(done.stderr.splitlines()) == 1
-    assert Journal.read(tmp_path / "new/out/working/journal.jsonl").done
+    (said,) = (line for line in done.stderr.splitlines() if not line.startswith("compil"))  # on a slow machine
+    assert said.startswith("new/out/working: cannot be written: File too large")
+    assert done_parts(tmp_path / "new/out")

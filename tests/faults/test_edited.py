@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 import yaml
 
-from heliosweep import workflow
-from heliosweep.errors import HeliosweepError
-from heliosweep.store import identity
-from heliosweep.store.working import WorkingStore
+from heliosweep import api
+from heliosweep.config.study import Study
+from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.families.family import Family
+from heliosweep.store import code_versions
 from tests.faults.kills import content_of, leftovers
-from tests.faults.stopped import SERIES, STUDY, Runs, runs  # noqa: F401
+from tests.faults.stopped import SERIES, STUDY, Runs, after_parts, runs  # noqa: F401
 
 
 def write(path: Path, content: Any) -> Path:
@@ -22,32 +23,18 @@ def write(path: Path, content: Any) -> Path:
     return path
 
 
-def after(monkeypatch: pytest.MonkeyPatch, parts: int, then: Any) -> None:
-    """Do something when so many parts are stored."""
-    commit, count = WorkingStore.commit, 0
-
-    def counting(self: WorkingStore, *said: Any) -> None:
-        nonlocal count
-        commit(self, *said)
-        count += 1
-        if count == parts:
-            then()
-
-    monkeypatch.setattr(WorkingStore, "commit", counting)
-
-
 def test_a_study_file_edited_during_the_run(runs: Runs, tmp_path, monkeypatch, caplog):  # noqa: F811
     """The run goes on with what it read; the edit is another study, and the next run says what changed."""
     monkeypatch.chdir(tmp_path)
     path = write(tmp_path / "study.yaml", STUDY)
-    study = workflow.load(path)
+    study = api.load(path)
     with monkeypatch.context() as patch:
-        after(patch, 1, lambda: write(path, {**STUDY, "receiver": {"height": 61}}))
-        first = workflow.run(study, report=False)
+        after_parts(patch, 1, lambda: write(path, {**STUDY, "receiver": {"height": 61}}))
+        first = api.run(study, report=False)
     runs.run(STUDY, tmp_path / "peace")
     assert content_of(first.folder) == content_of(tmp_path / "peace")
     before = content_of(first.folder)
-    second = workflow.run(workflow.load(path), report=False)
+    second = api.run(api.load(path), report=False)
     assert second.folder != first.folder
     assert "changed receiver.height: 60.0 -> 61.0" in caplog.text
     assert content_of(first.folder) == before
@@ -65,24 +52,34 @@ def in_layout(folder: Path) -> Path:
 
 
 def test_a_layout_edited_during_the_run(runs: Runs, tmp_path, layout, monkeypatch):  # noqa: F811
-    study = workflow.load(in_layout(tmp_path))
+    """It is read once, at the start: the result is that of the study as it was then, and complete for it alone."""
+    study, text = api.load(in_layout(tmp_path)), layout.read_text()
     runs.run(study, tmp_path / "peace")
-    text = layout.read_text()
     with monkeypatch.context() as patch:
-        after(patch, 2, lambda: layout.write_text(text.replace("130", "140")))
-        with pytest.raises(HeliosweepError, match=r"layout\.csv: was edited while the study ran; the parts done"):
-            runs.run(study, tmp_path / "out")
-    layout.write_text(text)
-    again = runs.run(workflow.load(tmp_path / "study.yaml"), tmp_path / "out")
-    assert 0 < len(again) <= 2
-    assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
-
-
-def test_a_layout_that_is_touched_but_says_the_same(runs: Runs, tmp_path, layout, monkeypatch):  # noqa: F811
-    study = workflow.load(in_layout(tmp_path))
-    with monkeypatch.context() as patch:
-        after(patch, 1, lambda: os.utime(layout, (1e9, 1e9)))
+        after_parts(patch, 1, lambda: layout.write_text(text.replace("130", "140")))
         assert len(runs.run(study, tmp_path / "out")) == 4
+    assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
+    with pytest.raises(StudyError, match="holds the result of another study"):
+        runs.run(api.load(tmp_path / "study.yaml"), tmp_path / "out")
+    layout.write_text(text)
+    os.utime(layout, (1e9, 1e9))  # touched, but it says the same
+    assert runs.run(api.load(tmp_path / "study.yaml"), tmp_path / "out") == []
+
+
+def test_a_layout_edited_while_the_run_starts(runs: Runs, tmp_path, layout, monkeypatch):  # noqa: F811
+    study, text = api.load(in_layout(tmp_path)), layout.read_text()
+
+    def edited(family: Family, of: Study) -> object:
+        layout.write_text(text.replace("130", "140"))
+        return inputs(family, of)
+
+    inputs = Family.inputs
+    with monkeypatch.context() as patch:
+        patch.setattr(Family, "inputs", edited)
+        with pytest.raises(HeliosweepError, match="the files of the study were edited while it started; run it again"):
+            runs.run(study, tmp_path / "out")
+    assert runs.begun == []
+    assert not (tmp_path / "out").exists()
 
 
 def test_another_study_in_an_unfinished_folder(runs: Runs, tmp_path):  # noqa: F811
@@ -107,8 +104,8 @@ def test_unfinished_parts_of_another_study_outlive_a_look_at_a_finished_one(runs
 
 @pytest.fixture
 def other_code(monkeypatch) -> None:
-    versions = {**identity.code_versions(), "numpy": "1.0"}
-    monkeypatch.setattr(identity, "code_versions", lambda: versions)
+    known = code_versions.code_versions
+    monkeypatch.setattr(code_versions, "code_versions", lambda module: {**known(module), "numpy": "1.0"})
 
 
 def test_parts_of_other_code_are_never_mixed(runs: Runs, tmp_path, request):  # noqa: F811

@@ -6,26 +6,26 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.errors import RunInterrupted
-from heliosweep.runtime import run as runtime
-from tests.faults.kills import STUDIES, Nursery, content_of, done_parts, leftovers, write_study
+from heliosweep.runs import run as runtime
+from tests.faults.kills import STUDIES, Nursery, Outcome, content_of, done_parts, leftovers, wait_for, write_study
+from tests.faults.stopped import STUDY, Runs, interrupt, runs  # noqa: F401
 
 #: Slows a run down where it shall be stopped.
 SLOW_WRITING = """
 import time
-from heliosweep.store.netcdf import ResultWriter
-write = ResultWriter.write
-ResultWriter.write = lambda *said: (time.sleep(0.3), write(*said))
+from heliosweep.runs.run import Run
+slabs = Run._slabs
+Run._slabs = lambda *said: (time.sleep(0.3) or slab for slab in slabs(*said))
 """
 SLOW_KERNELS = """
 import time
-from heliosweep.runtime import run
+from heliosweep.runs import run
 run.prepare_kernels = lambda *_: time.sleep(30)
 """
 
@@ -39,23 +39,9 @@ def nursery(tmp_path_factory) -> Iterator[Nursery]:
 
 
 @pytest.fixture(scope="module")
-def expected(nursery) -> dict[str, bytes]:
+def peace(nursery) -> Outcome:
     study = write_study(nursery.folder, STUDIES["field"])
-    assert nursery.run(["run", str(study), "-q", "--no-report", "--output", str(nursery.folder / "peace")]).code == 0
-    return content_of(nursery.folder / "peace")
-
-
-def wait_for(sight: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 60
-    while not sight():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
-def interrupt(nursery: Nursery, number: str, pauses: list[float]) -> None:
-    for pause in pauses:
-        time.sleep(pause)
-        nursery.signal(getattr(signal, number))
+    return nursery.run(["run", str(study), "-q", "--no-report", "--output", str(nursery.folder / "peace")])
 
 
 @pytest.mark.parametrize(
@@ -67,16 +53,18 @@ def interrupt(nursery: Nursery, number: str, pauses: list[float]) -> None:
         ("publishing", "SIGINT", [0.5, 0.05]),
     ],
 )
-def test_signals(nursery, expected, tmp_path, when, number, pauses):
+def test_signals(nursery, peace, tmp_path, when, number, pauses):
+    total = len(peace.begun)
     place = tmp_path / "new/out"
     command = ["run", str(nursery.folder / "study.yaml"), "-q", "--no-report", "--output", str(place)]
-    total = len(done_parts(nursery.folder / "peace"))
     nursery.start(command, setup=SLOW_WRITING)
     if when == "computing":
         wait_for(lambda: len(done_parts(place)) >= 5)
     else:
         wait_for(lambda: len(done_parts(place)) == total and list(place.glob(".result.nc.*")))
-    interrupt(nursery, number, pauses)
+    for pause in pauses:
+        time.sleep(pause)
+        nursery.signal(getattr(signal, number), "process")
     outcome = nursery.end()
     assert outcome.code == 4, outcome.errors
     done = done_parts(place)
@@ -87,80 +75,75 @@ def test_signals(nursery, expected, tmp_path, when, number, pauses):
     again = nursery.run(command)
     assert again.code == 0
     assert not set(again.begun) & set(done)
-    assert content_of(place) == expected
+    assert content_of(place) == content_of(nursery.folder / "peace")
     assert not leftovers(place)
 
 
-def test_signal_before_anything_is_done(nursery, expected, tmp_path):
+def test_signal_before_anything_is_done(nursery, peace, tmp_path):
     command = ["run", str(nursery.folder / "study.yaml"), "-q", "--no-report", "--output", str(tmp_path / "new/out")]
     nursery.start(command, setup=SLOW_KERNELS)
     wait_for(lambda: (tmp_path / "new/out/working").exists())
-    interrupt(nursery, "SIGTERM", [0.2])
+    time.sleep(0.2)
+    nursery.signal(signal.SIGTERM, "process")
     outcome = nursery.end()
     assert outcome.code == 4
     assert outcome.errors == "interrupted: nothing was computed yet; run the same command again to go on\n"
     assert not list(tmp_path.iterdir())
 
 
-def stop(*_: object, **__: object) -> None:
-    raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize(
     ("where", "message", "left"),
     [
         ("prepare_kernels", "nothing was computed yet", set()),
-        ("publish", "2 of 2 parts are done and kept", {"working"}),
-        ("write_manifest", "2 of 2 parts are done and kept", {"working", "result.nc", "study.resolved.yaml"}),
+        ("publish", "4 of 4 parts are done and kept", {"working"}),
+        ("write_manifest", "4 of 4 parts are done and kept", {"working", "result.nc"}),
     ],
 )
-def test_the_message_says_what_was_left(small, tmp_path, monkeypatch, where, message, left):
-    monkeypatch.setattr("heliosweep.grid.plan.PART_SECONDS", 0.0)
-    study = small(site={"latitude": 40})
+def test_the_message_says_what_was_left(runs: Runs, tmp_path, monkeypatch, where, message, left):  # noqa: F811
     with monkeypatch.context() as patch:
-        patch.setattr(runtime, where, stop)
+        patch.setattr(runtime, where, interrupt)
         with pytest.raises(RunInterrupted, match=message):
-            workflow.run(study, tmp_path / "out", report=False)
+            runs.run(STUDY, tmp_path / "out")
     assert {path.name for path in tmp_path.glob("out/*")} == left
     assert (tmp_path / "out").exists() == bool(left)
-    workflow.run(study, tmp_path / "out", report=False)
+    runs.run(STUDY, tmp_path / "out")
     assert not leftovers(tmp_path / "out")
 
 
 def test_interrupted_before_the_parts_were_looked_at(small, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(runtime, "publish", stop)
+        patch.setattr(runtime, "publish", interrupt)
         with pytest.raises(RunInterrupted):
-            workflow.run(small(), tmp_path, report=False)
+            api.run(small(), tmp_path, report=False)
     with monkeypatch.context() as patch:
-        patch.setattr(runtime.Run, "_earlier", stop)
+        patch.setattr(runtime.Run, "_earlier", interrupt)
         with pytest.raises(RunInterrupted, match="the parts that were done are kept"):
-            workflow.run(small(), tmp_path, report=False)
+            api.run(small(), tmp_path, report=False)
     assert done_parts(tmp_path)
 
 
 def test_a_manifest_never_stands_beside_another_result(small, tmp_path, monkeypatch):
-    workflow.run(small(), tmp_path)
-    monkeypatch.setattr(runtime.Run, "_record", stop)
+    api.run(small(), tmp_path)
+    monkeypatch.setattr(runtime.Run, "_record", interrupt)
     with pytest.raises(RunInterrupted):
-        workflow.run(small(receiver={"height": 70}), tmp_path, force=True)
+        api.run(small(receiver={"height": 70}), tmp_path, force=True)
     assert {path.name for path in tmp_path.iterdir()} == {"result.nc", "figures", "working"}
 
 
 def test_folders_that_were_there_stay(small, tmp_path, monkeypatch):
     (tmp_path / "there").mkdir()
-    monkeypatch.setattr(runtime, "prepare_kernels", stop)
+    monkeypatch.setattr(runtime, "prepare_kernels", interrupt)
     with pytest.raises(RunInterrupted):
-        workflow.run(small(), tmp_path / "there/new/out")
+        api.run(small(), tmp_path / "there/new/out")
     assert [path.name for path in tmp_path.rglob("*")] == ["there"]
 
 
-def test_a_killed_run_is_tidied_up_by_the_next(small, tmp_path: Path):
+def test_a_killed_run_is_tidied_up_by_the_next(small, tmp_path):
     program = (
-        "import os, sys; from pathlib import Path; from heliosweep.store.temporary import temporary_name\n"
+        "import os, sys; from pathlib import Path; from heliosweep.files import temporary_name\n"
         "temporary_name(Path(sys.argv[1]) / 'result.nc').touch(); os.kill(os.getpid(), 9)"
     )
     assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode != 0
     assert list(tmp_path.glob(".*.part"))
-    workflow.run(small(), tmp_path, report=False)
+    api.run(small(), tmp_path, report=False)
     assert not list(tmp_path.glob(".*"))

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from tests.faults.kills import STUDIES, Nursery, kill_and_resume, write_study
+from tests.faults.kills import STUDIES, Nursery, kill_and_resume
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as POSIX systems do")
 
@@ -19,15 +18,12 @@ def nursery(tmp_path) -> Iterator[Nursery]:
         yield started
 
 
-def test_random_kills(nursery, tmp_path):
-    study = write_study(tmp_path, STUDIES["field"])
-    tally = kill_and_resume(nursery, study, ["--no-report"], kills=8, seed=1)
-    print(tally)
+@pytest.mark.parametrize(("name", "kills"), [("field", 6), ("processes-zarr", 3), ("cluster", 3)])
+def test_random_kills(nursery, name, kills):
+    print(name, kill_and_resume(nursery, name, ["--no-report"], kills, seed=1))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", list(STUDIES))
-def test_many_random_kills(nursery, tmp_path: Path, name):
-    study = write_study(tmp_path, STUDIES[name])
-    tally = kill_and_resume(nursery, study, [] if name == "dish" else ["--no-report"], kills=25, seed=2)
-    print(name, tally)
+def test_many_random_kills(nursery, name):
+    print(name, kill_and_resume(nursery, name, [] if name == "dish" else ["--no-report"], kills=9, seed=2))

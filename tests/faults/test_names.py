@@ -1,4 +1,4 @@
-"""Output folders and file names that cannot be, and terminals that cannot show them."""
+"""Output folders that cannot be, or not be written, names that are no text, and terminals that cannot show them."""
 
 from __future__ import annotations
 
@@ -6,20 +6,25 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
 from heliosweep.cli import main
-from tests.conftest import SMALL
+from heliosweep.runs.verify import verify
+from tests.faults.kills import TINY
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "study.yaml").write_text(yaml.safe_dump({**SMALL, "title": "h\u00e9liostats [/m] \u2600"}))
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({**TINY, "title": "h\u00e9liostats [/m] \u2600"}))
     (tmp_path / "taken/result.nc").mkdir(parents=True)
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "mine/working").mkdir(parents=True)
+    (tmp_path / "mine/working/thesis.txt").write_text("mine")
     return tmp_path
 
 
@@ -30,14 +35,45 @@ def folder(tmp_path, monkeypatch) -> Path:
         ("n" * 300, "cannot write there: File name too long"),
         ("taken", "taken/result.nc: is a folder"),
         (os.fsdecode(b"\xff"), "is no text"),
+        ("file", "cannot write there"),
+        ("file/below", "cannot write there"),
+        ("mine", "mine/working: is none of heliosweep's"),
     ],
-    ids=["empty", "long", "folder", "bytes"],
+    ids=["empty", "long", "folder", "bytes", "file", "below a file", "no store"],
 )
 def test_output(folder, capsys, output, message):
     before = set(folder.rglob("*"))
-    assert main(["run", "study.yaml", "--output", output]) == 2
+    assert main(["run", "study.yaml", "--no-report", "-q", "--output", output]) == 2
     assert message in capsys.readouterr().err
     assert set(folder.rglob("*")) == before
+    assert (folder / "file").read_text() == "mine"
+
+
+@pytest.fixture
+def read_only(folder) -> Iterator[Path]:
+    """A disk that cannot be written, with a finished result and an empty folder."""
+    place = folder / "disk"
+    (place / "new").mkdir(parents=True)
+    assert main(["run", "study.yaml", "--no-report", "-q", "-o", str(place / "finished")]) == 0
+    try:
+        subprocess.run(["mount", "--bind", place, place], check=True, capture_output=True)
+        subprocess.run(["mount", "-o", "remount,ro,bind", place], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        subprocess.run(["umount", place], check=False, capture_output=True)
+        pytest.skip("may not mount here")
+    yield place
+    subprocess.run(["umount", "--lazy", place], check=True)
+
+
+def test_read_only_folder(read_only, capsys):
+    assert main(["run", "study.yaml", "--no-report", "-q", "-o", str(read_only / "finished")]) == 0  # it is there
+    capsys.readouterr()
+    for name in ("new", "new/er"):
+        assert main(["run", "study.yaml", "--no-report", "-q", "-o", str(read_only / name)]) == 2
+        said = capsys.readouterr().err
+        assert "cannot write there: Read-only file system; name another folder with --output" in said
+        assert len(said.splitlines()) == 1
+    assert verify(read_only / "finished").ok  # reading is all it takes
 
 
 def test_names_that_are_no_text_on_a_terminal_that_shows_ascii(folder):

@@ -7,14 +7,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from heliosweep import workflow
-from heliosweep.cli import main
-from tests.faults.kills import STUDIES, Nursery, content_of, done_parts, leftovers, write_study
+from tests.faults.kills import STUDIES, Nursery, content_of, done_parts, leftovers, wait_for, write_study
 
 STUDY = "from tests.conftest import SMALL as study\nimport heliosweep\n"
 
@@ -34,9 +31,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 def work(number):
     series = {"time_series": True, "compression": "zlib"}
-    for _ in range(3):
-        study_ = heliosweep.load({**study, "receiver": {"height": 60 + number}, "output": series})
-        result = heliosweep.run(study_, f"out{number}", report=False)
+    for height in (60 + number, 50):  # into a folder of its own, and into that of all
+        study_ = heliosweep.load({**study, "receiver": {"height": height}, "output": series})
+        result = heliosweep.run(study_, f"out{height}", report=False)
         with result.open() as data:
             assert data.load().sizes["latitude"] == 2
 
@@ -45,22 +42,8 @@ with ThreadPoolExecutor(4) as pool:
 """,
     )
     assert done.returncode == 0, done.stderr
-    left = sorted(path.name for path in tmp_path.glob("out*/.*"))
-    assert left == []
-
-
-def test_two_runs_at_once_into_one_folder(tmp_path):
-    done = script(
-        tmp_path,
-        """
-from concurrent.futures import ThreadPoolExecutor
-
-with ThreadPoolExecutor(2) as pool:
-    list(pool.map(lambda _: heliosweep.run(heliosweep.load(study), "out", report=False), range(6)))
-""",
-    )
-    assert done.returncode == 0, done.stderr
-    assert {path.name for path in tmp_path.glob("out/*")} == {"result.nc", "manifest.json", "study.resolved.yaml"}
+    assert [folder.name for folder in sorted(tmp_path.glob("out*"))] == ["out50", "out60", "out61", "out62", "out63"]
+    assert not any(leftovers(folder) for folder in tmp_path.glob("out*"))
 
 
 def test_processes_without_a_guard_are_told_of_it(tmp_path):
@@ -83,20 +66,20 @@ def test_two_processes(tmp_path):
     command = ["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    slow = "import time\nfrom heliosweep.store import working\nc = working.WorkingStore.commit\n"
-    slow += "working.WorkingStore.commit = lambda *said: (time.sleep(0.02), c(*said))"
+    slow = "import time\nfrom heliosweep.store.parts import PartStore\nc = PartStore.commit\n"
+    slow += "PartStore.commit = lambda *said: (time.sleep(0.02), c(*said))"
     with Nursery(tmp_path / "a") as first, Nursery(tmp_path / "b") as second:
         pid = first.start(command, setup=slow)
-        _wait_for(lambda: len(done_parts(tmp_path / "out")) > 3)
+        wait_for(lambda: len(done_parts(tmp_path / "out")) > 3)
         assert json.loads((tmp_path / "out/.heliosweep.lock").read_text())["process"] == pid
         second.start(command)
-        _wait_for(lambda: "is at work in" in second.log())
+        wait_for(lambda: "is at work in" in second.log())
         assert second.log().startswith(f"process {pid} on ")
-        second.signal(signal.SIGTERM)  # who waits can give up
+        second.signal(signal.SIGTERM, "process")  # who waits can give up
         assert second.end().code == 4
         assert (tmp_path / "out/.heliosweep.lock").exists()
         second.start(command)
-        _wait_for(lambda: "is at work in" in second.log())
+        wait_for(lambda: "is at work in" in second.log())
         first.signal()
         killed = first.end()
         done = done_parts(tmp_path / "out")
@@ -110,28 +93,3 @@ def test_two_processes(tmp_path):
         assert "is complete already" in third.errors
     assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
     assert not leftovers(tmp_path / "out")
-
-
-def test_a_claim_of_a_dead_process_stops_nobody(small, tmp_path):
-    (tmp_path / ".heliosweep.lock").write_text(json.dumps({"process": 1, "host": "here"}))
-    workflow.run(small(), tmp_path, report=False)
-    assert not leftovers(tmp_path)
-
-
-def test_different_studies_into_one_folder(tmp_path, capsys):
-    for latitude in (10, 20, 10):
-        study = write_study(tmp_path, {**STUDIES["field"], "site": {"latitude": latitude}, "output": {}})
-        command = ["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]
-        if (tmp_path / "out").exists():
-            assert main(command) == 2
-            assert "holds the result of another study (site.latitude" in capsys.readouterr().err
-            command.append("--force")
-        assert main(command) == 0
-    assert not leftovers(tmp_path / "out")
-
-
-def _wait_for(sight) -> None:
-    deadline = time.monotonic() + 60
-    while not sight():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)

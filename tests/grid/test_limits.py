@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
+import psutil
 import pytest
 
-from heliosweep.grid import limits
+from heliosweep.grid import machine as limits
 
 
 @pytest.fixture
 def groups(tmp_path, monkeypatch) -> Path:
     """A machine of 8 GB with processes in the control group /outer/inner; returns the folder of the groups."""
     (tmp_path / "proc/self").mkdir(parents=True)
-    (tmp_path / "proc/meminfo").write_text("MemTotal: 9000000 kB\nMemAvailable: 8000000 kB\n")
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=8_000_000 * 1024))
     (tmp_path / "proc/self/cgroup").write_text("1:cpu:/old\n0::/outer/inner\n")
     (tmp_path / "groups/outer/inner").mkdir(parents=True)
     monkeypatch.setattr(limits, "_PROC", tmp_path / "proc")
@@ -78,14 +80,14 @@ def test_a_container_sees_its_group_as_the_root(old_groups, tmp_path):
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_what_others_of_the_group_hold_is_not_available(old_groups, tmp_path, version):
+def test_what_others_of_the_group_hold_is_not_available(old_groups, tmp_path, monkeypatch, version):
     folder = old_groups / ("memory/outer" if version == 1 else "")
     limit, used, cached = (
         ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_cache")
         if version == 1
         else ("memory.max", "memory.current", "file")
     )
-    (tmp_path / "proc/self/statm").write_text(f"900 {100_000_000 // os.sysconf('SC_PAGE_SIZE')} 0\n")
+    monkeypatch.setattr(psutil.Process, "memory_info", lambda self: SimpleNamespace(rss=100_000_000))
     (folder / limit).write_text("2000000000\n")
     (folder / used).write_text("900000000\n")
     (folder / "memory.stat").write_text(f"anon 1\n{cached} 300000000\n")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.errors import PlanError
 from heliosweep.grid.plan import BASE_MEMORY
 from tests.bench.bench_memory import FACTOR, STUDIES, peak_memory
@@ -70,7 +70,7 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 )
 def test_plan_foresees_the_peak(content, tmp_path):
     path = written(content, tmp_path)
-    planned = workflow.plan(workflow.load(path), tmp_path / "result").peak_memory
+    planned = api.plan(api.load(path), tmp_path / "result").peak_memory
     measured = peak_memory(path, tmp_path / "result", "--no-report")
     assert planned / FACTOR < measured < planned
 
@@ -79,15 +79,15 @@ def test_plan_foresees_the_peak(content, tmp_path):
 def test_a_run_keeps_to_the_memory_it_is_given(tmp_path):
     given = BASE_MEMORY + 200 * 2**20
     path = written(draws(given), tmp_path)
-    planned = workflow.plan(workflow.load(path), tmp_path / "result")
-    free = workflow.plan(workflow.load(draws()), tmp_path / "result")
-    assert planned.chunks["heliostat"] < free.chunks["heliostat"]
+    planned = api.plan(api.load(path), tmp_path / "result")
+    free = api.plan(api.load(draws()), tmp_path / "result")
+    assert planned.cuts["points"].part["heliostat"] < free.cuts["points"].part["heliostat"]
     assert planned.peak_memory <= given < free.peak_memory
     assert peak_memory(path, tmp_path / "result", "--no-report") <= given
 
 
 def test_a_run_that_cannot_keep_to_it_is_refused(tmp_path):
     with pytest.raises(PlanError, match=r"the program and the axes would take .* raise execution\.memory to"):
-        workflow.plan(workflow.load(draws(BASE_MEMORY - 2**20)), tmp_path / "result")
-    with pytest.raises(PlanError, match=r"the smallest block of work would take .* raise execution\.memory to"):
-        workflow.plan(workflow.load(draws(BASE_MEMORY + 50 * 2**20)), tmp_path / "result")
+        api.plan(api.load(draws(BASE_MEMORY - 2**20)), tmp_path / "result")
+    with pytest.raises(PlanError, match=r"the smallest part of the work would take .* raise execution\.memory to"):
+        api.plan(api.load(draws(BASE_MEMORY + 50 * 2**20)), tmp_path / "result")

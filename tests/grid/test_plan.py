@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 import pytest
-from hypothesis import given, reject
+from hypothesis import given
 from hypothesis import strategies as st
 
 from heliosweep.errors import PlanError, StudyError
-from heliosweep.grid.limits import Limits, human_bytes, human_seconds
-from heliosweep.grid.plan import BASE_MEMORY, PART_BLOCKS, PART_BYTES, PART_SECONDS, Plan, Workload, make_plan
-from heliosweep.grid.slabs import SERIES_PART_BYTES, STORAGE_BYTES, slabs
+from heliosweep.files import human_bytes
+from heliosweep.grid.machine import Limits, human_seconds
+from heliosweep.grid.plan import BASE_MEMORY, PART_SECONDS, SLAB_BYTES, Plan, Workload, make_plan
+from heliosweep.grid.regions import SERIES_SLAB_BYTES, STORAGE_BYTES, Variable, bytes_of, regions
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
@@ -21,39 +21,31 @@ ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 def workload(
     parameters: dict[str, int], heliostats: int = 300, times: int = 0, evaluations: int = 10**5, seconds: float = 1e-7
 ) -> Workload:
-    variables = {"efficiency": (*parameters, "heliostat"), "field": tuple(parameters)}
-    inner = {"heliostat": heliostats}
-    if times:
-        variables["series"] = (*parameters, "time", "heliostat")
-        inner = {"time": times, "heliostat": heliostats}
     return Workload(
         parameters=parameters,
-        inner=inner,
+        inner={"time": times, "heliostat": heliostats} if times else {"heliostat": heliostats},
         evaluations=evaluations,
         unit="evaluations",
         seconds=seconds,
         splittable="heliostat",
-        variables=variables,
-        block_bytes=lambda points, length: 1000 * points * length,
+        working_bytes=lambda points, length: 1000 * points * length,
     )
+
+
+def planned(work: Workload, limits: Limits = ROOMY, chunks: dict[str, int] | None = None) -> Plan:
+    swept = tuple(work.parameters)
+    variables = {"efficiency": Variable((*swept, "heliostat"), {}), "field": Variable(swept, {}, finished=True)}
+    if "time" in work.inner:
+        variables["series"] = Variable((*swept, "time", "heliostat"), {})
+    return make_plan(work, variables, limits, chunks)
 
 
 CHUNKS = st.dictionaries(st.sampled_from(["a", "b", "heliostat"]), st.integers(1, 50), max_size=3)
 SIZES = st.dictionaries(st.sampled_from("abcd"), st.integers(1, 12), max_size=4)
 
 
-def made(work: Workload, limits: Limits, chunks: dict[str, int]) -> Plan:
-    """A plan, or no test where the chunks asked for are refused for being too many."""
-    try:
-        return make_plan(work, limits, chunks)
-    except StudyError as error:
-        if not re.search(rf"would cut one part of the work into [\d,]+ blocks, more than {PART_BLOCKS:,};", str(error)):
-            raise
-        reject()
-
-
 def covered(regions, shape: dict[str, int]) -> bool:
-    """Whether regions cover a grid, each point once."""
+    """True where regions cover a grid, each cell once."""
     seen = np.zeros(tuple(shape.values()), int)
     for region in regions:
         seen[tuple(region[dim] for dim in shape)] += 1
@@ -61,16 +53,23 @@ def covered(regions, shape: dict[str, int]) -> bool:
 
 
 @given(sizes=SIZES, evaluations=st.integers(1, 10**9), workers=st.integers(1, 64), chunks=CHUNKS)
-def test_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
-    work = workload({"a": 2, "b": 3, **sizes}, 300, 0, evaluations)
-    plan = made(work, Limits(workers, 2**36, 2**50), chunks)
-    parts = list(plan.parts())
-    assert covered((part.region for part in parts), dict(work.parameters))
+def test_slabs_and_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
+    work = workload({"a": 2, "b": 3, **sizes}, 40, 0, evaluations)
+    plan = planned(work, Limits(workers, 2**36, 2**50), chunks)
+    parts, slabs = list(plan.parts()), list(plan.slabs())
+    cells = {**work.parameters, "heliostat": 40}
+    assert covered((part.region for part in parts), cells)
+    assert covered((slab.region for slab in slabs), cells)
     assert [part.name for part in parts] == [f"points-{number:05}" for number in range(plan.part_count)]
-    assert max(map(plan.blocks_of, parts)) <= PART_BLOCKS
-    assert plan.part == make_plan(work, ROOMY).part  # whatever the machine
-    for dim, length in plan.chunks.items():
-        assert 1 <= length <= work.sizes[dim]
+    assert len(slabs) == plan.cuts["points"].slab_count
+    for slab, inside in plan.parts_by_slab():
+        for part in inside:
+            assert all(around.start <= part.region[d].start < part.region[d].stop <= around.stop
+                       for d, around in slab.region.items())  # fmt: skip
+    plain = planned(work).cuts["points"]
+    assert plan.cuts["points"].slab == plain.slab  # whatever the machine and the chunks
+    assert chunks or plan.cuts["points"].part == plain.part
+    assert all(plan.cuts["points"].part[dim] <= length for dim, length in chunks.items() if dim in cells)
 
 
 @given(
@@ -79,54 +78,43 @@ def test_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
     times=st.sampled_from([1, 9, 511, 512, 513, 4000]),
     chunks=st.dictionaries(st.sampled_from(["time", "heliostat"]), st.integers(1, 5000), max_size=2),
 )
-def test_series_are_written_in_an_order_that_chunks_and_workers_do_not_change(sizes, heliostats, times, chunks):
+def test_series_are_stored_in_chunks_that_no_machine_changes(sizes, heliostats, times, chunks):
     work = workload(sizes, heliostats, times)
-    plan = made(work, Limits(2, 2**36, 2**50), chunks)
-    other = make_plan(work, Limits(7, 2**37, 2**50))
-    assert plan.series is not None
-    assert other.series is not None
-    assert (plan.series.part, plan.series.storage) == (other.series.part, other.series.storage)
-    cells = {dim: work.sizes[dim] for dim in plan.series.part}
-    # In units of storage chunks, so that the grid to cover stays small; parts hold whole ones.
-    for dim, stored in plan.series.storage.items():
-        assert plan.series.part[dim] in (work.sizes[dim],) or plan.series.part[dim] % stored == 0
-        cells[dim] = -(-work.sizes[dim] // stored)
-    in_cells = (
-        {
-            dim: slice(span.start // (n := plan.series.storage.get(dim, 1)), -(-span.stop // n))
-            for dim, span in region.items()
-        }
-        for region in (part.region for part in plan.parts() if part.kind == "series")
-    )
-    assert covered(in_cells, cells)
-    assert 8 * math.prod(plan.series.part.values()) <= SERIES_PART_BYTES
-    assert 8 * math.prod(plan.series.storage.values()) <= max(STORAGE_BYTES, 8 * plan.series.part["heliostat"])
-    for dim, length in plan.series.chunks.items():
-        part = plan.series.part[dim]
-        assert 1 <= length <= part
-        assert part == work.sizes[dim] or part % length == 0
+    plan, other = planned(work, Limits(2, 2**36, 2**50), chunks), planned(work, Limits(7, 2**37, 2**50))
+    cut = plan.cuts["series"]
+    assert (cut.slab, plan.storage) == (other.cuts["series"].slab, other.storage)
+    for dim, stored in plan.storage.items():  # slabs hold whole ones
+        assert cut.slab[dim] in (work.sizes[dim],) or cut.slab[dim] % stored == 0
+    assert 8 * math.prod(cut.slab.values()) <= SERIES_SLAB_BYTES
+    assert 8 * math.prod(plan.storage.values()) <= max(STORAGE_BYTES, 8 * cut.slab["heliostat"])
+    assert all(1 <= cut.part[dim] <= min(cut.slab[dim], chunks.get(dim, cut.slab[dim])) for dim in cut.sizes)
+    shape = {dim: -(-size // cut.slab[dim]) for dim, size in cut.sizes.items()}
+    slabs = ({dim: slice(s.start // cut.slab[dim], -(-s.stop // cut.slab[dim])) for dim, s in region.items()}
+             for region in cut.slabs())  # fmt: skip
+    assert covered(slabs, shape)
 
 
 @given(sizes=st.dictionaries(st.sampled_from("abc"), st.integers(1, 5000), min_size=1, max_size=3))
-def test_one_graph_stays_small(sizes):
-    plan = make_plan(workload(sizes), Limits(2, 2**36, 2**60))
-    blocks = math.prod(-(-plan.part[dim] // plan.chunks[dim]) for dim in sizes) * -(-300 // plan.chunks["heliostat"])
-    assert blocks <= PART_BLOCKS
-    assert math.prod(plan.part.values()) * 301 * 8 <= PART_BYTES
-    assert math.prod(plan.part.values()) * plan.workload.point_seconds <= PART_SECONDS
+def test_slabs_and_parts_are_bounded(sizes):
+    plan = planned(workload(sizes), Limits(2, 2**36, 2**60))
+    cut = plan.cuts["points"]
+    assert bytes_of(plan.variables, {**plan.workload.inner, **cut.slab}) <= SLAB_BYTES
+    assert math.prod(cut.part[dim] for dim in sizes) * plan.workload.point_seconds <= PART_SECONDS
 
 
 def test_a_large_point_is_cut_and_small_points_are_grouped():
-    slow = make_plan(workload({"a": 1}, heliostats=10_000, evaluations=10**9), ROOMY)
-    assert slow.chunks["heliostat"] < 10_000
-    quick = make_plan(workload({"a": 100_000}, heliostats=1, evaluations=10), ROOMY)
-    assert quick.chunks["a"] > 1000
-    assert quick.blocks >= 2 * ROOMY.workers
+    slow = planned(workload({"a": 1}, heliostats=100_000, evaluations=10**9)).cuts["points"]
+    assert slow.part["heliostat"] * 100.0 / 100_000 <= PART_SECONDS
+    slowest = planned(workload({"a": 1}, heliostats=10, evaluations=10**9)).cuts["points"]
+    assert slowest.part["heliostat"] == 1
+    quick = planned(workload({"a": 100_000}, heliostats=1, evaluations=10))
+    assert quick.cuts["points"].part["a"] > 1000
+    assert quick.part_count >= 2 * ROOMY.workers
 
 
 def test_asked_chunks_are_kept():
-    plan = make_plan(workload({"a": 10, "b": 10}), ROOMY, {"a": 2, "b": 5, "heliostat": 77})
-    assert (plan.chunks["b"], plan.chunks["heliostat"]) == (5, 77)
+    plan = planned(workload({"a": 10, "b": 10}), ROOMY, {"a": 2, "b": 5, "heliostat": 77})
+    assert (plan.cuts["points"].part["b"], plan.cuts["points"].part["heliostat"]) == (5, 77)
 
 
 @pytest.mark.parametrize(
@@ -135,31 +123,31 @@ def test_asked_chunks_are_kept():
 )
 def test_a_sweep_of_a_million_million_points_is_refused_by_its_longest_axis(sizes, word):
     with pytest.raises(PlanError, match=f"shrink '{word}' first"):
-        make_plan(workload(sizes), ROOMY)
+        planned(workload(sizes))
 
 
 def test_axes_alone_may_not_fit_the_memory():
     with pytest.raises(PlanError, match="the program and the axes would take"):
-        make_plan(workload({"a": 10**9}, heliostats=1), Limits(1, 2**30, 2**60))
+        planned(workload({"a": 10**9}, heliostats=1), Limits(1, 2**30, 2**60))
 
 
-def test_blocks_shrink_to_the_memory_or_are_refused():
+def test_parts_shrink_to_the_memory_or_are_refused():
     work = workload({"a": 1}, heliostats=100_000, evaluations=10**7)
-    roomy = make_plan(work, ROOMY)
-    tight = make_plan(work, Limits(2, BASE_MEMORY + 10 * 2**20, 2**40))
-    assert tight.chunks["heliostat"] < roomy.chunks["heliostat"]
-    assert tight.peak_memory <= BASE_MEMORY + 10 * 2**20
-    with pytest.raises(PlanError, match="smallest block"):
-        make_plan(work, Limits(2, BASE_MEMORY + 1000, 2**40))
+    roomy = planned(work, ROOMY)
+    tight = planned(work, Limits(2, BASE_MEMORY + 3 * 2**20, 2**40))
+    assert tight.cuts["points"].part["heliostat"] < roomy.cuts["points"].part["heliostat"]
+    assert tight.peak_memory <= BASE_MEMORY + 3 * 2**20
+    with pytest.raises(PlanError, match="smallest part"):
+        planned(work, Limits(2, BASE_MEMORY + 1000, 2**40))
 
 
 def test_time_series_that_fill_the_disk_are_refused_by_name():
     with pytest.raises(PlanError, match=r"shrink 'time' first or leave out output\.time_series"):
-        make_plan(workload({}, heliostats=1000, times=10**6), Limits(2, 2**33, 2**30))
+        planned(workload({}, heliostats=1000, times=10**6), Limits(2, 2**33, 2**30))
 
 
-def test_slabs_of_no_dimensions_are_one():
-    assert list(slabs({}, {})) == [{}]
+def test_a_grid_without_dimensions_is_one_slab():
+    assert list(regions({}, {})) == [{}]
 
 
 def test_words():
@@ -169,23 +157,23 @@ def test_words():
 
 def test_unknown_dimensions_in_chunks_are_named():
     with pytest.raises(StudyError, match=r"execution\.chunks\.lattitude: unknown dimension; did you mean 'latitude'"):
-        make_plan(workload({"latitude": 3}), ROOMY, {"lattitude": 1})
+        planned(workload({"latitude": 3}), ROOMY, {"lattitude": 1})
 
 
 def test_workers_without_work_take_no_memory():
-    few = make_plan(workload({"a": 2}), Limits(2, 2**33, 2**40))
-    many = make_plan(workload({"a": 2}), Limits(60_000, 2**33, 2**40))
-    assert many.workers == many.blocks
+    few = planned(workload({"a": 2}), Limits(2, 2**33, 2**40))
+    many = planned(workload({"a": 2}), Limits(60_000, 2**33, 2**40))
+    assert many.workers == many.part_count
     assert many.peak_memory < 2 * few.peak_memory
 
 
 def test_a_refusal_for_memory_says_how_much_to_give():
     with pytest.raises(PlanError, match=r"raise execution\.memory to \d+ MB"):
-        make_plan(workload({"a": 1}), Limits(1, 10**7, 2**40))
+        planned(workload({"a": 1}), Limits(1, 10**7, 2**40))
 
 
 def test_a_plan_is_printed_in_a_few_lines():
-    text = str(make_plan(workload({"a": 1_200, "b": 3}), ROOMY))
+    text = str(planned(workload({"a": 1_200, "b": 3})))
     assert text.splitlines()[:3] == [
         "Plan",
         "  dimensions   a 1,200, b 3, heliostat 300",

@@ -18,8 +18,8 @@ Named = Iterator[tuple[str, Any]]
 
 def field() -> Named:
     """Shading, blocking, unions of three and more, mirrors through one another's planes, a packet cut short."""
-    from heliosweep.kernels.field import field_series, field_sums
-    from tests.kernels.fields import scattered, suns
+    from heliosweep.kernels.field.efficiency import field_series, field_sums
+    from tests.kernels.field.fields import scattered, suns
 
     rng = np.random.default_rng(21)
     sun = np.concatenate((suns(rng, 90, 1.0, 20.0), suns(rng, 60, 0.2, 80.0)))
@@ -32,9 +32,9 @@ def field() -> Named:
 
 def dish() -> Named:
     """Sun vectors, and errors of windows at small and at large tilts."""
-    from heliosweep.families.fast_sun import sun_vectors
-    from heliosweep.kernels.tracking import RIGID, UNTILTED_HOME_AXES, window_errors
-    from heliosweep.kernels.windows import pack_windows
+    from heliosweep.grid.spa import sun_vectors
+    from heliosweep.kernels.dish.tracking import RIGID, UNTILTED_HOME_AXES, window_errors
+    from heliosweep.kernels.dish.windows import pack_windows
 
     utc = np.datetime64("2021-01-03T00:00", "ns") + np.arange(3000) * np.timedelta64(9973, "s")
     sun = sun_vectors(utc, 40.13, -3.7, 650.0)
@@ -51,9 +51,8 @@ def dish() -> Named:
 
 def curves() -> Named:
     """Deviation curves of all mounts: spots, conics, tolerances, lines of detectors."""
-    from heliosweep.kernels.conics import conics
-    from heliosweep.kernels.detectors import crossings
-    from heliosweep.kernels.deviation import (
+    from heliosweep.kernels.spots.curves import conics, crossings
+    from heliosweep.kernels.spots.deviation import (
         AZIMUTH,
         CANTING,
         ELEVATION,
@@ -62,8 +61,8 @@ def curves() -> Named:
         TILT,
         deviation_spots,
     )
-    from heliosweep.kernels.tolerances import tolerances
-    from tests.kernels.test_mount_spots import KINDS, pivots, setting, suns
+    from heliosweep.kernels.spots.tolerances import tolerances
+    from tests.kernels.spots.test_mount_spots import KINDS, pivots, setting, suns
 
     errors = [(CANTING, ELEVATION), (CANTING, AZIMUTH), (ENCODER, ENCODER_AZIMUTH), (TILT, ELEVATION)]
     source, axis = np.repeat(errors, len(KINDS), axis=0).T
@@ -78,9 +77,9 @@ def curves() -> Named:
 
 def mounts() -> Named:
     """Spots of mounts with errors, and their statistics."""
-    from heliosweep.kernels.mount_spots import mount_spots
-    from heliosweep.kernels.spot_statistics import spot_statistics
-    from tests.kernels.test_mount_spots import KINDS, errors, pivots, setting, suns
+    from heliosweep.kernels.spots.mount_spots import mount_spots
+    from heliosweep.kernels.spots.statistics import spot_statistics
+    from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting, suns
 
     points, sky = len(KINDS), (suns(7), pivots(5))
     mount = setting(KINDS), errors(points, 5, 75), errors(points, 5, seed=3, spread=1e-3)
@@ -90,21 +89,21 @@ def mounts() -> Named:
 
 def calibration() -> Named:
     """Errors of mounts found from noisy spots."""
-    from tests.kernels.test_calibration import Case
+    from tests.kernels.spots.test_calibration import Case
 
     yield from _parts("calibration", Case(noise=0.02, seeds=5).calibrate())
 
 
 def gazing() -> Named:
     """Images of backward gazing, and the slopes that each method finds in them."""
-    from heliosweep.kernels.gazing_geometry import transfers
-    from heliosweep.kernels.gazing_grid import themis_8
-    from heliosweep.kernels.gazing_images import image_set, module_spheres
-    from heliosweep.kernels.gazing_linear import method_a
-    from heliosweep.kernels.gazing_lm import fit_slopes
-    from heliosweep.kernels.gazing_search import search_slopes, search_wavefronts
-    from heliosweep.kernels.sun_profiles import jose
-    from tests.kernels.gazing_twin import paper_canting, paper_grid, paper_scene
+    from heliosweep.kernels.gazing.geometry import transfers
+    from heliosweep.kernels.gazing.linear import method_a
+    from heliosweep.kernels.gazing.lm import fit_slopes
+    from heliosweep.kernels.gazing.mirror import themis_8
+    from heliosweep.kernels.gazing.rendering import image_set, module_spheres
+    from heliosweep.kernels.gazing.search import search_slopes, search_wavefronts
+    from heliosweep.kernels.sun.profiles import jose
+    from tests.kernels.gazing.twin import paper_canting, paper_grid, paper_scene
 
     layout, grid, profile = paper_scene(), paper_grid(0.2), jose()
     y, z = grid.pixel_y, grid.pixel_z

@@ -1,20 +1,97 @@
-"""Compiler options, the warm start and the pure-Python switch."""
+"""Compiler options, compiled code on disk and the pure-Python switch."""
 
-import operator
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from numba.core import types
+import pytest
 from numba.core.registry import cpu_target
 
-from heliosweep.kernels import compiled, parts, warm
-from heliosweep.kernels.field import field_sums, sweep
-from heliosweep.kernels.packets import packet_order
+from heliosweep.kernels import compiled, machine_code, warm
+from heliosweep.kernels.field.efficiency import field_sums, sweep
+from heliosweep.kernels.field.packets import packet_order
+
+COUNT = """
+import sys; sys.path.insert(0, {folder!r})
+from made.upper import twice_and_one
+assert twice_and_one(3.0) == {expected}
+print(sum(twice_and_one.stats.cache_misses.values()))
+"""
+UPPER = """
+from heliosweep.kernels.compiled import kernel
+from made.lower import twice
+
+@kernel
+def twice_and_one(x):
+    return twice(x) + 1.0
+"""
+LOWER = """
+from heliosweep.kernels.compiled import inner
+
+@inner
+def twice(x):
+    return 2.0 * x
+"""
+
+
+def run(program: str, **variables: str) -> str:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **variables}
+    command = [sys.executable, "-W", "error", "-c", program]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.fixture
+def made(tmp_path):
+    """A package of two modules of kernels, one of which calls the other, and a third that neither imports."""
+    folder = tmp_path / "made"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "upper.py").write_text(UPPER)
+    (folder / "lower.py").write_text(LOWER)
+    (folder / "other.py").write_text("ONE = 1.0\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "result", "compilations"),
+    [
+        ("lower", "2.0 * x", "3.0 * x", 10.0, "1"),
+        ("upper", "1.0", "2.0", 8.0, "1"),
+        ("upper", "\n@kernel", "# a comment, on a line of its own\n\n@kernel", 7.0, "0"),
+        ("lower", "def twice(x):", 'def twice(x: float) -> float:\n    """Words."""', 7.0, "0"),
+        ("other", "1.0", "2.0", 7.0, "0"),
+    ],
+)
+def test_kernels_are_compiled_anew_where_they_or_those_they_call_change(made, name, old, new, result, compilations):
+    environment = {"NUMBA_CACHE_DIR": str(made.parent / "cache")}
+    program = {expected: COUNT.format(folder=str(made.parent), expected=expected) for expected in (7.0, result)}
+    assert [run(program[7.0], **environment) for _ in range(2)] == ["1", "0"]
+    path = made / f"{name}.py"
+    path.write_text(path.read_text().replace(old, new))
+    assert run(program[result], **environment) == compilations
+
+
+def test_old_compiled_code_is_removed(made, monkeypatch):
+    monkeypatch.syspath_prepend(str(made.parent))
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(made.parent / "cache"))
+    from made.upper import twice_and_one  # type: ignore[import-not-found]
+
+    folder = machine_code.Path(twice_and_one._cache.cache_path)
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(20):
+        old = folder / f"upper.twice_and_one-{number:016x}.nbc"
+        old.touch()
+        os.utime(old, (1e9 + number, 1e9 + number))
+    other = folder / "upper.another-0.nbc"
+    other.touch()
+    assert twice_and_one(3.0) == 7.0
+    left = sorted(folder.glob("upper.twice_and_one-*.nbc"))
+    assert len(left) == machine_code._KEPT
+    assert min(path.stat().st_mtime for path in left) == 1e9 + 20 - (machine_code._KEPT - 1)
+    assert other.exists()
 
 
 def test_warm_makes_the_one_signature_ready():
@@ -32,52 +109,22 @@ def test_warm_makes_the_one_signature_ready():
 
 
 def test_code_is_made_of_what_python_calls_alone(tmp_path):
-    assert numba.version_info.short in parts._TRIED_WITH, "try kernels/parts.py with this version of numba, and add it"
+    tried = numba.version_info.short in machine_code._TRIED_WITH
+    assert tried, "try kernels/machine_code.py with this version of numba, and add it"
+    library = cpu_target.target_context.codegen()._library_class
     program = (
-        "import numpy as np; from heliosweep.kernels import packets\n"
+        "import numpy as np; from heliosweep.kernels.field import packets\n"
         "packets.packet_order(np.ones((200, 3)))\n"
         "print(packets._select.signatures, len(packets.packet_order.signatures))"
     )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
-    assert done.stdout.split() == ["[]", "1"]
-
-
-def test_kernels_go_through_few_passes_and_leave_the_compiler_as_it_was():
-    before = types.BaseFunction.get_call_type
-    space: dict[str, Any] = {}
-    exec("def largest(x, y):\n    return max(x, y) + max(x + y, y)", space)
-    largest = compiled.kernel(space["largest"])
-    assert largest(1.0, 2) == 5.0
-    (result,) = largest.overloads.values()
-    (passes,) = result.metadata["pipeline_times"].values()
-    assert len(passes) < 12
-    assert types.BaseFunction.get_call_type is before
-
-
-def test_signatures_of_operators_are_found_once_and_those_of_compiled_code_each_time():
-    typing, asked = cpu_target.typing_context, []
-
-    def find(function, *call):
-        asked.append(function)
-        return types.BaseFunction.get_call_type(function, *call)
-
-    typing.refresh()
-    get_call_type = parts._remembered(find)
-    add, largest = (typing.resolve_value_type(each) for each in (operator.add, max))
-    for function in (add, largest, add, largest):
-        kind = types.float64 if function is add else types.int64
-        get_call_type(function, typing, (types.float64, kind), {})
-    assert asked == [add, largest, largest]
-    assert get_call_type(add, typing, (types.float64, types.float64), {}).return_type == types.float64
-    assert get_call_type(add, typing, (types.int64, types.int64), {}).return_type == types.int64
-    assert asked == [add, largest, largest, add]
+    assert run(program, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["[]", "1"]
+    assert cpu_target.target_context.codegen()._library_class is library
 
 
 def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(monkeypatch):
     monkeypatch.setattr(compiled, "UNCACHED", [])
     space: dict[str, Any] = {}
-    exec("def doubled(x):\n    return 2 * x", space)  # numba caches nothing that has no file
+    exec("def doubled(x):\n    return 2 * x", space)  # nothing is cached that has no file
     assert compiled.kernel(space["doubled"])(3) == 6
     assert compiled.UNCACHED == ["doubled"]
 
@@ -85,10 +132,9 @@ def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(mo
 def test_each_family_warms_its_own_kernels():
     program = (
         "import sys; from heliosweep.kernels.warm import warm_dish; warm_dish()\n"
-        "print('heliosweep.kernels.tracking' in sys.modules, 'heliosweep.kernels.field' in sys.modules)"
+        "print('heliosweep.kernels.dish.tracking' in sys.modules, 'heliosweep.kernels.field.efficiency' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True", "False"]
+    assert run(program).split() == ["True", "False"]
 
 
 def test_options():
@@ -100,36 +146,29 @@ def test_options():
         assert not options.get("fastmath")
 
 
-def test_kernels_run_as_plain_python_with_nearly_the_same_result():
-    program = (
-        "import numpy as np, sys\n"
-        "from heliosweep.kernels.field import field_series\n"
+PLAIN = {
+    "field": (
+        "from heliosweep.kernels.field.efficiency import field_series\n"
         "x, y, side = np.array([10., 19., 30.]), np.array([20., 21., 60.]), np.full(3, 5.)\n"
         "s = np.array([[.8, .3, .2]]) / np.sqrt(.77)\n"
-        "print(field_series(x, y, side, side, side, 50., 0, s, 0, 3).ravel().tolist(), 'numba' in sys.modules)"
-    )
-    results = []
-    for switch in ("0", "1"):
-        run = subprocess.run(
-            [sys.executable, "-W", "error", "-c", program],
-            env={**os.environ, "HELIOSWEEP_PURE_PYTHON": switch, "PYTHONPATH": os.pathsep.join(sys.path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        results.append(run.stdout.replace("True", "").replace("False", "").strip())
-    assert results[0] == results[1]
+        "print(field_series(x, y, side, side, side, 50., 0, s, 0, 3).ravel().tolist())"
+    ),
+    "dish": (
+        "from heliosweep.grid.spa import sun_vectors\n"
+        "from heliosweep.kernels.dish.tracking import window_errors\n"
+        "from heliosweep.kernels.dish.windows import pack_windows\n"
+        "utc = np.datetime64('2021-06-21T01:00', 'ns') + np.arange(9) * np.timedelta64(1, 'h')\n"
+        "windows = pack_windows(sun_vectors(utc, 40.0, 95.0), [0, 4, 9])\n"
+        "for model in (0, 1):\n"
+        "    errors = window_errors(model, windows, [0.002, 0.7], [[0.3], [2.0]], [[[0.0]], [[1e-3]]], 0.0, 1e-3)\n"
+        "    print([repr(value) for value in np.ravel(errors)])"
+    ),
+}
 
 
-def test_code_of_old_sources_is_removed(tmp_path):
-    def entry(version: str, age: float) -> Path:
-        path = tmp_path / f"field.sweep-{version}-0a1b2c-7.py311.nbi"
-        path.touch()
-        os.utime(path, (1e9 - age, 1e9 - age))
-        return path
-
-    now, other = entry(compiled._FINGERPRINT, 99.0), tmp_path / "field.cpython-311.pyc"
-    other.touch()
-    versions = [entry(f"{number:012x}", number) for number in range(8)]
-    compiled._remove_stale(str(tmp_path))
-    assert {now, other, *versions[: compiled._KEPT - 1]} == set(tmp_path.iterdir())
+@pytest.mark.parametrize("name", PLAIN)
+def test_kernels_run_as_plain_python_with_the_same_result(name):
+    program = f"import numpy as np, sys\n{PLAIN[name]}\nprint('numba' in sys.modules)"
+    compiled_found, plain_found = (run(program, HELIOSWEEP_PURE_PYTHON=switch).splitlines() for switch in ("0", "1"))
+    assert (compiled_found.pop(), plain_found.pop()) == ("True", "False")
+    assert compiled_found == plain_found

@@ -12,8 +12,6 @@ import sys
 import pytest
 from llvmlite import binding as llvm  # type: ignore[import-untyped]
 
-from heliosweep.kernels import field
-from heliosweep.kernels.compiled import processor
 from tests.kernels.processors import FAMILIES, digests
 
 #: Of each target: what numba is told to use, and the registers that show that it does.
@@ -62,23 +60,27 @@ def test_every_family_on_every_target(family, target, tmp_path):
 
 
 def test_processors_that_share_a_cache_share_no_file():
-    """Two that fill it at the same time would else give the same number to different code."""
-    program = "from heliosweep.kernels.compiled import processor; print(processor())"
-    targets = [("x86-64", "+avx"), ("x86-64", ""), ("haswell", "")]
-    names = {processor()}
+    program = (
+        "from heliosweep.kernels.field.efficiency import sweep; from numba.core.registry import cpu_target\n"
+        "print(sweep._cache.path((), cpu_target.target_context.codegen()))"
+    )
+    targets = [("x86-64", "+avx"), ("x86-64", ""), ("haswell", ""), ("haswell", "")]
+    files = []
     for name, features in targets:
         changed = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "PYTHONPATH": os.pathsep.join(sys.path)}
-        run = [sys.executable, "-c", program]
-        names.add(subprocess.run(run, env=os.environ | changed, capture_output=True, text=True, check=True).stdout)
-    assert len(names) == 1 + len(targets)
-    assert field.sweep.py_func.__qualname__.endswith(f"-{processor()}")
+        command = [sys.executable, "-c", program]
+        files.append(
+            subprocess.run(command, env=os.environ | changed, capture_output=True, text=True, check=True).stdout
+        )
+    assert len(set(files)) == 3
+    assert files[2] == files[3]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 def test_parts_have_the_bits_of_kernels_that_are_compiled_by_themselves(family, tmp_path):
     program = (
-        "import runpy, sys; from heliosweep.kernels import parts; parts._TRIED_WITH.clear()\n"
+        "import runpy, sys; from heliosweep.kernels import machine_code; machine_code._TRIED_WITH.clear()\n"
         f"sys.argv[1:] = [{family!r}]; runpy.run_module('tests.kernels.processors', run_name='__main__')"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}

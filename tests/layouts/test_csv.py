@@ -143,7 +143,7 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
         ("site:\n  latitude: 0\n", ":1", "needs a column x"),
         ("x;y\n1,5;2\n", ":1", "is separated by semicolons; use commas"),
         ("# tabs\nx\ty\n1\t2\n", ":2", "is separated by tabs; use commas"),
-        ('x,y,row\n1,2,"A\n3,4,B\n', ":3", "is not CSV: unexpected end of data"),
+        ('x,y,row\n1,2,"A\n3,4,B\n', ":2", "opens a quoted text that does not end on this line"),
         ('x,y,row\n1,2,"A\n3,4,B"\n5,6,C\n', ":2", "opens a quoted text that does not end on this line"),
         ("X,y\n1,2\n", ":1", "needs a column x, the metres east of the tower's base (rename 'X'?)"),
         ("x_east,y\n1,2\n", ":1", "(rename 'x_east'?)"),

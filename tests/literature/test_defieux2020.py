@@ -12,27 +12,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from tests.conftest import STUDIES
 
 PUBLISHED_FILE = STUDIES / "published" / "defieux2020_table1.csv"
 with PUBLISHED_FILE.open(encoding="utf-8") as file:
     PUBLISHED = {
-        (row["method"], row["sun_profile"], int(row["module"]), row["quantity"][15]): float(row["published"])
+        (row["slope_method"], row["sun_profile"], int(row["module"]), row["quantity"][15]): float(row["published"])
         for row in csv.DictReader(line for line in file if not line.startswith("#"))
     }
 PAPER = ("A", "O1", "O2")
 
 
 def result_of(name: str) -> Any:
-    return workflow.build(workflow.load(STUDIES / f"{name}.yaml")).compute()
+    return api.build(api.load(STUDIES / f"{name}.yaml")).compute()
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """The run of the table's study, with its report."""
     folder = tmp_path_factory.mktemp("defieux2020") / "out"
-    return workflow.run(workflow.load(STUDIES / "defieux2020_table1.yaml"), folder)
+    return api.run(api.load(STUDIES / "defieux2020_table1.yaml"), folder)
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +46,10 @@ def table(result):
     """Errors over (profile, seed, method, module, axis), without a referential. [%]"""
     result = result.sel(module=[2, 3], referential="none")
     both = [
-        result[f"relative_error_{axis}"].transpose("sun_profile", "profile_seed", "method", "module") for axis in "xy"
+        result[f"relative_error_{axis}"].transpose("sun_profile", "profile_seed", "slope_method", "module")
+        for axis in "xy"
     ]
-    assert result["method"].values.tolist() == [*PAPER, "LM"]
+    assert result["slope_method"].values.tolist() == [*PAPER, "LM"]
     return np.stack(both, axis=-1)
 
 
@@ -91,7 +92,7 @@ def test_noisy_o2_is_seldom_the_best_where_the_others_know_the_geometry(result):
     result = result.sel(module=[2, 3], sun_profile="noisy")
     for referential in ("roll", "exact"):
         here = [result[f"relative_error_{axis}"].sel(referential=referential) for axis in "xy"]
-        errors = np.stack([one.transpose("profile_seed", "method", "module") for one in here], axis=-1)
+        errors = np.stack([one.transpose("profile_seed", "slope_method", "module") for one in here], axis=-1)
         size = np.sqrt(np.mean(errors**2, axis=(2, 3)))
         assert 0.3 < np.mean(size[:, 2] < size[:, :2].min(axis=1)) < 0.5
 
@@ -128,19 +129,19 @@ def test_under_4_5_percent_is_a_matter_of_luck(table):
 
 def test_contamination_grows_with_the_sun_s_azimuth():
     result = result_of("sun_azimuth_contamination").sel(module=[2, 3])
-    a, azimuth = result["slope_bias_x"].sel({"method": "A"}), result["sun_azimuth"]
+    a, azimuth = result["slope_bias_x"].sel({"slope_method": "A"}), result["sun_azimuth"]
     none = np.abs(a.sel(referential="none"))
     assert float(none.sel(sun_azimuth=0).max()) < 0.002  # the sun in the target's plane
     assert float(none.sel(sun_azimuth=30, sun_elevation=60).mean()) == pytest.approx(0.147, abs=0.003)
     assert (none.sel(module=2, sun_azimuth=azimuth[azimuth >= 0]).diff("sun_azimuth") > 0).all()
     assert float(np.abs(a.sel(referential="exact")).max()) < 0.01
     assert 0.02 < float(np.abs(a.sel(referential="roll")).max()) < 0.1
-    assert float(np.abs(result["slope_bias_x"].sel({"method": "LM"})).max()) < 3e-4
+    assert float(np.abs(result["slope_bias_x"].sel({"slope_method": "LM"})).max()) < 3e-4
 
 
 def test_profile_and_gain_limit_the_method():
     """One percent of angular radius costs about 2 % of slope; one of gain 3 % on module 3, 6 % on module 2."""
-    result = result_of("profile_error").sel({"method": "LM", "module": [2, 3]}).isel(referential=0)
+    result = result_of("profile_error").sel({"slope_method": "LM", "module": [2, 3]}).isel(referential=0)
     wide = result["relative_error_y"].sel(profile_error=0.01, gain_error=0)
     bright = result["relative_error_y"].sel(profile_error=0, gain_error=0.01)
     assert wide.to_numpy() == pytest.approx(np.array([1.84, 2.12]), abs=0.1)
@@ -149,7 +150,7 @@ def test_profile_and_gain_limit_the_method():
 
 
 def test_near_cameras_see_more_and_far_ones_more_precisely():
-    result = result_of("camera_radius").sel({"method": "LM", "arrangement": "square"}).isel(referential=0)
+    result = result_of("camera_radius").sel({"slope_method": "LM", "arrangement": "square"}).isel(referential=0)
     bound = result["cramer_rao_bound_y"].sel(canting_scale=0).mean(["camera_seed", "module"])
     assert (bound.diff("camera_radius") < 0).all()
     seen = (result["lit_cameras"].sel(module=2).mean("camera_seed") == 1).sum("canting_scale")
@@ -160,7 +161,7 @@ def test_near_cameras_see_more_and_far_ones_more_precisely():
 
 def test_a_field_is_measured_far_from_the_tower_and_under_a_sun_behind_it():
     result = result_of("field_of_heliostats")
-    lm = result.sel({"method": "LM", "referential": "exact"})
+    lm = result.sel({"slope_method": "LM", "referential": "exact"})
     seen = lm["usable_fraction"] > 0.9
     assert [int(seen.sel(hour=hour).sum()) for hour in (9, 12, 15)] == pytest.approx([126, 144, 126], abs=5)
     assert float(lm["incidence"].where(seen).max()) < 35
@@ -173,6 +174,6 @@ def test_a_field_is_measured_far_from_the_tower_and_under_a_sun_behind_it():
 def test_report_compares_all_24(run):
     with (run.folder / "comparison.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    differ = [(row["method"], row["module"], row["quantity"]) for row in rows if row["verdict"] != "agrees"]
+    differ = [(row["slope_method"], row["module"], row["quantity"]) for row in rows if row["verdict"] != "agrees"]
     assert len(rows) == 24
     assert differ == [("O1", "2", "relative_error_y_median")]  # exceeded by 2 of 64 seeds

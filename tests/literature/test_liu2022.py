@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.report.comparison import compare
 from heliosweep.report.published import read_published
 from tests.conftest import STUDIES
@@ -18,10 +18,10 @@ from tests.conftest import STUDIES
 
 @pytest.mark.parametrize(("name", "count"), [("liu2022_table2", 12), ("liu2022_table3", 24)])
 def test_published_numbers_agree(name, count):
-    study = workflow.load(STUDIES / f"{name}.yaml")
+    study = api.load(STUDIES / f"{name}.yaml")
     published = study.report.published
     assert published is not None
-    compared = compare(workflow.build(study).compute(), read_published(study.resolve(published.file)))
+    compared = compare(api.build(study).compute(), read_published(study.resolve(published.file)))
     assert len(compared) == count
     for number in compared:
         assert abs(number.difference) <= number.tolerance, number
@@ -29,8 +29,8 @@ def test_published_numbers_agree(name, count):
 
 def test_dates_of_the_steep_minima():
     """Table 3: minima at 15 to 60 deg fall within days of the printed dates; flat extremes do not tell a date."""
-    study = workflow.load(STUDIES / "liu2022_table3.yaml")
-    dates = workflow.build(study)["date_of_min"].compute()
+    study = api.load(STUDIES / "liu2022_table3.yaml")
+    dates = api.build(study)["date_of_min"].compute()
     printed = {0: "2021-06-21", 15: "2021-12-12", 30: "2021-12-10", 45: "2021-12-05", 60: "2021-11-27"}
     for direction, date in printed.items():
         found = dates.sel(axis_tilt_direction=direction).values.astype("datetime64[D]")
@@ -39,7 +39,7 @@ def test_dates_of_the_steep_minima():
 
 def test_longitude_effect_is_the_window_s():
     """With daylight only and the rigid model all six sites lie between 0.634 and 0.646 on 21 June."""
-    study = workflow.load(STUDIES / "liu2022_daylight.yaml")
-    mean = workflow.build(study)["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid").compute()
+    study = api.load(STUDIES / "liu2022_daylight.yaml")
+    mean = api.build(study)["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid").compute()
     assert mean.sizes == {"site": 6}
     assert 0.6335 <= float(mean.min()) <= float(mean.max()) <= 0.6460

@@ -9,14 +9,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from tests.conftest import STUDIES
 
 
 @pytest.fixture(scope="module")
 def result():
     return {
-        name: workflow.build(workflow.load(STUDIES / f"{name}.yaml")).compute()
+        name: api.build(api.load(STUDIES / f"{name}.yaml")).compute()
         for name in ("deviation_curves", "spot_drift", "figure7_hyperbolas")
     }
 

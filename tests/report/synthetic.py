@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from heliosweep.api import load
 from heliosweep.families.field_efficiency import variables
+from heliosweep.grid.regions import Variable
+from tests.conftest import SMALL
 
 BOTH = ("spinning_elevation", "azimuth_elevation")
 UNITS = {"latitude": "degrees_north", "receiver_height": "m", "clearance": "m"}
@@ -38,11 +42,24 @@ def result(
         labels[side] = ((), 11.0, {"units": "m", "long_name": side.replace("_", " ")})
     data: dict[str, Any] = {
         name: ((*sweep, "heliostat"), rng.uniform(0.6, 0.9, (*shape, heliostats)), attrs)
-        for name, attrs in variables.ANNUAL.items()
+        for name, attrs in _attributes(variables.EFFICIENCIES).items()
     }
-    data |= {name: (tuple(sweep), rng.uniform(0.6, 0.9, shape), attrs) for name, attrs in variables.FIELD.items()}
+    means = (*variables.FIELD_MEANS, variables.FACTORED)
+    data |= {name: (tuple(sweep), rng.uniform(0.6, 0.9, shape), attrs) for name, attrs in _attributes(means).items()}
     about = {"title": "A field", "summary": "Some words.", "study": json.dumps({"family": "field_efficiency"})}
     return xr.Dataset(data, labels, {**about, **(attrs or {})})
+
+
+@cache
+def _stated() -> dict[str, Variable]:
+    """Variables of a study with time series."""
+    study: Any = load({**SMALL, "output": {"time_series": True}})
+    return variables.variables(study)
+
+
+def _attributes(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
+    """Attributes of some variables of the family."""
+    return {name: _stated()[name].attrs for name in names}
 
 
 def with_series(dataset: xr.Dataset, labels: Mapping[str, Any]) -> xr.Dataset:
@@ -53,4 +70,4 @@ def with_series(dataset: xr.Dataset, labels: Mapping[str, Any]) -> xr.Dataset:
     values[..., 0, :] = np.nan
     name = "instantaneous_optical_efficiency"
     dims = (*like.dims[:-1], "time", "heliostat")
-    return dataset.assign({name: (dims, values, variables.SERIES[name])}).assign_coords(labels)
+    return dataset.assign({name: (dims, values, _attributes([name])[name])}).assign_coords(labels)

@@ -5,15 +5,7 @@ from __future__ import annotations
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.report.comparison import (
-    compare,
-    comparison_csv,
-    comparison_text,
-    published_in,
-    read_comparison,
-    summary,
-    told,
-)
+from heliosweep.report.comparison import Compared, compare, comparison_csv, published_in, read_comparison, told
 from heliosweep.report.published import read_published
 from tests.conftest import STUDIES
 from tests.report.synthetic import BOTH, result
@@ -56,17 +48,20 @@ def test_numbers_within_their_tolerance_agree_and_others_differ(dataset, table):
     compared = compare(dataset, table(HEADER + rows))
     assert [one.verdict for one in compared] == ["agrees", "agrees", "differs", "differs"]
     assert [one.difference for one in compared] == pytest.approx([0, 0.025, 0.025, -0.0014])
-    assert summary(compared) == ("2 of 4 published values agree, largest difference 0.025 percentage points and 0.0014")
-    text = comparison_text(compared)
-    assert "84.475      84.45      +0.025" in text
-    assert text.endswith(summary(compared))
+    assert Compared(compared, "").summary == (
+        "2 of 4 published values agree, largest difference 0.025 percentage points and 0.0014"
+    )
+    table = Compared(compared, "").table(dataset)
+    assert table.header[:3] == ["quantity", "tracking", "latitude (°\N{NO-BREAK SPACE}N)"]
+    assert table.rows[1][3:6] == ["84.475", "84.45", "+0.025"]
+    assert table.classes == ["agrees", "agrees", "differs", "differs"]
 
 
 def test_a_missing_value_differs(dataset, table):
     dataset["field_cosine_efficiency"][:] = float("nan")
     [one] = compare(dataset, table(HEADER + "azimuth_elevation,0,field_cosine_efficiency,84.99,percent,0.02\n"))
     assert one.verdict == "differs"
-    assert summary([one]).startswith("0 of 1 published values agree")
+    assert Compared([one], "").summary.startswith("0 of 1 published values agree")
 
 
 def test_scalar_coordinates_and_coordinates_along_a_dimension(table):
@@ -141,8 +136,8 @@ def test_a_table_that_is_not_there(tmp_path):
 def test_the_stored_comparison_reads_back(dataset, table, tmp_path):
     compared = compare(dataset, table(HEADER + "azimuth_elevation,15,field_cosine_efficiency,84.450,percent,0.07\n"))
     path = tmp_path / "comparison.csv"
-    path.write_text(comparison_csv(compared, "A paper,\ntwo lines"), encoding="utf-8")
-    assert read_comparison(path) == (compared, "A paper,\ntwo lines")
+    path.write_text(comparison_csv(Compared(compared, "A paper,\ntwo lines")), encoding="utf-8")
+    assert read_comparison(path) == Compared(compared, "A paper,\ntwo lines")
     path.write_text(HEADER + "a,0,b,1,1,1\n", encoding="utf-8")
     assert "is no comparison that heliosweep wrote" in problems(read_comparison, path)[0]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.families.field_efficiency import courses
-from heliosweep.families.field_efficiency.report import figures
+from heliosweep.families.field_efficiency import figures as drawing
+from heliosweep.families.field_efficiency.figures import figures
 from heliosweep.report.style import image
 from tests.report.synthetic import BOTH, result, with_series
 
@@ -193,7 +193,7 @@ def test_sweeps_of_several_numbers_draw_a_few_figures_and_say_which():
     ]
     assert found["efficiency_over_clearance"].figure.axes[0].get_xscale() == "log"
     assert "receiver height 80 m" in found["efficiency_over_clearance"].caption
-    assert "clearance 1 m, receiver height 80 m" in found["field_maps"].caption
+    assert "clearance 10 m (one of 3), receiver height 80 m (one of 2)" in found["field_maps"].caption
 
 
 def test_large_fields_are_drawn():
@@ -204,13 +204,13 @@ def test_large_fields_are_drawn():
 def test_days_of_a_series(monkeypatch):
     dataset = CASES["series"]()
     read = set()
-    means = courses.field_means
+    means = drawing.field_means
 
     def noted(here, part):
         read.add((part.start, part.stop))
         return means(here, part)
 
-    monkeypatch.setattr(courses, "field_means", noted)
+    monkeypatch.setattr(drawing, "field_means", noted)
     named = drawn(dataset)["day_courses"]
     panels = named.figure.axes
     assert len(panels) == 6
@@ -224,9 +224,9 @@ def test_days_of_a_series(monkeypatch):
 def test_means_are_weighted_by_area_and_read_in_pieces(monkeypatch):
     dataset = with_series(result(heliostats=2), {"day": ("time", [1.0, 1, 1]), "solar_hour": ("time", [6.0, 12, 18])})
     dataset = dataset.assign_coords(heliostat_width=("heliostat", [1.0, 3.0]))
-    whole = courses.field_means(dataset, slice(0, 3))
-    monkeypatch.setattr(courses, "PIECE", 1)
-    np.testing.assert_array_equal(courses.field_means(dataset, slice(0, 3)), whole)
+    whole = drawing.field_means(dataset, slice(0, 3))
+    monkeypatch.setattr(drawing, "PIECE", 1)
+    np.testing.assert_array_equal(drawing.field_means(dataset, slice(0, 3)), whole)
     one, other = dataset["instantaneous_optical_efficiency"].to_numpy()[1]
     assert np.isnan(whole[0])
     assert whole[1] == pytest.approx(100 * (one + 3 * other) / 4)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 import json
+import re
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.families.registry import families
-from heliosweep.report import payload
-from heliosweep.report.interactive import digest, interactive, policy, script_json
-from heliosweep.report.page import write_report
+from heliosweep.errors import HeliosweepError
+from heliosweep.families.family import families
+from heliosweep.report import interactive, payload
+from heliosweep.report.page import digest, render, write_report
 from heliosweep.report.payload import PAGE_VALUES, shares, thinned, view_payload, wanted
 from heliosweep.report.views import View, default_views, usable
 from tests.report.synthetic import BOTH, result, with_series
@@ -21,9 +21,9 @@ EVIL = "</script><!-- \u2028\u2029 <script>alert(1)</script> & ]]>"
 
 
 def numbers(made, name):
-    array = made["arrays"][name]
-    values = np.frombuffer(base64.b64decode(array["data"]), dtype="<f4")
-    return xr.DataArray(values.reshape(array["shape"]), dims=array["dims"])
+    """Numbers of a quantity, or of a side of the places of mirrors."""
+    array = made["places"].get(name) or next(one for one in made["quantities"] if one["name"] == name)
+    return xr.DataArray(array["values"].reshape(array["shape"]), dims=array["dims"])
 
 
 def declared(family, data):
@@ -40,7 +40,7 @@ def test_views_of_a_field():
     assert made["dims"]["latitude"]["texts"] == ["0°", "15° N", "30° N"]
     assert made["dims"]["tracking"]["kind"] == "word"
     assert made["thinned"] == ""
-    assert made["arrays"]["place_width"]["shape"] == []
+    assert made["places"]["width"]["shape"] == []
 
 
 @pytest.mark.parametrize("family", list(families()))
@@ -90,7 +90,7 @@ def test_large_sweeps_are_thinned_to_the_budget_and_say_so():
     kept = numbers(made, "factor")
     assert 50_000 < kept.size <= 100_000
     assert kept.sizes["direction"] == 24
-    dates = np.array(made["dims"]["date"]["values"]).astype(int)
+    dates = made["dims"]["date"]["at"].astype(int)
     assert dates[0] == 0
     assert dates[-1] == 364
     assert kept[-1, 3, 2, 1] == pytest.approx(data["factor"][-1, dates[3], 2, 1].item())
@@ -134,18 +134,17 @@ def test_quantities_without_any_value_are_left_out():
 def test_words_of_the_program_lose_their_underscores_and_names_keep_them():
     labels = {key: ["tilt_x", "b_c"] for key in ("parameter", "site")}
     data = xr.Dataset({"a": (tuple(labels), np.ones((2, 2)))}, labels)
-    made = view_payload(data, View("curves", "", ("a",), ("parameter",), colours={"b c": "#000000"}))
+    made = view_payload(data, View("curves", "", ("a",), ("parameter",)))
     assert made["dims"]["parameter"]["texts"] == ["tilt x", "b c"]
     assert made["dims"]["site"]["texts"] == ["tilt_x", "b_c"]
-    assert made["colours"] == {"b c": "#000000"}
 
 
 def test_large_arrays_are_read_in_parts(monkeypatch):
     data = xr.Dataset({"a": (("one", "mode", "hour"), np.arange(600.0).reshape(1, 6, 100))}, {"hour": np.arange(100.0)})
     view = View("curves", "", ("a",), ("hour",))
-    whole = view_payload(data, view, 200)
+    whole = numbers(view_payload(data, view, 200), "a")
     monkeypatch.setattr(payload, "WHOLE", 50)
-    assert view_payload(data.chunk({"hour": 7}), view, 200) == whole
+    assert numbers(view_payload(data.chunk({"hour": 7}), view, 200), "a").identical(whole)
 
 
 def test_layouts_of_a_sweep_stand_where_each_has_its_heliostats():
@@ -153,7 +152,7 @@ def test_layouts_of_a_sweep_stand_where_each_has_its_heliostats():
     places = np.arange(16.0).reshape(2, 8)
     data = data.assign_coords(x=(("layout", "heliostat"), places), y=(("layout", "heliostat"), -places))
     (view,) = usable(data, [View("field", "", ("optical_efficiency",), ("heliostat",))])
-    assert numbers(view_payload(data, view), "place_x").to_numpy() == pytest.approx(places)
+    assert numbers(view_payload(data, view), "x").to_numpy() == pytest.approx(places)
     assert usable(data, [View("field", "", ("field_optical_efficiency",), ("heliostat",))]) == []
 
 
@@ -168,38 +167,52 @@ def test_instants_are_told_by_what_runs_along_them():
 def test_missing_and_infinite_values_have_one_pattern_of_bits():
     data = xr.Dataset({"a": ("hour", [1.0, np.nan, np.inf, -np.nan])}, {"hour": np.arange(4.0)})
     made = view_payload(data, View("curves", "", ("a",), ("hour",)))
-    raw = base64.b64decode(made["arrays"]["a"]["data"])
+    raw = numbers(made, "a").to_numpy().tobytes()
     assert raw[4:8] == raw[8:12] == raw[12:16]
 
 
-def test_words_stay_words_in_scripts():
-    text = script_json({EVIL: [EVIL]})
-    assert not set("<>&\u2028\u2029") & set(text)
-    assert json.loads(text) == {EVIL: [EVIL]}
+def written(folder, data):
+    """The page of a result of no family, or of that which it names."""
+    data.to_netcdf(folder / "result.nc", engine="netcdf4")
+    return write_report(folder, families())
+
+
+def test_words_stay_words_in_scripts(tmp_path):
     data = result({"latitude": [0.0, 1.0, 2.0], "tracking": [EVIL, "b"]}, attrs={"title": EVIL})
     data["optical_efficiency"].attrs["long_name"] = EVIL
-    made = interactive(data, declared("field_efficiency", data))
-    assert "<script>alert" not in made.body + made.end
-    assert made.end.count("</script>") == 1 + len(made.scripts)
+    text = written(tmp_path, data).read_text(encoding="utf-8")
+    assert "<script>alert" not in text
+    plots = text.partition('<script type="application/json" id="heliosweep-plots">')[2].partition("</script>")[0]
+    assert not set("<>&\u2028\u2029") & set(plots)
+    assert EVIL in json.dumps(json.loads(plots), ensure_ascii=False)
+    assert text.count("</script>") == 3
 
 
-def test_only_known_scripts_run():
-    data = result({"latitude": [0.0, 1.0, 2.0]})
-    made = interactive(data, default_views(data))
-    sources = made.end.split("<script>")[1:]
-    assert tuple(digest(source.removesuffix("\n").removesuffix("</script>")) for source in sources) == made.scripts
-    rules = policy(made.scripts)
-    assert all(f"'{script}'" in rules for script in made.scripts)
-    assert "default-src 'none'" in rules
-    assert "unsafe-eval" not in rules
-    assert "script-src 'none'" in policy(())
+def test_only_known_scripts_run(tmp_path):
+    text = written(tmp_path, result({"latitude": [0.0, 1.0, 2.0]})).read_text(encoding="utf-8")
+    sources = [source.partition("</script>")[0] for source in text.split("<script>")[1:]]
+    (rules,) = re.findall('http-equiv="Content-Security-Policy" content="([^"]*)"', text)
+    allowed = " ".join(f"'{digest(source)}'" for source in sources)
+    assert rules.split("; ") == [
+        "default-src 'none'",
+        "img-src data:",
+        "style-src 'unsafe-inline'",
+        f"script-src {allowed}",
+        "base-uri 'none'",
+    ]
+    assert len(sources) == 2
+    assert "script-src 'none'" in render("index.html", title="Studies", scripts=(), studies=())
+
+
+def test_a_script_that_ends_a_script_is_refused():
+    with pytest.raises(HeliosweepError, match="holds the end of a script"):
+        interactive._harmless("'</SCRIPT>'")
 
 
 @pytest.mark.slow
 def test_the_largest_page_stays_small(tmp_path):
     data = result({"latitude": [*range(-60, 61, 2)], "tracking": BOTH, "receiver_height": [80, 100, 120]}, 5000)
-    data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
-    page = write_report(tmp_path)
+    page = written(tmp_path, data)
     assert page.stat().st_size < 6e6
     assert "Thinned for this page" in page.read_text(encoding="utf-8")
 
@@ -220,8 +233,8 @@ def test_titles_of_curves_name_what_is_drawn_over_what(family):
     made = [view_payload(data, view) for view in usable(data, views) if view.kind == "curves"]
     assert made[0]["title"] == "Slope of all over hour"
     assert not {one["title"] for one in made} & {"", "Curves", "Over what is swept", "Modules"}
-    text = interactive(data, default_views(data)).body
-    assert ">Slope of all over hour</h3>" in text
+    frames, _ = interactive.explore(data, default_views(data))
+    assert frames[0]["title"] == "Slope of all over hour"
 
 
 def test_words_of_many_values_take_no_look_at_other_coordinates(monkeypatch):
@@ -237,3 +250,45 @@ def test_words_of_many_values_take_no_look_at_other_coordinates(monkeypatch):
     monkeypatch.setattr(payload, "_word", word)
     assert view_payload(data, view)["dims"]["heliostat"]["texts"] == [str(number) for number in range(300)]
     assert set(seen) == {0}
+
+
+def test_lines_look_as_in_the_figures_and_many_are_shades_of_one_scale():
+    few = interactive._looks(["a", "b c"], {"b c": "#000000"})
+    assert few is not None
+    assert [one["color"] for one in few] == ["#0072B2", "#000000"]
+    assert few[0]["dash"] != few[1]["dash"]
+    many = interactive._looks([str(i) for i in range(20)], {})
+    assert many is not None
+    assert len({one["color"] for one in many}) == 20
+    assert {(one["mark"], *one["dash"]) for one in many} == {("circle",)}
+    assert interactive._looks([str(i) for i in range(27)], {}) is interactive._looks(["one"], {}) is None
+
+
+def test_differences_have_one_scale_about_zero():
+    data = result({"latitude": [0.0, 15.0], "tracking": BOTH}, heliostats=40)
+    made = view_payload(data, View("field", "", ("optical_efficiency",), ("heliostat",), less="tracking"))
+    plain, first, second = made["quantities"][0]["shown"]
+    spread = 100 * np.abs(data["optical_efficiency"].diff("tracking")).max().item()
+    assert first["high"] == -first["low"] == pytest.approx(spread)
+    assert (plain["unit"], second["unit"]) == ("%", "percentage points")
+    assert second["label"].endswith("less that of azimuth-elevation (percentage points)")
+
+
+def test_equal_steps_and_equal_ratios():
+    labels = {"hour": [15.0, 9.0, 12.0], "height": [1.0, 10.0, 100.0], "width": [1.0, 2.0, 4.0]}
+    data = xr.Dataset({"a": (tuple(labels), np.arange(27.0).reshape(3, 3, 3))}, labels)
+    made = view_payload(data, View("curves", "", ("a",), tuple(labels)))
+    assert [one["kind"] for one in made["dims"].values()] == ["number", "power", "number"]
+    assert made["dims"]["height"]["at"] == pytest.approx([0, 1, 2])
+    assert made["dims"]["hour"]["texts"] == ["9", "12", "15"]
+    assert numbers(made, "a")[:, 0, 0].to_numpy() == pytest.approx([9, 18, 0])
+
+
+@pytest.mark.parametrize(
+    "label", ["short (m)", "place on the mirror, to the right as seen from the target, " * 4, "W" * 99]
+)
+def test_labels_fit_a_narrow_plot(label):
+    lines = payload.fold(label, 200).split("\n")
+    assert len(lines) <= payload.MOST_FOLDS
+    assert all(payload._width(line) <= 200 for line in lines)
+    assert (" ".join(lines) == label) == (label == "short (m)")

@@ -12,16 +12,21 @@ import xarray as xr
 
 from heliosweep.cli import main
 from heliosweep.errors import StudyError
-from heliosweep.families.registry import Table
-from heliosweep.report import sections
-from heliosweep.report.comparison import Comparison
-from heliosweep.report.html import element, html, linked
-from heliosweep.report.page import write_report
-from heliosweep.store.digest import file_digest
+from heliosweep.families.family import families
+from heliosweep.report import page, sections
+from heliosweep.report.comparison import Compared, Comparison
+from heliosweep.report.contents import Table
+from heliosweep.report.page import linked
+from heliosweep.store.read import file_digest
 from tests.report.synthetic import BOTH, result
 
+
+def write_report(folder, study=None, known=None, **how):
+    return page.write_report(folder, families() if known is None else known, study, **how)
+
+
 EVIL = "<script>alert('&')</script>"
-VOID = {"meta", "img", "br", "link"}
+VOID = {"meta", "img", "br", "link", "input"}
 
 
 class Page(HTMLParser):
@@ -209,9 +214,7 @@ def test_a_folder_without_result(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_pieces_of_html():
-    assert element("p", "<b>", element("b", "&"), title='"') == '<p title="&quot;">&lt;b&gt;<b>&amp;</b></p>'
-    assert html(1.5) == "1.5"
+def test_links_of_references():
     assert linked("see doi:10.1/a<b> and no more") == "see doi:10.1/a&lt;b&gt; and no more"
     assert linked("(doi 10.1155/2012/908364).") == (
         '(<a href="https://doi.org/10.1155/2012/908364">doi 10.1155/2012/908364</a>).'
@@ -223,9 +226,8 @@ def test_columns_of_numbers_keep_their_names_beside_a_coordinate_of_the_same_nam
     data = result({"latitude": [0.0, 15.0], "tracking": BOTH}).assign_coords(tolerance=4.0)
     data["tolerance"].attrs = {"long_name": "tolerance", "units": "mrad"}
     values = [Comparison("field_optical_efficiency", {"tracking": BOTH[0], "latitude": "0"}, 0.8, 0.8, 0.1, "1", 2)]
-    shown = str(sections.comparison(sections.Compared(values, "a paper"), data))
-    assert "tolerance" in shown
-    assert "mrad" not in shown
+    assert "tolerance" in Compared(values, "a paper").table(data).header
+    assert "mrad" not in str(Compared(values, "a paper").table(data))
 
 
 def test_remarks_of_the_run_stand_before_the_results(folder):
@@ -244,20 +246,22 @@ def test_flags_are_said_in_words_and_points_by_their_names():
         {"status": ("heliostat", np.array([2, 0, 7], np.int8), flags)},
         {"heliostat": [0, 1, 2], "name": ("heliostat", np.array(["A1", "B2", "C3"], object))},
     )
-    text = Page(sections.headline(data)).text
-    assert all(words in text for words in ("A1hardly known", "B2well known", "C3\N{EN DASH}"))
+    (table,) = sections.results(data, [])["tables"]
+    assert table.rows == [("A1", "hardly known"), ("B2", "well known"), ("C3", "\N{EN DASH}")]
 
 
-def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole():
+def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_path):
     data = xr.Dataset({"part": ("latitude", [0.1, 0.2])}, {"latitude": [0.0, 1.0], "height": 3.0})
+    data.assign_attrs(study=json.dumps({"family": "new"})).to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     table = Table(
         "Errors", ["mount", f"error {EVIL}"], [["A", "1 \N{PLUS-MINUS SIGN} 2"]], frozenset({0}), ["One note."]
     )
-    page = Page(sections.results(data, [table]))
-    assert all(words in page.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
-    assert page.all("script") == []
-    assert len(page.all("table")) == 1
-    assert "part" in Page(sections.results(data, [])).text
+    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: ())
+    shown = Page(write_report(tmp_path, known={"new": family}).read_text(encoding="utf-8"))
+    assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
+    assert shown.scripts == []
+    assert len(shown.all("table")) == 1
+    assert "part" in Page(write_report(tmp_path, known={}).read_text(encoding="utf-8")).text
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,24 @@
-"""A small result in both formats, as a run would write it, part by part."""
+"""A small result in both formats, as a run leaves it."""
 
 from __future__ import annotations
 
-import itertools
-import json
+import os
+import tempfile
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.identity import resolved_yaml
+from heliosweep.config.blocks import Output
 from heliosweep.config.study import Study
-from heliosweep.grid.slabs import Part, slabs
-from heliosweep.store import zarr_result
-from heliosweep.store.digest import content_digest, file_digest, part_digest, tree, tree_digest
-from heliosweep.store.encoding import Variable
-from heliosweep.store.netcdf import ResultWriter
+from heliosweep.grid.regions import Cut, Part, Variable
+from heliosweep.store.encoding import Skeleton, slab_digest, slab_rows
+from heliosweep.store.folder import write_manifest
+from heliosweep.store.result import publish
 
 SIZES = {"latitude": 3, "time": 10, "heliostat": 7}
 COORDINATES = xr.Dataset(
@@ -34,26 +35,36 @@ VARIABLES = {
     "mean": Variable(("latitude", "heliostat"), {"units": "1", "valid_range": np.array([0.0, 1.0])}),
     "power": Variable(("latitude", "time", "heliostat"), {"units": "W"}),
     "flag": Variable(("latitude",), {"flag_values": np.array([0, 1], dtype=np.int8)}, np.dtype(np.int8)),
-    "noon": Variable(("latitude",), {"long_name": "noon"}, np.dtype("datetime64[ns]")),
+    "noon": Variable(("latitude",), {"long_name": "noon"}, np.dtype("datetime64[ns]"), finished=True),
 }
 VALUES: dict[str, np.ndarray] = {
     "mean": np.linspace(0, 1, 21).reshape(3, 7),
     "power": np.linspace(0, 1, 210).reshape(3, 10, 7),
     "flag": np.array([0, 1, 1], dtype=np.int8),
-    "noon": np.array([1.5e9, np.nan, 1.6e9]),
+    "noon": np.array(["2017-07-14T02:40", "NaT", "2020-09-13T12:26:40"], dtype="datetime64[ns]"),
 }
 VALUES["mean"][1] = np.nan
 ATTRIBUTES = {"title": "test", "study_id": "0123456789ab", "study": '{"a": 1, "b": {"c": 2}}', "version": np.int32(1)}
-CUT = {
-    "points": {"latitude": 2},
-    "series": {"latitude": 1, "time": 4, "heliostat": 4},
-    "storage": {"time": 2, "heliostat": 4},
+CUTS = {
+    "points": Cut({"latitude": 3}, {"latitude": 2}, {"latitude": 1}),
+    "series": Cut(SIZES, {"latitude": 1, "time": 4, "heliostat": 4}, {"latitude": 1, "time": 4, "heliostat": 2}),
 }
+SKELETON = Skeleton(SIZES, COORDINATES, VARIABLES, ATTRIBUTES, {"time": 2, "heliostat": 4}, CUTS)
+#: Of a plan, what a finished result is held against.
+PLAN: Any = SimpleNamespace(variables=VARIABLES, cuts=CUTS)
+NETCDF, ZARR = Output(), Output.model_validate({"format": "zarr"})
+
+
+def slabs(cuts: Mapping[str, Cut] = CUTS) -> Iterator[Part]:
+    for kind, cut in cuts.items():
+        for number, region in enumerate(cut.slabs()):
+            yield Part(f"{kind}-{number:05}", kind, region)
 
 
 def parts() -> Iterator[Part]:
-    for kind, lengths in itertools.islice(CUT.items(), 2):
-        for number, region in enumerate(slabs({dim: SIZES[dim] for dim in lengths}, lengths)):
+    for kind, cut in CUTS.items():
+        regions = (region for slab in cut.slabs() for region in cut.parts(slab))
+        for number, region in enumerate(regions):
             yield Part(f"{kind}-{number:05}", kind, region)
 
 
@@ -61,61 +72,56 @@ def values(part: Part) -> dict[str, np.ndarray]:
     return {
         name: VALUES[name][tuple(part.region.get(dim, slice(None)) for dim in item.dims)]
         for name, item in VARIABLES.items()
-        if ("time" in item.dims) == (part.kind == "series")
+        if item.kind == part.kind
     }
 
 
 def digests() -> dict[str, str]:
-    return {part.name: part_digest(values(part)) for part in parts()}
+    return {slab.name: slab_digest(values(slab)) for slab in slabs()}
 
 
-def write_netcdf(path: Path, level: int = 0, attributes: Mapping[str, Any] = ATTRIBUTES) -> Path:
-    storage = CUT["storage"] if level else {}
-    variables = {
-        name: Variable(item.dims, item.attrs, item.dtype, storage if "time" in item.dims else {})
-        for name, item in VARIABLES.items()
-    }
-    with ResultWriter(path, SIZES, COORDINATES, variables, attributes, level) as writer:
-        for part in parts():
-            writer.write(values(part), part.region)
-    return path
+def write(folder: Path, output: Output = NETCDF, skeleton: Skeleton = SKELETON, **attributes: Any) -> Path:
+    """The result in a folder, which is made."""
+    folder.mkdir(exist_ok=True)
+    skeleton = replace(skeleton, attributes={**skeleton.attributes, **attributes})
+    return publish(((slab, values(slab)) for slab in slabs(skeleton.cuts)), skeleton, output, folder)[0]
 
 
-def write_zarr(
-    path: Path,
-    compression: zarr_result.Compression = "none",
-    *,
-    backwards: bool = False,
-    attributes: Mapping[str, Any] = ATTRIBUTES,
-) -> Path:
-    chunks = {name: CUT["series" if "time" in item.dims else "points"] for name, item in VARIABLES.items()}
-    arrays = zarr_result.create(path, SIZES, COORDINATES, VARIABLES, attributes, chunks, compression, 1, CUT)
-    for part in reversed([*parts()]) if backwards else parts():
-        for name, array in values(part).items():
-            index = tuple(part.region.get(dim, slice(None)) for dim in VARIABLES[name].dims)
-            arrays[name][index] = array
-    zarr_result.finish(path)
-    return path
+def compressed(output: Output, compression: str, level: int = 1) -> Output:
+    return output.model_copy(update={"compression": compression, "compression_level": level})
+
+
+def write_netcdf(path: Path, level: int = 0, **attributes: Any) -> Path:
+    """The result as a NetCDF file of any name."""
+    return _alone(path, compressed(NETCDF, "zlib" if level else "none", level or 1), **attributes)
+
+
+def write_zarr(path: Path, compression: str = "none", **attributes: Any) -> Path:
+    """The result as a Zarr group of any name."""
+    return _alone(path, compressed(ZARR, compression), **attributes)
+
+
+def _alone(path: Path, output: Output, **attributes: Any) -> Path:
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        return write(Path(folder), output, **attributes).rename(path)
 
 
 def write_folder(folder: Path, study: Study, result: str = "result.nc", compression: str = "none") -> Path:
-    """Leave what a run leaves, but for the report; `compression` is zlib for a NetCDF file that is compressed."""
-    folder.mkdir()
-    attributes = {**ATTRIBUTES, "study_id": study.study_id}
-    if result == "result.nc":
-        path = write_netcdf(folder / result, int(compression == "zlib"), attributes)
-    else:
-        path = write_zarr(folder / result, compression, attributes=attributes)  # type: ignore[arg-type]
-    (folder / "study.resolved.yaml").write_text(resolved_yaml(study, relative_to=folder))
-    said = {
-        "study_id": study.study_id,
-        "result": {
-            "file": result,
-            "bytes": sum(tree(path).values()) if path.is_dir() else path.stat().st_size,
-            "sha256": tree_digest(path) if path.is_dir() else file_digest(path),
-            "content_digest": content_digest(path),
-        },
-        "parts": {"cut": CUT, "digests": digests()},
-    }
-    (folder / "manifest.json").write_text(json.dumps(said, sort_keys=True))
+    """Leave what a run leaves, but for the report."""
+    path = write(folder, compressed(NETCDF if result == "result.nc" else ZARR, compression), study_id=study.study_id)
+    slabs = {"cut": slab_rows(CUTS), "digests": digests(), "variables": list(VARIABLES)}
+    identity = {"study_id": study.study_id, "study": study.canonical(), "code": {}, "output": {}, "attributes": {}}
+    write_manifest(folder, study, path, {"study_id": study.study_id, "slabs": slabs, "identity": identity})
     return folder
+
+
+def flip(path: Path, offset: int = -1, bit: int = 3) -> None:
+    """Change one bit of a file."""
+    content = bytearray(path.read_bytes())
+    content[offset] ^= 1 << bit
+    path.write_bytes(content)
+
+
+def truncate(path: Path) -> None:
+    """Cut a file in half."""
+    os.truncate(path, path.stat().st_size // 2)

@@ -17,11 +17,11 @@ import netCDF4
 import numpy as np
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.config.source import parse
-from heliosweep.families.registry import families
+from heliosweep.families.family import families
 from heliosweep.store.compare import compare
-from heliosweep.store.digest import content_digest
+from heliosweep.store.read import content_digest
 from tests.conftest import STUDIES
 
 with warnings.catch_warnings():
@@ -147,8 +147,8 @@ CASES: dict[str, Any] = {
 
 @pytest.fixture(scope="module", params=CASES)
 def result(request, tmp_path_factory):
-    study = workflow.load(CASES[request.param]() | {"dataset": DATASET})
-    return workflow.run(study, tmp_path_factory.mktemp("cf") / "result", report=False)
+    study = api.load(CASES[request.param]() | {"dataset": DATASET})
+    return api.run(study, tmp_path_factory.mktemp("cf") / "result", report=False)
 
 
 def test_cf(result):
@@ -203,8 +203,8 @@ def test_ncdump_reads_it(result):
 def test_missing_times_are_the_same_in_both_formats(tmp_path):
     """Instants that one site has fewer of; JSON, of which Zarr's attributes are, has no NaN of its own."""
     content = CASES["misalignment, two zones"]()
-    plain = workflow.run(workflow.load(content), tmp_path / "netcdf", report=False)
-    zarr = workflow.run(workflow.load(content | {"output": {"format": "zarr"}}), tmp_path / "zarr", report=False)
+    plain = api.run(api.load(content), tmp_path / "netcdf", report=False)
+    zarr = api.run(api.load(content | {"output": {"format": "zarr"}}), tmp_path / "zarr", report=False)
     with plain.open() as one, zarr.open() as other:
         assert one.identical(other)
         assert one["utc"].isnull().any()

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.store import sound
+from heliosweep.store import checks
 from heliosweep.store.compare import compare
-from tests.store.samples import ATTRIBUTES, write_netcdf, write_zarr
+from tests.store.samples import write_netcdf, write_zarr
 
 Edit = Callable[[Callable[[netCDF4.Dataset], object]], str]
 
@@ -21,7 +21,7 @@ Edit = Callable[[Callable[[netCDF4.Dataset], object]], str]
 @pytest.fixture(autouse=True)
 def _readable(monkeypatch):
     """Files of these tests are whole, and are not read beforehand by processes of their own."""
-    monkeypatch.setattr(sound, "check_apart", lambda *_: [])
+    monkeypatch.setattr(checks, "check_apart", lambda *_: [])
 
 
 @pytest.fixture
@@ -174,6 +174,6 @@ def test_what_is_no_result(tmp_path):
 
 def test_every_attribute_counts(tmp_path):
     a = write_zarr(tmp_path / "a.zarr")
-    b = write_zarr(tmp_path / "b.zarr", attributes={**ATTRIBUTES, "version": 2})
+    b = write_zarr(tmp_path / "b.zarr", version=2)
     assert compare(a, b).differences == ["attribute version: 1 in A, 2 in B"]
     assert isinstance(a, Path)

@@ -10,19 +10,18 @@ import pytest
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.store import zarr_result
-from heliosweep.store.digest import content_digest, file_digest
-from heliosweep.store.encoding import Variable
-from heliosweep.store.export import export
-from heliosweep.store.raw import locate
-from tests.store.samples import COORDINATES, write_netcdf, write_zarr
+from heliosweep.grid.regions import Cut, Part, Variable
+from heliosweep.store.encoding import Skeleton
+from heliosweep.store.read import content_digest, file_digest, locate
+from heliosweep.store.result import export, publish
+from tests.store.samples import ZARR, write_netcdf, write_zarr
 
 
 @pytest.mark.parametrize("level", [0, 1, 4])
 @pytest.mark.parametrize("stored", ["none", "zstd"])
 def test_the_bytes_of_a_netcdf_run(tmp_path, level, stored):
     expected = write_netcdf(tmp_path / "expected.nc", level)
-    source = write_zarr(tmp_path / "result.zarr", stored, backwards=True)
+    source = write_zarr(tmp_path / "result.zarr", stored)
     done = export(tmp_path, compression="zlib" if level else "none", level=level)
     assert done == tmp_path / "export.nc"
     assert locate(tmp_path) == source
@@ -68,21 +67,14 @@ def test_without_our_record_the_same_values(tmp_path):
         xr.testing.assert_identical(data.load(), expected.load())
 
 
-def test_memory_is_that_of_some_parts(tmp_path):
+def test_memory_is_that_of_some_slabs(tmp_path, monkeypatch):
     sizes = {"latitude": 40, "time": 1000, "heliostat": 250}
-    series = Variable(("latitude", "time", "heliostat"), {"units": "1"})
-    cut = {"series": {"latitude": 1, "time": 1000, "heliostat": 250}}
-    arrays = zarr_result.create(
-        tmp_path / "result.zarr",
-        sizes,
-        COORDINATES[["height"]].reset_coords(drop=True).assign_coords(height=1.0),
-        {"power": series},
-        {},
-        {"power": cut["series"]},
-        cut=cut,
-    )
-    for i in range(40):
-        arrays["power"][i] = np.full((1000, 250), float(i))
+    series = {"power": Variable(("latitude", "time", "heliostat"), {"units": "1"})}
+    cut = Cut(sizes, {**sizes, "latitude": 1}, sizes)
+    slabs = [Part(f"series-{number:05}", "series", region) for number, region in enumerate(cut.slabs())]
+    given = ((slab, {"power": np.full((1, 1000, 250), 1.0)}) for slab in slabs)
+    publish(given, Skeleton(sizes, xr.Dataset(), series, {}, {}, {"series": cut}), ZARR, tmp_path)
+    monkeypatch.setattr("heliosweep.store.read.PIECE", 2**20)
     tracemalloc.start()
     try:
         export(tmp_path)

@@ -1,14 +1,34 @@
-"""The base of every block of a study file."""
+"""The base of every block of a study file, and what pydantic finds wrong with one in the words of this project."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
-from heliosweep.config.faults import Fault, to_pydantic
-from heliosweep.config.fields import Parameter
+from heliosweep.config.faults import Fault, Path, nearest, one_of, printable, shown, to_pydantic
+from heliosweep.config.source import Source
+from heliosweep.config.values import Parameter
+from heliosweep.errors import Problem
+
+UNKNOWN_KEY = "unknown key"
+_MAPPING = "must be a mapping of keys to values"
+_MESSAGES = {
+    "model_type": _MAPPING,
+    "model_attributes_type": _MAPPING,
+    "dict_type": _MAPPING,
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+    "too_short": "must not be empty",
+    "invalid_key": "keys must be text",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+}
 
 
 class Block(BaseModel):
@@ -75,3 +95,106 @@ def _blocks_in(annotation: Any) -> Iterator[type[Block]]:
         yield annotation
     for argument in get_args(annotation):
         yield from _blocks_in(argument)
+
+
+def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
+    """Yield a problem for each error that does not merely follow from another one.
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+        From the validation of `source.data`.
+    block : type of Block
+        The class it was validated against.
+    source : Source
+        The data, and where each piece of it stands.
+    """
+    errors = error.errors(include_url=False)
+    meant: set[Path] = set()  # keys that stand in the file with a typo: not reported as missing too
+    for details in errors:
+        if details["type"] == "extra_forbidden":
+            path = _path(details, source.data)
+            key, hint = _meant(str(path[-1]), _known_keys(block, details))
+            meant.add((*path[:-1], key))
+            yield source.problem(path, f"{UNKNOWN_KEY}{hint}", at_key=True)
+    for details in errors:
+        kind, path = details["type"], _path(details, source.data)
+        if kind == "extra_forbidden" or path in meant:
+            continue
+        if kind == "missing":
+            yield source.problem(path, f"is missing{_purpose(block, details)}")
+        elif kind == "rule":
+            if not _holds_null(source.value(path)):
+                yield source.problem(path, details["msg"])
+        elif kind == "union_tag_not_found":
+            key = details["ctx"]["discriminator"].strip("'")
+            names = (name for inner in blocks_at(block, details["loc"]) for name in inner.literals(key))
+            yield source.problem((*path, key), f"is missing: {one_of(names)}")
+        else:
+            yield from _wrong_value(details, path, source)
+
+
+def _wrong_value(details: ErrorDetails, path: Path, source: Source) -> Iterator[Problem]:
+    kind, context = details["type"], details.get("ctx", {})
+    if kind == "union_tag_invalid":
+        path = (*path, context["discriminator"].strip("'"))
+        tags = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
+        message = f"must be {one_of(tags)}"
+    elif kind == "fault":
+        message = details["msg"]
+    elif kind == "literal_error":
+        message = f"must be {context['expected']}"
+    else:
+        message = _MESSAGES.get(kind, "is not valid here")
+    try:
+        value = source.value(path)
+    except (KeyError, IndexError, TypeError):
+        yield source.problem(path, message)
+        return
+    follows = kind == "too_short" and value  # the list holds entries, but wrong ones
+    if value is not None and not follows:  # that nothing is given is reported elsewhere
+        yield source.problem(path, f"{message} (got {shown(value)})")
+
+
+def _path(details: ErrorDetails, data: Any) -> Path:
+    """Return the path in the file; the location of pydantic also names the chosen members of unions."""
+    location = details["loc"]
+    ends_with_key = details["type"] in ("missing", "extra_forbidden")
+    path: list[str | int] = []
+    for position, part in enumerate(location):
+        in_list = isinstance(data, list | tuple) and isinstance(part, int)
+        if in_list or (isinstance(data, dict) and part in data):
+            data = data[part]
+            path.append(part)
+        elif ends_with_key and position == len(location) - 1:
+            path.append(part)
+    return tuple(path)
+
+
+def _holds_null(data: Any) -> bool:
+    return isinstance(data, dict) and None in data.values()
+
+
+def _known_keys(block: type[Block], details: ErrorDetails) -> list[str]:
+    return [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
+
+
+def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
+    """Return the known key that was probably meant, or nothing, and the hint for the user."""
+    glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
+    if glued and glued[1] in known:
+        return glued[1], f"; write '{glued[1]}: {printable(glued[2])}', with a colon and a space"
+    if re.fullmatch(r"[-+.\d]+", word):
+        return "", "; several values stand in brackets, as [1, 2.5], and decimals follow a point"
+    key = nearest(word, known)
+    return key or "", f"; did you mean '{key}'?" if key else ""
+
+
+def _purpose(block: type[Block], details: ErrorDetails) -> str:
+    """Return ``: what the missing key is for``."""
+    *outer, key = details["loc"]
+    for inner in blocks_at(block, outer):
+        if key in inner.model_fields:
+            parameter = inner.parameter(str(key))
+            return f": {parameter.purpose if parameter else inner.model_fields[str(key)].description}"
+    return ""

@@ -9,8 +9,8 @@ from typing import Any
 from heliosweep.config import units
 from heliosweep.config.faults import Fault, Invalid, nearest
 from heliosweep.config.forms import MAX_FAULTS, key_faults, read_parts
-from heliosweep.config.quantity import Quantity
 from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Quantity
 
 MAX_SAMPLES, MAX_SEED = 10**9, 2**63 - 1
 NORMAL, UNIFORM = "normal", "uniform"
@@ -22,7 +22,7 @@ _FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [lo
 
 @dataclass(frozen=True)
 class Distribution:
-    """What a number is drawn from.
+    """Distribution that a number is drawn from.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class Uncertain(Quantity):
 
 
 def _names_another(key: str, raw: Mapping[str, Any]) -> bool:
-    """Whether a key is the name of a distribution that there is not, and no misspelling of one."""
+    """True for a key that names a distribution that there is not, and is no misspelling of one."""
     if key in _KEYS or not isinstance(raw.get(key), list | tuple):
         return False
     meant = nearest(key, _KEYS)
@@ -201,7 +201,7 @@ def _names_another(key: str, raw: Mapping[str, Any]) -> bool:
 
 
 def _means_distribution(raw: Mapping[str, Any]) -> bool:
-    """Whether a mapping is a distribution, or a misspelt one, and not a range."""
+    """True for a mapping that is a distribution, or a misspelt one, and no range."""
     if NORMAL in raw or UNIFORM in raw:
         return True
     meant = {nearest(str(key), (*_KEYS, *_RANGE_KEYS)) for key in raw}

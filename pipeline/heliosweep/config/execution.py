@@ -11,9 +11,7 @@ from pydantic import Field
 
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, did_you_mean, one_of
-from heliosweep.config.fields import Parameter
-from heliosweep.config.names import Choice, Text
-from heliosweep.config.quantity import Quantity
+from heliosweep.config.values import Choice, Parameter, Quantity, Text
 from heliosweep.errors import Problem, StudyError
 
 __all__ = ["QUEUES", "Execution", "Job", "Profile"]
@@ -139,7 +137,7 @@ class Profile(Block):
 
 
 class Execution(Block):
-    """How the study is computed; never changes a number of the result."""
+    """Engine and machine of a run; no number of the result depends on them."""
 
     scheduler: Annotated[str, _SCHEDULER] = "threads"
     workers: Annotated[int | None, _WORKERS] = None

@@ -1,4 +1,4 @@
-"""What is wrong with a value, before it is known where in which file the value stands.
+"""Faults of a value, before it is known where in which file the value stands.
 
 Reading code raises :class:`Invalid`; :mod:`heliosweep.config.load` turns the faults into located problems.
 """

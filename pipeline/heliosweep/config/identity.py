@@ -1,4 +1,4 @@
-"""What makes two studies the same: their canonical content and the files they name."""
+"""Identity of studies: plain data, their canonical form, and digests of the files that they name."""
 
 from __future__ import annotations
 
@@ -7,30 +7,24 @@ import datetime as dt
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from heliosweep.config.block import Block
 from heliosweep.config.distribution import Distribution
-from heliosweep.config.faults import printable
-from heliosweep.config.names import FileName
 from heliosweep.config.source import scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
-from heliosweep.errors import StudyError
-
-if TYPE_CHECKING:
-    from heliosweep.config.fields import Parameter
-    from heliosweep.config.study import Study
+from heliosweep.config.values import FileName, Parameter
 
 MAX_BYTES = 512 * 2**20
 """Largest file that a study may name."""
 
-Rewrite = Callable[["Parameter | None", Any], Any]
+Rewrite = Callable[[Parameter | None, Any], Any]
 """Returns what is to stand for the value of a field with this declaration."""
 
 
@@ -51,23 +45,17 @@ def plain(value: Any, rewrite: Rewrite = lambda _, entry: entry) -> Any:
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
-def canonical(study: Study) -> dict[str, Any]:
-    """Return what the numbers and labels of the result depend on, the same however it was written.
+def canonical(block: Block, digests: Mapping[str, str]) -> dict[str, Any]:
+    """Return a block as plain data that is the same however it was written.
 
-    Contents stand for named files; the names, without folders, only where files are swept, since they are then
-    labels.
-
-    Raises
-    ------
-    StudyError
-        A named file cannot be read.
+    Parameters
+    ----------
+    block : Block
+        Without what changes no number.
+    digests : mapping of str to str
+        By name of a file: what stands for it. Its name, without folders, stands beside it only where files are swept,
+        since names are then labels.
     """
-    digests = {
-        name: _digest(study, key, name)
-        for key, names in study.files().items()
-        if key.partition(".")[0] not in study.DOES_NOT_MATTER
-        for name in names
-    }
 
     def rewrite(parameter: Parameter | None, value: Any) -> Any:
         if isinstance(parameter, FileName):
@@ -77,62 +65,37 @@ def canonical(study: Study) -> dict[str, Any]:
             return _even(value)
         return _even_dates(value) if isinstance(value, DateList | DateRange) else value
 
-    content = plain(study.model_copy(update=dict.fromkeys(study.DOES_NOT_MATTER)), rewrite)
-    return content | {"zip": [list(dim.sweeps) for dim in study.dimensions() if len(dim.sweeps) > 1]}
+    return plain(block, rewrite)
 
 
-def study_id(study: Study) -> str:
-    """Return twelve hexadecimal digits of the SHA-256 of the canonical study.
-
-    Raises
-    ------
-    StudyError
-        A named file cannot be read.
-    """
-    text = json.dumps(canonical(study), sort_keys=True, separators=(",", ":"), allow_nan=False)
+def fingerprint(content: Mapping[str, Any]) -> str:
+    """Return twelve hexadecimal digits of the SHA-256 of plain data."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def resolved_yaml(study: Study, relative_to: Path | None = None) -> str:
-    """Return the study with all defaults as the text of a study file that loads to the same study.
+def resolved(block: Block, place_of: Callable[[str], str] = str) -> dict[str, Any]:
+    """Return a block with all defaults as plain data that loads to the same block.
 
     Parameters
     ----------
-    study : Study
-        The study.
-    relative_to : Path, optional
-        As for `resolved`.
+    block : Block
+        The block.
+    place_of : callable
+        Returns what stands for the name of a file.
     """
-    return yaml.dump(resolved(study, relative_to), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
-
-
-def resolved(study: Study, relative_to: Path | None = None) -> dict[str, Any]:
-    """Return the study with all defaults as plain data that loads to the same study.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    relative_to : Path, optional
-        Folder in which the text will be saved: file names are written as seen from there. Without it they stay as
-        they were given, relative to the folder of the original study file.
-    """
-
-    def seen_from(folder: Path, name: str) -> str:
-        path = study.resolve(name)
-        seen = os.path.relpath(path, folder)
-        if os.path.realpath(folder / seen) != os.path.realpath(path):  # ".." after a link to a folder is elsewhere
-            seen = os.path.relpath(study.place_of(name), os.path.realpath(folder))
-        return Path(seen).as_posix()
 
     def rewrite(parameter: Parameter | None, value: Any) -> Any:
-        if relative_to is None or not isinstance(parameter, FileName):
+        if not isinstance(parameter, FileName):
             return value
-        names = value.values() if isinstance(value, Sweep) else [value]
-        seen = [seen_from(Path(relative_to), name) for name in names]
-        return seen if isinstance(value, Sweep) else seen[0]
+        return [place_of(name) for name in value.values()] if isinstance(value, Sweep) else place_of(value)
 
-    return {key: entry for key, entry in plain(study, rewrite).items() if entry not in ("", [], {})}
+    return {key: entry for key, entry in plain(block, rewrite).items() if entry not in ("", [], {})}
+
+
+def yaml_text(content: Mapping[str, Any]) -> str:
+    """Return plain data as the text of a study file."""
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
 def _even(values: Listed) -> Sweep:
@@ -152,20 +115,25 @@ def _even_dates(dates: DateList | DateRange) -> DateList | DateRange:
     return DateList(tuple(days))
 
 
-def _digest(study: Study, key: str, name: str) -> str:
-    """Return the SHA-256 of what a table says: without line ends, empty lines and comments."""
-    try:
-        with study.resolve(name).open("rb") as file:
-            if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
-                raise StudyError(study.problem(key, f"{printable(name)} is larger than {MAX_BYTES // 2**20} MiB"))
-            digest, separator = hashlib.sha256(), b""
-            for number, part in enumerate(file):
-                for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():
-                    if line.strip() and not line.startswith(b"#"):
-                        digest.update(separator + line)
-                        separator = b"\n"
-    except OSError as error:
-        raise StudyError(study.problem(key, f"cannot read {printable(name)}: {error.strerror}")) from None
+def table_digest(path: Path) -> str:
+    """Return the SHA-256 of what a table says: without line ends, empty lines and comments.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        It is too large.
+    """
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
+            raise ValueError(f"is larger than {MAX_BYTES // 2**20} MiB")
+        digest, separator = hashlib.sha256(), b""
+        for number, part in enumerate(file):
+            for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():
+                if line.strip() and not line.startswith(b"#"):
+                    digest.update(separator + line)
+                    separator = b"\n"
     return digest.hexdigest()
 
 

@@ -10,13 +10,12 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from heliosweep.config.block import blocks_at
+from heliosweep.config.block import UNKNOWN_KEY, blocks_at, translate
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
-from heliosweep.config.names import FileName
+from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
-from heliosweep.config.translate import UNKNOWN_KEY, translate
-from heliosweep.config.weather import with_weather_sites
+from heliosweep.config.values import FileName
 from heliosweep.errors import Problem, StudyError
 
 MAX_PROBLEMS = 100
@@ -190,7 +189,7 @@ def _file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterato
 
 
 def _place(problem: Problem) -> tuple[bool, int, int, str]:
-    """Where a problem stands in the list: how many more there are at the end."""
+    """Place of a problem in the list; how many more there are stands at the end."""
     return problem.unlisted > 0, problem.line or 0, problem.column or 0, problem.key
 
 

@@ -1,23 +1,47 @@
-"""The named sites of a study: written in the study file, or in a CSV table beside it."""
+"""The sites of a study: written in the study file, in a CSV table beside it, or in the headers of weather files.
+
+Weather files are EPW (EnergyPlus) and TMY3 (NREL). Where a study names one (``site: {file: x.epw}``,
+``sites: [{file: a.epw}, ...]``), its site stands in the study instead of it before anything is checked: only the header
+counts for the study's identity.
+"""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from heliosweep.config.block import translate
 from heliosweep.config.blocks import NamedSite, SiteFile
-from heliosweep.config.faults import did_you_mean
+from heliosweep.config.faults import Invalid, shown
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
-from heliosweep.config.tables import table_text
-from heliosweep.config.translate import translate
+from heliosweep.config.tables import Column, read_table
 from heliosweep.errors import Problem, StudyError
 
-MAX_BYTES, MAX_PROBLEMS = 2**20, 100
+MAX_BYTES = 2**20
+_COLUMNS = {
+    name: Column(declared.purpose, required=NamedSite.model_fields[name].is_required())
+    for name in NamedSite.model_fields
+    if (declared := NamedSite.parameter(name))
+}
 _NUMBERS = ("latitude", "longitude", "altitude")
+
+#: Most of a file that is looked at, and first words of an EPW file. [bytes]
+_HEAD, _EPW = 4096, "LOCATION"
+#: Second line of a TMY3 file begins so.
+_TMY3 = "Date (MM/DD/YYYY)"
+#: Places of the numbers in their headers, and bounds.
+_PLACES = {
+    "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
+    "TMY3": {"latitude": 4, "longitude": 5, "time zone": 3, "altitude": 6},
+}
+_BOUNDS = {"latitude": (-90, 90), "longitude": (-180, 180), "time zone": (-14, 14), "altitude": (-500, 10_000)}
 
 
 def site_table(study: Study) -> tuple[NamedSite, ...]:
@@ -34,27 +58,29 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     if not isinstance(sites, SiteFile):
         return sites
     path = study.resolve(sites.file)
-    text = table_text(path, str(path), MAX_BYTES)
-    table: list[NamedSite] = []
-    problems: list[Problem] = []
-    lines: dict[str, int] = {}
-    for line, row in _rows(text, str(path)):
-        if len(problems) > MAX_PROBLEMS:
-            break
+    table = read_table(path, str(path), _COLUMNS, rows="sites", most_bytes=MAX_BYTES)
+    columns = {name: table.texts(name) for name in table.header}
+    found: list[NamedSite] = []
+    first: dict[str, int] = {}
+    for row in range(len(table)):
+        cells = {name: _value(name, texts[row]) for name, texts in columns.items() if texts[row]}
         try:
-            site = NamedSite.model_validate(row)
+            site = NamedSite.model_validate(cells)
         except ValidationError as error:
-            found = translate(error, NamedSite, Source(row))
-            problems += [Problem(problem.message, problem.key, str(path), line) for problem in found]
+            for problem in translate(error, NamedSite, Source(cells)):
+                table.add(problem.message, row, key=problem.key)
             continue
-        table.append(site)
-        if lines.setdefault(site.name, line) != line:
-            problems.append(Problem(f"another site has this name (got {site.name!r})", "name", str(path), line))
-    if not table and not problems:
-        problems.append(Problem("holds no sites", file=str(path)))
-    if problems:
-        raise StudyError(problems)
-    return tuple(table)
+        found.append(site)
+        if first.setdefault(site.name, row) != row:
+            table.add(f"another site has this name (got {site.name!r})", row, key="name")
+    table.finish()
+    return tuple(found)
+
+
+def with_sites(study: Study) -> Study:
+    """Return the study with the sites of its table in the place of the table's name, so that no file is read again."""
+    table = site_table(study)
+    return study.model_copy(update={"sites": table}) if table else study
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:
@@ -69,39 +95,120 @@ def civil_clock_problems(study: Study) -> Iterator[Problem]:
         yield study.problem("time.timezone", "is missing: the civil clock needs a time zone, such as '+08:00'")
 
 
-def _rows(text: str, file: str) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield line number and cells of each row, numbers read and empty cells left out."""
-    reader = csv.reader(text.splitlines())
-    header: list[str] | None = None
-    for cells in reader:
-        cells = [cell.strip() for cell in cells]
-        if not any(cells) or cells[0].startswith("#"):
-            continue
-        if header is None:
-            header = cells
-            known = tuple(NamedSite.model_fields)
-            for name in header:
-                if name not in known:
-                    message = f"unknown column {name!r}{did_you_mean(name, known)}"
-                elif header.count(name) > 1:
-                    message = f"column {name!r} is there twice"
-                else:
-                    continue
-                raise StudyError(Problem(message, file=file, line=reader.line_num))
-            continue
-        if len(cells) != len(header):
-            message = f"has {len(cells)} cells where the header has {len(header)}"
-            raise StudyError(Problem(message, file=file, line=reader.line_num))
-        yield (
-            reader.line_num,
-            {name: _cell(name, cell) for name, cell in zip(header, cells, strict=True) if cell},
-        )
+def _value(name: str, cell: str) -> str | float:
+    """Number that a cell of a column of numbers holds; its text otherwise, which may have a unit."""
+    if name in _NUMBERS:
+        with suppress(ValueError):
+            return float(cell)
+    return cell
 
 
-def _cell(name: str, cell: str) -> Any:
-    if name not in _NUMBERS:
-        return cell
+def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
+    """Put the sites of the weather files that a study names in their place.
+
+    Parameters
+    ----------
+    source : Source
+        The study as it was written.
+    problems : list of Problem
+        Takes what is wrong with the files; a site of no consequence stands for such a file.
+
+    Returns
+    -------
+    Source
+        The same object where no weather file is named.
+    """
+
+    def filled(entry: Any, *place: str | int) -> Any:
+        """The site of an entry: from the header of its file, and what is given beside it, which counts more."""
+        if not (isinstance(entry, dict) and "file" in entry):
+            return entry
+        # Stands for a site that is wrong, so that nothing else is said of it.
+        found: dict[str, Any] = {"name": f"site {place}", "latitude": 0.0, "longitude": 0.0, "timezone": "+00:00"}
+        try:
+            found = _weather_site(source.directory, entry["file"])
+        except Invalid as error:
+            problems.append(source.problem(place, f"{error} (got {shown(entry['file'])})"))
+        except StudyError as error:
+            problems.extend(error.problems)
+        return found | {key: value for key, value in entry.items() if key != "file"}
+
+    site, sites = source.data.get("site"), source.data.get("sites")
+    names = sites["file"] if isinstance(sites, dict) and list(sites) == ["file"] else None
+    new: dict[str, Any] = {}
+    if isinstance(site, dict) and "file" in site:
+        new["site"] = {key: value for key, value in filled(site, "site", "file").items() if key != "name"}
+    if isinstance(sites, list):
+        new["sites"] = [filled(entry, "sites", number, "file") for number, entry in enumerate(sites)]
+    elif isinstance(names, list) and names:
+        new["sites"] = [filled({"file": name}, "sites", "file", number) for number, name in enumerate(names)]
+    elif isinstance(names, str) and _is_weather(_head(source.directory / names)):  # else a table of sites
+        new["sites"] = [filled({"file": names}, "sites", "file")]
+    return replace(source, data={**source.data, **new}) if new else source
+
+
+def _weather_site(folder: Path, name: Any) -> dict[str, Any]:
+    """Site of a weather file. Raises Invalid for what is none, and StudyError for one that is wrong."""
+    if not isinstance(name, str) or not name.strip():
+        raise Invalid("must be the name of a weather file, EPW or TMY3")
+    head = _head(folder / name)
+    if not head:
+        raise Invalid("no such file, looked for relative to the study file")
+    if not _is_weather(head):
+        raise Invalid(f"is no EPW or TMY3 file: an EPW file begins with {_EPW}, a TMY3 file with its station")
     try:
-        return float(cell)
-    except ValueError:
-        return cell
+        return _header_site(head)
+    except ValueError as error:
+        raise StudyError(Problem(str(error), file=str(folder / name), line=1)) from None
+
+
+def _head(file: Path) -> str:
+    """First two lines of a file; none where it cannot be read."""
+    try:
+        if not file.is_file():  # reading a pipe would wait
+            return ""
+        with file.open("rb") as stream:
+            data = stream.read(_HEAD)
+    except (OSError, ValueError):
+        return ""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")  # names of places, in files of which nobody says the encoding
+    return "\n".join(text.replace("\r\n", "\n").replace("\r", "\n").split("\n")[:2])
+
+
+def _is_weather(head: str) -> bool:
+    """True for the first two lines of an EPW or TMY3 file."""
+    first, _, second = head.partition("\n")
+    return first.split(",")[0].strip() == _EPW or second.strip().strip('"').startswith(_TMY3)
+
+
+def _header_site(head: str) -> dict[str, Any]:
+    """Name, latitude, longitude, altitude and time zone from the first line of a weather file.
+
+    ``LOCATION,city,state,country,source,WMO,latitude,longitude,time zone,altitude`` of an EPW file, or
+    ``USAF,"station",state,time zone,latitude,longitude,altitude`` of a TMY3 file: deg north and east, hours ahead of
+    UTC, metres (EnergyPlus, Auxiliary Programs; Wilcox and Marion 2008, NREL/TP-581-43156). Raises ValueError.
+    """
+    fields = [field.strip() for field in head.partition("\n")[0].split(",")]
+    kind = "EPW" if fields[0] == _EPW else "TMY3"
+    width = max(_PLACES[kind].values()) + 1
+    if len(fields) < width:
+        raise ValueError(f"the header has {len(fields)} fields where that of {kind} files has {width}")
+    values: dict[str, float] = {}
+    wrong: list[str] = []
+    for name, place in sorted(_PLACES[kind].items(), key=itemgetter(1)):
+        low, high = _BOUNDS[name]
+        with suppress(ValueError):
+            values[name] = float(fields[place])
+        got = f"(got {fields[place]!r})"
+        if not low <= values.get(name, float("nan")) <= high:
+            wrong.append(f"field {place + 1}, the {name}, must be between {low:g} and {high:g} {got}")
+        elif name == "time zone" and values[name] * 60 % 1:
+            wrong.append(f"field {place + 1}, the {name}, must be whole minutes, in hours {got}")
+    if wrong:
+        raise ValueError("; ".join(wrong))
+    minutes = round(abs(values["time zone"]) * 60)
+    offset = f"{'-' if values.pop('time zone') < 0 else '+'}{minutes // 60:02}:{minutes % 60:02}"
+    return {"name": fields[1].strip('"').strip() or "unnamed", **values, "timezone": offset}

@@ -1,4 +1,4 @@
-"""The study as a whole: what all families have in common, its swept parameters and its identity."""
+"""The study as a whole: what all families have in common, its swept parameters, its identity and its JSON Schema."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import os
 import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, ClassVar, get_args
 
 from pydantic import Field, PrivateAttr
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
 
 from heliosweep.config import identity
 from heliosweep.config.block import Block
-from heliosweep.config.blocks import Execution, Output, Report
-from heliosweep.config.dataset import Dataset
-from heliosweep.config.fields import Parameter
-from heliosweep.config.names import FileName, Text
-from heliosweep.config.quantity import Samples
+from heliosweep.config.blocks import Dataset, Execution, Output, Report
+from heliosweep.config.faults import printable
 from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep
-from heliosweep.errors import Problem
+from heliosweep.config.values import FileName, Parameter, Samples, Text
+from heliosweep.errors import Problem, StudyError
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class Study(Block):
 
     @property
     def source(self) -> Source:
-        """Where the study comes from: ``.path`` and ``.directory``."""
+        """The study as it was written, with ``.path`` and ``.directory``."""
         return self._source
 
     def resolve(self, name: str) -> pathlib.Path:
@@ -136,17 +137,62 @@ class Study(Block):
         }
 
     def canonical(self) -> dict[str, Any]:
-        """Return what the result depends on as plain data, files by their contents: see `identity.canonical`."""
-        return identity.canonical(self)
+        """Return what the numbers and labels of the result depend on, the same however it was written.
 
-    def to_yaml(self, relative_to: pathlib.Path | None = None) -> str:
-        """Return the study as the text of a study file, all defaults written out: see `identity.resolved_yaml`."""
-        return identity.resolved_yaml(self, relative_to)
+        Contents stand for named files; the names, without folders, only where files are swept, since they are then
+        labels.
+
+        Raises
+        ------
+        StudyError
+            A named file cannot be read.
+        """
+        digests = {
+            name: self._digest(key, name)
+            for key, names in self.files().items()
+            if key.partition(".")[0] not in self.DOES_NOT_MATTER
+            for name in names
+        }
+        matters = self.model_copy(update=dict.fromkeys(self.DOES_NOT_MATTER))
+        tied = [list(dimension.sweeps) for dimension in self.dimensions() if len(dimension.sweeps) > 1]
+        return identity.canonical(matters, digests) | {"zip": tied}
 
     @property
     def study_id(self) -> str:
         """Twelve hexadecimal digits that stand for :meth:`canonical`."""
-        return identity.study_id(self)
+        return identity.fingerprint(self.canonical())
+
+    def resolved(self, relative_to: pathlib.Path | None = None) -> dict[str, Any]:
+        """Return the study with all defaults as plain data that loads to the same study.
+
+        Parameters
+        ----------
+        relative_to : Path, optional
+            Folder in which it will be saved: file names are written as seen from there. Without it they stay as they
+            were given, relative to the folder of the original study file.
+        """
+        return identity.resolved(
+            self, str if relative_to is None else partial(self._seen_from, pathlib.Path(relative_to))
+        )
+
+    def to_yaml(self, relative_to: pathlib.Path | None = None) -> str:
+        """Return the study as the text of a study file, all defaults written out: see :meth:`resolved`."""
+        return identity.yaml_text(self.resolved(relative_to))
+
+    def _seen_from(self, folder: pathlib.Path, name: str) -> str:
+        path = self.resolve(name)
+        seen = os.path.relpath(path, folder)
+        if os.path.realpath(folder / seen) != os.path.realpath(path):  # ".." after a link to a folder is elsewhere
+            seen = os.path.relpath(self.place_of(name), os.path.realpath(folder))
+        return pathlib.Path(seen).as_posix()
+
+    def _digest(self, key: str, name: str) -> str:
+        try:
+            return identity.table_digest(self.resolve(name))
+        except OSError as error:
+            raise StudyError(self.problem(key, f"cannot read {printable(name)}: {error.strerror}")) from None
+        except ValueError as error:
+            raise StudyError(self.problem(key, f"{printable(name)} {error}")) from None
 
 
 def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter, Any]]:
@@ -167,3 +213,22 @@ def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter,
 
 def _is_swept(parameter: Parameter, value: Any) -> bool:
     return isinstance(value, Sweep) and not isinstance(parameter, Samples)
+
+
+def json_schema(study_class: type[Study]) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of the study files of a family, units and descriptions included."""
+    schema = study_class.model_json_schema(schema_generator=_StudySchema)
+    title = f"heliosweep study of the family {study_class.family_name()}"
+    return {"$schema": GenerateJsonSchema.schema_dialect} | schema | {"title": title}
+
+
+class _StudySchema(GenerateJsonSchema):
+    """Leaves out what does not exist in study files: null, and defaults that are none."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        inner = self.generate_inner(schema["schema"])
+        default = identity.plain(schema.get("default"))
+        return inner if default is None else inner | {"default": default}

@@ -84,7 +84,7 @@ class Listed(Sweep):
 
     @property
     def holds_names(self) -> bool:
-        """Whether the values are text and not numbers."""
+        """True where the values are text and not numbers."""
         return isinstance(self.items[0], str)
 
 

@@ -1,18 +1,311 @@
-"""The text of CSV tables that a study names: read whole, or refused in words."""
+"""The reader of CSV tables that a study names: columns as arrays, or all that is wrong at its line and column.
+
+A table is text in UTF-8, with or without byte-order mark, cells separated by commas, the first row a header. Empty
+lines and those that begin with ``#`` say nothing. What its columns hold is declared as data::
+
+    COLUMNS = {"angle": Column("angle from the disc centre, in mrad", required=True), ...}
+    table = read_table(path, name, COLUMNS, rows="angles")
+    angle = table.column("angle")
+    table.finish()
+"""
 
 from __future__ import annotations
 
+import csv
 import os
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
+import numpy as np
+
+from heliosweep.config.faults import did_you_mean, nearest
 from heliosweep.errors import Problem, StudyError
+
+if TYPE_CHECKING:  # it takes longer to import than reading a study
+    from numpy.typing import NDArray
 
 MAX_BYTES = 64 * 2**20
 """Largest table that is read: 600 bytes for each of 100,000 heliostats."""
 
+MAX_LISTED = 20
+"""Problems of one table that are listed; the rest is counted."""
+
+HEADER = -1
+"""The header, as a row where a problem is noted."""
+
 _UNTOLD = 2**20
 """Most that is read of a file that does not tell its size. [bytes]"""
+
+_PLAIN = re.compile(r"[0-9+\-.eE\s]*")  # float() also takes 1_0, nan and digits of other scripts
+
+
+@dataclass(frozen=True)
+class Column:
+    """Contents of a column of a table: numbers, or what `read` makes of a cell.
+
+    Parameters
+    ----------
+    meaning : str
+        What it holds, with the unit.
+    required : bool
+        Whether every table has it.
+    least, most : float
+        Bounds of numbers.
+    bounds : str
+        The bounds in words, as the end of a sentence: ``between -1e6 and 1e6 m``.
+    read : callable, optional
+        Returns what a cell holds that is no number, or raises ValueError with the end of a sentence.
+    dtype, missing : object
+        Type of the array, and what stands in it for a cell that is wrong.
+    """
+
+    meaning: str
+    required: bool = False
+    least: float = -np.inf
+    most: float = np.inf
+    bounds: str = ""
+    read: Callable[[str], Any] | None = None
+    dtype: Any = float
+    missing: Any = np.nan
+
+
+class Table:
+    """The rows of a table, and what is wrong with them.
+
+    Parameters
+    ----------
+    name : str
+        What messages call the file.
+    lines : tuple of list
+        Numbers in the file, counted from 1, and text of the lines that hold something, the header first.
+    cells : list of list of str, optional
+        Their cells, where they are not those of CSV.
+    rows : str
+        What the rows are, in words.
+    most_rows : int, optional
+        More rows are refused.
+    needs : str
+        What an empty file lacks, in words.
+    separator : str
+        Between cells, where they are not those of CSV.
+
+    Attributes
+    ----------
+    header : list of str
+        Names of the columns.
+
+    Raises
+    ------
+    StudyError
+        Where it cannot be split into rows and cells.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        lines: tuple[list[int], list[str]],
+        cells: list[list[str]] | None = None,
+        *,
+        rows: str = "rows",
+        most_rows: int | None = None,
+        needs: str = "a header and rows",
+        separator: str = ",",
+    ) -> None:
+        self.name, self._what, self._separator = name, rows, separator
+        self._numbers, self._texts = lines
+        self._problems: list[Problem] = []
+        self._found = Counter[str]()
+        if not self._numbers:
+            self._fail(f"is empty: it needs {needs}")
+        if most_rows is not None and len(self._numbers) - 1 > most_rows:
+            self._fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
+        header, *self._rows = self._split() if cells is None else cells
+        self.header = [cell.strip() for cell in header]
+        self._kept = list(range(len(self._rows)))
+        self._columns: Mapping[str, Column] = {}
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._kept)
+
+    @property
+    def lines(self) -> NDArray[np.int64]:
+        """Line of each row in the file, counted from 1."""
+        return np.array([self._numbers[row + 1] for row in self._kept], np.int64)
+
+    def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
+        """Note what is wrong with the names of the columns.
+
+        Parameters
+        ----------
+        columns : mapping of str to Column
+            Those that there may be.
+        others : bool
+            Whether there may be others.
+        """
+        self._columns = columns
+        meant: set[str | None] = set()  # columns that are there with a typo: not noted as missing too
+        for position, key in enumerate(self.header):
+            if key in self.header[:position]:
+                self.add(f"has two columns {key!r}; remove one", HEADER, position)
+            elif key not in columns and not others:
+                meant.add(nearest(key, columns))
+                hint = did_you_mean(key, columns) or f"; remove it: the columns are {', '.join(columns)}"
+                self.add(f"unknown column {key[:40]!r}{hint}", HEADER, position)
+        for key, column in columns.items():
+            if column.required and key not in self.header and key not in meant:
+                self.add(f"needs a column {key}: {column.meaning}", HEADER)
+
+    def check_rows(self) -> None:
+        """Drop the rows that have not as many cells as the header, and note them; raise what is wrong so far."""
+        if not self._rows:
+            self.add(f"has a header but no {self._what}: give one row for each")
+        self.finish()
+        width = len(self.header)
+        for row, cells in enumerate(self._rows):
+            if len(cells) != width:
+                self.add(f"has {len(cells)} fields, but the header has {width}", row)
+        self._kept = [row for row, cells in enumerate(self._rows) if len(cells) == width]
+
+    def texts(self, key: str) -> list[str]:
+        """Return the cells of a column as text, blanks around it left out."""
+        position = self.header.index(key)
+        return [self._rows[row][position].strip() for row in self._kept]
+
+    def column(self, key: str) -> NDArray[Any]:
+        """Return a column as it is declared, and note the cells that are wrong."""
+        column, texts = self._columns[key], self.texts(key)
+        if column.read is None:
+            values = numbers(texts)
+            self.note_bad_numbers(key, texts, values)
+            for row in np.flatnonzero((values < column.least) | (values > column.most)).tolist():
+                if np.isfinite(values[row]):
+                    self.add(f"{key} must be {column.bounds} (got {texts[row][:40]!r})", row, key)
+            return values
+        found = []
+        for row, text in enumerate(texts):
+            try:
+                if not text:
+                    raise ValueError("is empty")
+                found.append(column.read(text))
+            except ValueError as error:
+                self.add(f"{key} {error}", row, key)
+                found.append(column.missing)
+        return np.array(found, column.dtype)
+
+    def note_bad_numbers(self, key: str, texts: Sequence[str], values: NDArray[np.float64]) -> None:
+        """Note the cells of a column that hold no finite number."""
+        for row in np.flatnonzero(~np.isfinite(values)).tolist():
+            text = texts[row]
+            self.add(f"{key} must be a finite number (got {text[:40]!r})" if text else f"{key} is empty", row, key)
+
+    def add(self, message: str, row: int | None = None, column: str | int | None = None, key: str = "") -> None:
+        """Note what is wrong with the table, with a row or with one of its cells.
+
+        Parameters
+        ----------
+        message : str
+            The end of a sentence that begins with the place.
+        row : int, optional
+            Row, counted from 0, or `HEADER`.
+        column : str or int, optional
+            Name or position of the column.
+        key : str
+            Stands before the message.
+        """
+        # Of every column the first ones: the first ones of the table are among them.
+        which = self.header[column] if isinstance(column, int) else column or key
+        self._found[which] += 1
+        if self._found[which] > MAX_LISTED:
+            return
+        line = place = None
+        if row is not None:
+            at = 0 if row == HEADER else self._kept[row] + 1
+            line, text = self._numbers[at], self._texts[at]
+            if column is not None and '"' not in text:
+                before = column if isinstance(column, int) else self.header.index(column)
+                place = 1 + sum(len(cell) + 1 for cell in text.split(self._separator)[:before])
+        self._problems.append(Problem(message, key, self.name, line, place))
+
+    def finish(self) -> None:
+        """Raise StudyError if anything is wrong."""
+        if self._problems:
+            in_order = sorted(self._problems, key=lambda problem: (problem.line or 0, problem.column or 0))
+            raise StudyError(listed(in_order, self._found.total()))
+
+    def _split(self) -> list[list[str]]:
+        """Split the lines into cells, as CSV."""
+        for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+            if separator in self._texts[0] and "," not in self._texts[0]:
+                advice = "use commas, and a point in decimal numbers"
+                self._fail(f"is separated by {called}; {advice}", self._numbers[0])
+        reader, error = csv.reader(self._texts, skipinitialspace=True, strict=True), None
+        try:
+            rows = list(reader)
+        except csv.Error as failed:
+            error = failed
+        at_end = reader.line_num >= len(self._texts)
+        if (error and at_end) or (not error and len(rows) < len(self._texts)):
+            # A quoted text that does not end swallows the lines behind it: the line that opens it is the wrong one.
+            odd = [line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2]
+            if odd:
+                self._fail("opens a quoted text that does not end on this line", odd[0])
+        if error:
+            self._fail(f"is not CSV: {error}", self._numbers[reader.line_num - 1])
+        return rows
+
+    def _fail(self, message: str, line: int | None = None) -> NoReturn:
+        """Raise at once, for what leaves nothing else to check."""
+        raise StudyError(Problem(message, file=self.name, line=line))
+
+
+def read_table(
+    path: Path,
+    name: str,
+    columns: Mapping[str, Column],
+    *,
+    others: bool = False,
+    most_bytes: int | None = None,
+    rows: str = "rows",
+    most_rows: int | None = None,
+    needs: str = "a header and rows",
+    also: Callable[[Table], None] | None = None,
+) -> Table:
+    """Read a table whose header and rows are right; its cells are read column by column.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    name : str
+        What messages call it.
+    columns : mapping of str to Column
+        What there may be.
+    others : bool
+        Whether there may be other columns.
+    most_bytes : int, optional
+        As for `table_text`.
+    rows, most_rows, needs
+        As for `Table`.
+    also : callable, optional
+        Notes what else is wrong with the header.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be read, or its header is wrong.
+    """
+    lines = table_lines(table_text(path, name, most_bytes))
+    table = Table(name, lines, rows=rows, most_rows=most_rows, needs=needs)
+    table.check_header(columns, others=others)
+    if also is not None:
+        also(table)
+    table.check_rows()
+    return table
 
 
 def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
@@ -66,5 +359,29 @@ def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
 def table_lines(text: str) -> tuple[list[int], list[str]]:
     """Return the lines that hold something and are no comment (``#``), after their numbers in the file."""
     every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    numbers = [number for number, line in enumerate(every, 1) if line.strip() and line[0] != "#"]
+    numbers = [number for number, line in enumerate(every, 1) if (said := line.lstrip()) and said[0] != "#"]
     return numbers, [every[number - 1] for number in numbers]
+
+
+def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
+    """Return the numbers that texts hold, and NaN or infinity where there is none."""
+    if _PLAIN.fullmatch("".join(texts)):
+        try:
+            return np.array(list(map(float, texts)), float)
+        except ValueError:
+            pass
+    return np.array([_number(text) for text in texts], float)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text) if _PLAIN.fullmatch(text) else np.nan
+    except ValueError:
+        return np.nan
+
+
+def listed(problems: Sequence[Problem], count: int) -> list[Problem]:
+    """Return the first problems of a table, and one that tells how many of all `count` are not listed."""
+    first = list(problems[:MAX_LISTED])
+    unlisted = count - len(first)
+    return [*first, Problem(f"and {unlisted:,} more problems", file=first[0].file)] if unlisted else first

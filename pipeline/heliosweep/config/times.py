@@ -14,11 +14,9 @@ from pydantic import Field
 from heliosweep.config import zones
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, did_you_mean
-from heliosweep.config.fields import Parameter
 from heliosweep.config.forms import key_faults, read_items, read_parts
-from heliosweep.config.names import Choice
-from heliosweep.config.quantity import Quantity, Samples
 from heliosweep.config.sweep import Range, Sweep
+from heliosweep.config.values import Choice, Parameter, Quantity, Samples
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -177,7 +175,6 @@ class WallTime(Parameter):
 
 _WALL_TIME = re.compile(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2}))?")
 _ISO_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
-_OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
 
 
 @dataclass(frozen=True)
@@ -192,7 +189,7 @@ class TimeZone(Parameter):
         if not isinstance(raw, str):
             raise Invalid(f"{hint}, in quotes")
         if raw[:1] in ("+", "-"):
-            match = _OFFSET.fullmatch(raw)
+            match = zones.OFFSET.fullmatch(raw)
             if match is None or int(match[1]) > 14 or int(match[2]) > 59:
                 raise Invalid(hint)
         else:
@@ -287,14 +284,6 @@ TimeOrDirections = Annotated[
     SolarTime | CivilTime | SunDirections,
     Field(discriminator="clock", description="The instants looked at, or the directions of the sun"),
 ]
-
-
-def parse_timezone(timezone: str) -> dt.tzinfo:
-    """Return the time zone that an offset such as ``+08:00`` or a name such as ``Asia/Shanghai`` stands for."""
-    if match := _OFFSET.fullmatch(timezone):
-        offset = dt.timedelta(hours=int(match[1]), minutes=int(match[2]))
-        return dt.timezone(-offset if timezone[0] == "-" else offset)
-    return zones.zone(timezone)
 
 
 def seconds_of(wall_time: str) -> float:

@@ -1,46 +1,37 @@
-"""What a study will cost before it runs: points, blocks, memory, disk, time; and a clear no where it cannot fit.
-
-A study is computed in *parts*, slabs of the grid with stable names: they follow from the study alone, whatever machine
-it runs on, so that a run can go on where another one ended. A part is cut into *blocks*, the tasks that run side by
-side, to suit the machine. Neither changes a number.
-"""
+"""What a study will cost before it runs: points, parts, memory, disk, time; and a clear no where it cannot fit."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field
 from typing import Literal
 
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
-from heliosweep.grid.limits import Limits, human_bytes, human_lengths, human_seconds
-from heliosweep.grid.slabs import Part, Series, series_lengths, slab_lengths, slabs
+from heliosweep.files import human_bytes
+from heliosweep.grid.machine import Limits, human_lengths, human_seconds
+from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, piece_count, series_cut, slab_lengths
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY = 388 * 2**20, 100 * 2**20
 #: A NetCDF file without any data. [bytes]
 EMPTY_FILE = 56 * 2**10
-#: Work that a block should hold: long against a task's overhead of 0.2 ms, short against the run. [s]
-BLOCK_SECONDS = 0.25
-#: Below this a block is not worth its overhead. [s]
-LEAST_SECONDS = 0.005
-#: Blocks per worker that keep all workers busy to the end of a part.
-BLOCKS_PER_WORKER = 8
-#: Blocks of one part at the most: a block is up to 33 tasks, and two parts are in flight with 20,000 tasks at the most.
-PART_BLOCKS = 300
-#: What one part may hold, so that some of them fit any memory, and take on one core, so that a kill costs little.
-PART_BYTES, PART_SECONDS = 64 * 2**20, 5.0
-#: Parts that are in memory at a time: two computed and one written.
-PARTS_HELD = 3
-#: The same of time series, with what the allocator keeps and, from process to process, what is sent.
-SERIES_HELD = {"here": 4, "processes": 12, "elsewhere": 4}
+#: Values of all variables that a slab holds. [bytes]
+SLAB_BYTES = 16 * 2**20
+#: Work of one part on one core: what a kill may cost at the most, and much against handing it out. [s]
+PART_SECONDS, LEAST_SECONDS = 2.0, 0.02
+#: Parts that a study of middling length is cut into, so that workers end together.
+WANTED_PARTS = 64
+#: Least length of a part along the dimension that points are cut along: kernels share what they prepare.
+LEAST_SPLIT = 32
+#: Slabs in memory while the result is written: its parts, the whole, what is finished from it and what is written.
+SLABS_HELD = 4
 
 
 @dataclass(frozen=True)
 class Workload:
-    """What a family says of a study, for planning only.
+    """What a family says of the sizes and the cost of a study, for planning only.
 
     Parameters
     ----------
@@ -54,16 +45,13 @@ class Workload:
         What one evaluation is, for instance ``heliostat-instants``.
     seconds : float
         Time of one evaluation on one core, roughly. [s]
+    working_bytes : callable
+        (points, length along `splittable`) -> working memory of the computation of one part. [bytes]
     splittable : str
         Inner dimension along which one parameter point may be cut, or empty.
-    variables : mapping of str to tuple of str
-        Stored variables and their dimensions.
-    block_bytes : callable
-        (points, length along `splittable`) -> working memory of one block. [bytes]
     whole : tuple of str
-        Swept dimensions over which the family takes statistics: a part always holds them whole.
-    itemsize : mapping of str to int
-        Bytes of a value of those variables that are not of 8 bytes.
+        Swept dimensions over which `Family.finish` takes statistics, or along which something costly does not vary: a
+        slab holds them whole, and parts are cut along them last.
     seconds_per_point : float
         Overhead of a parameter point, whatever its evaluations. [s]
     coordinate_bytes : int
@@ -79,11 +67,9 @@ class Workload:
     evaluations: int
     unit: str
     seconds: float
-    splittable: str
-    variables: Mapping[str, tuple[str, ...]]
-    block_bytes: Callable[[int, int], int]
+    working_bytes: Callable[[int, int], int]
+    splittable: str = ""
     whole: tuple[str, ...] = ()
-    itemsize: Mapping[str, int] = field(default_factory=dict)
     seconds_per_point: float = 0.0
     coordinate_bytes: int = 0
     axes: Mapping[str, int] = field(default_factory=dict)
@@ -104,16 +90,6 @@ class Workload:
         """Time of one parameter point on one core. [s]"""
         return self.evaluations * self.seconds + self.seconds_per_point
 
-    def of_kind(self, kind: str) -> tuple[str, ...]:
-        """Names of the variables that parts of one kind hold: ``series`` those over ``time``, ``points`` all others."""
-        return tuple(name for name, dims in self.variables.items() if ("time" in dims) == (kind == "series"))
-
-    def bytes_of(self, sizes: Mapping[str, int]) -> int:
-        """Size of the stored variables for the given lengths of dimensions. [bytes]."""
-        return sum(
-            self.itemsize.get(name, 8) * math.prod(sizes[dim] for dim in dims) for name, dims in self.variables.items()
-        )
-
 
 @dataclass(frozen=True, repr=False)
 class Plan:
@@ -123,37 +99,37 @@ class Plan:
     ----------
     workload : Workload
         What was planned.
+    variables : mapping of str to Variable
+        Variables of the result.
+    cuts : dict of str to Cut
+        How the variables of each kind, ``points`` and ``series``, are cut.
+    storage : dict of str to int
+        Lengths of a storage chunk of compressed time series.
     workers : int
-        Blocks that run at a time.
-    chunks : dict of str to int
-        Block lengths along the dimensions that are cut.
-    part : dict of str to int
-        Part lengths along the swept dimensions.
+        Parts that are computed at a time.
     peak_memory, output_bytes : int
         Estimates. [bytes]
     seconds : float
         Estimate of the time in the kernels. [s]
-    series : Series, optional
-        How time series are cut; None without them.
     """
 
     workload: Workload
+    variables: Mapping[str, Variable]
+    cuts: dict[str, Cut]
+    storage: dict[str, int]
     workers: int
-    chunks: dict[str, int]
-    part: dict[str, int]
     peak_memory: int
     output_bytes: int
     seconds: float
-    series: Series | None = None
 
     def __repr__(self) -> str:
         words = self.in_words()
-        cut = f"{self.part_count:,} parts, {self.blocks:,} blocks; {self.workers} at a time"
+        cut = f"{self.part_count:,} parts; {self.workers} at a time"
         rows = {name: words.pop(name) for name in ("dimensions", "points", "evaluations")} | {"cut into": cut} | words
         return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in rows.items())])
 
     def in_words(self) -> dict[str, str]:
-        """Say what the study is and costs, by the name of each quantity."""
+        """Size and cost of the study in words, by the name of each quantity."""
         work = self.workload
         return {
             "dimensions": human_lengths(work.sizes) or "none",
@@ -165,67 +141,56 @@ class Plan:
         }
 
     @property
-    def blocks(self) -> int:
-        """Number of blocks in the whole study, those of time series included."""
-        return sum(_pieces(self.workload.sizes, chunks) for _, chunks in self._kinds.values())
-
-    @property
-    def cut(self) -> dict[str, dict[str, int]]:
-        """Lengths of the parts of each kind, and of the storage chunks of time series, by dimension."""
-        storage = {"storage": self.series.storage} if self.series else {}
-        return {**{kind: part for kind, (part, _) in self._kinds.items()}, **storage}
-
-    @property
     def part_count(self) -> int:
         """Number of parts in the whole study."""
-        return sum(_pieces(self.workload.sizes, part) for part, _ in self._kinds.values())
+        return sum(cut.part_count for cut in self.cuts.values())
 
-    def parts(self) -> Iterator[Part]:
-        """Parts in the order of the file: of all that has no ``time`` first, then of the time series."""
-        for kind, (lengths, _) in self._kinds.items():
-            for number, region in enumerate(slabs({dim: self.workload.sizes[dim] for dim in lengths}, lengths)):
+    def slabs(self) -> Iterator[Part]:
+        """Slabs in the order of the file, those without ``time`` first."""
+        for kind, cut in self.cuts.items():
+            for number, region in enumerate(cut.slabs()):
                 yield Part(f"{kind}-{number:05}", kind, region)
 
-    def blocks_of(self, part: Part) -> int:
-        """Number of blocks of one part."""
-        _, chunks = self._kinds[part.kind]
-        sizes = self.workload.sizes
-        return _pieces({dim: len(range(sizes[dim])[part.region.get(dim, slice(None))]) for dim in chunks}, chunks)
+    def parts(self) -> Iterator[Part]:
+        """All parts, slab by slab."""
+        return (part for _, parts in self.parts_by_slab() for part in parts)
 
-    @property
-    def _kinds(self) -> dict[str, tuple[dict[str, int], dict[str, int]]]:
-        """Part and block lengths of each kind of part that the study has."""
-        kinds = {"points": (self.part, self.chunks)}
-        if self.series:
-            kinds["series"] = (self.series.part, self.series.chunks)
-        return {kind: lengths for kind, lengths in kinds.items() if self.workload.of_kind(kind)}
+    def parts_by_slab(self) -> Iterator[tuple[Part, Iterator[Part]]]:
+        """Each slab with its parts."""
+        first = dict.fromkeys(self.cuts, 0)
+        for slab in self.slabs():
+            cut, start = self.cuts[slab.kind], first[slab.kind]
+            first[slab.kind] += piece_count(slab.region, cut.part)
+            yield slab, _numbered(slab.kind, start, cut.parts(slab.region))
 
 
-def _pieces(sizes: Mapping[str, int], lengths: Mapping[str, int]) -> int:
-    """Into how many pieces of the given lengths a grid is cut."""
-    return math.prod(-(-sizes[dim] // length) for dim, length in lengths.items())
+def _numbered(kind: str, first: int, regions: Iterator[dict[str, slice]]) -> Iterator[Part]:
+    return (Part(f"{kind}-{number:05}", kind, region) for number, region in enumerate(regions, first))
 
 
 def make_plan(
     workload: Workload,
+    variables: Mapping[str, Variable],
     limits: Limits,
     chunks: Mapping[str, int] | None = None,
     *,
     where: Literal["here", "processes", "elsewhere"] = "here",
     copies: int = 1,
 ) -> Plan:
-    """Cut a study into blocks and parts and estimate its cost.
+    """Cut a study into slabs and parts and estimate its cost.
 
     Parameters
     ----------
     workload : Workload
         From the family.
+    variables : mapping of str to Variable
+        Variables of the result, from the family.
     limits : Limits
         Workers, memory and disk.
     chunks : mapping of str to int, optional
-        Block lengths asked for by the user; the rest is chosen here.
+        Lengths of the parts that the user wants; the rest is chosen here.
     where : {"here", "processes", "elsewhere"}
-        Whether the workers are in this process, processes of this machine, or others with memory of their own.
+        Place of the workers: in this process, processes of this machine, or others with memory of their own.
     copies : int
         How often the result is on the disk at the end of a run.
 
@@ -240,9 +205,9 @@ def make_plan(
     PlanError
         Where the result does not fit the disk or the work does not fit the memory; names the axis to shrink.
     """
-    asked = dict(chunks or {})
+    asked, most = dict(chunks or {}), dict[str, int]()
     _check_chunks(workload, asked)
-    output_bytes = workload.bytes_of(workload.sizes) + workload.coordinate_bytes + EMPTY_FILE
+    output_bytes = bytes_of(variables, workload.sizes) + workload.coordinate_bytes + EMPTY_FILE
     if copies * output_bytes > limits.disk:
         what = "the result" if copies == 1 else "the result and the parts it is made of"
         raise PlanError(_refusal(workload, what, copies * output_bytes, limits.disk, "of free disk"))
@@ -250,32 +215,16 @@ def make_plan(
     fixed += 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     if fixed > limits.memory:
         raise PlanError(_refusal(workload, "the program and the axes", fixed, limits.memory, "of memory"))
-
-    series = _series(workload, asked) if "time" in workload.inner else None
-    if series:
-        fixed += SERIES_HELD[where] * workload.bytes_of({**workload.inner, **series.part})
-        _check_blocks(series.part, series.chunks, asked)
-    whole = {dim: workload.parameters[dim] for dim in workload.whole}
-    free = {dim: size for dim, size in workload.parameters.items() if dim not in whole}
-    lengths = {**slab_lengths(free, partial(_part_fits, workload, whole)), **whole}
-    part = {dim: lengths[dim] for dim in workload.parameters}
-    sizes = {**workload.inner, **part}
-    fixed += PARTS_HELD * workload.bytes_of({**sizes, "time": 0})
-    blocks = {dim: min(length, sizes[dim]) for dim, length in _blocks(workload, limits.workers, asked).items()}
-    _check_blocks(sizes, blocks, asked)
     while True:
-        plan = Plan(workload, limits.workers, blocks, part, 0, output_bytes, 0.0, series)
-        workers = min(limits.workers, plan.blocks)
-        points = math.prod(blocks[dim] for dim in workload.parameters)
-        work = workers * workload.block_bytes(points, blocks.get(workload.splittable, 1))
-        processes = workers * WORKER_PROCESS_MEMORY if where == "processes" else 0
-        peak = fixed + (0 if where == "elsewhere" else work + processes)
+        cuts, storage = _cuts(workload, variables, asked, most)
+        workers = min(limits.workers, max(cut.part_count for cut in cuts.values()))
+        peak = fixed + max(_held(workload, variables, cut, workers, where) for cut in cuts.values())
         if peak <= limits.memory:
             break
-        if not _halve(blocks, workload, asked) or _pieces(sizes, blocks) > PART_BLOCKS:
-            raise PlanError(_refusal(workload, "the smallest block of work", peak, limits.memory, "of memory"))
+        if not _shorten(cuts, most, asked):
+            raise PlanError(_refusal(workload, "the smallest part of the work", peak, limits.memory, "of memory"))
     seconds = workload.points * workload.point_seconds / workers
-    return replace(plan, workers=workers, peak_memory=peak, seconds=seconds)
+    return Plan(workload, variables, cuts, storage, workers, peak, output_bytes, seconds)
 
 
 def _check_chunks(workload: Workload, asked: Mapping[str, int]) -> None:
@@ -289,55 +238,74 @@ def _check_chunks(workload: Workload, asked: Mapping[str, int]) -> None:
         raise StudyError(problems)
 
 
-def _series(workload: Workload, asked: Mapping[str, int]) -> Series:
-    names = [name for name, dims in workload.variables.items() if "time" in dims]
-    split = {workload.splittable: workload.inner[workload.splittable]}
-    return series_lengths(workload.parameters, workload.inner["time"], split, 8 * len(names), asked)
+def _cuts(
+    workload: Workload, variables: Mapping[str, Variable], asked: Mapping[str, int], most: Mapping[str, int]
+) -> tuple[dict[str, Cut], dict[str, int]]:
+    """Cuts of both kinds, parts as long as `asked` and at most as `most`, and the storage chunks of time series."""
+    cuts: dict[str, Cut] = {}
+    storage: dict[str, int] = {}
+    if any(one.kind == "points" for one in variables.values()):
+        cuts["points"] = _points_cut(workload, variables, asked, most)
+    if series := of_kind(variables, "series"):
+        split = workload.splittable, workload.inner[workload.splittable]
+        value_bytes = sum(one.dtype.itemsize for one in series.values())
+        times, longest = workload.inner["time"], {**most, **asked}
+        cuts["series"], storage = series_cut(workload.parameters, times, split, value_bytes, longest)
+    return cuts, storage
 
 
-def _part_fits(workload: Workload, whole: Mapping[str, int], slab: Mapping[str, int]) -> bool:
-    sizes = {**slab, **whole}
-    seconds = math.prod(sizes.values()) * workload.point_seconds
-    return seconds <= PART_SECONDS and workload.bytes_of({**workload.inner, **sizes, "time": 0}) <= PART_BYTES
+def _points_cut(
+    workload: Workload, variables: Mapping[str, Variable], asked: Mapping[str, int], most: Mapping[str, int]
+) -> Cut:
+    """Slabs of bounded size, parts of bounded time."""
+    split, parameters = workload.splittable, workload.parameters
+    whole = {dim: parameters[dim] for dim in workload.whole}
+    free = {dim: size for dim, size in parameters.items() if dim not in whole}
+    stored = {name: one for name, one in variables.items() if one.kind == "points"}
+
+    def slab_fits(slab: Mapping[str, int]) -> bool:
+        return bytes_of(stored, {**workload.inner, **slab, **whole}) <= SLAB_BYTES
+
+    lengths = {**slab_lengths(free, slab_fits), **whole}
+    slab = {dim: lengths[dim] for dim in parameters}
+    target = max(LEAST_SECONDS, min(PART_SECONDS, workload.points * workload.point_seconds / WANTED_PARTS))
+
+    fixed = {dim: min(length, slab[dim]) for dim, length in asked.items() if dim in slab}
+
+    def part_fits(part: Mapping[str, int]) -> bool:
+        return math.prod({**part, **fixed}.values()) * workload.point_seconds <= target
+
+    cut_last = {dim: slab[dim] for dim in (*free, *whole)}
+    part = {**slab_lengths(cut_last, part_fits, {**most, **fixed}), **fixed}
+    sizes = dict(parameters)
+    if split:
+        size = sizes[split] = slab[split] = workload.inner[split]
+        pieces = max(1, min(math.ceil(workload.point_seconds / target), size // LEAST_SPLIT))
+        within = max(1, int(size * PART_SECONDS / workload.point_seconds)) if workload.point_seconds > 0 else size
+        part[split] = min(asked.get(split, min(-(-size // pieces), max(1, within))), most.get(split, size), size)
+    return Cut(sizes, slab, part)
 
 
-def _check_blocks(sizes: Mapping[str, int], blocks: Mapping[str, int], asked: Mapping[str, int]) -> None:
-    """Refuse chunks so small that the graph of one part would be large."""
-    count = _pieces(sizes, blocks)
-    if count > PART_BLOCKS and asked:
-        dim = min((dim for dim in blocks if dim in asked), key=lambda dim: blocks[dim] / sizes[dim])
-        enough = min(sizes[dim], -(-blocks[dim] * count // PART_BLOCKS))
-        problem = (
-            f"would cut one part of the work into {count:,} blocks, more than {PART_BLOCKS:,}; {enough:,} is enough"
-        )
-        raise StudyError(Problem(f"{problem} (got {asked[dim]})", f"execution.chunks.{dim}"))
+def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, workers: int, where: str) -> int:
+    """Memory for parts that are computed and on their way, and for a slab that is written. [bytes]"""
+    kind = "series" if "time" in cut.sizes else "points"
+    stored = {name: one for name, one in variables.items() if one.kind == kind}
+    slab, part = ({**workload.inner, **lengths} for lengths in (cut.slab, cut.part))
+    values, points = bytes_of(stored, part), math.prod(cut.part[dim] for dim in workload.parameters)
+    written = SLABS_HELD * bytes_of(stored, slab)
+    if where == "elsewhere":
+        return max(written, (workers + 2) * values)
+    each = workload.working_bytes(points, cut.part.get(workload.splittable, 1)) + 2 * values
+    return max(written, workers * (each + (WORKER_PROCESS_MEMORY if where == "processes" else 0)) + 2 * values)
 
 
-def _blocks(workload: Workload, workers: int, asked: Mapping[str, int]) -> dict[str, int]:
-    """Block lengths: whole points grouped while they are quick, one point cut along `splittable` while it is slow."""
-    point_seconds = workload.point_seconds
-    total = workload.points * point_seconds
-    pieces = min(BLOCKS_PER_WORKER * workers, PART_BLOCKS // 2)
-    target = max(LEAST_SECONDS, min(BLOCK_SECONDS, total / pieces))
-    room = max(1, int(target / point_seconds)) if point_seconds > 0 else workload.points
-    lengths: dict[str, int] = {}
-    for dim, size in reversed(list(workload.parameters.items())):
-        lengths[dim] = min(asked.get(dim, room), size)
-        room = max(1, room // size)
-    blocks = dict(reversed(lengths.items()))
-    if workload.splittable:
-        size = workload.inner[workload.splittable]
-        pieces = max(1, min(math.ceil(point_seconds / target), size // 32))
-        blocks[workload.splittable] = min(asked.get(workload.splittable, -(-size // pieces)), size)
-    return blocks
-
-
-def _halve(blocks: dict[str, int], workload: Workload, asked: Mapping[str, int]) -> bool:
-    """Halve the longest block that the user did not fix; false where nothing is left to halve."""
-    choice = max((dim for dim in blocks if dim not in asked and blocks[dim] > 1), key=blocks.__getitem__, default=None)
-    if choice is None:
+def _shorten(cuts: Mapping[str, Cut], most: dict[str, int], asked: Mapping[str, int]) -> bool:
+    """Halve the longest dimension of a part that the user did not fix; false where nothing is left to halve."""
+    lengths = {dim: length for cut in cuts.values() for dim, length in cut.part.items() if dim not in asked}
+    dim = max(lengths, key=lengths.__getitem__, default="")
+    if not dim or lengths[dim] == 1:
         return False
-    blocks[choice] = -(-blocks[choice] // 2)
+    most[dim] = -(-lengths[dim] // 2)
     return True
 
 

@@ -1,12 +1,31 @@
-"""Vectors as tuples of three numbers, for kernels that follow one ray at a time; the compiler makes scalars of them."""
+"""Vectors: of one ray as tuples of three numbers, of which the compiler makes scalars; of a packet as rows of lanes."""
 
 import math
 
-from heliosweep.kernels.compiled import inline
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Vector", "at_angle", "cross", "dot", "mixed", "slope_at_angle", "turning", "unit"]
+from heliosweep.kernels.compiled import inline, kernel
 
 Vector = tuple[float, float, float]
+
+PACKET = 64
+"""Most instants (lanes) in a packet."""
+
+GROUP = 8
+"""Packets are filled up to a multiple of so many lanes, the vector of the widest processors: no loop leaves a rest."""
+
+ROW = PACKET + GROUP
+"""Numbers from the start of a row of lanes to that of the next. With as many as a packet has lanes, a power of two, the
+rows of short packets, as a low sun makes them, would crowd into an eighth of the places of the processor's cache."""
+
+
+@kernel
+def rows(count: int) -> NDArray[np.float64]:
+    """Room for rows of lanes, one after the other, from the start of a cache line: a load across two costs double."""
+    room = np.empty(count * ROW + 8)
+    skip = -(room.ctypes.data >> 3) & 7
+    return room[skip : skip + count * ROW]
 
 
 @inline

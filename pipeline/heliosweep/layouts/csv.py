@@ -1,32 +1,58 @@
-"""Layouts as CSV: one heliostat a row, columns ``x``, ``y``, optional ``z``, and any others."""
+"""Layouts as CSV: one heliostat a row, columns ``x``, ``y``, optional ``z``, and any others; or as SolarPILOT has them.
+
+SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's ssc, and `assign_layout` of its Python
+interface) is a table without a header, a heliostat a row: template, x, y, z [m], then, all or ``NULL``, two focal
+lengths [m], a canting vector and an aim point [m]. x points east, y north, and z is the height of the mirror's centre
+above a plane through the centre of a mirror at the tower's foot: here that of its base above the tower's base, as
+long as all pivots are equally high. The first four columns are required. A line without a comma is passed over if
+none follows with one; `write_solarpilot` notes the mirror sizes of the templates on such lines.
+"""
 
 from __future__ import annotations
 
-import csv
 import itertools
-import os
 import re
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.tables import table_lines, table_text
+from heliosweep.config.tables import Table, table_lines, table_text
 from heliosweep.errors import Problem, StudyError
-from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
+from heliosweep.files import write_rows
+from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout, layout_of
 
-MAX_LISTED = 20
-"""Problems of one file that are listed; the rest is counted."""
+#: Columns of a user-defined layout; one of the groups after the first is there or not, as a whole.
+SOLARPILOT_COLUMNS = (
+    *("template", "x", "y", "z"),
+    *("focal_x", "focal_y"),
+    *("cant_i", "cant_j", "cant_k"),
+    *("aim_x", "aim_y", "aim_z"),
+)
+_GROUPS = (SOLARPILOT_COLUMNS[4:6], SOLARPILOT_COLUMNS[6:9], SOLARPILOT_COLUMNS[9:12])
 
-MAX_TEXT = 100
-"""Longest text of a field; an array of text takes the width of its longest for every row."""
+#: Titles of columns in SolarPILOT's tables without blanks and signs: of its layout, of the export of simulations
+#: (``Pos-x``, `SPFrame::LayoutSimulationExport`) and of its Python interface (``x_location``, `get_layout_info`).
+_TITLES = {
+    **dict.fromkeys(("template", "templateid", "heliotemplateid"), "template"),
+    **{f"{title}{axis}": axis for title in ("loc", "location", "pos") for axis in "xyz"},
+    **{f"{axis}location": axis for axis in "xyz"},
+    **{f"{title}{axis}": f"focal_{axis}" for title in ("foc", "focal", "focallength") for axis in "xy"},
+    **{f"{axis}focallength": f"focal_{axis}" for axis in "xy"},
+    **{f"cant{axis}": f"cant_{axis}" for axis in "ijk"},
+    **{f"cant{axis}": f"cant_{vector}" for axis, vector in zip("xyz", "ijk", strict=True)},
+    **{f"aim{axis}": f"aim_{axis}" for axis in "xyz"},
+    **dict.fromkeys(("id", "heliostatid"), "id"),
+}
+#: Lines that the export of a simulation has before its header.
+_PREAMBLE = ("solarazimuth", "solarzenith", "dni")
+_MOST_PREAMBLE = 10
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_DIGITS = re.compile(r"[0-9+\-\s]*")
-_PLAIN = re.compile(r"[0-9+\-.eE\s]*")  # float() also takes 1_0, nan and digits of other scripts
-_CODE = re.compile(r"(^|,)\s*[+-]?0[0-9]")  # 007 is a name, not the number 7
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_SIZE = re.compile(r"template (\d{1,9}): (\S+) m x (\S+) m")
 
 
 def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None = None) -> Layout:
@@ -35,7 +61,7 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     The first row names the columns: ``x`` and ``y``, metres east and north of the tower's base, ``z``, metres
     above it (0 if left out), and any others, which are kept as integers, numbers or text. Rows stay in order.
     Empty lines and lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark.
-    Tables of SolarPILOT are known by their header, or by having none, and read as `solarpilot.SolarPilotReader` says.
+    Tables of SolarPILOT are known by their header, or by having none, and read as the notes of this module say.
 
     Parameters
     ----------
@@ -56,13 +82,13 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     StudyError
         If the file cannot be read or is no such table; all bad rows at once, with file, line and column.
     """
-    from heliosweep.layouts.solarpilot import SolarPilotReader, recognised
-
     name = str(path) if name is None else name
-    text = table_text(Path(path), name)
-    form = recognised(text)
-    reader = Reader(name) if form is None else SolarPilotReader(name, form)
-    return reader.read(text, reserved)
+    lines = table_lines(table_text(Path(path), name))
+    form = _solarpilot_form(lines[1])
+    if form is not None:
+        return _read_solarpilot(name, lines, form, reserved)
+    needs = "a header with the columns x and y, and one row for each heliostat"
+    return layout_of(Table(name, lines, rows="heliostats", most_rows=MAX_HELIOSTATS, needs=needs), reserved)
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
@@ -80,177 +106,199 @@ def write_csv(layout: Layout, path: str | Path) -> None:
 
     Raises
     ------
-    OSError
+    HeliosweepError
         If the file cannot be written; nothing is left behind.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
     rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-    write_rows(itertools.chain([columns], rows), path)
+    write_rows(itertools.chain([columns], rows), Path(path))
 
 
-def write_rows(rows: Iterable[Iterable[object]], path: str | Path) -> None:
-    """Write rows as CSV; the file appears under its name only when it is complete. Raises OSError."""
-    path = Path(path)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with unfinished.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+@dataclass(frozen=True)
+class _Form:
+    """Form of a table of SolarPILOT.
+
+    Parameters
+    ----------
+    separator : str
+        Between fields.
+    header : int or None
+        Position of the header among the lines that hold something; None where there is none.
+    """
+
+    separator: str
+    header: int | None
 
 
-class Reader:
-    """Reads one file and gathers what is wrong with it."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.problems: list[Problem] = []
-        self.unlisted = 0
-
-    def read(self, text: str, reserved: Collection[str]) -> Layout:
-        """Return the layout that a text holds, or raise with all that is wrong."""
-        self.numbers, self.lines = self._lines(text)
-        header, *rows = self._rows()
-        self._check_header(header, reserved)
-        if not rows:
-            self._add("has a header but no heliostats")
-        self._finish()
-
-        # A row with too few or too many fields must not hide what is wrong with the others.
-        width = len(header)
-        complete = [row for row, fields in enumerate(rows) if len(fields) == width]
-        if len(complete) < len(rows):
-            odd = [row for row, fields in enumerate(rows) if len(fields) != width]
-            self._add_rows(odd, None, lambda row: f"has {len(rows[row])} fields, but the header has {width}")
-            rows = [rows[row] for row in complete]
-        columns: dict[str, NDArray] = {}
-        for index, (key, values) in enumerate(zip(header, zip(*rows, strict=True), strict=bool(rows))):
-            columns[key] = self._column(key, index, values, complete)
-        self._finish()
-
-        lines = np.array(self.numbers[1:])
-        x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(rows)))
-        return Layout(x, y, z, columns, self.name, lines)
-
-    def _lines(self, text: str) -> tuple[list[int], list[str]]:
-        """Return the lines that hold something, after their numbers in the file."""
-        numbers, lines = table_lines(text)
-        if not numbers:
-            self._fail("is empty: it needs a header with the columns x and y, and one row for each heliostat")
-        if len(numbers) - 1 > MAX_HELIOSTATS:
-            self._fail(f"has {len(numbers) - 1:,} rows, more than {MAX_HELIOSTATS:,} heliostats")
-        return numbers, lines
-
-    def _rows(self) -> list[list[str]]:
-        """Split the lines into fields."""
-        header = self.lines[0]
-        for separator, called in ((";", "semicolons"), ("\t", "tabs")):
-            if separator in header and "," not in header:
-                advice = "use commas, and a point in decimal numbers"
-                self._fail(f"is separated by {called}; {advice}", self.numbers[0])
-        table = csv.reader(self.lines, skipinitialspace=True, strict=True)
-        try:
-            rows = list(table)
-        except csv.Error as error:
-            self._fail(f"is not CSV: {error}", self.numbers[min(table.line_num, len(self.lines)) - 1])
-        if len(rows) < len(self.lines):
-            quoted = next(row for row, line in enumerate(self.lines) if line.count('"') % 2)
-            self._fail("opens a quoted text that does not end on this line", self.numbers[quoted])
-        rows[0] = [field.strip() for field in rows[0]]
-        return rows
-
-    def _check_header(self, header: list[str], reserved: Collection[str]) -> None:
-        """Check the names of the columns."""
-        for key, direction in (("x", "east"), ("y", "north")):
-            if key not in header:
-                similar = [field for field in header if field.lower().startswith((key, direction))]
-                hint = f"rename {similar[0]!r}?" if similar else f"the columns are {', '.join(header)[:200]}"
-                self._add(f"needs a column {key}, the metres {direction} of the tower's base ({hint})", 0)
-        for index, key in enumerate(header):
-            if key in header[:index]:
-                self._add(f"has two columns {key!r}", 0, index)
-            elif not _NAME.fullmatch(key):
-                rule = "a letter, then letters, digits and underscores, as it names a variable of the result"
-                self._add(f"column name {key[:40]!r} must be {rule}", 0, index)
-            elif key in reserved and key not in ("x", "y", "z"):
-                self._add(f"column name {key!r} is taken by the result; choose another", 0, index)
-
-    def _column(self, key: str, index: int, values: Sequence[str], rows: list[int]) -> NDArray:
-        """Return one column as int64, float64 or text, and note the rows in which it is wrong."""
-        numbers = _numbers(values)
-        bad = np.flatnonzero(~np.isfinite(numbers)).tolist()
-        if key not in ("x", "y", "z"):
-            holds_numbers = len(bad) < len(values) and all(_is_gap(values[row]) for row in bad)
-            if not holds_numbers or _CODE.search(",".join(values)):
-                return self._text_column(key, index, values, rows)
-            if not bad and _DIGITS.fullmatch("".join(values)):
-                integers = list(map(int, values))
-                if max(map(abs, integers)) >= 2**63:
-                    return self._text_column(key, index, values, rows)  # a float would lose digits
-                return np.array(integers, np.int64)
-        positions = {rows[row]: row for row in bad}
-
-        def wrong(row: int) -> str:
-            value = values[positions[row]].strip()
-            return f"{key} must be a finite number (got {value[:40]!r})" if value else f"{key} is empty"
-
-        self._add_rows(list(positions), index, wrong)
-        return numbers
-
-    def _text_column(self, key: str, index: int, values: Sequence[str], rows: list[int]) -> NDArray:
-        """Return one column as text."""
-        texts = [value.strip() for value in values]
-        long = [row for row, text in zip(rows, texts, strict=True) if len(text) > MAX_TEXT]
-        self._add_rows(long, index, lambda row: f"{key} is longer than {MAX_TEXT} characters")
-        return np.array([] if long else texts, str)
-
-    def _add_rows(self, rows: list[int], index: int | None, message: Callable[[int], str]) -> None:
-        """Note problems of rows (counted without the header) in the field `index`; the first ones in full."""
-        for row in rows[:MAX_LISTED]:
-            self._add(message(row), row + 1, index)
-        self.unlisted += len(rows[MAX_LISTED:])
-
-    def _add(self, message: str, line: int | None = None, index: int | None = None) -> None:
-        """Note a problem, at a field of a line that holds something."""
-        column = None
-        if line is not None and index is not None and '"' not in self.lines[line]:
-            column = 1 + sum(len(field) + 1 for field in self.lines[line].split(",")[:index])
-        number = None if line is None else self.numbers[line]
-        self.problems.append(Problem(message, file=self.name, line=number, column=column))
-
-    def _finish(self) -> None:
-        """Raise if there are problems."""
-        if not self.problems:
-            return
-        in_order = sorted(self.problems, key=lambda problem: (problem.line or 0, problem.column or 0))
-        unlisted = self.unlisted + len(in_order[MAX_LISTED:])
-        more = [Problem(f"and {unlisted:,} more problems", file=self.name)] if unlisted else []
-        raise StudyError(in_order[:MAX_LISTED] + more)
-
-    def _fail(self, message: str, line: int | None = None) -> NoReturn:
-        """Raise at once, for what leaves nothing else to check."""
-        raise StudyError(Problem(message, file=self.name, line=line))
+def _solarpilot_form(lines: Sequence[str]) -> _Form | None:
+    """Return how a table of SolarPILOT is written, by the lines that hold something; None for any other."""
+    for position, line in enumerate(lines[: _MOST_PREAMBLE + 1]):
+        separator = "," if "," in line else "\t"
+        fields = _fields(line, separator)
+        plain = [_letters(field) for field in fields]
+        meant = [_TITLES.get(title) for title in plain]
+        if {"x", "y"} <= set(meant) and not {"x", "y"} & set(plain):
+            return _Form(separator, position)
+        if position == 0 and _is_row(fields):
+            return _Form(separator, None)
+        if not plain[0].startswith(_PREAMBLE):
+            return None
+    return None
 
 
-def _numbers(values: Sequence[str]) -> NDArray[np.float64]:
-    """Return the numbers that the texts hold, and NaN or infinity where there is none."""
-    if _PLAIN.fullmatch("".join(values)):
-        try:
-            return np.array(list(map(float, values)))
-        except ValueError:
-            pass
-    return np.array([_number(value) for value in values])
+def _read_solarpilot(name: str, lines: tuple[list[int], list[str]], form: _Form, reserved: Collection[str]) -> Layout:
+    """Read a table of SolarPILOT: a layout, the export of a simulation, or what its Python interface gives.
+
+    Columns of a layout get the names of `SOLARPILOT_COLUMNS`, others theirs in small letters. A column that is nowhere
+    given (``NULL``) is left out, as is the template where all share one. Sizes of templates become ``width`` and
+    ``height``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file.
+    lines : tuple of list
+        Numbers and text of the lines that hold something.
+    form : _Form
+        From `_solarpilot_form`.
+    reserved : collection of str
+        Names that columns get another name for.
+
+    Raises
+    ------
+    StudyError
+        With all that is wrong.
+    """
+    first = form.header or 0
+    numbers, texts = lines[0][first:], lines[1][first:]
+    sizes: dict[int, tuple[float, float]] = {}
+    while len(texts) > 1 and (size := _SIZE.fullmatch(texts[-1].strip())):
+        sizes[int(size[1])] = _side(size[2], name, numbers[-1]), _side(size[3], name, numbers[-1])
+        del numbers[-1], texts[-1]
+    cells = [_fields(text, form.separator) for text in texts]
+    if form.header is None:
+        width = max(map(len, cells))
+        # A row may end where nothing more is given. Header and lines stay one to one: it stands on the first line.
+        cells = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in cells]
+        numbers, texts, cells = [numbers[0], *numbers], [texts[0], *texts], [list(SOLARPILOT_COLUMNS[:width]), *cells]
+    else:
+        cells[0] = [_TITLES.get(_letters(title)) or _variable(title) for title in cells[0]]
+    cells[0] = [f"solarpilot_{key}" if key in reserved and key not in ("x", "y", "z") else key for key in cells[0]]
+    table = Table(name, (numbers, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=form.separator)
+    layout = layout_of(table, unknown="NULL")
+    columns = {key: values for key, values in layout.columns.items() if not _is_unknown(values)}
+    template = columns.get("template")
+    if template is not None and template.dtype.kind != "i":
+        table.add("template must be a whole number", 0, "template")
+        table.finish()
+    if sizes:
+        numbers_of = np.zeros(len(layout), np.int64) if template is None else template
+        missing = [int(number) for number in np.unique(numbers_of) if int(number) not in sizes]
+        if missing:
+            table.add(f"gives no mirror size for template {missing[0]}, but sizes for others")
+            table.finish()
+        sides = np.array([sizes[int(number)] for number in numbers_of])
+        columns |= {"width": sides[:, 0], "height": sides[:, 1]}
+    if template is not None and (template == template[0]).all():
+        del columns["template"]
+    for group in _GROUPS:
+        there = [key for key in group if key in columns]
+        if there and len(there) < len(group):
+            table.add(f"has a column {there[0]} but not all of {', '.join(group)}")
+    table.finish()
+    return Layout(layout.x, layout.y, layout.z, columns, layout.name, layout.lines)
 
 
-def _number(text: str) -> float:
-    """Return the number that a text holds, or NaN."""
-    try:
-        return float(text) if _PLAIN.fullmatch(text) else np.nan
-    except ValueError:
-        return np.nan
+def _variable(title: str) -> str:
+    """Name of a variable for a column that is none of `SOLARPILOT_COLUMNS`."""
+    return re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_")
 
 
-def _is_gap(text: str) -> bool:
-    """Tell whether a text in a column of numbers stands for a missing or endless one."""
-    return text.strip().lower().lstrip("+-") in ("", "na", "n/a", "nan", "null", "none", "inf", "infinity")
+def _side(text: str, name: str, line: int) -> float:
+    """Length of a side of a mirror. Raises StudyError. [m]"""
+    side = float(text) if _NUMBER.fullmatch(text) else 0.0
+    if not 0 < side < np.inf:
+        raise StudyError(Problem(f"a mirror's side must be a positive number (got {text})", file=name, line=line))
+    return side
+
+
+def write_solarpilot(layout: Layout, path: str | Path) -> None:
+    """Write a layout that SolarPILOT takes as user-defined, and that `read_csv` gives back to the last bit.
+
+    Written are the positions, what is known of `SOLARPILOT_COLUMNS`, and the mirror sizes (``width``, ``height``), for
+    each of which there is a template; further columns have no place in the table. A file of this name is replaced.
+
+    Parameters
+    ----------
+    layout : Layout
+        The heliostats.
+    path : str or Path
+        File to write; appears under its name when it is complete.
+
+    Raises
+    ------
+    StudyError
+        If heliostats of one template have mirrors of different sizes.
+    HeliosweepError
+        If the file cannot be written.
+    """
+    numbers, sizes = _templates(layout)
+    count = len(layout)
+    groups = [all(key in layout.columns for key in group) for group in _GROUPS]
+    last = max((place + 1 for place, there in enumerate(groups) if there), default=0)
+    columns: list[list[Any]] = [numbers.tolist(), layout.x.tolist(), layout.y.tolist(), layout.z.tolist()]
+    for group, there in zip(_GROUPS[:last], groups, strict=False):
+        columns += [_written(layout.columns[key]) if there else ["NULL"] * count for key in group]
+
+    def rows() -> Iterator[Sequence[Any]]:
+        yield from zip(*columns, strict=True)
+        for number, (width, height) in sizes.items():
+            yield (f"template {number}: {width!r} m x {height!r} m",)
+
+    write_rows(rows(), Path(path))
+
+
+def _templates(layout: Layout) -> tuple[NDArray[np.int64], dict[int, tuple[float, float]]]:
+    """Return the template of every heliostat, and the mirror size of each template where sizes are known."""
+    count = len(layout)
+    given = layout.columns.get("template")
+    sides = [layout.columns.get(side) for side in ("width", "height")]
+    width, height = sides
+    if width is None or height is None:
+        return np.zeros(count, np.int64) if given is None else given, {}
+    pairs = list(zip(width.astype(float).tolist(), height.astype(float).tolist(), strict=True))
+    if given is None:
+        order = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
+        return np.array([order[pair] for pair in pairs], np.int64), {number: pair for pair, number in order.items()}
+    sizes: dict[int, tuple[float, float]] = {}
+    for row, (number, pair) in enumerate(zip(given.tolist(), pairs, strict=True)):
+        if sizes.setdefault(number, pair) != pair:
+            message = f"{layout.where(row)} of template {number} has a mirror of another size than others of it"
+            raise StudyError(Problem(message, file=layout.name))
+    return given, sizes
+
+
+def _written(values: NDArray) -> list[Any]:
+    return ["NULL" if isinstance(value, float) and np.isnan(value) else value for value in values.tolist()]
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    """Return the fields of a line without the empty one behind a separator at its end."""
+    fields = [field.strip() for field in line.split(separator)]
+    return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+
+
+def _letters(title: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", title.lower())
+
+
+def _is_row(fields: Sequence[str]) -> bool:
+    """True for the fields of a heliostat of a layout without header."""
+    if not 4 <= len(fields) <= len(SOLARPILOT_COLUMNS) or not fields[0].isdecimal():
+        return False
+    is_number: Callable[[str], Any] = _NUMBER.fullmatch
+    return all(map(is_number, fields[1:4])) and all(field == "NULL" or is_number(field) for field in fields[4:])
+
+
+def _is_unknown(values: NDArray) -> bool:
+    return values.dtype.kind == "f" and values.size > 0 and bool(np.isnan(values).all())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,17 +36,19 @@ class Layouts:
     Parameters
     ----------
     study : Study
-        Study with a ``layout`` block.
+        Study with a block that names layouts.
     reserved : frozenset of str
         Names that columns of a layout file must not have, because the result uses them.
+    key : str
+        Key of the block.
     """
 
-    def __init__(self, study: Study, reserved: frozenset[str] = frozenset()) -> None:
-        self._study = study
-        self._block: Any = study.layout  # type: ignore[attr-defined]
+    def __init__(self, study: Study, reserved: frozenset[str] = frozenset(), key: str = "layout") -> None:
+        self._study, self._key = study, key
+        self._block: Any = attrgetter(key)(study)
         self._reserved = reserved
         self.dimensions: list[Dimension] = [
-            dim for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps)
+            dim for dim in study.dimensions() if any(name.startswith(f"{key}.") for name in dim.sweeps)
         ]
 
     def __len__(self) -> int:
@@ -70,7 +73,7 @@ class Layouts:
     def at(self, values: Mapping[str, Any]) -> Layout:
         """Layout for the values of what is swept, by dotted key; other keys are passed over. Raises StudyError."""
         if self._block.file is not None:
-            return self._read(values.get("layout.file", self._block.file))
+            return self._read(values.get(f"{self._key}.file", self._block.file))
         return self._generate(values)
 
     def _read(self, name: str) -> Layout:
@@ -84,13 +87,13 @@ class Layouts:
         except StudyError as error:
             raise StudyError(
                 [
-                    problem if problem.line else self._study.problem("layout.file", f"{name}: {problem.message}")
+                    problem if problem.line else self._study.problem(f"{self._key}.file", f"{name}: {problem.message}")
                     for problem in error.problems
                 ]
             ) from None
 
     def recipe(self, index: tuple[int, ...]) -> Recipe | None:
-        """What the layout at a position can be generated from anew by `generated`; None for one from a file."""
+        """Parameters from which `generated` makes the layout at a position anew; None for one from a file."""
         if self._block.file is not None:
             return None
         return self._recipe(values_at(self.dimensions, index))
@@ -98,7 +101,7 @@ class Layouts:
     def _recipe(self, swept: Mapping[str, Any]) -> Recipe:
         block: RadialStagger = self._block.radial_stagger
         given = {
-            key: swept.get(f"layout.radial_stagger.{key}", getattr(block, key))
+            key: swept.get(f"{self._key}.radial_stagger.{key}", getattr(block, key))
             for key in ("clearance", "inner_radius", "rings", "heliostats")
         }
         rings, heliostats = (None if given[key] is None else int(given[key]) for key in ("rings", "heliostats"))
@@ -111,7 +114,7 @@ class Layouts:
         except StudyError as error:
             raise StudyError(
                 [
-                    self._study.problem(f"layout.radial_stagger.{problem.key}", problem.message)
+                    self._study.problem(f"{self._key}.radial_stagger.{problem.key}", problem.message)
                     for problem in error.problems
                 ]
             ) from None

@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
-from heliosweep.report.labels import number_text
+from heliosweep.report.contents import Table
+from heliosweep.report.labels import axis_label, number_text, unit_of
 from heliosweep.report.published import COLUMNS, UNITS, PublishedTable, PublishedValue, read_published
 
 #: File of a result folder with the comparison, from which the page can be made again.
@@ -26,6 +27,9 @@ SAME = 1e-9
 
 #: Rounding that a difference on the edge of its tolerance is forgiven. [unit of the number]
 _EDGE = 1e-9
+
+#: Letters of the head of a column.
+LONGEST_HEAD = 18
 
 #: Attribute with which a result tells its figures what was published.
 _ATTRIBUTE = "comparison"
@@ -222,71 +226,94 @@ def published_in(result: xr.Dataset, quantity: str) -> list[Comparison]:
     return [one for one in known if one.quantity == quantity]
 
 
-def summary(comparisons: Sequence[Comparison]) -> str:
-    """One line: how many numbers agree, and the largest difference of each unit."""
-    largest = []
-    for unit in dict.fromkeys(one.unit for one in comparisons):
-        differences = [abs(one.difference) for one in comparisons if one.unit == unit]
-        most = max((value for value in differences if math.isfinite(value)), default=math.nan)
-        largest.append(f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g}")
-    agreeing = sum(one.agrees for one in comparisons)
-    text = f"{agreeing} of {len(comparisons)} published values agree"
-    return f"{text}, largest difference {' and '.join(largest)}" if largest else text
+@dataclass(frozen=True)
+class Compared:
+    """Comparisons with published numbers and where these come from."""
 
+    values: list[Comparison]
+    source: str
 
-def cells(comparisons: Sequence[Comparison]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the table a person reads.
+    @property
+    def agrees(self) -> bool:
+        """Whether all numbers agree."""
+        return all(one.agrees for one in self.values)
 
-    Returns
-    -------
-    tuple of list of str, list of list of str
-        Quantity and coordinates, computed, published, difference, tolerance, unit and verdict.
-    """
-    names = list(dict.fromkeys(name for one in comparisons for name in one.where))
-    header = ["quantity", *names, *NUMBER_COLUMNS]
-    rows = [
-        [
-            one.quantity,
-            *(one.where.get(name, "") for name in names),
-            number_text(one.computed, one.decimals + 1),
-            number_text(one.published, one.decimals),
-            number_text(one.difference, one.decimals + 1, signed=True),
-            f"{one.tolerance:g}",
-            "%" if one.unit == "percent" else one.unit,
-            one.verdict,
+    @property
+    def summary(self) -> str:
+        """One line: how many numbers agree, and the largest difference of each unit."""
+        largest = []
+        for unit in dict.fromkeys(one.unit for one in self.values):
+            differences = [abs(one.difference) for one in self.values if one.unit == unit]
+            most = max((value for value in differences if math.isfinite(value)), default=math.nan)
+            largest.append(f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g}")
+        text = f"{sum(one.agrees for one in self.values)} of {len(self.values)} published values agree"
+        return f"{text}, largest difference {' and '.join(largest)}" if largest else text
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of all coordinates that the numbers are chosen by."""
+        return list(dict.fromkeys(name for one in self.values for name in one.where))
+
+    def table(self, result: xr.Dataset) -> Table:
+        """The table a person reads: quantity and coordinates, computed, published and verdict."""
+        names = self.coordinates
+        rows = [
+            [
+                one.quantity.replace("_", " "),
+                *(one.where.get(name, "").replace("_", "-") for name in names),
+                number_text(one.computed, one.decimals + 1),
+                number_text(one.published, one.decimals),
+                number_text(one.difference, one.decimals + 1, signed=True),
+                f"{one.tolerance:g}",
+                "%" if one.unit == "percent" else one.unit,
+                one.verdict,
+            ]
+            for one in self.values
         ]
-        for one in comparisons
-    ]
-    return header, rows
+        words = [
+            i for i, name in enumerate(names, 1) if not all(_is_number(one.where.get(name, "")) for one in self.values)
+        ]
+        pairs = zip(self.values, [None, *self.values], strict=False)
+        return Table(
+            "Computed and published",
+            ["quantity", *(_title(result, name) for name in names), *NUMBER_COLUMNS],
+            rows,
+            [0, *words, len(names) + len(NUMBER_COLUMNS) - 1, len(names) + len(NUMBER_COLUMNS)],
+            [
+                "The difference is computed minus published, in percentage points where the unit is %. "
+                "A number agrees where the difference is within the tolerance."
+            ],
+            classes=[
+                f"{one.verdict} new" if before and one.quantity != before.quantity else one.verdict
+                for one, before in pairs
+            ],
+        )
 
 
-def comparison_text(comparisons: Sequence[Comparison]) -> str:
-    """The table and its summary for a terminal."""
-    header, rows = cells(comparisons)
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    words = {0, len(header) - 1, *(i for i, row in enumerate(zip(*rows, strict=True)) if not _numeric(row))}
-    lines = [
-        "  ".join(
-            cell.ljust(width) if i in words else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in [header, *rows]
-    ]
-    return "\n".join([*lines, "", summary(comparisons)])
+def _title(result: xr.Dataset, name: str) -> str:
+    """Head of a column: what a coordinate is called, or its name where that is long and without a unit."""
+    if name not in result.coords:
+        return name
+    words = axis_label(result[name])
+    return words if len(words) <= LONGEST_HEAD or unit_of(result[name]) else name.replace("_", " ")
 
 
-def _numeric(column: Sequence[str]) -> bool:
-    return all(cell.lstrip("+-\N{MINUS SIGN}")[:1].isdigit() or not cell for cell in column)
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell or 0)
+    except ValueError:
+        return False
+    return True
 
 
-def comparison_csv(comparisons: Sequence[Comparison], source: str) -> str:
+def comparison_csv(compared: Compared) -> str:
     """The comparison as the text of `FILE`: columns of the published table, and what was computed, in full digits."""
-    names = list(dict.fromkeys(name for one in comparisons for name in one.where))
+    names = compared.coordinates
     buffer = io.StringIO()
-    buffer.writelines(f"# {line}\n" for line in source.splitlines())
+    buffer.writelines(f"# {line}\n" for line in compared.source.splitlines())
     table = csv.writer(buffer, lineterminator="\n")
     table.writerow([*names, *COLUMNS, *_COMPUTED])
-    for one in comparisons:
+    for one in compared.values:
         published = f"{one.published:.{one.decimals}f}"
         numbers = [repr(one.computed), repr(one.difference), one.verdict]
         coordinates = [one.where.get(name, "") for name in names]
@@ -294,8 +321,8 @@ def comparison_csv(comparisons: Sequence[Comparison], source: str) -> str:
     return buffer.getvalue()
 
 
-def read_comparison(path: Path) -> tuple[list[Comparison], str]:
-    """Read back what `comparison_csv` wrote: the comparisons and their source.
+def read_comparison(path: Path) -> Compared:
+    """Read back what `comparison_csv` wrote.
 
     Raises
     ------
@@ -320,4 +347,4 @@ def read_comparison(path: Path) -> tuple[list[Comparison], str]:
         message = "is no comparison that heliosweep wrote; remove it, or run the study again"
         raise StudyError(Problem(message, file=str(path))) from None
     comments = [line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-    return comparisons, "\n".join(comments)
+    return Compared(comparisons, "\n".join(comments))

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import html as markup
 import logging
 import os
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib import resources
+from html import unescape
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import quote
 
 from heliosweep.errors import HeliosweepError
+from heliosweep.files import write_whole
 from heliosweep.report import comparison
-from heliosweep.report.html import Html, element, join
-from heliosweep.report.interactive import policy
-from heliosweep.store import records, working
-from heliosweep.store.finished import read_manifest
-from heliosweep.store.manifest import write_atomically
+from heliosweep.report.page import PAGE, render
+from heliosweep.store.folder import read_manifest
+from heliosweep.store.parts import WORKING, PartStore
 
 log = logging.getLogger("heliosweep")
 
@@ -35,45 +34,53 @@ _DESCRIPTION = re.compile(r'<meta name="description" content="([^"]*)">')
 _TITLE = re.compile(r"<title>([^<]*)</title>")
 
 
+class Status(Protocol):
+    """What became of the study of a result folder, as `heliosweep.status` tells it."""
+
+    @property
+    def state(self) -> str:
+        """``complete``, ``running``, ``interrupted``, ``damaged`` or ``not run``."""
+
+    @property
+    def detail(self) -> str:
+        """In words: what is done and what is left."""
+
+
 @dataclass(frozen=True)
 class Entry:
     """One study in the list.
 
     Parameters
     ----------
-    folder : str
-        Name of its result folder.
-    title, family, finished, headline : str
+    title, about, finished, headline : str
         What is told of it; empty where nobody knows.
     state, detail : str
         As `heliosweep.status` tells them.
-    page : str
-        Name of its page in the folder; empty where there is none.
-    verdict : str
-        Summary of the comparison with published numbers.
-    agrees : bool
-        Whether all of these agree.
+    link : str
+        Address of its page; empty where there is none.
+    compared : Compared or None
+        Comparison with published numbers.
     """
 
-    folder: str
     title: str
-    family: str
+    about: str
     finished: str
     headline: str
     state: str
     detail: str
-    page: str
-    verdict: str
-    agrees: bool
+    link: str
+    compared: comparison.Compared | None
 
 
-def update_index(folder: str | os.PathLike[str]) -> Path | None:
+def update_index(folder: str | os.PathLike[str], status_of: Callable[[Path], Status]) -> Path | None:
     """Write the index anew after something happened in a result folder, if that lies in ``outputs``.
 
     Parameters
     ----------
     folder : path
         A result folder.
+    status_of : callable
+        What became of the study of a result folder.
 
     Returns
     -------
@@ -84,19 +91,21 @@ def update_index(folder: str | os.PathLike[str]) -> Path | None:
     if place.name != OUTPUTS:
         return None
     try:
-        return write_index(place)
+        return write_index(place, status_of)
     except (OSError, HeliosweepError) as error:
         log.warning("the list of all studies was not written: %s", error)
         return None
 
 
-def write_index(outputs: str | os.PathLike[str]) -> Path:
+def write_index(outputs: str | os.PathLike[str], status_of: Callable[[Path], Status]) -> Path:
     """Write the page over all studies of a folder of results.
 
     Parameters
     ----------
     outputs : path
         Folder with result folders.
+    status_of : callable
+        What became of the study of a result folder.
 
     Returns
     -------
@@ -104,52 +113,49 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
         ``index.html`` in it.
     """
     place = Path(outputs)
-    page = place / INDEX
-    write_atomically(page, _document(entries(place)))
-    return page
+    studies = entries(place, status_of)
+    write_whole(place / INDEX, render("index.html", title="Studies", scripts=(), studies=studies))
+    return place / INDEX
 
 
-def entries(outputs: Path) -> list[Entry]:
+def entries(outputs: Path, status_of: Callable[[Path], Status]) -> list[Entry]:
     """What is told of each study, the latest first."""
     folders = sorted(path for path in outputs.iterdir() if path.is_dir())
-    found = [one for one in map(_entry, folders) if one.state != "not run"]
+    told = [(folder, status_of(folder)) for folder in folders]
+    found = [_entry(folder, status) for folder, status in told if status.state != "not run"]
     return sorted(found, key=lambda one: one.finished, reverse=True)
 
 
-def _entry(folder: Path) -> Entry:
-    from heliosweep.workflow import status as status_of
-
-    try:
-        (status,) = status_of(folder)
-        state, detail = status.state, status.detail
-    except (HeliosweepError, OSError, ValueError, KeyError, TypeError) as error:
-        state, detail = "damaged", str(error)
+def _entry(folder: Path, status: Status) -> Entry:
     manifest: dict[str, Any] = {}
     with suppress(HeliosweepError):
         manifest = read_manifest(folder)
     identity = manifest.get("identity") or _identity(folder)
     study, attributes = identity.get("study", {}), identity.get("attributes", {})
-    page = folder / "report.html"
+    finished = str(manifest.get("finished") or "")
+    family = str(study.get("family", "")).replace("_", " ")
+    printable = folder.name.encode(errors="replace").decode()
+    page = folder / PAGE
     head = _head(page)
-    verdict, agrees = _verdict(folder / comparison.FILE)
+    compared = None
+    with suppress(HeliosweepError, OSError, ValueError):
+        compared = comparison.read_comparison(folder / comparison.FILE)
     return Entry(
-        folder.name,
-        str(attributes.get("title") or study.get("title") or _found(_TITLE, head) or folder.name),
-        str(study.get("family", "")).replace("_", " "),
-        str(manifest.get("finished") or ""),
+        str(attributes.get("title") or study.get("title") or _found(_TITLE, head) or printable),
+        " \N{MIDDLE DOT} ".join(filter(None, [family, finished.replace("T", " ").rstrip("Z"), printable])),
+        finished,
         _found(_DESCRIPTION, head),
-        state,
-        detail,
-        page.name if page.is_file() else "",
-        verdict,
-        agrees,
+        status.state,
+        status.detail,
+        f"./{quote(folder.name, errors='surrogateescape')}/{PAGE}" if page.is_file() else "",
+        compared,
     )
 
 
 def _identity(folder: Path) -> dict[str, Any]:
     """What a run that goes on in a folder says of itself; nothing where that is missing or broken."""
-    with suppress(OSError, ValueError):
-        return records.check(records.read_json(folder / working.NAME / "study.json"), records.Identity)
+    with suppress(HeliosweepError):
+        return PartStore.open(folder / WORKING).identity
     return {}
 
 
@@ -164,47 +170,4 @@ def _head(page: Path) -> str:
 
 def _found(pattern: re.Pattern[str], text: str) -> str:
     found = pattern.search(text)
-    return markup.unescape(found.group(1)) if found else ""
-
-
-def _verdict(path: Path) -> tuple[str, bool]:
-    try:
-        values, _ = comparison.read_comparison(path) if path.is_file() else ([], "")
-    except (HeliosweepError, OSError, ValueError):
-        return "", False
-    return (comparison.summary(values), all(one.agrees for one in values)) if values else ("", False)
-
-
-def _document(found: list[Entry]) -> str:
-    css = resources.files(__package__).joinpath("page.css").read_text(encoding="utf-8")
-    head = [
-        Html('<meta charset="utf-8">'),
-        policy(()),
-        Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-        Html('<meta name="generator" content="heliosweep">'),
-        element("title", "Studies"),
-        element("style", Html("\n" + css)),
-    ]
-    number = f"{len(found)} {'study' if len(found) == 1 else 'studies'}, the latest first."
-    body = [
-        element("header", element("h1", "Studies"), element("p", number, class_="about")),
-        element("main", element("ul", "\n", join(map(_item, found), "\n"), "\n", class_="studies")),
-        element("footer", "Written by heliosweep after each run and report."),
-    ]
-    content = [element("head", "\n", join(head, "\n"), "\n"), element("body", "\n", join(body, "\n"), "\n")]
-    return '<!doctype html>\n<html lang="en">\n' + join(content, "\n") + "\n</html>\n"
-
-
-def _item(one: Entry) -> Html:
-    link = f"{quote(one.folder, errors='surrogateescape')}/{one.page}"
-    printable = one.folder.encode(errors="replace").decode()
-    name = element("a", one.title, href=f"./{link}") if one.page else one.title
-    about = " \N{MIDDLE DOT} ".join(filter(None, [one.family, one.finished.replace("T", " ").rstrip("Z"), printable]))
-    pieces = [element("h2", name), element("p", about, class_="about")]
-    if one.state != "complete":
-        pieces.append(element("p", element("strong", one.state), f": {one.detail}", class_="state"))
-    if one.headline:
-        pieces.append(element("p", one.headline))
-    if one.verdict:
-        pieces.append(element("p", one.verdict, class_=f"verdict {'agrees' if one.agrees else 'differs'}"))
-    return element("li", *pieces)
+    return unescape(found.group(1)) if found else ""

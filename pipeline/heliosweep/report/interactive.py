@@ -1,61 +1,72 @@
-"""Interactive plots of a page: their places in the text, their numbers, and the scripts that draw them.
+"""Interactive plots of a page, made by Bokeh: figures here, switches and tables in the templates.
 
-The scripts are Bokeh's, of which two bundles are embedded once, and those in the folder ``interactive_js``. They run
-by their digests alone: nothing that a study says can become a script.
+A page fetches nothing and evaluates nothing, so Bokeh's own callbacks in JavaScript, which need ``eval``, cannot run;
+``templates/page.js`` moves the models of the figures through Bokeh's client interface instead.
 """
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from importlib import resources, util
-from pathlib import Path
+from importlib import resources
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from bokeh import models as bk
+from bokeh.core.types import ID
+from bokeh.embed import json_item
+from bokeh.models.annotations import ColorBar
+from bokeh.resources import Resources
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.report.html import Html, element, join, section
-from heliosweep.report.payload import PAGE_VALUES, shares, view_payload, wanted
+from heliosweep.report.payload import PAGE_VALUES, ROOMS, SIZE, fold, shares, view_payload, wanted
+from heliosweep.report.style import COLOURS, DIFFERENCES, NO_VALUE, VALUES
 from heliosweep.report.views import View, usable
-
-#: Bundles of Bokeh's scripts that are needed, in the order in which they run.
-BUNDLES = ("bokeh.min.js", "bokeh-api.min.js")
-
-#: Our own.
-PARTS = ("numbers.js", "looks.js", "switches.js", "maps.js", "curves.js", "page.js")
 
 #: Colours of a scale.
 SHADES = 128
 
-_ESCAPES = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"}
+#: Values of a dimension of which each may have a line, and up to which a switch is a list and no slide.
+MOST_LINES, MOST_OPTIONS = 26, 12
+
+#: Words, or values that no line joins, along an axis.
+MOST_TICKS = 13
+
+#: Rows and columns of a picture in its table: nobody reads ten thousand.
+MOST_CELLS = (15, 9)
+
+DASHES = ((), (6, 3), (2, 2), (8, 2, 2, 2), (12, 3), (4, 2))
+MARKS = {
+    "circle": "M-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0z",
+    "square": "M-3-3h6v6h-6z",
+    "triangle": "M0-3.5L3.5 3h-7z",
+    "diamond": "M0-4L3 0L0 4L-3 0z",
+    "inverted_triangle": "M0 3.5L3.5-3h-7z",
+    "plus": "M-4 0h8M0-4v8",
+    "x": "M-3-3L3 3M-3 3L3-3",
+}
+
+#: Between light and dark, to be seen on both.
+GREY = "#80868c"
+
+#: Tools by the keys that use them.
+KEYS: dict[str, Callable[[], bk.Tool]] = {
+    "ArrowLeft": lambda: bk.ClickPanTool(direction="left"),
+    "ArrowRight": lambda: bk.ClickPanTool(direction="right"),
+    "ArrowUp": lambda: bk.ClickPanTool(direction="up"),
+    "ArrowDown": lambda: bk.ClickPanTool(direction="down"),
+    "+": bk.ZoomInTool,
+    "=": bk.ZoomInTool,
+    "-": bk.ZoomOutTool,
+    "0": bk.ResetTool,
+}
 
 
-@dataclass(frozen=True)
-class Interactive:
-    """Interactive plots as pieces of a page.
-
-    Parameters
-    ----------
-    body : Html
-        Section for the body; empty where there is nothing to show.
-    end : Html
-        Data and scripts for the end of the body.
-    scripts : tuple of str
-        Digests of the scripts, as a content security policy writes them.
-    """
-
-    body: Html
-    end: Html
-    scripts: tuple[str, ...]
-
-
-def interactive(result: xr.Dataset, views: Iterable[View]) -> Interactive:
+def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Make the interactive plots of a result.
 
     Parameters
@@ -67,115 +78,297 @@ def interactive(result: xr.Dataset, views: Iterable[View]) -> Interactive:
 
     Returns
     -------
-    Interactive
+    tuple of list of dict, dict
+        What the templates set of each plot, and Bokeh's items by the names of their views.
     """
     chosen = usable(result, views)
-    if not chosen:
-        return Interactive(Html(""), Html(""), ())
     budgets = shares([wanted(result, view) for view in chosen], PAGE_VALUES)
-    payloads = [view_payload(result, view, budget) for view, budget in zip(chosen, budgets, strict=True)]
-    frames = [_frame(number, view, made) for number, (view, made) in enumerate(zip(chosen, payloads, strict=True))]
-    missing = element(
-        "noscript", element("p", "These plots need JavaScript. The figures below and the tables above do without.")
-    )
-    words = element(
-        "p",
-        "Choose what is shown, hover for values, drag a rectangle to zoom in; with the keyboard, arrows move a plot, "
-        "+ and \N{MINUS SIGN} zoom, 0 shows everything again. Every plot can be read as a table.",
-        class_="hint",
-    )
-    data = script_json({"views": payloads, "palettes": _palettes()})
-    sources = [*map(_bundle, BUNDLES), _own()]
-    return Interactive(
-        section("Explore", missing, words, join(frames, "\n")),
-        join(
-            [
-                Html(f'<script type="application/json" id="heliosweep-data">{data}</script>'),
-                *(Html(f"<script>{source}</script>") for source in sources),
-            ],
-            "\n",
-        ),
-        tuple(map(digest, sources)),
-    )
+    frames, plots = [], {}
+    for number, (view, budget) in enumerate(zip(chosen, budgets, strict=True), 1):
+        name, made = f"view-{number}", view_payload(result, view, budget)
+        for dim in made["dims"].values():
+            dim["looks"] = _looks(dim["texts"], view.colours)
+        frame = {
+            "id": name,
+            "kind": view.kind,
+            "title": made["title"],
+            "caption": " ".join(filter(None, [view.caption, made["thinned"]])),
+            "switches": _switches(view, made),
+            "lines": [(dim, one) for dim, one in made["dims"].items() if one["looks"]] if _is_curved(view) else [],
+            "aspect": _aspect(view, made),
+        }
+        frames.append(frame)
+        plots[name] = _numbered(json_item(_plot(view, made), ID(f"{name}-plot")), f"{name}-", {})
+    return frames, plots
 
 
-def policy(scripts: Sequence[str]) -> Html:
-    """Content security policy of a page: nothing is fetched, and only the known scripts run."""
-    allowed = " ".join(f"'{one}'" for one in scripts) or "'none'"
-    rules = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}; base-uri 'none'"
-    return Html(f'<meta http-equiv="Content-Security-Policy" content="{rules}">')
-
-
-def digest(script: str) -> str:
-    """Digest of a script, as a content security policy writes it."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
-
-
-def script_json(value: Any) -> str:
-    """JSON that can stand in a script element: no word in it ends or opens anything."""
-    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return re.sub("[<>&]", lambda found: _ESCAPES[found.group()], text)
-
-
-def _frame(number: int, view: View, made: dict[str, Any]) -> Html:
-    """Where one plot goes, with what can be said without scripts."""
-    name = f"view-{number + 1}"
-    said = " ".join(filter(None, [view.caption, made["thinned"]]))
-    return element(
-        "figure",
-        element("h3", made["title"], id=f"{name}-title"),
-        element("div", class_="switches", role="group", aria_label=f"Choose what is shown: {made['title']}"),
-        element("p", class_="said", role="status", aria_live="polite"),
-        element(
-            "div",
-            class_="plot",
-            role="group",
-            tabindex=0,
-            aria_labelledby=f"{name}-title",
-            aria_description="Arrow keys move, plus and minus zoom, 0 shows everything again.",
-        ),
-        element("div", class_="keys"),
-        element("details", element("summary", "Values as a table"), element("div"), class_="values"),
-        element("figcaption", said) if said else Html(""),
-        class_="view",
-        id=name,
-        data_view=number,
-    )
-
-
-def _palettes() -> dict[str, list[str]]:
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
-    from heliosweep.report.style import COLOURS, DIFFERENCES, NO_VALUE, VALUES
-
-    scales = {"values": colormaps[VALUES], "differences": colormaps[DIFFERENCES]}  # each is made when asked for
-    found = {key: [to_hex(scale(i / (SHADES - 1))) for i in range(SHADES)] for key, scale in scales.items()}
-    return {**found, "lines": list(COLOURS[:-1]), "none": [NO_VALUE]}
+def scripts() -> tuple[str, str]:
+    """Bokeh's script and our own; nothing else runs on a page."""
+    return _bokeh(), _harmless(resources.files("heliosweep.report").joinpath("templates/page.js").read_text("utf-8"))
 
 
 @cache
-def _bundle(name: str) -> str:
-    """Script of the installed Bokeh, which need not be imported for it."""
-    spec = util.find_spec("bokeh")
-    places = list(spec.submodule_search_locations or []) if spec else []
-    for place in places:
-        path = Path(place) / "server" / "static" / "js" / name
-        if path.is_file():
-            text = path.read_text(encoding="utf-8")
-            # A map of the sources would be fetched by the developer tools.
-            return _harmless(re.sub(r"\n//# sourceMappingURL=\S*\s*$", "\n", text), name)
-    raise HeliosweepError(f"{name} of Bokeh is not installed; reinstall bokeh")
+def _bokeh() -> str:
+    script = "\n".join(Resources(mode="inline", components=["bokeh"], log_level="warn").js_raw)
+    # A map of the sources would be fetched by the developer tools.
+    return _harmless(re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE))
 
 
-@cache
-def _own() -> str:
-    folder = resources.files(__package__).joinpath("interactive_js")
-    parts = [folder.joinpath(name).read_text(encoding="utf-8") for name in PARTS]
-    return _harmless("(function () {\n'use strict';\n" + "\n".join(parts) + "}());\n", "interactive_js")
-
-
-def _harmless(script: str, name: str) -> str:
+def _harmless(script: str) -> str:
     if re.search(r"</script|<!--", script, re.IGNORECASE):
-        raise HeliosweepError(f"{name} cannot be part of a page: it holds the end of a script")
+        raise HeliosweepError("a script cannot be part of a page: it holds the end of a script")
     return script
+
+
+def _is_curved(view: View) -> bool:
+    return view.kind in ("curves", "plane")
+
+
+def _numbered(value: Any, prefix: str, names: dict[str, str]) -> Any:
+    """The same models, numbered from one: Bokeh counts on through all that a process makes."""
+    if isinstance(value, Mapping):
+        return {
+            key: names.setdefault(one, f"{prefix}{len(names) + 1}")
+            if key in ("id", "root_id")
+            else _numbered(one, prefix, names)
+            for key, one in value.items()
+        }
+    return [_numbered(one, prefix, names) for one in value] if isinstance(value, list) else value
+
+
+def _switches(view: View, made: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Native controls: what each chooses, its words, and where it stands at first."""
+    dims, curved = made["dims"], _is_curved(view)
+    switches = [
+        _switch("quantity", "Quantity", [(i, one["shown"][0]["label"]) for i, one in enumerate(made["quantities"])])
+    ]
+    if curved:
+        over = [(dim, dims[dim]["title"] if dim in dims else dim) for dim in view.along]
+        lines = [(dim, one["title"]) for dim, one in dims.items() if one["looks"]]
+        switches.append(_switch("along", "Along" if view.kind == "plane" else "Over", over))
+        switches.append(_switch("lines", "A line for each", [("", "one line only"), *lines]))
+    for dim, one in dims.items():
+        if len(one["texts"]) > 1 and (curved or dim not in view.along):
+            options = list(enumerate(one["texts"]))
+            switches.append(_switch(f"dim-{dim}", one["title"], options, made["start"].get(dim, 0), dim))
+    if not curved:
+        if view.less in dims:
+            others = [*enumerate(dims[view.less]["texts"], 1)]
+            switches.append(_switch("less", "Difference from", [(0, "nothing"), *others], dim=view.less))
+        switches.append(_switch("scale", "Colours", [("all", "one scale for all"), ("one", "scale of this one")]))
+    return switches
+
+
+def _switch(
+    name: str, label: str, options: Sequence[tuple[Any, str]], start: Any = None, dim: str | None = None
+) -> dict[str, Any]:
+    is_range = name == f"dim-{dim}" and len(options) > MOST_OPTIONS
+    return {"name": name, "label": label, "options": options, "start": start, "dim": dim, "range": is_range}
+
+
+def _looks(texts: Sequence[str], known: Mapping[str, str]) -> list[dict[str, Any]] | None:
+    """Colours, dashes and marks of lines: those of the figures for a few, a scale for many; none for too many."""
+    count, few = len(texts), [*COLOURS[:-1], GREY]
+    if not 1 < count <= MOST_LINES:
+        return None
+    looks = []
+    for i, text in enumerate(texts):
+        mark = list(MARKS)[i % len(MARKS)] if text in known or count <= len(few) else "circle"
+        dash = DASHES[i % len(DASHES)] if text in known or count <= len(few) else ()
+        scale = to_hex(colormaps[VALUES](0.25 + 0.63 * i / (count - 1)))
+        color = known.get(text, few[i] if count <= len(few) else scale)
+        looks.append({"color": color, "dash": list(dash), "mark": mark, "outline": MARKS[mark]})
+    return looks
+
+
+def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
+    """Figure of a view: all that can be drawn, and in its tag the numbers from which that is chosen."""
+    spec = {
+        **{part: made[part] for part in ("quantities", "dims", "places")},
+        "along": list(view.along),
+        "less": view.less,
+        "named": not view.title,
+        "sides": [("x", "east (m)"), ("y", "north (m)")] if view.kind == "field" else [],
+        "steps": [1, 1],
+    }
+    box = bk.BoxZoomTool(name="zoom", match_aspect=not _is_curved(view))
+    hover = bk.HoverTool(name="hover")
+    tools: list[Any] = [
+        box,
+        bk.PanTool(),
+        bk.WheelZoomTool(),
+        bk.ResetTool(),
+        bk.SaveTool(filename=made["title"]),
+        hover,
+    ]
+    for key, tool in KEYS.items():
+        tools.append(tool())
+        tools[-1].update(name=key, visible=False)
+    plot = bk.Plot(
+        x_range=bk.DataRange1d(),
+        y_range=bk.DataRange1d(),
+        toolbar=bk.Toolbar(tools=tools, active_drag=box, active_scroll=None, logo=None),
+        toolbar_location="above",
+        sizing_mode="stretch_both",
+        min_border_right=12,
+        match_aspect=view.kind != "curves",
+        tags=[spec],
+    )
+    if _is_curved(view):
+        _curves(plot, hover, view, made, spec)
+    else:
+        _coloured(plot, hover, view, made, spec)
+    return plot
+
+
+def _axis(plot: bk.Plot, place: Any, label: str, name: str | None = None, **look: Any) -> None:
+    axis = look.pop("kind", bk.LinearAxis)(
+        axis_label=fold(label, ROOMS[0]),
+        name=name,
+        visible=name is None,
+        axis_label_text_font="system-ui, sans-serif",
+        axis_label_text_font_size=f"{SIZE}px",
+        axis_label_text_font_style="normal",
+        major_label_text_font="system-ui, sans-serif",
+        major_label_text_font_size="12px",
+        minor_tick_line_color=None,
+        **look,
+    )
+    plot.add_layout(axis, place)
+    plot.add_layout(bk.Grid(axis=axis, dimension=1 if place == "left" else 0, name=name, visible=name is None))
+
+
+def _tip(**rows: str) -> str:
+    """Rows of what a hovering pointer tells; Bokeh escapes the values that it fills in."""
+    return "".join(
+        f'<div><span style="color: var(--quiet)">{name.replace("_", ", ").strip(", ")}</span> {value}</div>'
+        for name, value in rows.items()
+    )
+
+
+def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> None:
+    """Mirrors of a field, or pixels, coloured by a value."""
+    palettes = [[to_hex(colormaps[name](i / (SHADES - 1))) for i in range(SHADES)] for name in (VALUES, DIFFERENCES)]
+    mapper = bk.LinearColorMapper(name="mapper", palette=palettes[0], nan_color=NO_VALUE, tags=palettes)
+    dims = [made["dims"][dim] for dim in view.along]
+    if view.kind == "field":
+        spec |= {"what": "heliostats"}
+        columns = ("x", "y", "width", "height", "angle", "value", "text", "name")
+        source = bk.ColumnDataSource({name: [0, 1] for name in columns}, name="source")
+        mirrors = bk.Rect(
+            x="x",
+            y="y",
+            width="width",
+            height="height",
+            angle="angle",
+            fill_color={"field": "value", "transform": mapper},
+            line_color=f"{GREY}88",
+            line_width=0.4,
+        )
+        hover.update(
+            renderers=[plot.add_glyph(source, mirrors)],
+            tooltips=_tip(heliostat="@name", value="@text", east_north="@x{0.0}, @y{0.0} m"),
+        )
+        tower = bk.Scatter(x=0, y=0, marker="triangle", size=11, fill_color="#1c2126", line_color="#ffffff")
+        plot.add_glyph(bk.ColumnDataSource({"x": [0]}), tower)
+        titles = ["north (m)", "east (m)"]
+    else:
+        sides = [_side(one["at"]) for one in dims]
+        spec |= {
+            "what": "pixels",
+            "steps": [-(-len(one["texts"]) // most) for one, most in zip(dims, MOST_CELLS, strict=True)],
+        }
+        source = bk.ColumnDataSource({"image": [np.zeros([len(one["texts"]) for one in dims])]}, name="source")
+        (y, height), (x, width) = sides
+        pixels = bk.Image(image="image", x=x, y=y, dw=width, dh=height, color_mapper=mapper)
+        hover.update(renderers=[plot.add_glyph(source, pixels)], tooltips=_tip(value="@image", at="$x, $y"))
+        titles = [one["label"] for one in dims]
+    for place, title in zip(("left", "below"), titles, strict=True):
+        _axis(plot, place, title)
+    bar = ColorBar(
+        name="bar",
+        color_mapper=mapper,
+        height=10,
+        width="auto",
+        padding=8,
+        margin=0,
+        title_standoff=6,
+        bar_line_color=None,
+        title_text_font="system-ui, sans-serif",
+        title_text_font_size=f"{SIZE}px",
+        title_text_font_style="normal",
+        major_label_text_font_size="12px",
+    )
+    plot.add_layout(bar, "below")
+
+
+def _side(at: np.ndarray) -> tuple[float, float]:
+    """Beginning and length of a side of a picture, from the middles of its pixels."""
+    step = abs(at[1] - at[0]) if at.size > 1 else 1.0
+    return float(at.min() - step / 2), float(np.ptp(at) + step)
+
+
+def _curves(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> None:
+    """Curves over a dimension, or points in a plane: a line for each value of another dimension."""
+    most = max([1, *(len(one["looks"]) for one in made["dims"].values() if one["looks"])])
+    look = {"color": COLOURS[0], "dash": [], "mark": "circle"}
+    spec |= {"lines": [dim for dim in view.lines if dim], "most": most, "look": look}
+    marks = []
+    for i in range(most):
+        source = bk.ColumnDataSource({name: [] for name in ("x", "y", "text", "line", "along")})
+        plot.add_glyph(source, bk.Line(x="x", y="y", line_width=1.8), name=f"path-{i}")
+        marks.append(plot.add_glyph(source, bk.Scatter(x="x", y="y"), name=f"marks-{i}"))
+    hover.update(renderers=marks, tooltips=_tip(_="@line", __="@along", ___="@text"))
+    nothing = bk.ColumnDataSource({"x": [0, 1], "y": [0, 1]})
+    plot.add_glyph(nothing, bk.Scatter(x="x", y="y", fill_color=None, line_color=None), name="nothing")
+    _axis(plot, "left", "")
+    if view.kind == "plane":
+        _axis(plot, "below", "")
+        if view.outline:
+            _outline(plot, *view.outline, made)
+        return
+    for dim in view.along:
+        one = made["dims"][dim]
+        if one["kind"] == "date":
+            _axis(plot, "below", "", dim, kind=bk.DatetimeAxis)
+        elif one["joined"] and one["kind"] == "number":
+            _axis(plot, "below", "", dim)
+        else:
+            chosen = range(0, len(one["texts"]), -(-len(one["texts"]) // MOST_TICKS))
+            slanted = one["kind"] == "word" and len(one["texts"]) > 5
+            _axis(
+                plot,
+                "below",
+                "",
+                dim,
+                ticker=bk.FixedTicker(ticks=[float(one["at"][i]) for i in chosen]),
+                major_label_overrides={float(one["at"][i]): one["texts"][i] for i in chosen},
+                major_label_orientation=0.7 if slanted else "horizontal",
+            )
+
+
+def _outline(plot: bk.Plot, width: float, height: float, made: Mapping[str, Any]) -> None:
+    """A rectangle about the origin, of which the surroundings are seen at first: points far off must not hide it."""
+    frame = bk.Rect(
+        x=0, y=0, width=width, height=height, fill_color=None, line_color=GREY, line_width=1.5, line_dash="dashed"
+    )
+    numbers = [array["values"] for one in made["quantities"] for array in (one, one["across"])]
+    far = np.abs(np.concatenate(numbers))
+    far = far[np.isfinite(far)]
+    side = max(width, height)
+    side = min(3 * side, max(1.3 * side, 2.2 * float(np.quantile(far, 0.9)) if far.size else 0.0))
+    around = bk.Rect(x=0, y=0, width=side, height=side, fill_color=None, line_color=None)
+    plot.add_glyph(bk.ColumnDataSource({"x": [0]}), frame)
+    seen: list[bk.Model] = [plot.add_glyph(bk.ColumnDataSource({"x": [0]}), around)]
+    plot.update(x_range=bk.DataRange1d(renderers=seen), y_range=bk.DataRange1d(renderers=seen))
+
+
+def _aspect(view: View, made: Mapping[str, Any]) -> float:
+    """Height of what is drawn as part of its width."""
+    if view.kind == "raster":
+        (_, height), (_, width) = (_side(made["dims"][dim]["at"]) for dim in view.along)
+        return round(height / width, 3)
+    if view.kind == "field":
+        x, y = (np.append(made["places"][name]["values"], 0.0) for name in "xy")
+        return round(float(np.clip((np.nanmax(y) - np.nanmin(y)) / (np.nanmax(x) - np.nanmin(x) or 1.0), 0.4, 1.2)), 3)
+    return 1.0

@@ -5,33 +5,35 @@ The page is a single file: images and scripts are part of it, nothing is fetched
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import logging
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 from pydantic import Field
 
 from heliosweep.errors import HeliosweepError
+from heliosweep.files import write_whole
 from heliosweep.report import comparison, sections
-from heliosweep.report.headline import headline
-from heliosweep.report.html import Html, element, html, join
-from heliosweep.report.interactive import Interactive, interactive, policy
+from heliosweep.report.contents import NamedFigure
 from heliosweep.report.published import read_published
 from heliosweep.report.style import image, small
-from heliosweep.report.views import View, default_views
-from heliosweep.store import records
-from heliosweep.store.finished import MANIFEST, read_manifest
-from heliosweep.store.manifest import write_atomically
+from heliosweep.report.views import default_views
+from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
+from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.config.study import Study
-    from heliosweep.families.registry import Family, NamedFigure, Table
 
 log = logging.getLogger("heliosweep")
 
@@ -41,6 +43,9 @@ FIGURES = "figures"
 #: Images of a page up to which they have all their pixels, and the scale of those beyond. [bytes]
 MOST_IMAGES, REDUCED = 1_200_000, 0.6
 
+#: Size on the screen of one inch of a figure. [CSS pixel]
+PIXELS = 144
+
 #: Names of the figures that a report has drawn, in their folder: no other file is ours to remove.
 DRAWN = ".drawn"
 
@@ -48,18 +53,29 @@ DRAWN = ".drawn"
 STUDIES = ("study.resolved.yaml", "study.yaml")
 
 
-class _Environment(records.Record):
+class Drawn(Protocol):
+    """As much of a family as a page asks for.
+
+    It may also have ``tables(result)``, ``views(result)`` and ``headlines``, see `heliosweep.families.family.Family`.
+    """
+
+    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
+        """Figures of a result, drawn one at a time."""
+        ...
+
+
+class _Environment(Record):
     python: str | None = None
     platform: str | None = None
     packages: dict[str, str | None] = Field(default_factory=dict)
     commit: str | None = None
 
 
-class _Plan(records.Record):
+class _Plan(Planned):
     evaluations: int | None = None
 
 
-class _Manifest(records.Manifest):
+class _Manifest(Manifest):
     """A manifest, and what else of it is told on a page."""
 
     command: list[str] = Field(default_factory=list)
@@ -71,7 +87,13 @@ class _Manifest(records.Manifest):
     workers: int | None = None
 
 
-def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, vector: Sequence[str] = ()) -> Path:
+def write_report(
+    folder: str | os.PathLike[str],
+    families: Mapping[str, Drawn],
+    study: Study | None = None,
+    *,
+    vector: Sequence[str] = (),
+) -> Path:
     """Draw the figures of a result folder and write its page.
 
     Parameters
@@ -79,6 +101,8 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     folder : path
         Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` (of an
         unpacked archive: ``study.yaml``) are shown where they are. Of a damaged manifest, the page says so.
+    families : mapping of str to Drawn
+        The families by name. A result of any other is told by its numbers and dimensions.
     study : Study, optional
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
     vector : sequence of {"svg", "pdf"}
@@ -96,73 +120,100 @@ def write_report(folder: str | os.PathLike[str], study: Study | None = None, *, 
     HeliosweepError
         The result is damaged.
     """
-    from heliosweep.store.raw import locate
-    from heliosweep.store.sound import blaming_damage, sound
-    from heliosweep.workflow import open_result
+    from heliosweep.store.checks import blaming_damage, sound
+    from heliosweep.store.read import locate
 
     place = Path(folder)
     if study is None:  # else it was checked or written just now
         sound(place, as_written=True)
     with blaming_damage(place), open_result(place) as result:
-        compared = _comparison(place, study, result)
-        manifest, damage = _manifest(place)
-        marked = comparison.told(result, compared.values) if compared else result
-        drawings = list(_draw(place / FIGURES, _figures(marked), vector))
-        live = interactive(result, _views(result))
-        body = [
-            sections.header(result, compared),
-            element(
-                "main",
-                "\n",
-                join(
-                    [
-                        sections.remarks([*damage, *manifest.get("remarks", ())]),
-                        sections.asked(next(filter(None, (_text(place / name) for name in STUDIES)), "")),
-                        sections.results(result, _tables(result)),
-                        sections.comparison(compared, result),
-                        live.body,
-                        sections.figures(drawings),
-                        sections.provenance(manifest),
-                        sections.references(result),
-                    ],
-                    "\n",
-                ),
-            ),
-            sections.footer(locate(place).name),
-            live.end,
-        ]
-        title = str(result.attrs.get("title", place.name))
-        number = headline(result, getattr(_family(result), "headlines", ()))
-    page = place / PAGE
-    write_atomically(page, _document(title, number, body, live))
-    return page
+        text = _page(place, locate(place).name, result, families, study, vector)
+    write_whole(place / PAGE, text)
+    return place / PAGE
 
 
-def _figures(result: xr.Dataset) -> Iterable[NamedFigure]:
-    """Figures that the result's family draws; none where the family is not installed."""
-    family = _family(result)
-    return family.figures(result) if family else ()
+def _page(
+    place: Path,
+    file: str,
+    result: xr.Dataset,
+    families: Mapping[str, Drawn],
+    study: Study | None,
+    vector: Sequence[str],
+) -> str:
+    from heliosweep.report.interactive import explore, scripts
+
+    family: Any = families.get(json.loads(result.attrs.get("study", "{}")).get("family"))
+    compared = _comparison(place, study, result)
+    manifest, damage = _manifest(place)
+    told = comparison.told(result, compared.values) if compared else result
+    figures = list(_draw(place / FIGURES, family.figures(told) if family else (), vector))
+    views, plots = explore(result, family.views(result) if hasattr(family, "views") else default_views(result))
+    return render(
+        "page.html",
+        title=str(result.attrs.get("title", place.name)),
+        heading=str(result.attrs.get("title", "A result")),
+        headline=sections.headline(result, getattr(family, "headlines", ())),
+        about=" \N{MIDDLE DOT} ".join(
+            str(result.attrs[name]) for name in ("source", "study_id") if name in result.attrs
+        ),
+        summary=result.attrs.get("summary"),
+        compared=compared,
+        comparison=compared and compared.table(result),
+        remarks=[*damage, *manifest.get("remarks", ())],
+        asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
+        results=sections.results(result, family.tables(result) if hasattr(family, "tables") else ()),
+        views=views,
+        plots=plots,
+        scripts=scripts() if views else (),
+        figures=figures,
+        made=sections.made(manifest),
+        command=sections.command(manifest),
+        references=sections.references(result),
+        file=file,
+    )
 
 
-def _tables(result: xr.Dataset) -> Iterable[Table]:
-    """Tables that the result's family makes of it, if it makes any."""
-    make = getattr(_family(result), "tables", None)
-    return make(result) if make else ()
+def render(template: str, **content: Any) -> str:
+    """A page from one of the templates; all that is text in it is escaped."""
+    return _environment().get_template(template).render(style=_style(), **content)
 
 
-def _views(result: xr.Dataset) -> Iterable[View]:
-    """Interactive plots that the result's family declares, else those that its dimensions allow."""
-    make = getattr(_family(result), "views", None)
-    return make(result) if make else default_views(result)
+@cache
+def _environment() -> Environment:
+    made = Environment(
+        loader=PackageLoader("heliosweep.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    made.filters |= {"linked": linked, "digest": digest}
+    made.policies["json.dumps_kwargs"] = {"sort_keys": False, "allow_nan": False}  # Bokeh reads in the order of writing
+    return made
 
 
-def _family(result: xr.Dataset) -> Family[Any] | None:
-    from heliosweep.families.registry import families
+@cache
+def _style() -> Markup:
+    return Markup(resources.files("heliosweep.report").joinpath("templates/page.css").read_text(encoding="utf-8"))
 
-    return families().get(json.loads(result.attrs.get("study", "{}")).get("family"))
+
+def linked(text: str) -> Markup:
+    """Text with its digital object identifiers as links."""
+    pieces, end = [], 0
+    for found in sections.DOI.finditer(text):
+        link = Markup('<a href="https://doi.org/{}">{}</a>').format(found.group(1), found.group())
+        pieces += [escape(text[end : found.start()]), link]
+        end = found.end()
+    return Markup("").join([*pieces, escape(text[end:])])
 
 
-def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[sections.Drawing]:
+def digest(script: str) -> str:
+    """Digest of a script, as a content security policy writes it."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
+
+
+def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
     folder.mkdir(exist_ok=True)
     written, embedded, before = [], 0, _text(folder / DRAWN).splitlines()
@@ -170,38 +221,31 @@ def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -
         images = {kind: image(named.figure, kind) for kind in ("png", *vector)}
         for kind, content in images.items():
             path = folder / f"{named.name}.{kind}"
-            _write(path, content)
+            write_whole(path, content)
             written.append(path.name)
         shown = small(images["png"], 1.0 if embedded <= MOST_IMAGES else REDUCED)
         embedded += len(shown)
-        yield sections.Drawing(named.caption, shown, *map(float, named.figure.get_size_inches()))
+        width, height = (round(PIXELS * side) for side in named.figure.get_size_inches())
+        png = base64.b64encode(shown).decode()
+        yield {"caption": named.caption, "png": png, "width": width, "height": height}
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
-    _write(folder / DRAWN, "".join(f"{name}\n" for name in written).encode())
+    write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
 
 
-def _write(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> sections.Compared | None:
+def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
     """Comparison with published numbers: made and stored where the study is at hand, else read back."""
     stored = place / comparison.FILE
     if study is None:
-        return sections.Compared(*comparison.read_comparison(stored)) if stored.is_file() else None
+        return comparison.read_comparison(stored) if stored.is_file() else None
     published = study.report.published
     if published is None:
         stored.unlink(missing_ok=True)
         return None
     table = read_published(study.resolve(published.file), published.source, published.file)
-    compared = sections.Compared(comparison.compare(result, table), published.source)
-    write_atomically(stored, comparison.comparison_csv(compared.values, compared.source))
-    log.info("%s: %s", compared.source, comparison.summary(compared.values))
+    compared = comparison.Compared(comparison.compare(result, table), published.source)
+    write_whole(stored, comparison.comparison_csv(compared))
+    log.info("%s: %s", compared.source, compared.summary)
     return compared
 
 
@@ -214,26 +258,7 @@ def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
     if not (place / MANIFEST).exists():
         return {}, []
     try:
-        manifest = read_manifest(place)
-        try:
-            return records.check(manifest, _Manifest), []
-        except ValueError as error:
-            raise HeliosweepError(f"{MANIFEST}: is damaged: {error}") from None
+        return read_manifest(place, _Manifest), []
     except HeliosweepError as error:
         log.warning("%s: %s", place, error)
         return {}, [f"How it was made is not told: {error}"]
-
-
-def _document(title: str, number: str, body: Iterable[Html], live: Interactive) -> str:
-    css = resources.files(__package__).joinpath("page.css").read_text(encoding="utf-8")
-    head = [
-        Html('<meta charset="utf-8">'),
-        policy(live.scripts),
-        Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-        Html('<meta name="generator" content="heliosweep">'),
-        Html(f'<meta name="description" content="{html(number)}">'),
-        element("title", title),
-        element("style", Html("\n" + css)),
-    ]
-    content = [element("head", "\n", join(head, "\n"), "\n"), element("body", "\n", join(body, "\n"), "\n")]
-    return '<!doctype html>\n<html lang="en">\n' + join(content, "\n") + "\n</html>\n"

@@ -1,15 +1,18 @@
-"""Numbers of a view for the page: those that the plot needs, thinned to what a page can hold, as base64."""
+"""The numbers of a view and the words for them, thinned to what a page can hold."""
 
 from __future__ import annotations
 
-import base64
 import math
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import xarray as xr
+from PIL import ImageFont
 
 from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, title_of, unit_of, value_text
 from heliosweep.report.selection import evenly
@@ -33,6 +36,12 @@ WHOLE = 8_000_000
 #: Mirrors without known sides: part of the land that each has; and least part of the field that is seen.
 PACKING, SEEN = 0.55, 1 / 250
 
+#: Lines of a label, their length on narrow and on wide screens, and the size of their letters. [CSS pixel]
+MOST_FOLDS, ROOMS, SIZE = 4, (210, 300), 13
+
+#: Points up to which a line has marks, and the size of these. [CSS pixel]
+MOST_MARKS, MARK = 80, 6
+
 #: Dimensions whose words a user wrote: they stay as they are.
 _NAMED = ("site", "layout", HELIOSTAT)
 
@@ -40,7 +49,7 @@ Kept = dict[str, np.ndarray]
 
 
 def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> dict[str, Any]:
-    """What the script draws a view from.
+    """What a view can show: numbers, and words for them.
 
     Parameters
     ----------
@@ -54,49 +63,30 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
     Returns
     -------
     dict
-        Of what JSON knows.
+        ``quantities``: numbers over named dimensions, with name and unit, and for each value of ``view.less``
+        (``shown[0]``: none) label, unit and range; ``dims``: title, words and place on the axis of each value;
+        ``start``: where switches stand; ``title``; ``thinned``: what was left out, in words; ``places`` of mirrors.
     """
     kept, names = thinned(result, view, _names(view), budget)
     arrays = {name: _array(result[name], kept) for name in names}
-    names = [name for name in names if arrays[name]["told"]] or names
-    arrays = {name: arrays[name] for name in names}
-    quantities = [
-        {
-            "name": name,
-            "title": title_of(result[name]),
-            "label": axis_label(result[name]),
-            "unit": unit_of(result[name]),
-            "against": view.against.get(name),
-        }
-        for name in view.quantities
-        if name in names and view.against.get(name, name) in names
-    ]
+    told = [name for name in names if np.isfinite(arrays[name]["values"]).any()] or names
     dims = {dim: _dimension(result, dim, index) for dim, index in kept.items()}
-    payload = {
-        "kind": view.kind,
-        "title": view.title or _title(title_of(result[names[0]]), view.along, dims, arrays[names[0]]["dims"]),
-        "named": not view.title,
+    quantities: list[dict[str, Any]] = []
+    for name in view.quantities:
+        across = view.against.get(name)
+        if name in told and (across or name) in told:
+            quantities.append({"name": name, **arrays[name], **_words(result[name], arrays[name], dims, view.less)})
+            if across:
+                quantities[-1]["across"] = arrays[across] | _label(axis_label(result[across]))
+    first = next((dims[dim]["title"] for dim in view.along if dim in quantities[0]["dims"]), "what is swept")
+    return {
         "quantities": quantities,
-        "along": list(view.along),
-        "lines": [dim for dim in view.lines if dim],
-        "less": view.less,
-        "start": {dim: _start(result, dim, value, kept[dim]) for dim, value in view.start.items() if dim in kept},
-        "colours": dict(view.colours),
-        "outline": list(view.outline) if view.outline else None,
         "dims": dims,
-        "arrays": arrays,
+        "title": view.title or f"{quantities[0]['heading']} over {first}",
+        "start": {dim: _start(result, dim, value, kept[dim]) for dim, value in view.start.items() if dim in kept},
         "thinned": _said(result, kept),
-        "labels": {name: axis_label(result[name]) for name in view.against.values() if name in names},
+        "places": _places(result, kept) if view.kind == "field" else {},
     }
-    if view.kind == "field":
-        payload["places"] = _places(result, kept, arrays)
-    return payload
-
-
-def _title(quantity: str, along: Sequence[str], dims: Mapping[str, Any], own: Sequence[str]) -> str:
-    """What is drawn first, over what."""
-    title = f"{quantity} over {next((dims[dim]['title'] for dim in along if dim in own), 'what is swept')}"
-    return title[:1].upper() + title[1:]
 
 
 def _names(view: View) -> list[str]:
@@ -119,7 +109,7 @@ def shares(wishes: Sequence[int], budget: int) -> list[int]:
 
 
 def thinned(result: xr.Dataset, view: View, names: Sequence[str], budget: int) -> tuple[Kept, list[str]]:
-    """Which values of each dimension are kept, and of which quantities.
+    """Which values of each dimension are kept, in increasing order, and of which quantities.
 
     The longest dimension of numbers gives way first, that of heliostats last; where nothing else is left, the last
     quantities are dropped.
@@ -154,7 +144,7 @@ def thinned(result: xr.Dataset, view: View, names: Sequence[str], budget: int) -
                 break
     used = {str(dim) for name in names for dim in result[name].dims}
     kept = {dim: _kept(size, counts[dim], view.kind == "raster" and dim in view.along) for dim, size in sizes.items()}
-    return {dim: index for dim, index in kept.items() if dim in used}, names
+    return {dim: _increasing(result, dim, index) for dim, index in kept.items() if dim in used}, names
 
 
 def _kept(size: int, count: int, even: bool) -> np.ndarray:
@@ -164,13 +154,20 @@ def _kept(size: int, count: int, even: bool) -> np.ndarray:
     return np.arange(size) if count >= size else np.array(evenly(size, count))
 
 
+def _increasing(result: xr.Dataset, dim: str, index: np.ndarray) -> np.ndarray:
+    """The same positions in the order of the numbers or dates there."""
+    if dim not in result.coords or result[dim].dtype.kind not in "fiuM":
+        return index
+    return index[np.argsort(result[dim].to_numpy()[index], kind="stable")]
+
+
 def _array(array: xr.DataArray, kept: Kept) -> dict[str, Any]:
     """Dimensions, lengths and numbers of one quantity, without dimensions of length one."""
     chosen = {str(dim): kept[str(dim)] for dim in array.dims if str(dim) in kept}
-    part = _read(array, {dim: index for dim, index in chosen.items() if index.size < array.sizes[dim]})
+    part = _read(array, {dim: at for dim, at in chosen.items() if not np.array_equal(at, range(array.sizes[dim]))})
     part = part.squeeze([dim for dim in part.dims if part.sizes[dim] == 1 and dim != HELIOSTAT], drop=True)
     values = part.to_numpy().astype(float)
-    return _encoded(part.dims, values * 100 if is_fraction(array) else values)
+    return _numbers(part.dims, values * 100 if is_fraction(array) else values)
 
 
 def _read(array: xr.DataArray, chosen: Kept) -> xr.DataArray:
@@ -186,45 +183,83 @@ def _read(array: xr.DataArray, chosen: Kept) -> xr.DataArray:
     return xr.concat([_read(array.isel({first: [int(i)]}), rest) for i in places], first)
 
 
-def _encoded(dims: Sequence[Any], values: np.ndarray) -> dict[str, Any]:
+def _numbers(dims: Sequence[Any], values: np.ndarray) -> dict[str, Any]:
     data = np.array(values, dtype="<f4", order="C")
     with np.errstate(invalid="ignore"):
         data[~np.isfinite(data)] = np.nan  # one pattern of bits, whatever made them
-    return {
-        "dims": list(map(str, dims)),
-        "shape": list(data.shape),
-        "told": bool(np.isfinite(data).any()),
-        "data": base64.b64encode(data.tobytes()).decode("ascii"),
-    }
+    strides = {str(dim): math.prod(data.shape[i + 1 :]) for i, dim in enumerate(dims)}
+    return {"dims": list(strides), "shape": list(data.shape), "strides": strides, "values": data.ravel()}
+
+
+def _words(array: xr.DataArray, numbers: Mapping[str, Any], dims: Mapping[str, Any], less: str) -> dict[str, Any]:
+    """Names of a quantity, and label, unit and range of its values and of their differences from others."""
+    title, unit = title_of(array), unit_of(array)
+    values = numbers["values"].reshape(numbers["shape"])
+    shown = [{**_label(axis_label(array)), "unit": unit, **_range(values)}]
+    if less in numbers["dims"]:
+        unit = "percentage points" if unit == "%" else unit  # a difference of percentages is in points
+        axis = numbers["dims"].index(less)
+        for i, name in enumerate(dims[less]["texts"]):
+            label = f"{title}, less that of {name}{f' ({unit})' if unit else ''}"
+            difference = _range(values - values.take([i], axis))
+            end = max(-difference["low"], difference["high"])
+            shown.append({**_label(label), "unit": unit, "low": -end, "high": end})
+    return {"title": title, "heading": title[:1].upper() + title[1:], "shown": shown}
+
+
+def _range(values: np.ndarray) -> dict[str, float]:
+    told = values[np.isfinite(values)]
+    return {"low": float(told.min()), "high": float(told.max())} if told.size else {"low": 0.0, "high": 1.0}
 
 
 def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]:
-    """Name, values and words of one dimension."""
+    """Title, label and kind of one dimension, the words for its values, and their places along an axis."""
+    kind, joined = "word", False
     if dim not in result.coords:
         title, texts = dim.replace("_", " "), _labels(result, dim, kept)
-        return {"title": title, "label": title, "kind": "word", "joined": False, "values": None, "texts": texts}
-    coordinate = result[dim].isel({dim: kept})
-    values = coordinate.to_numpy()
-    kind = "date" if values.dtype.kind == "M" else "number" if values.dtype.kind in "fiu" else "word"
-    numbers: list[float] | None = None
-    if kind == "date":
-        numbers = (values.astype("datetime64[s]").astype(np.int64) * 1000).tolist()
-    elif kind == "number":
-        numbers = [float(value) for value in values]
-    names = result.coords.get("name")
-    if names is not None and names.dims == (dim,):
-        texts = [str(value) for value in names.to_numpy()[kept]]
+        label, at = title, np.arange(kept.size, dtype=float)
     else:
-        alone = coordinate.reset_coords(drop=True).drop_vars(dim)  # to take one of what stands alone is much faster
-        texts = [_word(alone[i]) for i in range(kept.size)]
+        coordinate = result[dim].isel({dim: kept})
+        title, label = re.split("[:,]", title_of(coordinate))[0], axis_label(coordinate).split(":")[0]
+        texts, joined = _texts(result, coordinate, kept), is_joined(result, dim)
+        kind, at = _axis(coordinate.to_numpy(), joined)
     return {
-        "title": re.split("[:,]", title_of(coordinate))[0],
-        "label": axis_label(coordinate).split(":")[0],
+        "title": title,
+        "prefix": "" if kind == "word" else f"{title} ",
+        **_label(label),
         "kind": kind,
-        "joined": is_joined(result, dim),
-        "values": numbers,
+        "joined": joined,
+        "at": at,
         "texts": texts,
+        "size": MARK if kept.size <= MOST_MARKS or not joined else 0,
     }
+
+
+def _texts(result: xr.Dataset, coordinate: xr.DataArray, kept: np.ndarray) -> list[str]:
+    """Words for the values of a dimension: the names along it, if there are any."""
+    names = result.coords.get("name")
+    if names is not None and names.dims == coordinate.dims:
+        return [str(value) for value in names.to_numpy()[kept]]
+    alone = coordinate.reset_coords(drop=True).drop_vars(str(coordinate.name))  # one of what stands alone comes quickly
+    return [_word(alone[i]) for i in range(kept.size)]
+
+
+def _axis(values: np.ndarray, joined: bool) -> tuple[str, np.ndarray]:
+    """What the values along an axis are, and their places: powers stand at their logarithms, words one by one."""
+    if values.dtype.kind == "M":
+        return "date", (values.astype("datetime64[s]").astype(np.int64) * 1000).astype(float)
+    if values.dtype.kind not in "fiu":
+        return "word", np.arange(values.size, dtype=float)
+    at = values.astype(float)
+    return ("power", np.log10(at)) if joined and _is_geometric(at) else ("number", at)
+
+
+def _is_geometric(values: np.ndarray) -> bool:
+    """Whether increasing values have the same ratio over at least a decade: they are drawn by their logarithms."""
+    if values.size < 3 or not values[0] > 0 or values[-1] < 10 * values[0]:
+        return False
+    ratios = values[1:] / values[:-1]
+    return bool(np.all(np.abs(ratios / ratios[0] - 1) < 1e-4))
 
 
 def _labels(result: xr.Dataset, dim: str, kept: np.ndarray) -> list[str]:
@@ -246,23 +281,20 @@ def _start(result: xr.Dataset, dim: str, value: float | str, kept: np.ndarray) -
     return int(np.argmin(np.abs(kept - position(result, dim, value))))
 
 
-def _places(result: xr.Dataset, kept: Kept, arrays: dict[str, Any]) -> dict[str, str]:
-    """Add where mirrors stand and how large they are drawn to the arrays; the name of each."""
+def _places(result: xr.Dataset, kept: Kept) -> dict[str, dict[str, Any]]:
+    """Where mirrors stand, how large they are drawn, and their angles: each with a side towards the tower."""
     x, y = (result[name].to_numpy().astype(float) for name in "xy")
     spans = [np.nanmax(axis) - np.nanmin(axis) if np.isfinite(axis).any() else 0.0 for axis in (x, y)]
     number = max(1, int(np.isfinite(x).sum() / max(1, x.size // x.shape[-1])))
     packed = max(PACKING * math.sqrt(spans[0] * spans[1] / number), 1.0)
-    places = {}
-    for key, name in {"x": "x", "y": "y", "width": "heliostat_width", "height": "heliostat_height"}.items():
-        if name in result.coords and set(map(str, result[name].dims)) <= set(kept):
-            array = _array(result[name], kept)
-        else:
-            array = _encoded((), np.array(packed))
-        if key in ("width", "height"):
-            array["least"] = SEEN * max(spans)
-        arrays[f"place_{key}"] = array
-        places[key] = f"place_{key}"
-    return places
+    places = {name: _array(result[name], kept) for name in "xy"}
+    for side in ("width", "height"):
+        name = f"heliostat_{side}"
+        known = name in result.coords and set(map(str, result[name].dims)) <= set(kept)
+        places[side] = _array(result[name], kept) if known else _numbers((), np.array(packed))
+        places[side]["values"] = np.maximum(places[side]["values"], np.float32(SEEN * max(spans)))
+    angles = np.where((x != 0) | (y != 0), np.arctan2(-x, y), 0.0) if x.shape == y.shape else np.zeros(x.shape)
+    return places | {"angle": _array(result["x"].copy(data=angles), kept)}
 
 
 def _said(result: xr.Dataset, kept: Mapping[str, np.ndarray]) -> str:
@@ -273,3 +305,36 @@ def _said(result: xr.Dataset, kept: Mapping[str, np.ndarray]) -> str:
             title = re.split("[:,]", title_of(result[dim]))[0] if dim in result.coords else dim.replace("_", " ")
             parts.append(f"{index.size} of {result.sizes[dim]:,} values of {title}")
     return f"Thinned for this page: {', '.join(parts)}; all are in the data set." if parts else ""
+
+
+def _label(label: str) -> dict[str, Any]:
+    """A label, and folded for narrow and for wide screens."""
+    return {"label": label, "folded": [fold(label, room) for room in ROOMS]}
+
+
+def fold(label: str, room: float) -> str:
+    """A label on several lines where it is longer than its axis, cut off where these are too many."""
+    lines = [""]
+    for word in label.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and len(lines) < MOST_FOLDS and _width(longer) > room:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return "\n".join(_cut(line, room) for line in lines)
+
+
+def _cut(line: str, room: float) -> str:
+    if _width(line) <= room:
+        return line
+    end = next((end for end in range(len(line), 0, -1) if _width(f"{line[:end]}\N{HORIZONTAL ELLIPSIS}") <= room), 1)
+    return f"{line[:end].rstrip()}\N{HORIZONTAL ELLIPSIS}"
+
+
+def _width(text: str) -> float:
+    return _letters().getlength(text)
+
+
+@cache
+def _letters() -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), SIZE)

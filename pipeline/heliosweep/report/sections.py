@@ -1,22 +1,20 @@
-"""The sections of a result's page, from top to bottom; each is left out where there is nothing to say."""
+"""What the sections of a result's page say: words and tables, as the templates set them."""
 
 from __future__ import annotations
 
-import base64
 import itertools
 import math
+import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.comparison import NUMBER_COLUMNS, Comparison, cells, summary
-from heliosweep.report.html import Html, definitions, doi_of, element, join, linked, section, table
+from heliosweep.report.contents import Table
 from heliosweep.report.labels import (
-    axis_label,
+    DEGREE,
     coordinate_text,
     flag_text,
     is_flag,
@@ -27,118 +25,66 @@ from heliosweep.report.labels import (
     value_text,
 )
 
-if TYPE_CHECKING:
-    from heliosweep.families.registry import Table
-
 #: Rows of the table of headline numbers.
 MOST_ROWS = 60
 
-#: Letters of the head of a column of the comparison.
-LONGEST_HEAD = 18
+#: Numbers of a variable up to which all are looked through for its range.
+MOST_NUMBERS = 8_000_000
 
-#: Size on the screen of one inch of a figure. [CSS pixel]
-PIXELS = 144
-
-_NONE = Html("")
+#: A digital object identifier, with what announces it.
+DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;]*[^\s,;.)])", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class Compared:
-    """A comparison with published numbers and their source."""
+def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
+    """Tables that the family makes, else the numbers of the whole.
 
-    values: list[Comparison]
-    source: str
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A figure that has been drawn and saved.
-
-    Parameters
-    ----------
-    caption : str
-        Sentences below it.
-    png : bytes
-        The image.
-    width, height : float
-        Size on paper. [inch]
+    Returns
+    -------
+    dict
+        ``shared``, what is the same at every point; ``tables``; ``described``, pairs of a variable and what it is.
+        Empty where there is nothing to tell.
     """
-
-    caption: str
-    png: bytes
-    width: float
-    height: float
-
-
-def header(result: xr.Dataset, compared: Compared | None) -> Html:
-    """Title, summary, and the verdict of the comparison."""
-    attrs = result.attrs
-    about = " \N{MIDDLE DOT} ".join(str(attrs[name]) for name in ("source", "study_id") if name in attrs)
-    verdict = _NONE
-    if compared:
-        agrees = all(one.agrees for one in compared.values)
-        verdict = element("p", summary(compared.values), class_=f"verdict {'agrees' if agrees else 'differs'}")
-    return element(
-        "header",
-        element("h1", attrs.get("title", "A result")),
-        element("p", about, class_="about"),
-        element("p", attrs["summary"]) if attrs.get("summary") else _NONE,
-        verdict,
-    )
-
-
-def remarks(said: Sequence[str]) -> Html:
-    """What the run warned of."""
-    if not said:
-        return _NONE
-    items = [element("li", text) for text in said]
-    return element(
-        "aside", element("strong", "Please note"), element("ul", "\n", join(items, "\n")), class_="remarks", role="note"
-    )
-
-
-def results(result: xr.Dataset, tables: Iterable[Table]) -> Html:
-    """Tables that the family makes, else the numbers of the whole."""
-    pieces = []
-    for one in tables:
-        pieces += [table(one.header, one.rows, one.label, one.words), *(element("p", note) for note in one.notes)]
-    if not pieces:
-        return headline(result)
-    return section("Results", _shared(result, [""]), *pieces)
-
-
-def headline(result: xr.Dataset) -> Html:
-    """Numbers of the whole: the variables over the swept dimensions alone, a row for each point of the sweep."""
+    tables = list(tables)
+    if tables:
+        return {"shared": _shared(result, swept=False), "tables": tables, "described": []}
     if not result.data_vars:
-        return _NONE
+        return {}
     common = set.intersection(*(set(array.dims) for array in result.data_vars.values()))
-    first = next(iter(result.data_vars.values()))
-    dims = [str(dim) for dim in first.dims if dim in common]
-    shown = [array for array in result.data_vars.values() if set(array.dims) == common and array.dtype.kind in "fiu"]
-    if not shown:
-        return _NONE
-    points = int(np.prod([result.sizes[dim] for dim in dims], dtype=np.int64))
-    indices = list(itertools.islice(np.ndindex(*(result.sizes[dim] for dim in dims)), MOST_ROWS))
-    columns = [_texts(array, _leading(array.transpose(*dims), indices)) for array in shown]
-    names = [[_at(result, dim, index[i]) for index in indices] for i, dim in enumerate(dims)]
-    head = [
-        *(_dimension_title(result, dim) for dim in dims),
-        *(join([str(array.name).replace("_", " "), element("small", unit_of(array))]) for array in shown),
-    ]
-    rows = list(zip(*names, *columns, strict=True))
-    classes = [
-        "new" if len(dims) > 1 and i and index[:-1] != indices[i - 1][:-1] else "" for i, index in enumerate(indices)
-    ]
-    words = [*range(len(dims)), *(len(dims) + i for i, array in enumerate(shown) if is_flag(array))]
-    more = f"The first {len(indices)} of {points:,} points; all are in the data set." if points > len(indices) else ""
-    notes = [(str(array.name).replace("_", " "), _described(array)) for array in shown]
-    return section(
+    arrays = [array for array in result.data_vars.values() if set(array.dims) == common and array.dtype.kind in "fiu"]
+    if not arrays:
+        return {}
+    dims = [str(dim) for dim in next(iter(result.data_vars.values())).dims if dim in common]
+    return {
+        "shared": _shared(result, swept=bool(dims)),
+        "tables": [_numbers(result, dims, arrays)],
+        "described": [
+            (_name(one), "; ".join(str(one.attrs[key]) for key in ("long_name", "comment") if one.attrs.get(key)))
+            for one in arrays
+        ],
+    }
+
+
+def _numbers(result: xr.Dataset, dims: Sequence[str], arrays: Sequence[xr.DataArray]) -> Table:
+    """Variables over the swept dimensions alone, a row for each point of the sweep."""
+    sizes = [result.sizes[dim] for dim in dims]
+    points = math.prod(sizes)
+    indices = list(itertools.islice(np.ndindex(*sizes), MOST_ROWS))
+    labels = [[_label(result, dim, index[i]) for index in indices] for i, dim in enumerate(dims)]
+    columns = [_texts(array, _leading(array.transpose(*dims), indices)) for array in arrays]
+    titles = [title_of(result[dim]) if dim in result.coords else dim.replace("_", " ") for dim in dims]
+    return Table(
         "Results",
-        _shared(result, dims),
-        table(head, rows, "Results", words, classes),
-        element("p", more) if more else _NONE,
-        element("details", element("summary", "What these numbers are"), definitions(notes)),
+        [*titles, *map(_name, arrays)],
+        list(zip(*labels, *columns, strict=True)),
+        [*range(len(dims)), *(len(dims) + i for i, array in enumerate(arrays) if is_flag(array))],
+        [f"The first {len(indices)} of {points:,} points; all are in the data set."] if points > len(indices) else [],
+        [*("" for _ in dims), *map(unit_of, arrays)],
+        ["new" if len(dims) > 1 and i and at[:-1] != indices[i - 1][:-1] else "" for i, at in enumerate(indices)],
     )
+
+
+def _name(array: xr.DataArray) -> str:
+    return str(array.name).replace("_", " ")
 
 
 def _texts(array: xr.DataArray, values: np.ndarray) -> list[str]:
@@ -163,176 +109,89 @@ def _leading(array: xr.DataArray, indices: Sequence[tuple[int, ...]]) -> np.ndar
     return printed(part).reshape(-1)[: len(indices)]
 
 
-def _at(result: xr.Dataset, dim: str, index: int) -> str:
+def _label(result: xr.Dataset, dim: str, index: int) -> str:
     names = result.coords.get("name")
     if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
         return str(names.to_numpy()[index])
     return value_text(result[dim].isel({dim: index})) if dim in result.coords else str(index + 1)
 
 
-def _dimension_title(result: xr.Dataset, dim: str) -> str:
-    return title_of(result[dim]) if dim in result.coords else dim.replace("_", " ")
-
-
-def _shared(result: xr.Dataset, dims: Sequence[str]) -> Html:
+def _shared(result: xr.Dataset, swept: bool) -> str:
     """Coordinates that are the same at every point."""
     texts = [
-        f"{title_of(coordinate)} {value_text(coordinate)}"
-        if coordinate.dtype.kind in "OU"
-        else coordinate_text(coordinate)
-        for name, coordinate in result.coords.items()
-        if not coordinate.ndim
+        f"{title_of(one)} {value_text(one)}" if one.dtype.kind in "OU" else coordinate_text(one)
+        for one in result.coords.values()
+        if not one.ndim
     ]
-    return (
-        element("p", f"At every point: {', '.join(texts)}.")
-        if texts and dims
-        else (element("p", f"At {', '.join(texts)}.") if texts else _NONE)
-    )
+    return f"At {'every point: ' if swept else ''}{', '.join(texts)}." if texts else ""
 
 
-def _described(array: xr.DataArray) -> str:
-    said = [str(array.attrs[name]) for name in ("long_name", "comment") if array.attrs.get(name)]
-    return "; ".join(said)
+def headline(result: xr.Dataset, names: Collection[str]) -> str:
+    """Range of one variable, in words, for the list of all studies.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        The result.
+    names : collection of str
+        Variables of which the first that the result has is told; without any, the first with the fewest dimensions.
+
+    Returns
+    -------
+    str
+        Empty where the result has no numbers.
+    """
+    numbers = [array for array in result.data_vars.values() if array.dtype.kind in "fiu" and not is_flag(array)]
+    known = [result[name] for name in names if name in result.data_vars]
+    array = next(iter(known), min(numbers, key=lambda array: array.ndim, default=None))
+    if array is None or array.size > MOST_NUMBERS:
+        return ""
+    values = np.asarray(printed(array), dtype=float)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return f"{title_of(array)}: no value"
+    unit = unit_of(array)
+    space = "" if unit.startswith(DEGREE) else " "
+    ends = dict.fromkeys(number_texts(np.array([values.min(), values.max()])))
+    return f"{title_of(array)}: {' to '.join(f'{text}{space}{unit}'.rstrip() for text in ends)}"
 
 
-def comparison(compared: Compared | None, result: xr.Dataset) -> Html:
-    """Computed, published, difference and verdict."""
-    if not compared:
-        return _NONE
-    head, rows = cells(compared.values)
-    end = len(head) - len(NUMBER_COLUMNS)  # of the coordinates; a column of numbers may share its name with one
-    titles = [_column(result, name) if 0 < i < end and name in result.coords else name for i, name in enumerate(head)]
-    classes = [
-        f"{one.verdict} new" if i and one.quantity != compared.values[i - 1].quantity else one.verdict
-        for i, one in enumerate(compared.values)
-    ]
-    readable = [
-        [row[0].replace("_", " "), *(cell.replace("_", "-") for cell in row[1:end]), *row[end:]] for row in rows
-    ]
-    words = [0, *(i for i in range(1, end) if not _is_number(rows, i)), len(head) - 2, len(head) - 1]
-    return section(
-        "Computed and published",
-        element("p", "Published numbers: ", linked(compared.source), f". {summary(compared.values)}."),
-        table(titles, readable, "Computed and published", words, classes),
-        element(
-            "p",
-            "The difference is computed minus published, in percentage points where the unit is %. "
-            "A number agrees where the difference is within the tolerance.",
-        ),
-    )
-
-
-def _column(result: xr.Dataset, name: str) -> str:
-    """Head of a column: what a coordinate is called, or its name where that is long and without a unit."""
-    words = axis_label(result[name])
-    return words if len(words) <= LONGEST_HEAD or unit_of(result[name]) else name.replace("_", " ")
-
-
-def _is_number(rows: Sequence[Sequence[str]], column: int) -> bool:
-    try:
-        return all(float(row[column] or 0) is not None for row in rows)
-    except ValueError:
-        return False
-
-
-def figures(drawings: Iterable[Drawing]) -> Html:
-    """All figures with their captions."""
-    pieces = [
-        element(
-            "figure",
-            element("div", _image(drawing, f"Figure {number}. {drawing.caption}"), class_="picture"),
-            element("figcaption", element("strong", f"Figure {number}. "), drawing.caption),
-        )
-        for number, drawing in enumerate(drawings, start=1)
-    ]
-    return section("Figures", join(pieces, "\n")) if pieces else _NONE
-
-
-def _image(drawing: Drawing, text: str) -> Html:
-    source = f"data:image/png;base64,{base64.b64encode(drawing.png).decode()}"
-    width, height = (round(side * PIXELS) for side in (drawing.width, drawing.height))
-    markup = element("img", src=source, alt=text, width=width, height=height)
-    return Html(markup.removesuffix("</img>"))
-
-
-def asked(resolved: str) -> Html:
-    """The study with all defaults, folded away."""
-    if not resolved:
-        return _NONE
-    return section(
-        "What was asked",
-        element(
-            "details",
-            element("summary", "The study file, with every default written out"),
-            element("pre", element("code", resolved)),
-        ),
-    )
-
-
-def provenance(manifest: Mapping[str, Any]) -> Html:
-    """How the result was made, how long it took, and how to make it again."""
+def made(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """How the result was made and how long it took: pairs of a name and what it is."""
     if not manifest:
-        return _NONE
-    result, environment = manifest.get("result", {}), manifest.get("environment", {})
-    packages = environment.get("packages", {})
+        return []
+    result, environment = manifest["result"], manifest.get("environment", {})
+    packages, commit = environment.get("packages", {}), environment.get("commit")
+    others = [f"{name} {packages[name]}" for name in sorted(packages) if name != "heliosweep" and packages[name]]
+    scheduler, workers = manifest.get("scheduler"), manifest.get("workers")
+    evaluations = manifest.get("plan", {}).get("evaluations")
     pairs = [
         ("finished", manifest.get("finished")),
         ("study", manifest.get("study_id")),
-        ("heliosweep", " ".join(filter(None, [packages.get("heliosweep"), _commit(environment.get("commit"))]))),
+        ("heliosweep", " ".join(filter(None, [packages.get("heliosweep"), commit and f"(commit {commit})"]))),
         ("Python", environment.get("python")),
-        (
-            "packages",
-            ", ".join(
-                f"{name} {packages[name]}" for name in sorted(packages) if name != "heliosweep" and packages[name]
-            ),
-        ),
+        ("packages", ", ".join(others)),
         ("platform", environment.get("platform")),
-        ("scheduler", _workers(manifest)),
-        ("evaluations", _count(manifest.get("plan", {}).get("evaluations"))),
+        ("scheduler", f"{scheduler}, {workers} workers" if scheduler and workers else scheduler),
+        ("evaluations", None if evaluations is None else f"{evaluations:,}"),
         ("time", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in manifest.get("seconds", {}).items())),
-        (result.get("file", "result.nc"), f"{result['bytes']:,} bytes" if "bytes" in result else None),
-        ("sha256 of the file", _code(result.get("sha256"))),
-        ("digest of the content", _code(result.get("content_digest"))),
+        (result["file"], f"{result['bytes']:,} bytes" if "bytes" in result else None),
+        ("sha256 of the file", result.get("sha256")),
+        ("digest of the content", result.get("content_digest")),
     ]
-    command = shlex.join(map(str, manifest.get("command", [])))
-    again = [element("h3", "Make it again"), element("pre", element("code", command))] if command else []
-    return section("How it was made", definitions((name, what) for name, what in pairs if what), *again)
+    return [(name, what) for name, what in pairs if what]
 
 
-def _commit(commit: str | None) -> str:
-    return f"(commit {commit})" if commit else ""
+def command(manifest: Mapping[str, Any]) -> str:
+    """The command that makes the result again; empty where nobody knows."""
+    return shlex.join(map(str, manifest.get("command", [])))
 
 
-def _workers(manifest: Mapping[str, Any]) -> str | None:
-    scheduler, workers = manifest.get("scheduler"), manifest.get("workers")
-    return f"{scheduler}, {workers} workers" if scheduler and workers else scheduler
-
-
-def _count(number: int | None) -> str | None:
-    return None if number is None else f"{number:,}"
-
-
-def _code(text: str | None) -> Html | None:
-    return element("code", text) if text else None
-
-
-def references(result: xr.Dataset) -> Html:
+def references(result: xr.Dataset) -> list[str]:
     """Sources, each once: of two entries with the same DOI the longer one."""
     entries: dict[str, str] = {}
     for text in filter(None, (entry.strip() for entry in str(result.attrs.get("references", "")).split(";"))):
-        key = doi_of(text) or text
+        found = DOI.search(text)
+        key = found.group(1).lower() if found else text
         entries[key] = max(entries.get(key, ""), text, key=len)
-    items = [element("li", linked(text)) for text in entries.values()]
-    return section("References", element("ul", "\n", join(items, "\n"))) if items else _NONE
-
-
-def footer(result: str) -> Html:
-    """Where the numbers are: the name of the result's file."""
-    return element(
-        "footer",
-        "The numbers are in ",
-        element("code", result),
-        ", the figures in ",
-        element("code", "figures/"),
-        ", both beside this page.",
-    )
+    return list(entries.values())

@@ -13,16 +13,12 @@ from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 from PIL import Image
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-#: Width of a figure over both columns of a journal page. [inch]
-PAGE_WIDTH = 7.2
 
 #: Resolution of pixel images. [1/inch]
 DPI = 180
@@ -92,13 +88,6 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     return wrapper
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Empty figure of a size in inches, with a canvas of its own."""
-    figure = Figure(figsize=(width, height))
-    FigureCanvasAgg(figure)
-    return figure
-
-
 _FORMULA, _POWER = re.compile(r"\$\\mathdefault\{(.*)\}\$"), re.compile(r"\^\{([-0-9]+)\}")
 _RAISED = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 
@@ -118,7 +107,7 @@ def image(figure: Figure, kind: str = "png") -> bytes:
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        From `new_figure`.
+        From `heliosweep.report.layout.sheet`.
     kind : {"png", "svg", "pdf"}
         File format. In the vector formats only the many small shapes of maps are pixels.
 

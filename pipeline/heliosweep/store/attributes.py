@@ -11,7 +11,7 @@ import numpy as np
 
 from heliosweep import __version__
 from heliosweep.config.study import Study
-from heliosweep.grid.axes import Grid
+from heliosweep.grid.parameters import Parameters
 
 #: What every result can be found by.
 _KEYWORDS = ("concentrating solar power", "solar tracking")
@@ -67,6 +67,11 @@ def global_attributes(
     return attributes
 
 
+def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]:
+    """Global attributes of a study's result; `coordinates` are those of the family, whose attributes belong to it."""
+    return {**global_attributes(study, family.title, family.references, family.keywords), **coordinates.attrs}
+
+
 def _people(study: Study) -> Iterator[tuple[str, str]]:
     """Who made the data set, and how it may be used, where the study says so."""
     said = study.dataset
@@ -90,7 +95,7 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
     """Extent of the sites."""
     if getattr(study, "site", None) is None and getattr(study, "sites", None) is None:
         return
-    grid = Grid(study)
+    grid = Parameters(study)
     for key, axis, units in _EXTENT:
         values = grid.parameter(key).to_numpy().astype(float) if grid.has(key) else np.array(np.nan)
         if np.isfinite(values).any():

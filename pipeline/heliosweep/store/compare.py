@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -10,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
-from heliosweep.store.digest import file_digest, tree, tree_digest
-from heliosweep.store.identity import changes
-from heliosweep.store.places import Places, units_of, value_text
-from heliosweep.store.raw import Raw, RawVariable, open_raw
-from heliosweep.store.sound import Sound, sound, with_remedy
+from heliosweep.store.checks import sound
+from heliosweep.store.folder import changes
+from heliosweep.store.read import Index, Places, Stored, open_stored, plain, tree, value_text
 
 #: Longest text of an attribute that is shown whole.
 _LONGEST = 60
@@ -97,28 +97,26 @@ def compare(
     if not (rtol >= 0 and atol >= 0):
         raise StudyError(Problem("tolerances must not be negative"))
     first, second = sound(a, b)
-    comparison = Comparison(first.path, second.path)
-    with with_remedy(first.path, second.path), open_raw(first.path) as one, open_raw(second.path) as two:
-        if _same_bytes(first, second):
-            comparison.same_bytes = True
-            return comparison
+    comparison = Comparison(first, second)
+    if _same_bytes(comparison.a, comparison.b):
+        comparison.same_bytes = True
+        return comparison
+    with open_stored(comparison.a) as one, open_stored(comparison.b) as two:
         _Comparer(one, two, rtol, atol, comparison).run()
     return comparison
 
 
-def _same_bytes(one: Sound, two: Sound) -> bool:
-    a, b = one.path, two.path
+def _same_bytes(a: Path, b: Path) -> bool:
     if a.is_dir() and b.is_dir():
-        return tree(a) == tree(b) and tree_digest(a) == tree_digest(b)
-    if a.is_dir() or b.is_dir() or a.stat().st_size != b.stat().st_size:
-        return False
-    return a.samefile(b) or (one.digest or file_digest(a)) == (two.digest or file_digest(b))
+        names = tree(a)
+        return names == tree(b) and not any(filecmp.cmpfiles(a, b, names, shallow=False)[1:])
+    return a.is_file() and b.is_file() and filecmp.cmp(a, b, shallow=False)
 
 
 class _Comparer:
     """Two open results, and what has been found so far."""
 
-    def __init__(self, a: Raw, b: Raw, rtol: float, atol: float, found: Comparison) -> None:
+    def __init__(self, a: Stored, b: Stored, rtol: float, atol: float, found: Comparison) -> None:
         self.a, self.b, self.rtol, self.atol, self.found = a, b, rtol, atol, found
         self.places = Places(a)
 
@@ -153,23 +151,24 @@ class _Comparer:
                 continue
             self._scalar(f"{owner}attribute {name}", one, two)
 
-    def _variable(self, name: str, a: RawVariable, b: RawVariable) -> None:
-        self._attributes(f"{name}: ", a.attributes, b.attributes)
-        types = [("str" if item.text else item.dtype.name) for item in (a, b)]
+    def _variable(self, name: str, a: xr.Variable, b: xr.Variable) -> None:
+        self._attributes(f"{name}: ", plain(a.attrs), plain(b.attrs))
+        text = self.a.is_text(name)
+        types = ["str" if side.is_text(name) else side.variables[name].dtype.name for side in (self.a, self.b)]
         if types[0] != types[1]:
             self._say(f"{name}: {types[0]} in A, {types[1]} in B")
         if a.dims != b.dims:
             self._say(f"{name}: over {_dims(a)} in A, over {_dims(b)} in B; values not compared")
         elif a.shape != b.shape:
             self._say(f"{name}: values not compared, for the lengths differ")
-        elif a.text != b.text:
+        elif text != self.b.is_text(name):
             self._say(f"{name}: values not compared")
-        elif a.text:
+        elif text:
             self._texts(name, a)
         else:
             self._numbers(name, a)
 
-    def _texts(self, name: str, variable: RawVariable) -> None:
+    def _texts(self, name: str, variable: xr.Variable) -> None:
         count, first = 0, ""
         for index in self.a.pieces(name):
             one, two = self.a.read(name, index), self.b.read(name, index)
@@ -181,7 +180,7 @@ class _Comparer:
         if count:
             self._say(f"{name}: {_of(count, variable)} differ, first {first}")
 
-    def _numbers(self, name: str, variable: RawVariable) -> None:
+    def _numbers(self, name: str, variable: xr.Variable) -> None:
         tally = _Tally(self.rtol, self.atol)
         for index in self.a.pieces(name):
             tally.add(self.a.read(name, index), self.b.read(name, index), index)
@@ -190,13 +189,13 @@ class _Comparer:
                 where = self._at(variable, place, (0,) * len(place))
                 self._say(f"{name}: {_of(count, variable)} are NaN in {only} alone, first{where or ' the only one'}")
         if tally.count:
-            self._say(f"{name}: {_of(tally.count, variable)} differ{self._largest(tally, variable)}")
+            self._say(f"{name}: {_of(tally.count, variable)} differ{self._largest(name, tally)}")
         if tally.within:
             line = f"{name}: {_of(tally.within, variable)} differ within the tolerances"
-            self.found.notes.append(line if tally.count else f"{line}{self._largest(tally, variable)}")
+            self.found.notes.append(line if tally.count else f"{line}{self._largest(name, tally)}")
 
-    def _largest(self, tally: _Tally, variable: RawVariable) -> str:
-        units = units_of(variable.attributes)
+    def _largest(self, name: str, tally: _Tally) -> str:
+        units, variable = self.places.units(name), self.a.variables[name]
         (size, one, two, place), (relative, *_, other) = tally.absolute, tally.relative
         values = f"{value_text(one, units)} in A, {value_text(two, units)} in B"
         length = f"{size:.6g} {'s' if ' since ' in units else units}".rstrip()
@@ -206,12 +205,9 @@ class _Comparer:
             text += f"; largest relative difference {relative:.3g}{elsewhere}"
         return text
 
-    def _at(self, variable: RawVariable, index: tuple[slice, ...], at: tuple[int, ...]) -> str:
+    def _at(self, variable: xr.Variable, index: Index, at: tuple[int, ...]) -> str:
         position = tuple(span.start + step for span, step in zip(index, at, strict=True))
-        return f" at {self.places.at(variable.dims, position)}" if position else ""
-
-
-Place = tuple[slice, ...]
+        return f" at {self.places.at(tuple(map(str, variable.dims)), position)}" if position else ""
 
 
 class _Tally:
@@ -220,12 +216,12 @@ class _Tally:
     def __init__(self, rtol: float, atol: float) -> None:
         self.rtol, self.atol = rtol, atol
         self.count = self.within = 0
-        self.nans: dict[str, tuple[int, Place]] = {"A": (0, ()), "B": (0, ())}
+        self.nans: dict[str, tuple[int, Index]] = {"A": (0, ()), "B": (0, ())}
         nothing = (-1.0, np.float64(0), np.float64(0), ())
-        self.absolute: tuple[float, Any, Any, Place] = nothing
-        self.relative: tuple[float, Any, Any, Place] = nothing
+        self.absolute: tuple[float, Any, Any, Index] = nothing
+        self.relative: tuple[float, Any, Any, Index] = nothing
 
-    def add(self, a: np.ndarray, b: np.ndarray, index: Place) -> None:
+    def add(self, a: np.ndarray, b: np.ndarray, index: Index) -> None:
         """Take in one piece of both."""
         different = np.asarray(a != b)
         if not different.any():
@@ -257,7 +253,7 @@ class _Tally:
                 setattr(self, key, (float(values[largest]), one[largest], two[largest], place))
 
 
-def _place(index: Place, at: tuple[int, ...]) -> Place:
+def _place(index: Index, at: tuple[int, ...]) -> Index:
     return tuple(slice(span.start + step, span.start + step + 1) for span, step in zip(index, at, strict=False))
 
 
@@ -291,9 +287,9 @@ def _short(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...{text[-1]}"
 
 
-def _dims(variable: RawVariable) -> str:
-    return f"({', '.join(variable.dims)})"
+def _dims(variable: xr.Variable) -> str:
+    return f"({', '.join(map(str, variable.dims))})"
 
 
-def _of(count: int, variable: RawVariable) -> str:
+def _of(count: int, variable: xr.Variable) -> str:
     return f"{count:,} of {int(np.prod(variable.shape, dtype=np.int64)):,} values"

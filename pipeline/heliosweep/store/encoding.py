@@ -1,37 +1,60 @@
-"""How results are encoded for storage, the same in NetCDF and in Zarr: types, attributes, times and text."""
+"""Encoding of results for storage, the same in NetCDF and in Zarr: types, attributes, times and text."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.regions import Cut, Part, Variable
+
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 
 
 @dataclass(frozen=True)
-class Variable:
-    """What the file is told of a variable before its values come.
+class Skeleton:
+    """Everything of a result but its values.
 
     Parameters
     ----------
-    dims : tuple of str
-        Dimensions in the order of storage.
-    attrs : mapping
-        Attributes; ``units`` and ``long_name`` among them.
-    dtype : numpy.dtype
-        Of the stored values.
+    sizes : mapping of str to int
+        Dimensions, in the order of the result.
+    coordinates : xarray.Dataset
+        Coordinate variables, in memory.
+    variables : mapping of str to Variable
+        Data variables, in the order of the result.
+    attributes : mapping
+        Global attributes, strings and numbers.
     storage : mapping of str to int
-        Lengths of a storage chunk; empty: contiguous, uncompressed.
+        Lengths of a storage chunk of compressed time series in a NetCDF file.
+    cuts : mapping of str to Cut
+        How it is cut into slabs, which are written at a time.
     """
 
-    dims: tuple[str, ...]
-    attrs: Mapping[str, Any]
-    dtype: np.dtype = field(default_factory=lambda: np.dtype(np.float64))
-    storage: Mapping[str, int] = field(default_factory=dict)
+    sizes: Mapping[str, int]
+    coordinates: xr.Dataset
+    variables: Mapping[str, Variable]
+    attributes: Mapping[str, Any]
+    storage: Mapping[str, int]
+    cuts: Mapping[str, Cut]
+
+    def of_kind(self, kind: str) -> dict[str, Variable]:
+        """Variables that slabs of a kind hold."""
+        return {name: one for name, one in self.variables.items() if one.kind == kind}
+
+    def labels(self, variable: Variable) -> dict[str, str]:
+        """The attribute ``coordinates`` of a variable: those that are no dimensions; empty without any."""
+        names = [
+            str(name)
+            for name, coordinate in self.coordinates.coords.items()
+            if name not in self.sizes and set(coordinate.dims) <= set(variable.dims)
+        ]
+        return {"coordinates": " ".join(names)} if names else {}
 
 
 def stored(variable: Variable) -> tuple[np.dtype, dict[str, Any]]:
@@ -61,11 +84,50 @@ def encode(coordinate: xr.DataArray) -> tuple[np.ndarray, dict[str, Any]]:
     return values, attrs
 
 
-def labels(variable: Variable, coordinates: xr.Dataset, sizes: Mapping[str, int]) -> dict[str, str]:
-    """The attribute ``coordinates``: those that are no dimensions and belong to the variable; empty without any."""
-    names = [
-        str(name)
-        for name, coordinate in coordinates.coords.items()
-        if name not in sizes and set(coordinate.dims) <= set(variable.dims)
-    ]
-    return {"coordinates": " ".join(names)} if names else {}
+def slab_digest(values: Mapping[str, np.ndarray]) -> str:
+    """SHA-256 over the values of a slab, whatever the format of the file that holds them.
+
+    Parameters
+    ----------
+    values : mapping of str to numpy.ndarray
+        Values of each variable; times count as what is stored for them.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(values):
+        digest.update(name.encode() + b"\0")
+        digest.update(little_endian(numbers(values[name])))
+    return digest.hexdigest()
+
+
+def little_endian(values: np.ndarray) -> memoryview:
+    """Bytes of numbers in the order of their dimensions."""
+    return np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1).view(np.uint8).data
+
+
+def slab_rows(cuts: Mapping[str, Cut]) -> dict[str, list[list[Any]]]:
+    """Slabs of a result as plain data: by kind, rows of a dimension, its size and the length of a slab along it."""
+    return {kind: [[dim, size, cut.slab[dim]] for dim, size in cut.sizes.items()] for kind, cut in cuts.items()}
+
+
+def slabs_of(rows: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[Part]:
+    """Slabs of a result of these dimensions from `slab_rows`, in the order of the file.
+
+    Raises
+    ------
+    HeliosweepError
+        They are not of such a result.
+    """
+    try:
+        for kind, lines in rows.items():
+            if wrong := [dim for dim, size, _ in lines if sizes.get(dim) != size]:
+                raise ValueError(f"{wrong[0]} has another length")
+            slab = {dim: int(length) for dim, _, length in lines}
+            for number, region in enumerate(Cut({dim: sizes[dim] for dim in slab}, slab, slab).slabs()):
+                yield Part(f"{kind}-{number:05}", kind, region)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise HeliosweepError(f"the cut into slabs does not fit the result: {error}") from None

@@ -1,202 +1,177 @@
-"""Writing `result.nc`: by regions, in one fixed order, under a temporary name until it is whole.
+"""NetCDF files: writing `result.nc` slab by slab, and the lock around the library.
 
-The bytes depend on the values and on the library versions alone. HDF5 lays storage out in the order of writing, so
-everything is written in an order that the blocks, workers and parts of a run do not change: annual variables are
-contiguous, and so are time series but compressed ones, which are written one whole storage chunk after the other.
+The bytes depend on the values and on the library versions alone. HDF5 lays storage out in the order of writing, which
+is that of the slabs, whatever the parts, workers and engine of a run: annual variables are contiguous, and so are time
+series but compressed ones, which are written one whole storage chunk after the other.
 """
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import os
-from collections.abc import Iterator, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Self
+from types import TracebackType
+from typing import Any
 
 import netCDF4
 import numpy as np
-import xarray as xr
+from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.store.encoding import Variable, encode, labels, numbers, stored
-from heliosweep.store.full import why_not_written
-from heliosweep.store.lock import LIBRARY_LOCK
-from heliosweep.store.temporary import temporary_name
+from heliosweep.files import why_not_written
+from heliosweep.grid.regions import Part, Region
+from heliosweep.store.encoding import Skeleton, encode, stored
+
+#: Writes the encoded values of a slab.
+Write = Callable[[Part, Mapping[str, np.ndarray]], None]
 
 
-class ResultWriter:
-    """A NetCDF-4 file that appears under its name only when it is complete.
+class _LibraryLock:
+    """xarray's lock for the library, made reentrant: two threads must not enter it, not even for two files.
+
+    xarray reads values under its lock, but opens files and reads attributes without one; whoever holds this lock may
+    open a file with xarray, and nobody else, be it xarray itself, is in the library meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self._own = threading.RLock()
+        self._depth = 0
+
+    def acquire(self, blocking: bool = True) -> bool:
+        if not self._own.acquire(blocking):
+            return False
+        got = self._depth > 0
+        try:
+            got = got or NETCDF4_PYTHON_LOCK.acquire(blocking)
+        finally:
+            if not got:
+                self._own.release()
+        self._depth += got
+        return got
+
+    def release(self) -> None:
+        self._depth -= 1
+        if not self._depth:
+            NETCDF4_PYTHON_LOCK.release()
+        self._own.release()
+
+    def __enter__(self) -> None:
+        self.acquire()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def __reduce__(self) -> str:
+        return "LIBRARY_LOCK"  # there is one in each process
+
+
+LIBRARY_LOCK = _LibraryLock()
+
+
+@contextmanager
+def netcdf_file(path: Path, skeleton: Skeleton, level: int, named: Path) -> Iterator[Write]:
+    """Write a NetCDF file; it is complete when the context is left.
 
     Parameters
     ----------
-    path : path
-        Where the file shall stand. Its folder must exist.
-    sizes : mapping of str to int
-        Dimensions, in the order of the file.
-    coordinates : xarray.Dataset
-        Coordinate variables, in memory.
-    variables : mapping of str to Variable
-        Data variables, to be filled by `write`.
-    attributes : mapping
-        Global attributes, strings and numbers.
-    compression_level : int
-        Deflate level of chunked variables, 0 for none.
-    replaces : sequence of str
-        Names of files beside it that describe the file it may replace; they are removed with that one.
+    path : pathlib.Path
+        File to write.
+    skeleton : Skeleton
+        Of the result.
+    level : int
+        Deflate level of time series, 0 for none.
+    named : pathlib.Path
+        Name of the file in messages.
+
+    Yields
+    ------
+    callable
+        Writes the encoded values of a slab; may be called from any thread, one at a time.
 
     Raises
     ------
     HeliosweepError
-        Where the file cannot be written, here and in every method; says how much room there is.
-
-    Notes
-    -----
-    Use as a context manager: leaving it normally renames the file into place, leaving it by an exception removes it.
-    Each method may be called from any thread, one at a time.
+        It cannot be written; says how much room there is.
     """
+    with _library(named):
+        file = netCDF4.Dataset(path, "w", format="NETCDF4")
+    try:
+        with _library(named):
+            _define(file, skeleton, level)
+        chunked = {name for name, one in skeleton.variables.items() if level and one.kind == "series"}
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        sizes: Mapping[str, int],
-        coordinates: xr.Dataset,
-        variables: Mapping[str, Variable],
-        attributes: Mapping[str, Any],
-        compression_level: int = 1,
-        replaces: Sequence[str] = (),
-    ) -> None:
-        self.path = Path(path)
-        self.temporary = temporary_name(self.path)
-        self._variables = variables
-        self._sizes = sizes
-        self._replaces = replaces
-        with contextlib.ExitStack() as failed:
-            failed.callback(self.temporary.unlink, missing_ok=True)
-            with self._library():
-                self._file = netCDF4.Dataset(self.temporary, "w", format="NETCDF4")
-                failed.callback(self._close_quietly)
-                self._define(sizes, coordinates, variables, attributes, compression_level)
-            failed.pop_all()
+        def write(slab: Part, values: Mapping[str, np.ndarray]) -> None:
+            with _library(named):
+                for name in [name for name in values if name not in chunked]:
+                    file[name][_index(skeleton, name, slab.region)] = values[name]
+                _write_chunks(file, skeleton, slab.region, {name: values[name] for name in values if name in chunked})
 
-    def _define(
-        self,
-        sizes: Mapping[str, int],
-        coordinates: xr.Dataset,
-        variables: Mapping[str, Variable],
-        attributes: Mapping[str, Any],
-        compression_level: int,
-    ) -> None:
-        self._file.set_auto_maskandscale(False)
-        self._file.set_fill_off()  # every value is written once; filling first would write the file twice
-        self._file.setncatts(dict(attributes))
-        for dim, size in sizes.items():
-            self._file.createDimension(dim, size)
-        for name, coordinate in coordinates.coords.items():
-            values, attrs = encode(coordinate)
-            target = self._file.createVariable(
-                str(name), str if values.dtype == object else values.dtype, coordinate.dims, fill_value=False
-            )
-            target.setncatts(attrs)
-            target[...] = values
-        for name, variable in variables.items():
-            dtype, encoded = stored(variable)
-            storage: dict[str, Any] = {"contiguous": True}
-            if variable.storage:
-                storage = {
-                    "chunksizes": [min(variable.storage.get(dim, 1), sizes[dim]) for dim in variable.dims],
-                    "compression": "zlib" if compression_level else None,
-                    "complevel": compression_level,
-                }
-            target = self._file.createVariable(
-                name,
-                dtype,
-                variable.dims,
-                fill_value=np.nan if dtype.kind == "f" else False,
-                **storage,
-            )
-            target.setncatts({**encoded, **labels(variable, coordinates, sizes)})
-        self._file.sync()
-        for name, variable in variables.items():
-            if variable.storage:
-                # Each chunk is written once and whole: a cache would only hold memory, 64 MB a variable.
-                self._file[name].set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
+        yield write
+    except BaseException:
+        with LIBRARY_LOCK, suppress(OSError, RuntimeError):
+            file.close()  # which writes, and fails again where the disk is full
+        raise
+    with _library(named):
+        file.close()
 
-    def write(self, values: Mapping[str, np.ndarray], region: Mapping[str, slice]) -> None:
-        """Write variables over one region of the grid.
 
-        Parameters
-        ----------
-        values : mapping of str to ndarray
-            Arrays in the order of each variable's dimensions. Regions of chunked variables must begin and end at
-            storage chunks.
-        region : mapping of str to slice
-            Start and stop along the dimensions that the values do not span whole.
-        """
-        with self._library():
-            self._write(values, region)
+@contextmanager
+def _library(named: Path) -> Iterator[None]:
+    """Keep other threads out of the library, and say in words why it failed to write."""
+    try:
+        with LIBRARY_LOCK:
+            yield
+    except (OSError, RuntimeError) as error:
+        raise HeliosweepError(why_not_written(named, error)) from error
 
-    def _write(self, values: Mapping[str, np.ndarray], region: Mapping[str, slice]) -> None:
-        chunked = {name: array for name, array in values.items() if self._variables[name].storage}
-        for name, array in values.items():
-            if name not in chunked:
-                self._file[name][self._index(name, region)] = numbers(array)
-        if not chunked:
-            return
-        dims = self._variables[next(iter(chunked))].dims
-        for cell in self._cells(next(iter(chunked)), region):
-            for name, array in chunked.items():
-                index = tuple(
-                    slice(c.start - o.start, c.stop - o.start)
-                    for c, o in zip(cell, self._index(name, region), strict=True)
-                )
-                if self._variables[name].dims != dims:
-                    raise ValueError(f"{name} is not chunked like the variables written with it")
-                self._file[name][cell] = array[index]
 
-    def _index(self, name: str, region: Mapping[str, slice]) -> tuple[slice, ...]:
-        return tuple(region.get(dim, slice(0, self._sizes[dim])) for dim in self._variables[name].dims)
+def _define(file: netCDF4.Dataset, skeleton: Skeleton, level: int) -> None:
+    file.set_auto_maskandscale(False)
+    file.set_fill_off()  # every value is written once; filling first would write the file twice
+    file.setncatts(dict(skeleton.attributes))
+    for dim, size in skeleton.sizes.items():
+        file.createDimension(dim, size)
+    for name, coordinate in skeleton.coordinates.coords.items():
+        values, attrs = encode(coordinate)
+        dtype = str if values.dtype == object else values.dtype
+        target = file.createVariable(str(name), dtype, coordinate.dims, fill_value=False)
+        target.setncatts(attrs)
+        target[...] = values
+    for name, variable in skeleton.variables.items():
+        dtype, attrs = stored(variable)
+        storage: dict[str, Any] = {"contiguous": True}
+        if level and variable.kind == "series":
+            chunks = [min(skeleton.storage.get(dim, 1), skeleton.sizes[dim]) for dim in variable.dims]
+            storage = {"chunksizes": chunks, "compression": "zlib", "complevel": level}
+        fill = np.nan if dtype.kind == "f" else False
+        target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
+        target.setncatts({**attrs, **skeleton.labels(variable)})
+    file.sync()
+    if level:
+        for name in skeleton.of_kind("series"):
+            # Each chunk is written once and whole: a cache would only hold memory, 64 MB a variable.
+            file[name].set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
 
-    def _cells(self, name: str, region: Mapping[str, slice]) -> Iterator[tuple[slice, ...]]:
-        """Storage chunks of a region, last dimension fastest."""
-        variable = self._variables[name]
-        ranges = []
-        for dim, span in zip(variable.dims, self._index(name, region), strict=True):
-            length = variable.storage.get(dim, 1)
-            ranges.append([slice(i, min(i + length, span.stop)) for i in range(span.start, span.stop, length)])
-        yield from itertools.product(*ranges)
 
-    @contextlib.contextmanager
-    def _library(self) -> Iterator[None]:
-        """Keep other threads out of the library, and say in words why it failed to write."""
-        try:
-            with LIBRARY_LOCK:
-                yield
-        except (OSError, RuntimeError) as error:
-            raise HeliosweepError(why_not_written(self.path, error)) from error
+def _index(skeleton: Skeleton, name: str, region: Region) -> tuple[slice, ...]:
+    return tuple(region.get(dim, slice(0, skeleton.sizes[dim])) for dim in skeleton.variables[name].dims)
 
-    def _close_quietly(self) -> None:
-        # Closing flushes, which fails again where the disk is full.
-        with LIBRARY_LOCK, contextlib.suppress(OSError, RuntimeError):
-            self._file.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self._publish()
-            else:
-                self._close_quietly()
-        finally:
-            self.temporary.unlink(missing_ok=True)
-
-    def _publish(self) -> None:
-        with self._library():
-            self._file.close()
-            with self.temporary.open("rb") as file:
-                os.fsync(file.fileno())
-            for name in self._replaces:
-                self.path.with_name(name).unlink(missing_ok=True)
-            self.temporary.replace(self.path)
+def _write_chunks(file: netCDF4.Dataset, skeleton: Skeleton, region: Region, values: Mapping[str, np.ndarray]) -> None:
+    """Write compressed variables, one storage chunk of each after the other, last dimension fastest."""
+    for dims in dict.fromkeys(skeleton.variables[name].dims for name in values):
+        names = [name for name in values if skeleton.variables[name].dims == dims]
+        whole = _index(skeleton, names[0], region)
+        lengths = [skeleton.storage.get(dim, 1) for dim in dims]
+        pieces = [
+            [slice(start, min(start + length, span.stop)) for start in range(span.start, span.stop, length)]
+            for span, length in zip(whole, lengths, strict=True)
+        ]
+        for cell in itertools.product(*pieces):
+            within = tuple(slice(c.start - w.start, c.stop - w.start) for c, w in zip(cell, whole, strict=True))
+            for name in names:
+                file[name][cell] = values[name][within]

@@ -159,7 +159,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         "cameras",
         "cameras: {positions: [[-0.2, 0], [-0.2, 0], [0.1, 0], [0.2, 0.3]], radius: [0.1, 0.2]}",
         [
-            "6:34: cameras.positions[1]: is the same as entry 0 (counted from 0) (got [-0.2, 0])",
+            "6:34: cameras.positions[1]: is the same as entry 0 (counted from 0); leave one out (got [-0.2, 0])",
         ],
     ),
     (
@@ -263,14 +263,15 @@ BAD: list[tuple[str, str, list[str]]] = [
         "sun",
         "sun: {azimuth: 30, elevation: 60, profile: long.csv}",
         [
-            "long.csv:3: is no line of a CSV table",
+            "long.csv:3: is not CSV: field larger than field limit (131072)",
         ],
     ),
     (
         "sun",
         "sun: {azimuth: 30, elevation: 60, profile: head.csv}",
         [
-            "head.csv:1: must have a header with the columns angle and brightness",
+            "head.csv:1: needs a column brightness: relative to the disc centre",
+            "head.csv:1:7: unknown column 'light'; remove it: the columns are angle, brightness",
         ],
     ),
     (
@@ -278,7 +279,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         "sun: {azimuth: 30, elevation: 60, profile: order.csv}",
         [
             "order.csv:2: the angles must begin with 0 (got 0.1)",
-            "order.csv:3: must be two numbers, angle and brightness",
+            "order.csv:3:3: brightness must be a finite number (got 'x')",
             "order.csv:5: the angles must rise (got 0.5)",
         ],
     ),

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.backward_gazing import variables
-from heliosweep.kernels.gazing_grid import mirror_grid, themis_8
+from heliosweep.families.backward_gazing.field.variables import FIELD
+from heliosweep.families.backward_gazing.simulated.variables import MAPS, SIMULATED, over_seeds
+from heliosweep.grid.regions import Variable
+from heliosweep.kernels.gazing.mirror import mirror_grid, themis_8
 
 METHODS = ("A", "O1", "O2", "LM")
 REFERENTIALS = ("none", "roll", "exact")
@@ -27,7 +29,7 @@ def result(
     maps: bool = False,
     pixel: float = 0.3,
     modules: int = 8,
-    entries: Mapping[str, variables.Entry] | None = None,
+    entries: Mapping[str, Variable] | None = None,
     **study: Any,
 ) -> xr.Dataset:
     """Data set with the variables of a simulated heliostat; those of seeds have medians too."""
@@ -36,20 +38,19 @@ def result(
     heliostat = heliostat._replace(centre=heliostat.centre[:modules], size=heliostat.size[:modules])
     grid = mirror_grid(heliostat, pixel)
     inner: dict[str, Any] = {
-        "method": list(methods),
+        "slope_method": list(methods),
         "referential": list(referentials),
         "module": np.arange(1, modules + 1),
         "camera": np.arange(1, 5),
         "y": grid.y,
         "z": grid.z,
     }
-    wanted = dict(entries or {**variables.SIMULATED, **(variables.MAPS if maps else {})})
+    wanted = dict(entries or {**SIMULATED, **(MAPS if maps else {})})
     seeds = [dim for dim in sweep if dim.endswith("_seed")]
-    data = {name: _made(sweep, inner, dims, name, attrs, grid) for name, (dims, attrs) in wanted.items()}
+    data = {name: _made(sweep, inner, name, one, grid) for name, one in wanted.items()}
     if seeds and entries is None:
         rest = {dim: values for dim, values in sweep.items() if dim not in seeds}
-        for name, (dims, attrs) in variables.OVER_SEEDS.items():
-            data[name] = _made(rest, inner, dims, name, attrs, grid)
+        data |= {name: _made(rest, inner, name, one, grid) for name, one in over_seeds(()).items()}
     used = {dim for array in data.values() for dim in array.dims}
     labels: dict[str, Any] = {
         name: (name, values, _attributes(name)) for name, values in {**sweep, **inner}.items() if name in used
@@ -59,7 +60,7 @@ def result(
     if "module" in used:
         labels |= {f"module_{side}": ("module", values, {"units": "m"}) for side, values in sides.items()}
     told = {"family": "backward_gazing", "mode": "simulated", "defects": {"canting": CANTING, "canting_scale": 1.0}}
-    about = {"title": "Slopes", "kind": "scenes", "study": json.dumps({**told, **study})}
+    about = {"title": "Slopes", "mode": "simulated", "study": json.dumps({**told, **study})}
     return xr.Dataset(data, labels, about)
 
 
@@ -69,30 +70,33 @@ def field(hours: Sequence[float] = (9, 12, 15), count: int = 317, sweep: Mapping
     far = 60 + 19 * np.sqrt(np.arange(count))
     place = np.stack([far * np.sin((turn % np.pi) - np.pi / 2), far * np.cos((turn % np.pi) - np.pi / 2)])
     sweep = dict(sweep or {})
-    inner = {"heliostat": np.arange(count), "hour": list(hours), "method": list(METHODS)}
+    inner = {"heliostat": np.arange(count), "hour": list(hours), "slope_method": list(METHODS)}
     inner["referential"] = list(REFERENTIALS)
-    data = {name: _made(sweep, inner, dims, name, attrs) for name, (dims, attrs) in variables.FIELD.items()}
+    data = {name: _made(sweep, inner, name, one) for name, one in FIELD.items()}
     for end in "xy":
         data[f"slope_rms_{end}"] = data[f"slope_rms_{end}"] * xr.DataArray(0.2 + far / 100, dims="heliostat")
     data["slant_range"] = xr.DataArray(far, dims="heliostat", attrs={"units": "m"})
     data["usable_fraction"] = (data["usable_fraction"] * xr.DataArray(300 / far, dims="heliostat")).clip(0, 1)
     labels: dict[str, Any] = {name: (name, values, _attributes(name)) for name, values in {**sweep, **inner}.items()}
     labels |= {axis: ("heliostat", values, {"units": "m"}) for axis, values in zip("xy", place, strict=True)}
-    about = {"title": "Field", "kind": "field", "study": json.dumps({"family": "backward_gazing"})}
+    about = {"title": "Field", "mode": "field", "study": json.dumps({"family": "backward_gazing"})}
     return xr.Dataset(data, labels, about)
 
 
 def _made(
-    sweep: Mapping[str, Any], inner: Mapping[str, Any], dims: Sequence[str], name: str, attrs: Any, grid: Any = None
+    sweep: Mapping[str, Any], inner: Mapping[str, Any], name: str, variable: Variable, grid: Any = None
 ) -> xr.DataArray:
     """Values of one variable."""
+    dims = variable.dims
     sizes = {**{dim: len(values) for dim, values in sweep.items()}, **{dim: len(inner[dim]) for dim in dims}}
     rng = np.random.default_rng(len(name))
     template = xr.DataArray(np.zeros(list(sizes.values())), dims=list(sizes))
     values = template + rng.uniform(0.9, 1.1, template.shape)
-    if {"method", "referential"} <= set(dims):
-        errors = [[ERRORS[method][REFERENTIALS.index(r)] for r in inner["referential"]] for method in inner["method"]]
-        values = values * xr.DataArray(errors, dims=("method", "referential"))
+    if {"slope_method", "referential"} <= set(dims):
+        errors = [
+            [ERRORS[method][REFERENTIALS.index(r)] for r in inner["referential"]] for method in inner["slope_method"]
+        ]
+        values = values * xr.DataArray(errors, dims=("slope_method", "referential"))
     if name.startswith("relative_error"):
         values = 100 * values
     values = values * {"low": 0.6, "high": 1.5}.get(name.rpartition("_")[2], 1.0)
@@ -113,8 +117,7 @@ def _made(
         values = xr.where(values.isnull(), 0, 3)
     if name == "quality":
         values = xr.where(values > 1.08, 1, 0)
-    made = values.transpose(*sizes).assign_attrs(attrs)
-    return made.astype(variables.DTYPES[name]) if name in variables.DTYPES else made
+    return values.transpose(*sizes).assign_attrs(variable.attrs).astype(variable.dtype)
 
 
 def _attributes(name: str) -> dict[str, Any]:

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heliosweep import workflow
-from heliosweep.families.backward_gazing.model import coordinates, remarks
-from heliosweep.families.backward_gazing.variables import BEHIND, NO_SUN, SEEN
-from heliosweep.kernels.gazing_geometry import world_azimuth
-from heliosweep.kernels.sun import declination_cooper, solar_clock
-from heliosweep.store.digest import file_digest
+from heliosweep import api
+from heliosweep.families.backward_gazing.field.compute import mixed_seed, remarks
+from heliosweep.families.backward_gazing.shared import BEHIND, NO_SUN, SEEN
+from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.store.read import file_digest
 
 LAYOUT = "x,y,z,row\n0,150,0,1\n-40,140,1,1\n120,90,0,2\n20,-130,0,3\n"
 SMALL: dict[str, Any] = {
@@ -42,31 +41,29 @@ def make(tmp_path):
             "pivot_height": 7,
             **(field or {}),
         }
-        return workflow.load({**copy.deepcopy(SMALL), "field": own, **blocks})
+        return api.load({**copy.deepcopy(SMALL), "field": own, **blocks})
 
     return study
 
 
 def test_a_scene_of_a_field_is_that_of_one_heliostat(make):
-    field = workflow.build(make(defects={"canting": {"2": [0, -1]}})).compute()
+    field = api.build(make(defects={"canting": {"2": [0, -1]}})).compute()
     x, y, z = -40.0, 140.0, 95.0 - 8.0
     sun = solar_clock(np.radians(37.4), declination_cooper(81), 10.0)
     to_target = np.array([-x, -y, z])
-    angles = [
-        np.degrees([float(world_azimuth(np.arctan2(v[0], v[1]))), np.arctan2(v[2], np.hypot(v[0], v[1]))])
-        for v in (sun, to_target)
-    ]
+    (sun_azimuth, sun_elevation), (target_azimuth, elevation) = (  # from south towards east, as the study has it
+        np.degrees([np.arctan2(v[0], -v[1]), np.arctan2(v[2], np.hypot(v[0], v[1]))]) for v in (sun, to_target)
+    )
     assert float(field["slant_range"].sel(heliostat=1)) == pytest.approx(np.linalg.norm(to_target))
     blocks = copy.deepcopy(SMALL)
     blocks["defects"].pop("waviness")
-    sun_azimuth, target_azimuth = ((angle[0] + 180) % 360 - 180 for angle in angles)
-    one = workflow.build(
-        workflow.load(
+    one = api.build(
+        api.load(
             {
                 **blocks,
                 "heliostat": {"distance": float(np.linalg.norm(to_target)), "pixel": 0.3},
-                "target": {"azimuth": target_azimuth, "elevation": angles[1][1], "face": target_azimuth},
-                "sun": {"azimuth": sun_azimuth, "elevation": angles[0][1]},
+                "target": {"azimuth": target_azimuth, "elevation": elevation, "face": target_azimuth},
+                "sun": {"azimuth": sun_azimuth, "elevation": sun_elevation},
             }
         )
     ).compute()
@@ -78,20 +75,18 @@ def test_a_scene_of_a_field_is_that_of_one_heliostat(make):
 
 
 def test_sun_below_the_horizon(make):
-    one = make()
-    result = workflow.build(one).compute()
+    result = api.build(make()).compute()
     assert (result["scene_status"].sel(hour=19) == NO_SUN).all()
     assert (result["scene_status"].sel(hour=[10, 12]) == SEEN).all()
     assert np.isnan(result["slope_rms_x"].sel(hour=19)).all()
-    said = list(remarks(result.assign_attrs(coordinates(one).attrs)))
-    assert said == ["no slopes in 4 of 12 scenes: sun below the horizon (scene_status 2)"]
+    assert list(remarks(result)) == ["no slopes in 4 of 12 scenes: sun below the horizon (scene_status 2)"]
 
 
 def test_fixed_face_is_not_seen_from_behind(make):
-    result = workflow.build(make({"facing": ["heliostat", "fixed"], "hours": 12})).compute()
+    result = api.build(make({"facing": ["heliostat", "fixed"], "hours": 12})).compute()
     fixed = result["scene_status"].sel(facing="fixed").to_numpy().ravel()
     assert fixed.tolist() == [SEEN, SEEN, SEEN, BEHIND]
-    steep = workflow.build(make({"facing": "fixed", "hours": 12}, target={"tilt": 60})).compute()
+    steep = api.build(make({"facing": "fixed", "hours": 12}, target={"tilt": 60})).compute()
     assert steep["scene_status"].to_numpy().ravel().tolist() == [SEEN, SEEN, SEEN, SEEN]  # it faces down
     north = {name: float(result["lit_cameras"].sel(facing=name, heliostat=0).item()) for name in ("heliostat", "fixed")}
     assert north["heliostat"] == pytest.approx(north["fixed"], abs=1e-9)  # it stands before the face
@@ -99,15 +94,15 @@ def test_fixed_face_is_not_seen_from_behind(make):
 
 def test_noise_is_drawn_for_each_heliostat_and_hour(make):
     """Two heliostats at the same place, and two suns that are mirror images, do not share their noise."""
-    result = workflow.build(make({"hours": [11, 13]}, cameras={"radius": 0.3, "noise": 0.01})).compute()
-    rms = result["slope_rms_x"].sel({"method": "LM", "referential": "exact", "heliostat": 0}).to_numpy()
+    result = api.build(make({"hours": [11, 13]}, cameras={"radius": 0.3, "noise": 0.01})).compute()
+    rms = result["slope_rms_x"].sel({"slope_method": "LM", "referential": "exact", "heliostat": 0}).to_numpy()
     assert rms[0] != rms[1]
     assert rms[0] == pytest.approx(rms[1], rel=0.2)
 
 
 def test_accuracy_follows_the_bound(make):
-    result = workflow.build(make({"hours": 12}, cameras={"radius": 0.3, "noise": 0.004})).compute()
-    lm = result.sel({"method": "LM", "referential": "exact"}).isel(hour=0)
+    result = api.build(make({"hours": 12}, cameras={"radius": 0.3, "noise": 0.004})).compute()
+    lm = result.sel({"slope_method": "LM", "referential": "exact"}).isel(hour=0)
     for name in "xy":
         np.testing.assert_allclose(lm[f"slope_rms_{name}"], lm[f"cramer_rao_bound_{name}"], rtol=0.15)
 
@@ -121,14 +116,20 @@ def test_same_bytes_whatever_the_scheduler_and_the_chunks(make, tmp_path):
     digests = set()
     for number, execution in enumerate(executions):
         one = make({"receiver_height": [80, 95], "hours": [12]}, cameras={"noise": 0.01}, execution=execution)
-        digests.add(file_digest(workflow.run(one, tmp_path / str(number), report=False).path))
+        digests.add(file_digest(api.run(one, tmp_path / str(number), report=False).path))
     assert len(digests) == 1
 
 
 def test_the_plan_foresees_the_result(make):
     one = make({"latitude": [20, 37.4]})
-    planned, result = workflow.plan(one), workflow.build(one)
+    planned, result = api.plan(one), api.build(one)
     assert dict(result.sizes) == planned.workload.sizes
-    for name, dims in planned.workload.variables.items():
-        assert result[name].dims == dims
+    for name, variable in planned.variables.items():
+        assert result[name].dims == variable.dims
     assert result["row"].dims == ("heliostat",)
+
+
+def test_seeds_of_scenes_differ():
+    seeds = {mixed_seed(seed, heliostat, hour) for seed in range(3) for heliostat in range(40) for hour in range(5)}
+    assert len(seeds) == 600
+    assert all(0 <= seed < 2**63 for seed in seeds)

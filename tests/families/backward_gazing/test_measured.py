@@ -6,20 +6,20 @@ from PIL import Image
 
 import heliosweep
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing import measured, measured_points, reconstruct, scenes
-from heliosweep.families.backward_gazing.config import BackwardGazingStudy
-from heliosweep.families.backward_gazing.image_files import read_picture
-from heliosweep.families.backward_gazing.measured_checks import view_problems
-from heliosweep.kernels import gazing_lm
-from heliosweep.kernels.gazing_grid import eroded, maps, mirror_grid, themis_8
-from heliosweep.kernels.gazing_modules import module_estimates
-from heliosweep.kernels.pinholes import pinholes
-from heliosweep.kernels.rectification import outline, places_of
+from heliosweep.families.backward_gazing import points
+from heliosweep.families.backward_gazing.measured import compute
+from heliosweep.families.backward_gazing.measured.compute import remarks
+from heliosweep.families.backward_gazing.measured.image_files import read_picture
+from heliosweep.families.backward_gazing.simulated import compute as simulated
+from heliosweep.kernels.gazing import lm as gazing_lm
+from heliosweep.kernels.gazing.mirror import eroded, maps, mirror_grid, themis_8
+from heliosweep.kernels.gazing.modules import module_estimates
+from heliosweep.kernels.gazing.rectification import outline, pinholes, places_of
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
 
 SHIPPED = STUDIES / "gazing_measured.yaml"
-LM = {"method": "LM", "referential": "exact"}
+LM = {"slope_method": "LM", "referential": "exact"}
 
 
 def content(folder, names=None, **blocks):
@@ -148,12 +148,12 @@ def test_shipped_result_says_how_it_was_made(shipped):
     assert np.all(shipped["lit_fraction"] > 0.97)
     assert np.all(shipped["saturated_fraction"] == 0.0)
     assert np.all(shipped["usable_fraction"] > 0.9)
-    quality = shipped["quality"].sel({"method": "LM"}).to_numpy()
+    quality = shipped["quality"].sel(slope_method="LM").to_numpy()
     used = shipped["mask"].to_numpy() == 3
     assert np.mean(quality[used] == 0) > 0.95
     residual = shipped["residual_rms"].sel(LM).to_numpy()[used]
     assert np.nanmean(residual**2) == pytest.approx(0.5 * 0.66 * made.NOISE**2, rel=0.2)  # 2 of 4 are free
-    assert list(measured.remarks(shipped)) == []
+    assert list(remarks(shipped)) == []
 
 
 @pytest.mark.parametrize("methods", [["LM", "A"], ["A"]])
@@ -165,7 +165,7 @@ def test_slopes_and_uncertainties_are_of_one_fit(write, monkeypatch, methods):
         fits.append(gazing_lm.fit_slopes(*args, **more))
         return fits[-1]
 
-    monkeypatch.setattr(reconstruct, "fit_slopes", kept)
+    monkeypatch.setattr(points, "fit_slopes", kept)
     noise = {"noise": made.NOISE}
     heliostat = {"focal_length": 120, "pixel": 0.1}
     result = result_of(write(method=methods, image_geometry=noise, fit_gain=True, heliostat=heliostat))
@@ -188,7 +188,7 @@ def test_slopes_and_uncertainties_are_of_one_fit(write, monkeypatch, methods):
 
 
 def test_method_a_needs_the_exact_referential(shipped, truth):
-    error, _ = errors(shipped, truth, "y", {"method": "A", "referential": "exact"})
+    error, _ = errors(shipped, truth, "y", {"slope_method": "A", "referential": "exact"})
     assert np.sqrt(np.mean(error**2)) < 0.05
 
 
@@ -266,11 +266,7 @@ def test_the_sun_may_be_an_image(write, truth):
 
 
 def _notes(study):
-    notes: list[str] = []
-    loaded = heliosweep.load(study)
-    assert isinstance(loaded, BackwardGazingStudy)
-    assert list(view_problems(loaded, notes)) == []
-    return notes
+    return heliosweep.load(study).notes()
 
 
 def test_without_a_level_of_white_gains_are_fitted(write, truth):
@@ -284,7 +280,7 @@ def test_without_a_level_of_white_gains_are_fitted(write, truth):
     assert set(result.attrs["white_levels"].split()) == {"brightest_pixels"}
     error, uncertainty = errors(result, truth, "x")
     assert np.mean(np.abs(error / uncertainty) < 2.0) > 0.93
-    assert any("a gain is fitted" in remark for remark in measured.remarks(result))
+    assert any("a gain is fitted" in remark for remark in remarks(result))
 
 
 def test_saturated_parts_are_masked_and_said(write, truth):
@@ -296,7 +292,7 @@ def test_saturated_parts_are_masked_and_said(write, truth):
     study = write(glare)
     assert any("upper_right.png" in note and "saturated" in note for note in _notes(study))
     result = result_of(study)
-    flagged = (result["quality"].sel({"method": "LM"}).to_numpy() & 16) > 0
+    flagged = (result["quality"].sel(slope_method="LM").to_numpy() & 16) > 0
     assert 500 < flagged.sum() < 4000
     assert np.all(np.isnan(result["image"].to_numpy()[1][flagged]))
     error, uncertainty = errors(result, truth, "x")  # three cameras do
@@ -304,7 +300,7 @@ def test_saturated_parts_are_masked_and_said(write, truth):
     saturated = result["saturated_fraction"].to_numpy()
     assert saturated[1] > 0.02
     assert np.all(saturated[[0, 2, 3]] == 0.0)
-    assert any("image 2" in remark and "saturated" in remark for remark in measured.remarks(result))
+    assert any("image 2" in remark and "saturated" in remark for remark in remarks(result))
 
 
 def test_one_dark_image_is_left_out(write, truth):
@@ -314,7 +310,7 @@ def test_one_dark_image_is_left_out(write, truth):
     error, _ = errors(result, truth, "y")
     assert error.size > 1000
     assert np.sqrt(np.mean(error**2)) < 0.06
-    assert any("image 3" in remark and "is dark" in remark for remark in measured.remarks(result))
+    assert any("image 3" in remark and "is dark" in remark for remark in remarks(result))
 
 
 @pytest.mark.parametrize(
@@ -412,7 +408,7 @@ def test_a_bad_profile_is_said_once(write, tmp_path):
 
 def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
     """All of module 2 said not to have converged: its slopes are shown, its estimates are missing."""
-    solve = measured_points.reconstruct
+    solve = compute.reconstruct
 
     def failing(*given):
         found = solve(*given)
@@ -420,7 +416,7 @@ def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
         found.quality[0, grid.pixel_module == 1] |= 1
         return found
 
-    monkeypatch.setattr(measured_points, "reconstruct", failing)
+    monkeypatch.setattr(compute, "reconstruct", failing)
     result = result_of(write(heliostat={"focal_length": 120, "pixel": 0.1}))
     assert np.isnan(result["canting_x"].sel(LM).sel({"module": 2}).item())
     assert np.isfinite(result["canting_x"].sel(LM).sel({"module": 3}).item())
@@ -446,13 +442,13 @@ def test_a_heliostat_that_no_camera_sees(write):
     assert int(result["scene_status"]) == 1
     assert np.isnan(result["slope_x"]).all()
     assert np.isnan(result["canting_x"]).all()
-    assert any("all pixels are masked" in remark for remark in measured.remarks(result))
+    assert any("all pixels are masked" in remark for remark in remarks(result))
 
 
 def test_noise_that_the_study_states(write):
     result = result_of(write(image_geometry={"noise": 0.001}))
     assert float(result["pixel_noise"]) == 0.001
-    assert any("well above the noise that the study states" in remark for remark in measured.remarks(result))
+    assert any("well above the noise that the study states" in remark for remark in remarks(result))
 
 
 def test_parameters_may_be_swept(write):
@@ -460,7 +456,7 @@ def test_parameters_may_be_swept(write):
     planned = heliosweep.plan(study)
     assert planned.workload.sizes["threshold"] == 2
     result = heliosweep.build(study).load()
-    whole, bright = result["usable_fraction"].mean(["method", "module", "profile_error"]).to_numpy()
+    whole, bright = result["usable_fraction"].mean(["slope_method", "module", "profile_error"]).to_numpy()
     assert bright < whole
     # Each 1 % of profile error costs some percent of slope.
     right, wrong = (
@@ -479,12 +475,12 @@ def test_keys_of_simulations_label_no_measured_result(shipped):
 
 def test_parts_of_the_whole_are_plain_numbers(shipped):
     lost = shipped.assign(quality=shipped["quality"] * 0 + 1)
-    assert list(measured.remarks(lost)) == [
+    assert list(remarks(lost)) == [
         f"100 % of the slopes of {method} did not converge (quality 1)" for method in ("A", "LM")
     ]
     near = shipped[["scene_status", "usable_fraction"]]
     near = near.assign(usable_fraction=near["usable_fraction"] * 0 + 0.9996)
-    assert next(iter(scenes.remarks(near))).endswith("the least has slopes for 99.9 % of its pixels")
+    assert next(iter(simulated.remarks(near))).endswith("the least has slopes for 99.9 % of its pixels")
 
 
 def test_smooth_fit_of_a_noisy_table(tmp_path, truth):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.families.backward_gazing import measured_variables
-from heliosweep.families.backward_gazing.report import MOST_FIGURES, figures
+from heliosweep.families.backward_gazing.figures import MOST_FIGURES, figures
+from heliosweep.families.backward_gazing.measured.variables import MEASURED
 from heliosweep.report.comparison import Comparison, told
 from heliosweep.report.style import image
 from tests.families.backward_gazing import report_results as results
@@ -20,7 +20,7 @@ SEEDS = {"profile_seed": np.arange(5)}
 
 def published(dataset, end=""):
     """The same with numbers that were published."""
-    places = {"method": "A", "module": "2", "sun_profile": "noisy", "referential": "none"}
+    places = {"slope_method": "A", "module": "2", "sun_profile": "noisy", "referential": "none"}
     one = Comparison(f"relative_error_x{end}", places, 13.0, 14.6, 1.0, "percent", 1)
     return told(dataset, [one])
 
@@ -38,7 +38,7 @@ def shuffled(dataset):
 
 def measured(**others):
     """Result of the mode `measured`."""
-    dataset = results.result(entries=measured_variables.MEASURED, maps=True, mode="measured", defects={}, **others)
+    dataset = results.result(entries=MEASURED, maps=True, mode="measured", defects={}, **others)
     unlit = (dataset["y"] > 2) & (dataset["mask"] > 0)
     dataset["mask"] = xr.where(unlit, 2, dataset["mask"]).astype(np.int8)
     return dataset
@@ -63,7 +63,9 @@ CASES = {
     "two numbers": lambda: results.result({**NOISES, "camera_radius": [0.1, 0.2], "arrangement": ["square", "cross"]}),
     "tied": zipped,
     "many modules": lambda: results.result({**PROFILES, **SEEDS}, defects={}),
-    "bare": lambda: results.result(maps=True).drop_vars(["module", "method", "referential", "module_y", "camera"]),
+    "bare": lambda: results.result(maps=True).drop_vars(
+        ["module", "slope_method", "referential", "module_y", "camera"]
+    ),
     "nothing": lambda: nothing(results.result({**PROFILES, **SUNS, **SEEDS}, maps=True)),
     "measured": measured,
     "measured by one method": lambda: measured(methods=["LM"], referentials=["exact"]),
@@ -80,6 +82,12 @@ def case(request):
     found = {named.name: named for named in figures(CASES[request.param]())}
     assert all(image(named.figure).startswith(b"\x89PNG") for named in found.values())
     return found
+
+
+def bars_of(axes):
+    """Lower and upper ends of all error bars, shape (n, 2)."""
+    segments = [segment for bars in axes.containers for segment in bars.lines[2][0].get_segments()]
+    return np.array([segment[:, 1] for segment in segments if len(segment) == 2])
 
 
 def drawn(dataset):
@@ -148,10 +156,10 @@ def test_slopes_of_all_methods_have_one_scale_and_stand_in_their_column():
     assert len(pictures) == 4 * 4
     assert [axes.get_title() for axes in pictures[:5]] == ["A, none", "O1, none", "O2", "LM", ""]
     assert len({axes.images[0].get_clim() for axes in pictures}) == 1
-    here = dataset["slope_y"].isel(sun_profile=1, method=3, referential=0)
+    here = dataset["slope_y"].isel(sun_profile=1, slope_method=3, referential=0)
     np.testing.assert_array_equal(np.ma.filled(pictures[15].images[0].get_array(), np.nan), here)
     errors = drawn(dataset)["slope_errors"].figure.axes[0].images[0].get_array()
-    here = dataset.isel(sun_profile=0, method=0, referential=0)
+    here = dataset.isel(sun_profile=0, slope_method=0, referential=0)
     np.testing.assert_array_equal(np.ma.filled(errors, np.nan), here["slope_x"] - here["true_slope_x"])
 
 
@@ -159,13 +167,13 @@ def test_error_bars_reach_from_5_to_95_percent_about_the_median_and_published_nu
     dataset = CASES["table"]()
     named = drawn(dataset)["errors"]
     assert [axes.get_title() for axes in named.figure.axes] == ["jose, module 2", "noisy, module 2", "", ""]
-    lines = [np.asarray(line.get_ydata()) for line in named.figure.axes[1].get_lines()]
-    here = dataset.sel({"sun_profile": "noisy", "module": 2, "method": "A", "referential": "none"})
+    here = dataset.sel({"sun_profile": "noisy", "module": 2, "slope_method": "A", "referential": "none"})
     ends = [float(here["relative_error_x_low"]), float(here["relative_error_x_high"])]
-    assert any(y.size == 2 and np.allclose(y, ends) for y in lines)
-    assert any(y.size == 1 and np.allclose(y, here["relative_error_x_median"]) for y in lines)
-    black = [line for axes in named.figure.axes for line in axes.get_lines() if line.get_color() == "black"]
-    assert [list(np.asarray(line.get_ydata())) for line in black] == [[14.6, 14.6]]
+    assert any(np.allclose(bar, ends) for bar in bars_of(named.figure.axes[1]))
+    shown = np.concatenate([np.asarray(line.get_ydata()) for line in named.figure.axes[1].get_lines()])
+    assert np.isclose(shown, float(here["relative_error_x_median"])).any()
+    black = [marks for axes in named.figure.axes for marks in axes.collections if marks.get_linewidth()[0] == 1.8]
+    assert [segment[0, 1] for marks in black for segment in marks.get_segments() if len(segment)] == [14.6]
     assert "median over 5 seeds" in named.caption
     assert "Black: published." in named.caption
     assert "published" not in drawn(results.result({**PROFILES, **SEEDS}))["errors"].caption
@@ -179,7 +187,9 @@ def test_curves_have_the_colour_of_the_method_and_the_dashes_of_the_referential(
     assert lines["A, none"].get_color() == lines["A, exact"].get_color() != lines["O2"].get_color()
     assert lines["A, none"].get_linestyle() == lines["LM"].get_linestyle() != lines["A, roll"].get_linestyle()
     np.testing.assert_array_equal(lines["A, none"].get_xdata(), [0.0, 30.0, 60.0])
-    here = dataset["relative_error_x"].isel(sun_profile=0).sel({"method": "A", "referential": "none", "module": 2})
+    here = (
+        dataset["relative_error_x"].isel(sun_profile=0).sel({"slope_method": "A", "referential": "none", "module": 2})
+    )
     np.testing.assert_allclose(lines["A, none"].get_ydata(), here.sortby("sun_azimuth"))
 
 
@@ -187,7 +197,7 @@ def test_scatter_is_that_of_all_seeds_beside_the_bound():
     dataset = CASES["noises"]()
     named = drawn(dataset)["rms_errors_over_camera_noise"]
     lines = {line.get_label(): line.get_ydata() for line in named.figure.axes[0].get_lines()}
-    here = dataset.sel({"method": "LM", "referential": "none", "module": 2})
+    here = dataset.sel({"slope_method": "LM", "referential": "none", "module": 2})
     np.testing.assert_allclose(lines["LM"], np.sqrt((here["slope_rms_x"] ** 2).mean("camera_seed")))
     assert "Cramér-Rao bound" in lines
     assert "Over 3 seeds." in named.caption
@@ -196,10 +206,9 @@ def test_scatter_is_that_of_all_seeds_beside_the_bound():
 def test_canting_is_told_less_the_entered_one_with_95_percent_intervals():
     dataset = results.result(methods=["LM"], referentials=["exact"])
     figure = drawn(dataset)["canting"].figure
-    lines = [line for line in figure.axes[1].get_lines() if len(line.get_xdata()) == 2]
-    bars = np.array([line.get_ydata() for line in lines if line.get_marker() == "_"])
+    bars = bars_of(figure.axes[1])
     true = np.array([0, -1, 1, 0, 0, 0, 0, 0])
-    one = dataset.isel(method=0, referential=0)
+    one = dataset.isel(slope_method=0, referential=0)
     np.testing.assert_allclose(bars.mean(axis=1), one["canting_y"] - true, atol=1e-15)
     np.testing.assert_allclose(np.ptp(bars, axis=1) / 2, 1.959964 * one["canting_y_standard_error"], rtol=1e-6)
     assert figure.axes[1].get_ylabel().startswith("error of vertical")
@@ -210,7 +219,7 @@ def test_field_maps_show_the_larger_direction_of_every_heliostat():
     dataset = results.field()
     figure = drawn(dataset)["accuracy_map"].figure
     (squares,) = figure.axes[1].collections
-    here = dataset.sel({"hour": 12, "method": "LM", "referential": "exact"})
+    here = dataset.sel({"hour": 12, "slope_method": "LM", "referential": "exact"})
     np.testing.assert_array_equal(squares.get_array(), np.maximum(here["slope_rms_x"], here["slope_rms_y"]))
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.colors import to_rgba
 
 from heliosweep.families.dish_tracking import variables
-from heliosweep.families.dish_tracking.report import MOST_FIGURES, figures
+from heliosweep.families.dish_tracking.figures import MOST_FIGURES, figures
 from heliosweep.report.style import NO_VALUE
 
 UNITS = {
@@ -222,7 +222,8 @@ def test_bars_of_sites_are_mean_and_sample_deviation_over_the_directions():
     (axes,) = drawn(dataset)["directions_over_site"].figure.axes
     (bars,) = axes.containers
     factor = dataset["effective_tracking_factor"].isel(date=0).to_numpy()
-    np.testing.assert_allclose(bars.lines[0].get_ydata(), factor.mean(axis=1))
+    (points,) = axes.get_lines()[-1:]
+    np.testing.assert_allclose(points.get_ydata(), factor.mean(axis=1))
     half = [np.ptp(segment[:, 1]) / 2 for segment in bars.lines[2][0].get_segments()]
     np.testing.assert_allclose(half, factor.std(axis=1, ddof=1))
     assert [label.get_text() for label in axes.get_xticklabels()] == SITES["site"]
@@ -285,7 +286,7 @@ def test_captions_say_where_the_rest_stands():
         home_azimuth_offset=0.0,
     )
     caption = drawn(dataset)["factor_over_year"].caption
-    assert "Fixed: model rigid, tolerance 4 mrad, axis tilt 0.2\N{DEGREE SIGN} (one of 3)." in caption
+    assert "Fixed: axis tilt 0.2\N{DEGREE SIGN} (one of 3), model rigid, tolerance 4 mrad." in caption
     assert "Shown are 4 of 12 values of direction of the tilt and 6 of 13 values of latitude." in caption
     assert "offset" not in caption
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heliosweep import workflow
-from heliosweep.store.digest import file_digest
+from heliosweep import api
+from heliosweep.store.read import file_digest
 
 EXECUTIONS: list[dict[str, Any]] = [
     {"scheduler": "synchronous", "workers": 1},
@@ -29,7 +29,7 @@ def test_same_bytes(small, tmp_path, output):
     digests = {}
     for number, execution in enumerate(EXECUTIONS):
         study = small(execution=execution, output=output)
-        result = workflow.run(study, tmp_path / str(number), report=False)
+        result = api.run(study, tmp_path / str(number), report=False)
         digests[number] = file_digest(result.path)
     assert len(set(digests.values())) == 1, digests
 
@@ -39,8 +39,8 @@ def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):
     plain, series = (small(output={"time_series": on}) for on in (False, True))
     assert plain.study_id == series.study_id
     with (
-        workflow.run(plain, tmp_path / "plain", report=False).open() as annual,
-        workflow.run(series, tmp_path / "series", report=False).open() as both,
+        api.run(plain, tmp_path / "plain", report=False).open() as annual,
+        api.run(series, tmp_path / "series", report=False).open() as both,
     ):
         for name in annual.data_vars:
             np.testing.assert_array_equal(annual[name], both[name])

@@ -59,10 +59,10 @@ BAD: list[tuple[str, str, list[str]]] = [
         "heliostats",
         "heliostats: {positions: [[1, 2], [1, 2, .nan], [1, 2, 3], [1, 2, 3.0], x, [1, 2, 3 deg]]}",
         [
-            "6:26: heliostats.positions[0]: must be three numbers [x, y, z], in m (got [1, 2])",
+            "6:26: heliostats.positions[0]: must be three numbers [x, y, z] in m (got [1, 2])",
             "6:41: heliostats.positions[1][2]: must be a finite number (got nan)",
             "6:59: heliostats.positions[3]: is the same as entry 2 (counted from 0); leave one out (got [1, 2, 3.0])",
-            "6:72: heliostats.positions[4]: must be three numbers [x, y, z], in m (got 'x')",
+            "6:72: heliostats.positions[4]: must be three numbers [x, y, z] in m (got 'x')",
             "6:82: heliostats.positions[5][2]: must be a length in m, a number or text such as '1.5 m'; "
             "'deg' is the unit of an angle (got '3 deg')",
         ],
@@ -70,12 +70,12 @@ BAD: list[tuple[str, str, list[str]]] = [
     (
         "heliostats",
         "heliostats: {positions: []}",
-        ["6:25: heliostats.positions: the list is empty: give at least one entry [x, y, z], in m"],
+        ["6:25: heliostats.positions: the list is empty: give at least one entry [x, y, z] in m"],
     ),
     (
         "heliostats",
         "heliostats: {positions: 3}",
-        ["6:25: heliostats.positions: must be a list of entries [x, y, z], in m (got 3)"],
+        ["6:25: heliostats.positions: must be a list of entries [x, y, z] in m (got 3)"],
     ),
     (
         "heliostats",

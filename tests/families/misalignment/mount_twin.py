@@ -130,7 +130,7 @@ class Twin:
         return self.mirror(self.aim(sun), errors)
 
     def inside(self, spots: Floats) -> NDArray[np.bool_]:
-        """Whether spots lie in the aperture."""
+        """True for spots that lie in the aperture."""
         return np.asarray((np.abs(spots) <= np.array(self.half)).all(axis=-1))
 
     def remaining(self, normal: Floats, centre: Floats, sun: Floats, axis: int, most: float = 0.1) -> float:

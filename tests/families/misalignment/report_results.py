@@ -130,7 +130,7 @@ def curves(
         "hit_fraction": (
             xr.where(inside, 1.0, 0.0).sum("hour") / xr.where(np.isfinite(y), 1.0, 0.0).sum("hour").clip(1)
         ).assign_attrs(units="1", valid_range=[0.0, 1.0]),
-        "tolerance": tolerance.assign_attrs(units="mrad"),
+        "tracking_tolerance": tolerance.assign_attrs(units="mrad"),
         "conic": ((*small, "conic_coefficient"), conic),
         "eccentricity": (small, np.full(shape, 1.8)),
         "focus_y": (small, np.full(shape, 6.0)),

@@ -11,24 +11,17 @@ import pytest
 import xarray as xr
 from scipy.stats import t as student
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.config.load import load_mapping
 from heliosweep.errors import StudyError
-from heliosweep.families.misalignment import calibration
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.calibration_blocks import _known, _rms, _status
-from heliosweep.families.misalignment.calibration_variables import EXACT, NO_SPOTS
-from heliosweep.families.misalignment.config import MisalignmentStudy
-from heliosweep.kernels.calibration import (
-    DEPENDENT,
-    ESTIMATED,
-    INDISTINCT,
-    NOT_CONVERGED,
-    TOO_FEW,
-    Calibration,
-    Spots,
-)
-from heliosweep.store.digest import file_digest
+from heliosweep.families.misalignment.calibration import compute as calibration
+from heliosweep.families.misalignment.calibration.fits import _known, _rms, _status
+from heliosweep.families.misalignment.calibration.variables import EXACT, NO_SPOTS
+from heliosweep.families.misalignment.study import MisalignmentStudy
+from heliosweep.kernels.spots.calibration import Calibration, Spots
+from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
+from heliosweep.store.read import file_digest
 from tests.conftest import STUDIES
 
 from .mount_twin import Twin, solar_vector
@@ -60,8 +53,9 @@ def study(calibration: dict[str, Any], **changes: Any) -> MisalignmentStudy:
 
 
 def computed(made: MisalignmentStudy, **chunks: int) -> xr.Dataset:
+    execution = made.execution.model_copy(update={"chunks": chunks})
     with dask.config.set(scheduler="synchronous"):
-        return calibration.build(made, chunks).compute()
+        return api.build(made.model_copy(update={"execution": execution})).compute()
 
 
 @pytest.mark.parametrize("kind", ["azimuth_elevation", "target_aligned", "polar", "tilt_roll"])
@@ -125,7 +119,6 @@ def test_a_calibration_without_its_block_is_the_usual_one():
     del data["calibration"]
     made = load_mapping(data, {"misalignment": MisalignmentStudy})
     assert made == study({})
-    assert workflow.plan(made).workload.variables == workflow.plan(study({"parameters": 4})).workload.variables
     assert computed(made).equals(computed(study({"parameters": 4})))
 
 
@@ -176,20 +169,8 @@ def test_same_bytes_however_it_is_cut(tmp_path):
         )
     ):
         made = load_mapping({**data, "execution": execution}, {"misalignment": MisalignmentStudy})
-        digests.add(file_digest(workflow.run(made, tmp_path / str(number), report=False).path))
+        digests.add(file_digest(api.run(made, tmp_path / str(number), report=False).path))
     assert len(digests) == 1
-
-
-def test_plan_foresees_the_result():
-    for made in (
-        study({"noise": 0.02}, mount_errors={**DRAWN, "samples": 3}),
-        study({"noise": 0.02, "days_used": [1, 2]}),
-        workflow.load(STUDIES / "calibration_measured.yaml"),
-    ):
-        planned, result = workflow.plan(made).workload, workflow.build(made)
-        assert dict(result.sizes) == planned.sizes
-        assert {str(name): array.dims for name, array in result.data_vars.items()} == dict(planned.variables)
-        assert sum(array.nbytes for array in result.data_vars.values()) == planned.bytes_of(planned.sizes)
 
 
 def test_heliostats_that_are_not_there_or_see_nothing():
@@ -353,7 +334,7 @@ def test_commanded_angles_are_taken_as_they_are_given(tmp_path):
 
 
 def test_times_give_the_sun_of_the_site():
-    result = workflow.build(workflow.load(STUDIES / "calibration_measured.yaml")).compute()
+    result = api.build(api.load(STUDIES / "calibration_measured.yaml")).compute()
     truth = np.array(
         [[1.8, -0.9, 0.6, -0.4], [-2.1, 0.7, -0.8, 0.5], [0.9, 1.6, 0.3, 0.9], [-0.6, -1.4, 1.1, -0.2]]
     )  # as the table says

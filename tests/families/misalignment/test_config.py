@@ -1,4 +1,4 @@
-"""What a study file of the family may say, and what is said of a bad one."""
+"""Study files of the family that are right, and the messages of those that are not."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from typing import Any
 import jsonschema
 import pytest
 
-from heliosweep import workflow
-from heliosweep.config.identity import resolved_yaml
+from heliosweep import api
 from heliosweep.config.load import load
-from heliosweep.config.schema import json_schema
+from heliosweep.config.study import json_schema
 from heliosweep.errors import StudyError
+from heliosweep.families.family import families
 from heliosweep.families.misalignment.checks import RESERVED
-from heliosweep.families.misalignment.config import MisalignmentStudy
+from heliosweep.families.misalignment.study import MisalignmentStudy
+from tests.conftest import STUDIES
 
 from .bad_studies import BAD, BAD_MOUNTS, LINES
 
@@ -57,7 +58,7 @@ SMALL: dict[str, Any] = {
 
 def study(**blocks: Any) -> Any:
     content = {**copy.deepcopy(SMALL), **blocks}
-    return workflow.load({key: value for key, value in content.items() if value is not None})
+    return api.load({key: value for key, value in content.items() if value is not None})
 
 
 def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():
@@ -93,17 +94,32 @@ def test_columns_of_layouts_must_not_hide_results(name, tmp_path):
         study(heliostats={"pivot_height": 3}, layout={"file": str(tmp_path / "layout.csv")})
 
 
-def test_all_names_of_results_are_reserved():
-    from heliosweep.families.misalignment import calibration_variables, mount_errors_variables, variables
+DRAWN = {"error": None, "mount_errors": {"azimuth_reference": {"normal": [0, 1], "samples": 2}}}
+WINDOW = {"start": "8:00", "stop": "9:00", "step": "1 h"}
+CIVIL = {"clock": "civil", "timezone": "+01:00", "dates": "2024-06-21", "window": WINDOW}
 
-    names = {*variables.least_at("day"), *variables.least_at("declination"), *variables.least_at("date"), "true_error"}
-    for module in (variables, mount_errors_variables, calibration_variables):
-        for key, value in vars(module).items():
-            if key.isupper() and isinstance(value, dict) and all(isinstance(name, str) for name in value):
-                names |= set(value)
-    names -= {"long_name", "units"}
-    assert len(names) > 50
-    assert names <= RESERVED
+
+@pytest.mark.parametrize(
+    "blocks",
+    [
+        {"detectors": {"lines": [[1, 0, 2]]}},
+        {"time": {"clock": "solar", "declination": [0, 10], "hours": [8, 12]}},
+        {"time": CIVIL, "site": {"latitude": 37.4, "longitude": 2, "altitude": 5}},
+        {"time": None, "sun": {"azimuth": [101, 260], "elevation": [50, 48]}},
+        {"mode": "mount_errors", "error": None, "mount_errors": {"collimation": 0}},
+        DRAWN | {"mode": "mount_errors", "statistics": {"percentiles": [5, 95]}},
+        DRAWN | {"mode": "calibration"},
+        api.load(STUDIES / "calibration_measured.yaml"),
+    ],
+)
+def test_names_of_results_are_reserved_and_the_plan_foresees_their_dimensions(blocks):
+    made = study(**blocks) if isinstance(blocks, dict) else blocks
+    family = families()["misalignment"]
+    variables, labels, sizes = family.variables(made), family.coordinates(made), family.workload(made).sizes
+    assert variables.keys() <= RESERVED
+    assert {str(name) for name in labels.coords} <= RESERVED | {"x", "y", "z", "name"}
+    assert {dim for variable in variables.values() for dim in variable.dims} == set(sizes)
+    assert {str(dim): sizes[str(dim)] for dim in labels.sizes} == {str(dim): n for dim, n in labels.sizes.items()}
 
 
 def test_notes_of_offsets_that_are_too_large_for_some_of_a_sweep():
@@ -144,9 +160,9 @@ def test_a_resolved_study_is_the_same_study(tmp_path):
         ),
     ):
         path = tmp_path / "resolved.yaml"
-        path.write_text(resolved_yaml(one), encoding="utf-8")
-        assert workflow.load(path) == one
-        assert workflow.load(path).study_id == one.study_id
+        path.write_text(one.to_yaml(), encoding="utf-8")
+        assert api.load(path) == one
+        assert api.load(path).study_id == one.study_id
 
 
 def test_the_schema_takes_what_the_model_takes():
@@ -173,6 +189,6 @@ def test_validation_imports_nothing_heavy():
 
 def test_names_of_the_errors_are_those_of_the_kernels_in_their_order():
     from heliosweep.families.misalignment import blocks
-    from heliosweep.kernels import mount_terms
+    from heliosweep.kernels.mounts import kinematics
 
-    assert blocks.ERRORS == mount_terms.ERRORS
+    assert blocks.ERRORS == kinematics.ERRORS

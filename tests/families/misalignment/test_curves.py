@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heliosweep import workflow
+from heliosweep import api
 from heliosweep.families.misalignment.instants import instant_sizes, wall_clock
-from heliosweep.families.misalignment.model import remarks
-from heliosweep.families.misalignment.variables import NO_HELIOSTAT
-from heliosweep.kernels.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
-from heliosweep.store.digest import file_digest
+from heliosweep.families.misalignment.spots import NO_HELIOSTAT
+from heliosweep.families.misalignment.spots import status_remarks as remarks
+from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
+from heliosweep.store.read import file_digest
 
 ORACLE = Path(__file__).parents[2] / "data" / "misalignment_oracle.csv"
 SMALL: dict[str, Any] = {
@@ -34,11 +34,11 @@ SMALL: dict[str, Any] = {
 
 def study(**blocks: Any) -> Any:
     content = {**copy.deepcopy(SMALL), **blocks}
-    return workflow.load({key: value for key, value in content.items() if value is not None})
+    return api.load({key: value for key, value in content.items() if value is not None})
 
 
 def computed(**blocks: Any) -> Any:
-    return workflow.build(study(**blocks)).compute()
+    return api.build(study(**blocks)).compute()
 
 
 def solar(*days: int, hours: Any = (8, 10, 12, 14, 16)) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def test_tolerance_lands_on_the_edge():
     }
     for source in ("canting", "encoder", "tilt"):
         for axis in ("elevation", "azimuth", "encoder_azimuth"):
-            tolerance = float(computed(**blocks, error=error(source=source, axis=axis))["tolerance"].squeeze())
+            tolerance = float(computed(**blocks, error=error(source=source, axis=axis))["tracking_tolerance"].squeeze())
             sizes = [-tolerance * 1.0001, -tolerance * 0.9999, tolerance * 0.9999, tolerance * 1.0001]
             inside = computed(**blocks, error=error(source=source, axis=axis, size=sizes))["inside"].squeeze()
             assert inside.values.tolist()[1:3] == [1, 1]
@@ -103,24 +103,22 @@ def test_hit_fractions_and_the_least_tolerance():
     assert sun.sum("hour").values.tolist() == [23, 29]
     expected = (result["inside"].sum("hour") / sun.sum("hour")).transpose(*result["hit_fraction"].dims)
     np.testing.assert_array_equal(result["hit_fraction"], expected)
-    least = result["tolerance"].min(("day", "hour"))
+    least = result["tracking_tolerance"].min(("day", "hour"))
     np.testing.assert_array_equal(result["least_tolerance"], least)
     for number in range(2):
         one = result.isel(heliostat=number)
         when = {"day": one["day_of_least_tolerance"], "hour": one["hour_of_least_tolerance"]}
-        assert float(one["tolerance"].sel(when)) == float(one["least_tolerance"])
+        assert float(one["tracking_tolerance"].sel(when)) == float(one["least_tolerance"])
 
 
 def test_days_without_sun_have_no_hits_and_no_least_tolerance():
     result = computed(site={"latitude": [70, 37.4]}, time=solar(355, hours=[10, 12]))
     dark = result.sel(latitude=70)
     assert (dark["spot_status"] == NO_SUN).all()
-    for name in ("hit_fraction", "tolerance", "least_tolerance", "day_of_least_tolerance", "conic", "spot_y"):
+    for name in ("hit_fraction", "tracking_tolerance", "least_tolerance", "day_of_least_tolerance", "conic", "spot_y"):
         assert bool(dark[name].isnull().all()), name
     assert bool(result.sel(latitude=37.4)["least_tolerance"].notnull().all())
-    assert list(remarks(result.assign_attrs(mode="curves"))) == [
-        "the sun is down at 2 of 4 instants: no spot (spot_status 3)"
-    ]
+    assert list(remarks(result)) == ["the sun is down at 2 of 4 instants: no spot (spot_status 3)"]
 
 
 def test_heliostats_that_cannot_hit_are_flagged_and_counted():
@@ -137,8 +135,8 @@ def test_heliostats_that_cannot_hit_are_flagged_and_counted():
     for name in ("inside", "is_real"):
         assert int(result[name].where(flagged, 0).sum()) == 0
     assert bool(result["spot_y"].isnull().where(flagged, True).all())
-    assert bool(result["tolerance"].isnull().where(flagged, True).all())
-    said = list(remarks(result.assign_attrs(mode="curves")))
+    assert bool(result["tracking_tolerance"].isnull().where(flagged, True).all())
+    said = list(remarks(result))
     assert any("heliostats, counted at every point of the sweep, stand on the plane" in line for line in said)
     assert any("1 of 10 heliostats" in line and "nearer to the aim point" in line for line in said)
 
@@ -146,7 +144,7 @@ def test_heliostats_that_cannot_hit_are_flagged_and_counted():
 def test_rays_that_miss_are_counted():
     result = computed(error=error(size=[0, 1500]))
     assert (result["spot_status"].sel(error_size=1500) == MISSES).any()
-    assert any("go away from the plane" in line for line in remarks(result.assign_attrs(mode="curves")))
+    assert any("go away from the plane" in line for line in remarks(result))
 
 
 def test_a_sun_that_stands_still():
@@ -160,7 +158,7 @@ def test_a_sun_that_stands_still():
     assert "hour" not in result.coords
     assert "hour_of_least_tolerance" not in result
     np.testing.assert_array_equal(result["sun_elevation"], [50, 48])
-    np.testing.assert_array_equal(result["least_tolerance"], result["tolerance"].squeeze(("day", "hour")))
+    np.testing.assert_array_equal(result["least_tolerance"], result["tracking_tolerance"].squeeze(("day", "hour")))
 
 
 CIVIL = {
@@ -181,9 +179,12 @@ def test_the_civil_clock_counts_wall_hours():
     assert table[1, 12] == np.datetime64("2024-03-31T10:00")
     assert table[2, 2] == np.datetime64("2024-10-27T00:00")  # the first of two
     assert table[2, 3] == np.datetime64("2024-10-27T02:00")
+    closing = {**CIVIL, "window": {"start": "00:00", "stop": "03:00", "step": "1 h"}}  # ends in what is left out
+    far = {**BERLIN, "longitude": 150}  # where the sun is up then
+    assert np.isnat(wall_clock(study(site=far, time=closing).time, "Europe/Berlin")[1]).tolist() == [False] * 2 + [True]
     for sampling, first, count in (("inclusive", 0.0, 25), ("midpoint", 0.5, 24), ("left", 0.0, 24)):
         sampled = study(site=BERLIN, time={**CIVIL, "sampling": sampling})
-        result = workflow.build(sampled)
+        result = api.build(sampled)
         assert (
             instant_sizes(sampled) == {"date": 3, "hour": count} == {dim: result.sizes[dim] for dim in ("date", "hour")}
         )
@@ -196,7 +197,7 @@ def test_the_civil_clock_agrees_with_the_solar_clock_at_the_sun_s_place():
     assert result["date_of_least_tolerance"].dtype.kind == "M"
     # Culmination at Berlin on that day is at 13:08; noon of the sun is near the spot at 13 h.
     noon = computed(site={"latitude": 52.5}, time=solar(173, hours=[12 - 8.2 / 60]), error=error(size=3))
-    for name in ("spot_y", "spot_z", "tolerance"):
+    for name in ("spot_y", "spot_z", "tracking_tolerance"):
         np.testing.assert_allclose(result[name].isel(date=0, hour=13), noon[name].isel(day=0, hour=0), atol=5e-3)
 
 
@@ -217,7 +218,7 @@ def test_layouts_are_padded_with_heliostats_that_are_not_there(tmp_path):
     result = computed(layout=layout, heliostats={"pivot_height": [3, 5]}, error=error())
     padded = result.sel(layout="b.csv").isel(heliostat=slice(1, None))
     assert (padded["spot_status"] == NO_HELIOSTAT).all()
-    for name in ("spot_y", "tolerance", "hit_fraction", "least_tolerance"):
+    for name in ("spot_y", "tracking_tolerance", "hit_fraction", "least_tolerance"):
         assert bool(padded[name].isnull().all()), name
     assert not padded["inside"].any()
     same = computed(heliostats={"positions": [[0, 60, 6], [20, 90, 7], [-30, 80, 5]]}, error=error())
@@ -227,9 +228,9 @@ def test_layouts_are_padded_with_heliostats_that_are_not_there(tmp_path):
 def test_sizes_tied_to_another_key_stay_a_dimension_of_the_curves():
     tied = {"zip": [["error.size", "error.axis"]], "error": error(axis=["elevation", "azimuth"], size=[2, 3])}
     result = computed(**tied)
-    assert result["tolerance"].dims == ("error_size", "heliostat", "declination", "hour")
+    assert result["tracking_tolerance"].dims == ("error_size", "heliostat", "declination", "hour")
     each = computed(error=error(axis=["elevation", "azimuth"], size=[2, 3]))
-    np.testing.assert_array_equal(result["tolerance"], each["tolerance"])
+    np.testing.assert_array_equal(result["tracking_tolerance"], each["tracking_tolerance"])
     for place, (axis, size) in enumerate((("elevation", 2), ("azimuth", 3))):
         np.testing.assert_array_equal(result["spot_z"][place], each["spot_z"].sel(axis=axis, error_size=size))
 
@@ -279,7 +280,7 @@ EXECUTIONS: list[dict[str, Any]] = [
 
 def test_same_bytes_however_it_is_cut(tmp_path):
     digests = [
-        file_digest(workflow.run(study(**SWEPT, execution=how), tmp_path / str(number), report=False).path)
+        file_digest(api.run(study(**SWEPT, execution=how), tmp_path / str(number), report=False).path)
         for number, how in enumerate(EXECUTIONS)
     ]
     assert len(set(digests)) == 1

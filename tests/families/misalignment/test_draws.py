@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from heliosweep.config.distribution import Distribution
-from heliosweep.families.misalignment.draws import drawn_errors, standard_normals, standard_uniforms
+from heliosweep.families.misalignment.draws import standard_deviates, standard_normals, standard_uniforms, widths_of
 
 FIRST_UNIFORMS = [[0.8720734548204873, 0.29536538151378366, 0.4200976785072422]]
 FIRST_NORMALS = [0.10897874404606084, -0.10851255368496111]
@@ -66,28 +66,24 @@ def test_draws_do_not_depend_on_the_other_heliostats() -> None:
 
 
 def test_errors_of_all_kinds() -> None:
-    normal, uniform = Distribution("normal", (1.0, 2.0)), Distribution("uniform", (-1.0, 3.0), seed=11)
-    errors: list[float | Distribution] = [normal, 0.25, uniform, Distribution("normal", (5.0, 0.0))]
-    drawn = drawn_errors(errors, range(30), 500, seed=7)
-    assert drawn.shape == (30, 500, 4)
-    assert np.array_equal(drawn[..., 0], 1.0 + 2.0 * standard_normals(7, 0, range(30), 500))
-    assert np.all(drawn[..., 1] == 0.25)
-    assert np.all(drawn[..., 3] == 5.0)
-    assert stats.kstest(drawn[..., 2].ravel(), "uniform", args=(-1.0, 4.0)).pvalue > 0.01
-    assert np.array_equal(drawn[..., 2], 1.0 + 2.0 * (2.0 * standard_uniforms(11, 2, range(30), 500) - 1.0))
+    errors = [
+        Distribution("normal", (1.0, 2.0)),
+        0.25,
+        Distribution("uniform", (-1.0, 3.0), seed=11),
+        Distribution("normal", (5.0, 0.0)),
+    ]
+    deviates = standard_deviates(errors, range(30), 500, seed=7)
+    assert deviates.shape == (30, 500, 4)
+    assert widths_of(errors).tolist() == [2.0, 0.0, 2.0, 0.0]
+    assert np.array_equal(deviates[..., 0], standard_normals(7, 0, range(30), 500))
+    assert np.all(deviates[..., 1] == 0.0)
+    assert stats.kstest(deviates[..., 2].ravel(), "uniform", args=(-1.0, 2.0)).pvalue > 0.01
+    assert np.array_equal(deviates[..., 2], 2.0 * standard_uniforms(11, 2, range(30), 500) - 1.0)
 
 
 def test_errors_do_not_depend_on_which_others_are_drawn() -> None:
     normal = Distribution("normal", (0.0, 1.5), 100)
-    alone = drawn_errors([0.0, 0.0, normal], range(3), 100, seed=7)
-    all_of_them = drawn_errors([normal] * 3, range(3), 100, seed=7)
+    alone = standard_deviates([0.0, 0.0, normal], range(3), 100, seed=7)
+    all_of_them = standard_deviates([normal] * 3, range(3), 100, seed=7)
     assert np.array_equal(alone[..., 2], all_of_them[..., 2])
     assert not np.array_equal(all_of_them[..., 0], all_of_them[..., 2])
-
-
-def test_scale_multiplies_deviations_and_leaves_the_mean() -> None:
-    errors: list[float | Distribution] = [Distribution("normal", (1.0, 2.0)), 3.0, Distribution("uniform", (4.0, 6.0))]
-    once, twice, none = (drawn_errors(errors, range(3), 100, seed=7, scale=scale) for scale in (1.0, 2.0, 0.0))
-    means = np.array([1.0, 3.0, 5.0])
-    assert np.allclose(twice - means, 2 * (once - means), rtol=1e-14, atol=1e-14)
-    assert np.all(none == means)

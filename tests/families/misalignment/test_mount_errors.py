@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep import workflow
+from heliosweep import api
+from heliosweep.config.distribution import Distribution
 from heliosweep.config.load import load_mapping
-from heliosweep.families.misalignment import mount_errors
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.config import MisalignmentStudy
-from heliosweep.families.misalignment.draws import drawn_errors, errors_of
-from heliosweep.store.digest import file_digest
+from heliosweep.families.misalignment.draws import standard_deviates, widths_of
+from heliosweep.families.misalignment.mount_errors import compute as mount_errors
+from heliosweep.families.misalignment.study import MisalignmentStudy
+from heliosweep.store.read import file_digest
 
 from .mount_twin import Twin, solar_vector
 
@@ -48,9 +49,9 @@ def drawn(samples: int, **errors: Any) -> dict[str, Any]:
     return {"samples": samples, "seed": 7, **errors}
 
 
-def computed(made: MisalignmentStudy, **chunks: int) -> xr.Dataset:
+def computed(made: MisalignmentStudy) -> xr.Dataset:
     with dask.config.set(scheduler="synchronous"):
-        return mount_errors.build(made, chunks).compute()
+        return api.build(made).compute()
 
 
 def twins(kind: str = "azimuth_elevation", offsets: tuple[float, float, float] = (0.5, 0.3, 4.0)) -> list[Twin]:
@@ -118,7 +119,9 @@ def test_statistics_are_those_of_the_twin_with_the_same_draws(kind: str) -> None
     )
     assert drawing.mount_errors is not None
     made = computed(drawing).squeeze("day")
-    draws = drawn_errors(errors_of(drawing.mount_errors), range(3), samples, 7, scale=1.5) * 1e-3  # type: ignore[arg-type]
+    errors = drawing.mount_errors.errors()
+    mean = np.array([error.mean if isinstance(error, Distribution) else error for error in errors], float)
+    draws = (mean + 1.5 * widths_of(errors) * standard_deviates(errors, range(3), samples, 7)) * 1e-3
     for number, twin in enumerate(twins(kind)):
         for j, hour in enumerate((9.0, 13.5)):
             sun = solar_vector(37.4, 172, hour)
@@ -190,17 +193,15 @@ def test_same_bytes_however_the_work_is_cut(errors: dict[str, Any], tmp_path: An
     digests = {}
     for number, execution in enumerate(EXECUTIONS):
         renamed = {key: value for key, value in execution.items() if "scale" in errors or key != "chunks"}
-        made = workflow.load(study_data(execution=renamed, mount_errors=errors))
-        digests[number] = file_digest(workflow.run(made, tmp_path / str(number), report=False).path)
+        made = api.load(study_data(execution=renamed, mount_errors=errors))
+        digests[number] = file_digest(api.run(made, tmp_path / str(number), report=False).path)
     assert len(set(digests.values())) == 1, digests
 
 
 def test_heliostats_at_a_time_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    from heliosweep.families.misalignment import mount_errors_blocks
-
     drawing = study(mount_errors=drawn(25, **ALL_DRAWN, scale=[1, 2]))
     whole = computed(drawing)
-    monkeypatch.setattr(mount_errors_blocks, "DRAWS_BYTES", 1)
+    monkeypatch.setattr(mount_errors, "DRAWS_BYTES", 1)
     xr.testing.assert_identical(whole, computed(drawing))
 
 
@@ -298,19 +299,6 @@ def test_the_result_says_what_was_drawn() -> None:
     assert "azimuth_reference" not in made.coords
     assert made.percentile.values.tolist() == [5.0, 50.0, 95.0]
     assert made.tolerance_axis.values.tolist() == ["elevation", "azimuth"]
-
-
-@pytest.mark.parametrize("errors", [FIXED | {"collimation": [0, 1]}, drawn(9, **DRAWN, scale=[1, 2])])
-def test_the_workload_foresees_the_result(errors: dict[str, Any]) -> None:
-    made = study(mount_errors=errors)
-    planned = mount_errors.workload(made)
-    built = mount_errors.build(made, {})
-    assert {name: array.dims for name, array in built.data_vars.items()} == planned.variables
-    assert dict(built.sizes) == planned.sizes
-    assert sum(array.nbytes for array in built.data_vars.values()) == planned.bytes_of(planned.sizes)
-    labels = mount_errors.coordinates(made)
-    assert labels.attrs == built.attrs
-    assert set(labels.coords) == set(built.coords)
 
 
 @pytest.mark.parametrize("errors", [FIXED, drawn(9, **ALL_DRAWN)], ids=["fixed", "drawn"])

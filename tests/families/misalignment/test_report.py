@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 from matplotlib.patches import Ellipse, Rectangle
 
-from heliosweep.families.misalignment.report import MOST_FIGURES, figures
-from heliosweep.families.misalignment.report_conics import conic_curve, other_focus
+from heliosweep.families.misalignment.figures import MOST_FIGURES, figures
+from heliosweep.families.misalignment.figures_curves import conic_curve, other_focus
 from heliosweep.report.style import image
 from tests.families.misalignment import report_results as results
 
@@ -37,7 +37,7 @@ def gaps(dataset):
 
 def endless(dataset):
     """The same with no error that drives any spot out."""
-    return dataset.assign({name: dataset[name] * 0 + np.inf for name in ("tolerance", "least_tolerance")})
+    return dataset.assign({name: dataset[name] * 0 + np.inf for name in ("tracking_tolerance", "least_tolerance")})
 
 
 def civil(dataset):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from heliosweep.families.misalignment.report import figures
-from heliosweep.families.misalignment.report_tables import MOST_ROWS, tables
+from heliosweep.families.misalignment.figures import figures, tables
+from heliosweep.families.misalignment.shown import MOST_ROWS
 from tests.families.misalignment import report_results as results
 
 PM = "\N{PLUS-MINUS SIGN}"

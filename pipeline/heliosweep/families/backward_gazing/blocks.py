@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Layout
 from heliosweep.config.blocks import Output as StoredOutput
 from heliosweep.config.faults import Fault
-from heliosweep.config.names import Choice, FileName, Flag
-from heliosweep.config.quantity import Quantity, Samples
 from heliosweep.config.sweep import Sweep
-from heliosweep.families.backward_gazing.values import Pair, Pairs, Two, with_file
+from heliosweep.config.values import Choice, FileName, Flag, Quantity, Samples
+from heliosweep.config.vectors import ListOfNumbers, Numbers
+from heliosweep.families.backward_gazing.values import Two, with_file
+from heliosweep.kernels.gazing import mirror
 
 #: Seeds are whole numbers that a float holds exactly, since swept ones are floats.
 MAX_SEED = 2**53
@@ -62,10 +64,10 @@ class Module(Block):
     """One module of a heliostat."""
 
     centre: Annotated[
-        Two, Pair("Centre of the module from the heliostat's centre, to the right as seen from the target and up",
-                  "m", ("y", "z"))
+        Two, Numbers("Centre of the module from the heliostat's centre, to the right as seen from the target and up",
+                     "m", ("y", "z"))
     ]  # fmt: skip
-    size: Annotated[Two, Pair("Width and height of the module", "m", ("width", "height"), gt=0)]
+    size: Annotated[Two, Numbers("Width and height of the module", "m", ("width", "height"), gt=0)]
 
 
 def _modules_form(raw: Any) -> str:
@@ -97,6 +99,19 @@ class Heliostat(Block):
         float | Sweep, Quantity("Side of a pixel on the mirror", "m", gt=0, title="side of a pixel on the mirror")
     ] = 0.05
 
+    @property
+    def rectangles(self) -> mirror.Modules:
+        """The modules as kernels take them. [m]"""
+        if isinstance(self.modules, str):
+            return mirror.themis_8()
+        return mirror.Modules(*(np.array([getattr(one, key) for one in self.modules]) for key in ("centre", "size")))
+
+    @property
+    def reach(self) -> float:
+        """Distance of the farthest corner of a module from the heliostat's centre. [m]"""
+        centre, size = self.rectangles
+        return float(np.hypot(*(np.abs(centre) + 0.5 * size).T).max())
+
 
 class Target(Block):
     """The target with the cameras around its centre."""
@@ -125,7 +140,7 @@ class Target(Block):
 
 
 class Sun(Block):
-    """Where the sun stands, and what was measured of it."""
+    """Position of the sun, and its measured profile."""
 
     azimuth: Annotated[
         float | Sweep | None,
@@ -165,8 +180,8 @@ class Cameras(Block):
     ] = 0.24  # fmt: skip
     positions: Annotated[
         tuple[Two, ...] | None,
-        Pairs("Places of the four cameras in the target's plane instead of arrangement and radius, to the east of a "
-              "target that faces north, and up", "m", ("y", "z")),
+        ListOfNumbers("Places of the four cameras in the target's plane instead of arrangement and radius, to the east "
+                      "of a target that faces north, and up", "m", ("y", "z"), entries=4),
     ] = None  # fmt: skip
     noise: Annotated[
         float | Sweep,
@@ -212,10 +227,10 @@ class Cameras(Block):
 
 
 class Defects(Block):
-    """What is wrong with the heliostat: the truth of a simulation."""
+    """Defects of the heliostat: the truth of a simulation."""
 
     canting: Annotated[
-        dict[str, Annotated[Two, Pair("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
+        dict[str, Annotated[Two, Numbers("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
         Field(
             description="Canting of modules by their number from 1, [horizontal, vertical] slope of the normal, mrad"
         ),
@@ -232,7 +247,7 @@ class Defects(Block):
         float | Sweep, Quantity("Wavelength of the waviness", "m", gt=0, title="wavelength of the planted waviness")
     ] = 1.0
     pointing: Annotated[
-        Two, Pair("Pointing error of the whole heliostat", "mrad", ("horizontal", "vertical"), ge=-100, le=100)
+        Two, Numbers("Pointing error of the whole heliostat", "mrad", ("horizontal", "vertical"), ge=-100, le=100)
     ] = (0.0, 0.0)
     focal_length: Annotated[
         float | Sweep | None,
@@ -295,13 +310,13 @@ class Image(Block):
     file: Annotated[str, FileName("Image of the heliostat, NPY, TIFF, PNG or FITS", sweep=False)]
     camera: Annotated[
         Two | None,
-        Pair("Place of the camera in the target's plane; from the image's metadata or 'cameras' where left out",
-             "m", ("y", "z")),
+        Numbers("Place of the camera in the target's plane; from the image's metadata or 'cameras' where left out",
+                "m", ("y", "z")),
     ] = None  # fmt: skip
     corners: Annotated[
         tuple[Two, ...] | None,
-        Pairs("Upper left, upper right, lower right and lower left corner of the heliostat in the image, pixel centres "
-              "at whole numbers from the first pixel of the file", "1", ("column", "row")),
+        ListOfNumbers("Upper left, upper right, lower right and lower left corner of the heliostat in the image, pixel "
+                      "centres at whole numbers from the first pixel of the file", "1", ("column", "row"), entries=4),
     ] = None  # fmt: skip
 
 
@@ -309,7 +324,7 @@ ImageEntry = Annotated[Image, BeforeValidator(with_file, json_schema_input_type=
 
 
 class ImageGeometry(Block):
-    """How the pixels of measured images are to be read."""
+    """Levels and grid of measured images."""
 
     rectified: Annotated[
         bool | None,
@@ -337,7 +352,7 @@ class ImageGeometry(Block):
 
 
 class Output(StoredOutput):
-    """What is stored and how; not part of the study's identity."""
+    """Stored variables and their form; not part of the study's identity."""
 
     maps: Annotated[bool, Flag("Whether to store the images and the maps of the slopes too")] = False
 

@@ -1,11 +1,10 @@
-"""What can be wrong between the blocks of a study, or with the files it names."""
+"""Checks between the blocks of a study and of the files that it names; NumPy only, for quick validation."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,23 +12,30 @@ import numpy as np
 from heliosweep.config.study import parameters
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing import variables
 from heliosweep.families.backward_gazing.profile_file import read_profile
 from heliosweep.families.backward_gazing.values import module_number
-from heliosweep.kernels.gazing_grid import Modules, themis_8
-from heliosweep.layouts.layout import Layout
+from heliosweep.kernels.gazing.mirror import mirror_grid
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
-    from heliosweep.families.backward_gazing.config import BackwardGazingStudy
+    from heliosweep.families.backward_gazing.measured.images import Shots
+    from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
 #: Pixels of a mirror that any machine could hold.
 MAX_PIXELS = 20_000_000
 #: Two modules may share so much of a side by rounding. [m]
 _SLACK = 1e-9
-#: Names of the family's variables and labels, which columns of a layout must leave to the result.
-_NAMES = frozenset((*variables.FIELD, *variables.SIMULATED, *variables.MAPS, *variables.OVER_SEEDS))
-_LABELS = frozenset((*variables.COORDINATES, "heliostat", "heliostat_width", "heliostat_height"))
+#: Part of an image's lit pixels that may be saturated before it is refused.
+MOST_SATURATED = 0.5
+#: Difference of study and metadata that is said: of angles and, relatively, of the distance. [deg, 1]
+DIFFERENT = 0.05, 1e-3
+#: Least area of a marked heliostat, and of the triangle of any three of its corners over the whole. [pixels, 1]
+LEAST_AREA, LEAST_TRIANGLE = 16.0, 0.05
+#: Keys of simulations, by their beginning.
+SIMULATED = (
+    "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
+    "cameras.images", "cameras.supersampling", "cameras.seed",
+)  # fmt: skip
 
 
 def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
@@ -49,7 +55,7 @@ def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
     """
     problems: list[Problem] = []
     notes: list[str] = []
-    for find in (_modules, _pixels, _canting, _cameras, _focal_length, _maps, _profile, _layout, _views):
+    for find in (_modules, _pixels, _canting, _cameras, _focal_length, _maps, _profile, _layout, _measured):
         try:
             problems += find(study, notes)
         except StudyError as error:
@@ -58,51 +64,31 @@ def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
     return list(dict.fromkeys(problems)), list(dict.fromkeys(notes))
 
 
-def modules_of(study: BackwardGazingStudy) -> Modules:
-    """Modules of the heliostat. [m]"""
-    given = study.heliostat.modules
-    if isinstance(given, str):
-        return themis_8()
-    return Modules(np.array([one.centre for one in given]), np.array([one.size for one in given]))
-
-
-def camera_places(arrangement: str, radius: float) -> np.ndarray:
-    """Cameras in the plane of the target, shape (4, 2), in the order of `gazing_geometry.camera_square`. [m]"""
+def _places(arrangement: str, radius: float) -> np.ndarray:
+    """Cameras in the plane of the target, shape (4, 2), in the order of `geometry.camera_square`. [m]"""
     if arrangement == "square":
         return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     return radius * np.array([[0.0, 1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
 
 
-def field_layouts(study: BackwardGazingStudy) -> Any:
-    """The study as `Layouts` and `LayoutAxis` take it: their ``layout`` block stands in ``field``."""
-    assert study.field is not None
-    return SimpleNamespace(
-        layout=study.field.layout,
-        dimensions=list,
-        resolve=study.resolve,
-        problem=lambda key, message: study.problem(f"field.{key}", message),
-        study_id=study.study_id,
-    )
-
-
-def field_layout(study: BackwardGazingStudy) -> Layout:
-    """The heliostats of the field. Raises StudyError."""
-    return Layouts(field_layouts(study), reserved(study))[()]
-
-
 def reserved(study: BackwardGazingStudy) -> frozenset[str]:
     """Names that columns of a layout must leave to the result: its variables, labels and dimensions."""
-    keys = frozenset(
+    from heliosweep.families.backward_gazing import shared  # xarray is not for studies without a layout
+    from heliosweep.families.backward_gazing.field.variables import FIELD
+    from heliosweep.families.backward_gazing.simulated.variables import MAPS, SIMULATED, over_seeds
+
+    keys = (
         getattr(parameter, "dimension", "") or key.rpartition(".")[2]
         for key, parameter, _ in parameters(study)
         if getattr(parameter, "sweep", True) and not key.startswith("field.layout.")
     )
-    return _NAMES | _LABELS | keys
+    labels = (*shared.COORDINATES, "heliostat", "heliostat_width", "heliostat_height")
+    return frozenset((*FIELD, *SIMULATED, *MAPS, *over_seeds(()), *labels, *keys))
 
 
 def _modules(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
     """No two modules may share a part of the mirror."""
-    modules = modules_of(study)
+    modules = study.heliostat.rectangles
     for one, other in itertools.combinations(range(len(modules.size)), 2):
         shared = 0.5 * (modules.size[one] + modules.size[other]) - np.abs(modules.centre[one] - modules.centre[other])
         if np.all(shared > _SLACK):
@@ -112,7 +98,7 @@ def _modules(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
 
 def _pixels(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
     """Every module needs pixels, and the machine room for them."""
-    modules = modules_of(study)
+    modules = study.heliostat.rectangles
     largest, smallest = max(_ends(study.heliostat.pixel)), min(_ends(study.heliostat.pixel))
     side, number = float(modules.size.min()), int(np.argmin(modules.size.min(axis=1))) + 1
     span = (modules.centre + 0.5 * modules.size).max(axis=0) - (modules.centre - 0.5 * modules.size).min(axis=0)
@@ -133,7 +119,7 @@ def _pixels(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
 
 def _canting(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
     """Canting is of modules that there are."""
-    count = len(modules_of(study).size)
+    count = len(study.heliostat.rectangles.size)
     for key in study.defects.canting:
         number = module_number(key)
         if number is None or not 1 <= number <= count:
@@ -145,7 +131,7 @@ def _cameras(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
     cameras, target = study.cameras, study.target
     names = cameras.arrangement
     arrangements = [str(name) for name in (names.values() if isinstance(names, Sweep) else (names,))]
-    placed = [camera_places(name, min(_ends(cameras.radius))) for name in arrangements]
+    placed = [_places(name, min(_ends(cameras.radius))) for name in arrangements]
     if cameras.positions is not None:
         placed = [np.array(cameras.positions)]
         if _in_line(placed[0]):
@@ -174,6 +160,7 @@ def _seen(places: np.ndarray, azimuth: float, elevation: float, tilt: float, fac
 
 
 def _in_line(places: np.ndarray) -> bool:
+    """True where points of a plane, shape (N, 2), stand in one line."""
     spread = places - places.mean(axis=0)
     spread /= np.abs(spread).max() or 1.0  # squares of far places overflow
     yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
@@ -182,12 +169,11 @@ def _in_line(places: np.ndarray) -> bool:
 
 def _focal_length(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
     """Half the radius of a sphere that holds the whole heliostat."""
-    modules = modules_of(study)
-    reach = float(np.hypot(*(np.abs(modules.centre) + 0.5 * modules.size).T).max())
+    least = study.heliostat.reach
     for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
         value = getattr(getattr(study, block), key)
-        if value is not None and min(_ends(value)) <= reach:
-            message = f"must be more than {reach:.3g} m, the reach of the heliostat from its centre"
+        if value is not None and min(_ends(value)) <= least:
+            message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
             yield study.problem(f"{block}.{key}", f"{message} (got {min(_ends(value)):g})")
 
 
@@ -218,12 +204,12 @@ def _layout(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
     """A field needs heliostats that are nowhere at the target."""
     if study.field is None or any(key.startswith("field.layout.") for key in study.sweeps()):
         return
-    layout = field_layout(study)
+    layout = Layouts(study, reserved(study), "field.layout")[()]
     above = [up - pivot for up in _ends(study.field.receiver_height) for pivot in _ends(study.field.pivot_height)]
-    reach = float(np.hypot(*(np.abs(modules_of(study).centre) + 0.5 * modules_of(study).size).T).max())
+    least = study.heliostat.reach
     for row in range(len(layout)):
         near = min(math.hypot(layout.x[row], layout.y[row], up - layout.z[row]) for up in above)
-        if near <= reach:
+        if near <= least:
             yield study.problem("field.layout", f"{layout.where(row)} reaches to the target, {near:.3g} m away")
             return
     if "heliostat" in _ends(study.field.facing):
@@ -234,12 +220,138 @@ def _layout(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
             )
 
 
-def _views(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
-    """Measured images must be images of the heliostat."""
-    if study.mode == "measured":
-        from heliosweep.families.backward_gazing.measured_checks import view_problems  # it needs the kernels
+def _measured(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
+    """Measured images must be images of the heliostat, with its sun."""
+    if study.mode != "measured":
+        return
+    from heliosweep.families.backward_gazing.measured.images import read_shots, read_sun  # they need the kernels
 
-        yield from view_problems(study, notes)
+    for key in study.sweeps():
+        if key.startswith(SIMULATED):
+            yield study.problem(key, "has no part in measured images; give one value, or leave it out")
+    if isinstance(study.heliostat.pixel, Sweep):
+        yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, as its maps have one grid")
+        return
+    try:
+        _, more = read_sun(study)
+        notes += more
+    except StudyError as error:
+        yield from error.problems
+    try:
+        seen = read_shots(study)
+    except StudyError as error:
+        yield from error.problems
+        return
+    places = seen.positions
+    if places not in (None, study.cameras.positions) and _in_line(np.array(places)):
+        yield study.problem("images", "the cameras stand in one line: two slopes cannot be found from them")
+    if seen.rectified:
+        yield from _grid_problems(study, seen)
+    else:
+        yield from _corner_problems(study, seen, notes)
+    notes += _contradictions(study, seen)
+    yield from _level_problems(study, seen, notes)
+
+
+def _grid_problems(study: BackwardGazingStudy, seen: Shots) -> Iterator[Problem]:
+    """Images on the grid of the mirror have its size."""
+    assert not isinstance(study.heliostat.pixel, Sweep)
+    shape = mirror_grid(study.heliostat.rectangles, study.heliostat.pixel).module.shape
+    here = seen.images.shape[1:]
+    if here != shape:
+        message = (
+            f"have {here[1]} x {here[0]} pixels, and the mirror has {shape[1]} x {shape[0]} of "
+            f"{study.heliostat.pixel:g} m; put them on its grid, or mark 'corners' of the heliostat in them"
+        )
+        yield study.problem("images", message)
+
+
+def _corner_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) -> Iterator[Problem]:
+    """Marked corners are those of a heliostat in the picture, in their order."""
+    from heliosweep.kernels.gazing.rectification import homography, outline
+
+    assert study.images is not None
+    rows, columns = seen.images.shape[1:]
+    for number, corners in enumerate(seen.corners):
+        if not np.all(np.isfinite(corners)):
+            continue
+        key = f"images[{number}].corners"
+        ahead, before = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
+        turns = 0.5 * (before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0])  # positive is clockwise on the screen
+        area = 0.5 * float(turns.sum())
+        order = "upper left, upper right, lower right, lower left"
+        if np.abs(turns).min() <= LEAST_TRIANGLE * np.abs(turns).max():
+            yield study.problem(key, f"three of the corners stand nearly in one line; mark {order} of the heliostat")
+            continue
+        if turns.min() < 0.0:
+            yield study.problem(key, f"do not follow each other clockwise around the heliostat; mark {order}")
+            continue
+        if area < LEAST_AREA:
+            yield study.problem(key, f"hold {area:.3g} pixels only: too few to tell slopes from")
+            continue
+        try:
+            homography(outline(study.heliostat.rectangles) * [1.0, -1.0], corners)
+        except ValueError as error:
+            yield study.problem(key, f"{error}; mark {order} of the heliostat")
+            continue
+        middle = np.array([columns - 1.0, rows - 1.0]) / 2.0
+        outside = np.any(np.abs(corners - middle) > middle + 1.0, axis=1)
+        name, size = study.images[number].file, f"{columns} x {rows} pixels"
+        if np.count_nonzero(outside) > 2:
+            yield study.problem(key, f"{np.count_nonzero(outside)} of 4 corners are outside of the image of {size}")
+        elif np.any(outside):
+            notes.append(f"{name}: {np.count_nonzero(outside)} of 4 corners are outside of the image of {size}")
+
+
+def _contradictions(study: BackwardGazingStudy, seen: Shots) -> Iterator[str]:
+    """Sun, target and distance of the study that are not those of the metadata."""
+    from heliosweep.families.backward_gazing.measured.images import GEOMETRY
+
+    for key, (dotted, _) in GEOMETRY.items():
+        block, field = dotted.split(".")
+        stated = getattr(getattr(study, block), field)
+        said = [one[key] for one in seen.metadata if key in one]
+        if stated is None or isinstance(stated, Sweep) or not said:
+            continue
+        away = [abs((value - stated + 180.0) % 360.0 - 180.0) for value in said]
+        if key == "DISTANCE":
+            away = [abs(value / stated - 1.0) for value in said]
+        if max(away) > DIFFERENT[key == "DISTANCE"]:
+            other = said[int(np.argmax(away))]
+            yield f"{dotted} is {stated:g} in the study and {key} {other:g} in the metadata of images; the study counts"
+
+
+def _level_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) -> Iterator[Problem]:
+    """Images that are dark, saturated or have one level only."""
+    from heliosweep.families.backward_gazing.measured.images import bright_level
+
+    threshold = study.cameras.threshold
+    least = float(min(threshold[:])) if isinstance(threshold, Sweep) else threshold
+    assert study.images is not None
+    dark = []
+    for number, (image, limit) in enumerate(zip(seen.images, seen.saturation, strict=True)):
+        name, key = study.images[number].file, f"images[{number}]"
+        known = image[np.isfinite(image)]
+        lit = int(np.count_nonzero(known >= min(least, float(limit))))
+        over = int(np.count_nonzero(known >= limit)) / max(1, lit)
+        if float(np.ptp(known)) == 0.0:
+            yield study.problem(key, f"{name} has one level everywhere: is it dark, or saturated?")
+        elif over > MOST_SATURATED:
+            yield study.problem(key, f"{name}: {100 * over:.3g} % of its lit pixels are saturated; expose it shorter")
+        elif over > 0.0:
+            notes.append(f"{name}: {100 * over:.3g} % of its lit pixels are saturated and not used; expose it shorter")
+        missing = image.size - known.size
+        if missing:
+            notes.append(f"{name}: {missing:,} of its pixels are not numbers and are not used")
+        if bright_level(known) < least:
+            dark.append(name)
+    if len(dark) > 1:
+        message = f"{' and '.join(dark)} are dark: their brightest pixels are below {least:g} of the level of white"
+        yield study.problem("images", f"{message}, and slopes need three cameras; expose longer, or correct 'white'")
+    elif dark:
+        notes.append(
+            f"{dark[0]} is dark: its brightest pixels are below {least:g} of the level of white; it is left out"
+        )
 
 
 def _ends(value: Any) -> tuple[Any, ...]:

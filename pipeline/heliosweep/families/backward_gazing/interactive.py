@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import xarray as xr
 
-from heliosweep.families.backward_gazing.report_views import HOUR, METHOD, METHOD_COLOURS, MODULE, canting
+from heliosweep.families.backward_gazing.shown import HOUR, METHOD, METHOD_COLOURS, MODULE, canting
 from heliosweep.report.views import HELIOSTAT, PIXELS, View, is_ordered, shown
 
 _TYPICAL: dict[str, float | str] = {METHOD: "LM", "referential": "exact", HOUR: 12.0}

@@ -1,51 +1,56 @@
-"""One point of the parameter grid: the scene, its images, slopes by all methods, and what is known of them."""
+"""One point of the parameter grid: its scene, the sun, slopes by all methods, and estimates of the modules."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.families.backward_gazing.camera_level import camera_views
-from heliosweep.families.backward_gazing.checks import camera_places, modules_of
-from heliosweep.families.backward_gazing.profile_file import read_profile
-from heliosweep.families.backward_gazing.reconstruct import Found, reconstruct
-from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_IDENTIFIABLE
-from heliosweep.kernels.gazing_geometry import REFERENTIALS, Scene, scene
-from heliosweep.kernels.gazing_grid import MirrorGrid, Modules, eroded, mirror_grid
-from heliosweep.kernels.gazing_images import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing_linear import lit_counts, slope_bound
-from heliosweep.kernels.gazing_lm import graduated
-from heliosweep.kernels.sun_profiles import Profile, jose, tabulated
-from heliosweep.kernels.sun_tables import noisy, normal_draws, scaled
+from heliosweep.families.backward_gazing.shared import NOT_CONVERGED, NOT_IDENTIFIABLE, UNLIT, most_pixels
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.plan import Workload
+from heliosweep.kernels.gazing.geometry import EXACT, REFERENTIALS, Scene, camera_square, scene, transfers
+from heliosweep.kernels.gazing.linear import (
+    ideal_squares,
+    ideal_wavefront,
+    solutions,
+    transferred,
+    wavefront_departures,
+)
+from heliosweep.kernels.gazing.lm import SlopeFit, fit_slopes, graduated
+from heliosweep.kernels.gazing.mirror import MirrorGrid, Modules
+from heliosweep.kernels.gazing.modules import module_estimates
+from heliosweep.kernels.gazing.search import SlopeSearch, search_slopes, search_wavefronts
+from heliosweep.kernels.sun.profiles import Profile, jose, tabulated
+from heliosweep.kernels.sun.tables import noisy, smooth_fit
 
 if TYPE_CHECKING:
-    from heliosweep.families.backward_gazing.config import BackwardGazingStudy
-    from heliosweep.grid.axes import Grid
+    from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
 Floats = NDArray[np.float64]
-Pairs = tuple[tuple[float, float], ...]
+#: A table of the sun: angles [rad] and brightness.
+Table = tuple[tuple[float, ...], tuple[float, ...]]
 
-#: Time of a pixel on one core: its images, and each method's share for a tabulated profile. [s]
-SECONDS_PER_IMAGE = 0.6e-6
+#: Time of a pixel on one core by each method, for a tabulated profile. [s]
 SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 4.5e-6, "O2": 5e-6, "LM": 1.6e-6}
 #: Overhead of a point. [s]
 SECONDS_PER_POINT = 3e-3
 #: The largest kernels of all families, and what is needed to load them. [bytes]
 KERNEL_BYTES = 25 * 2**20
-#: Brightness of the highest level of a camera, relative to the disc centre; see `gazing_images.expose`.
-FULL_SCALE = 1.25
-#: Stream of random numbers of the cameras' gains; `gazing_images` and `camera_images` have others.
-_GAIN_STREAM = 4
-#: Lit cameras that slopes need.
-NEEDED = 3
-#: Pixels of mirrors whose results are remembered.
-MOST_REMEMBERED = 100_000
+
+#: Keys of the study in the order of `Point`.
+KEYS = (
+    "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
+    "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "cameras.arrangement", "cameras.radius",
+    "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits", "cameras.images",
+    "cameras.supersampling",
+    "cameras.threshold", "cameras.seed", "defects.canting_scale", "defects.waviness", "defects.waviness_length",
+    "defects.focal_length", "defects.seed", "sun_profile", "profile_noise.noise", "profile_noise.nodes",
+    "profile_noise.seed", "profile_error", "erosion",
+)  # fmt: skip
 
 
 class Point(NamedTuple):
@@ -83,10 +88,13 @@ class Point(NamedTuple):
     erosion: int
 
     @classmethod
-    def of(cls, values: Iterable[Any]) -> Point:
-        """Values as they come out of arrays, NaN where the study gives none; what has no part in them becomes 0."""
-        own = {name: _KINDS.get(name, float)(value) for name, value in zip(cls._fields, values, strict=True)}
-        point = cls(**own)
+    def of(cls, values: Iterable[Any], **known: float) -> Point:
+        """Values as the grid has them, None where the study gives none; what has no part in them becomes 0.
+
+        Those that are `known` otherwise, by name, take their place.
+        """
+        given = {**dict(zip(cls._fields, values, strict=True)), **known}
+        point = cls(**{name: _KINDS[name](math.nan if one is None else one) for name, one in given.items()})
         if math.isnan(point.focal_length):
             point = point._replace(focal_length=point.distance)
         if math.isnan(point.true_focal_length):
@@ -110,59 +118,32 @@ class Point(NamedTuple):
             waviness=0.0, waviness_length=1.0, true_focal_length=self.focal_length, defect_seed=0, erosion=0,
         )  # fmt: skip
 
-    @property
-    def gains(self) -> Floats:
-        """Gain of each camera, shape (4,): number i depends on the seed and i alone. [1]"""
-        own = 1.0 + self.gain_noise * normal_draws(self.camera_seed, _GAIN_STREAM, 4)
-        return (1.0 + self.gain_error) * np.maximum(own, 0.0)
+    def layout(self, positions: Iterable[tuple[float, float]] | None) -> Scene:
+        """The scene, with cameras at places in the target's plane [m] or as they are arranged. Raises Failure."""
+        try:
+            return scene(
+                (math.radians(self.sun_azimuth), math.radians(self.sun_elevation)),
+                (math.radians(self.target_azimuth), math.radians(self.target_elevation)),
+                camera_square(self.radius, self.arrangement) if positions is None else tuple(positions),
+                self.distance,
+                self.focal_length,
+                math.radians(self.tilt),
+                math.radians(self.face),
+            )
+        except ValueError:
+            raise Failure(NOT_IDENTIFIABLE) from None
 
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of a pixel's brightness: noise, and rounding to levels. [1]"""
-        step = FULL_SCALE / (2.0**self.bits - 1.0) if self.bits else 0.0
-        return math.hypot(self.noise, step / math.sqrt(12.0))
-
-
-#: Types of what is not a float.
-_KINDS: dict[str, Callable[[Any], Any]] = {
-    **dict.fromkeys(("arrangement", "images", "sun_profile"), str),
-    **dict.fromkeys(("bits", "supersampling", "camera_seed", "defect_seed", "nodes", "profile_seed", "erosion"), int),
-}
-#: Keys of the study in the order of `Point`.
-KEYS = (
-    "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
-    "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "cameras.arrangement", "cameras.radius",
-    "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits", "cameras.images",
-    "cameras.supersampling",
-    "cameras.threshold", "cameras.seed", "defects.canting_scale", "defects.waviness", "defects.waviness_length",
-    "defects.focal_length", "defects.seed", "sun_profile", "profile_noise.noise", "profile_noise.nodes",
-    "profile_noise.seed", "profile_error", "erosion",
-)  # fmt: skip
+    def profile(self, table: Table | None) -> Profile:
+        """Profile of the sun. Raises ValueError where noise makes it no darker at its edge."""
+        if self.sun_profile == "noisy":
+            return noisy(jose(), self.profile_noise, self.nodes, self.profile_seed)
+        if self.sun_profile == "table" and table is not None:
+            angle, brightness = table
+            return tabulated(brightness, angle=angle)
+        return jose()
 
 
-class Given(NamedTuple):
-    """What the study says once for all points."""
-
-    centres: Pairs
-    sizes: Pairs
-    canting: Pairs
-    """Of every module, [rad]."""
-    pointing: tuple[float, float]
-    """[rad]"""
-    positions: Pairs | None
-    """Cameras in the target's plane instead of an arrangement. [m]"""
-    table: tuple[tuple[float, ...], tuple[float, ...]] | None
-    """Angles [rad] and brightness of the study's sun profile."""
-    methods: tuple[str, ...]
-    referentials: tuple[int, ...]
-    fit_gain: bool
-    smooth: bool
-    """Whether LM ends at the smooth fit of a table."""
-
-    @property
-    def modules(self) -> Modules:
-        """The modules as kernels take them."""
-        return Modules(np.array(self.centres), np.array(self.sizes))
+_KINDS = get_type_hints(Point)
 
 
 class Failure(Exception):
@@ -174,170 +155,181 @@ class Failure(Exception):
         return int(self.args[0])
 
 
-class Observation(NamedTuple):
-    """A point as it was seen and reconstructed."""
+class Solver(NamedTuple):
+    """Methods by which slopes are found, the same at all points of a study."""
 
-    mirror: MirrorGrid
-    keep: NDArray[np.bool_]
-    """Pixels that erosion leaves, shape (N,)."""
-    layout: Scene
-    profile: Profile
-    """By which slopes are found."""
-    images: Floats
-    """As the reconstruction gets them, shape (4, N). [1]"""
-    true: Floats
-    """True slopes relative to the ideal heliostat, shape (2, N). [rad]"""
-    found: Found
-    net: Floats
-    """Slopes found, less those found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
-    share: Floats
-    """Standard deviation of the images' values for camera pixels of standard deviation 1, (4, N) or (1, 1). [1]"""
+    methods: tuple[str, ...]
+    referentials: tuple[int, ...]
+    """Rows of `geometry.transfers`; O2 and LM have the same slopes in each."""
+    fit_gain: bool
+    """True where O1, O2 and LM find a gain for each pixel."""
+    smooth: bool
+    """True where LM ends at the smooth fit of a tabulated profile instead of the table: better where the images are of
+    the sun and the table has noise of its own."""
 
-    @property
-    def lit(self) -> NDArray[np.int64]:
-        """Number of lit cameras, shape (N,)."""
-        return lit_counts(self.found.lit)
+    @classmethod
+    def of(cls, study: BackwardGazingStudy) -> Solver:
+        """Those that a study asks for."""
+        return cls(study.method, tuple(map(REFERENTIALS.index, study.referential)), study.fit_gain, study.smooth)
 
 
-def given(study: BackwardGazingStudy) -> Given:
-    """What the study says once for all points."""
-    modules = modules_of(study)
-    canting = np.zeros((len(modules.size), 2))
-    for key, pair in study.defects.canting.items():
-        canting[int(key) - 1] = pair
-    table = None
-    if study.sun.profile is not None:
-        read = read_profile(study.resolve(study.sun.profile), study.sun.profile)
-        table = tuple(read.angle.tolist()), tuple(read.brightness.tolist())
-    horizontal, vertical = study.defects.pointing
-    return Given(
-        tuple(map(tuple, modules.centre.tolist())),
-        tuple(map(tuple, modules.size.tolist())),
-        tuple(map(tuple, (1e-3 * canting).tolist())),
-        (1e-3 * horizontal, 1e-3 * vertical),
-        study.cameras.positions,
-        table,
-        study.method,
-        tuple(REFERENTIALS.index(name) for name in study.referential),
-        study.fit_gain,
-        study.smooth,
+class Found(NamedTuple):
+    """Slopes by M methods and T referentials."""
+
+    slopes: Floats
+    """p relative to the ideal mirror, shape (M, T, 2, N); NaN where fewer than 3 cameras are lit. [rad]"""
+    lit: NDArray[np.int64]
+    """Bit i is set where camera i is lit, shape (N,)."""
+    quality: NDArray[np.int64]
+    """Bits of `shared`: NOT_CONVERGED, UNLIT, OUTSIDE; shape (M, N)."""
+    fit: SlopeFit | None
+    """Result of LM; None where it is not among the methods."""
+
+
+def reconstruct(
+    layout: Scene, profile: Profile, images: Floats, mirror: MirrorGrid, threshold: float, solver: Solver
+) -> Found:
+    """Find slopes by all methods from one set of images, simulated or measured.
+
+    Parameters
+    ----------
+    layout : Scene
+        K cameras.
+    profile : Profile
+        Of the sun.
+    images : ndarray, shape (K, N)
+        Brightness relative to the disc centre; NaN where a camera's pixel cannot be used. [1]
+    mirror : MirrorGrid
+        N pixels.
+    threshold : float
+        Least brightness of a lit camera. [1]
+    solver : Solver
+        Methods.
+
+    Returns
+    -------
+    Found
+    """
+    y, z = mirror.pixel_y, mirror.pixel_z
+    every = transfers(layout)
+    matrices = np.ascontiguousarray(every[list(solver.referentials)])
+    ideal = ideal_squares(layout, y, z)
+    departures, lit = wavefront_departures(images, ideal, solutions(layout.gaze), profile, threshold)
+    start = transferred(departures, every[EXACT:])[0]
+    slopes = np.empty((len(solver.methods), len(matrices), 2, y.size))
+    quality = np.zeros((len(solver.methods), y.size), np.int64)
+    how: dict[str, Any] = {"threshold": threshold, "fit_gain": solver.fit_gain}
+    fit = None
+    for row, method in enumerate(solver.methods):
+        if method == "A":
+            slopes[row] = transferred(departures, matrices)
+            quality[row] = UNLIT * ~np.isfinite(departures[0])
+        elif method == "O1":
+            wavefront = ideal_wavefront(layout, ideal)
+            search = search_wavefronts(layout, profile, images, wavefront + departures, **how)
+            slopes[row] = transferred(search.slopes - wavefront, matrices)
+            quality[row] = _bits(search)
+        elif method == "O2":
+            search = search_slopes(layout, profile, images, y, z, start, **how)
+            slopes[row] = search.slopes
+            quality[row] = _bits(search)
+        else:
+            smooth = solver.smooth and profile.table.size > 3
+            stages = [smooth_fit(profile)] if smooth else graduated(profile)
+            fit = fit_slopes(layout, stages, images, y, z, start, **how)
+            slopes[row] = fit.slopes
+            quality[row] = fit.flags
+    return Found(slopes, lit, quality, fit)
+
+
+def _bits(search: SlopeSearch) -> NDArray[np.int64]:
+    """Bits of what a simplex search says of its pixels."""
+    tried = search.evaluations > 0
+    bits: NDArray[np.int64] = UNLIT * ~tried + NOT_CONVERGED * (tried & ~search.converged)
+    return bits
+
+
+def estimates(
+    slopes: Floats,
+    deviations: Iterable[Floats | None],
+    mirror: MirrorGrid,
+    modules: Modules,
+    keep: NDArray[np.bool_],
+    focal_length: float,
+) -> dict[str, Floats]:
+    """Canting, waviness, pointing and focal length, with standard errors.
+
+    Parameters
+    ----------
+    slopes : ndarray, shape (M, T, 2, N)
+        By M methods and T referentials, NaN where unknown. [rad]
+    deviations : iterable of (ndarray, shape (2, N)) or None
+        For each method, known standard deviation of the noise of its slopes. [rad]
+    mirror, modules, keep, focal_length
+        As for `module_estimates`.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The variables of `shared.ESTIMATES`. [mrad], [m]
+    """
+    found = [
+        [
+            module_estimates(np.ascontiguousarray(one), mirror, modules, keep, focal_length, deviation=noise)
+            for one in frames
+        ]
+        for frames, noise in zip(slopes, deviations, strict=True)
+    ]
+
+    def all_of(name: str) -> Floats:
+        return np.array([[getattr(one, name) for one in row] for row in found])
+
+    made = {
+        "focal_length_estimate": all_of("focal_length"),
+        "focal_length_standard_error": all_of("focal_length_error"),
+    }
+    for name in ("canting", "waviness", "pointing"):
+        for axis, letter in enumerate("xy"):
+            made[f"{name}_{letter}"] = 1e3 * all_of(name)[:, :, axis]
+            if name != "waviness":
+                made[f"{name}_{letter}_standard_error"] = 1e3 * all_of(f"{name}_error")[:, :, axis]
+    return made
+
+
+def workload_of_points(
+    study: BackwardGazingStudy, inner: Mapping[str, int], seconds: float, held: int = 0, whole: tuple[str, ...] = ()
+) -> Workload:
+    """Sizes and cost of a study of one heliostat, for the plan.
+
+    Parameters
+    ----------
+    study : BackwardGazingStudy
+        Checked study.
+    inner : mapping of str to int
+        Lengths of the dimensions after the swept ones.
+    seconds : float
+        Time of a pixel on one core. [s]
+    held : int
+        What a part takes besides its pixels. [bytes]
+    whole : tuple of str
+        Swept dimensions of statistics.
+    """
+    pixels = most_pixels(study)
+    return Workload(
+        parameters=Parameters(study).sizes,
+        inner=inner,
+        evaluations=pixels,
+        unit="pixels",
+        seconds=seconds,
+        splittable="",
+        working_bytes=lambda points, length: held + pixels * bytes_per_pixel(study),
+        whole=whole,
+        seconds_per_point=SECONDS_PER_POINT,
+        coordinate_bytes=8 * (200 + 6 * inner["module"] + inner.get("z", 0) * inner.get("y", 0)),
+        fixed_bytes=KERNEL_BYTES,
     )
-
-
-def inputs(grid: Grid) -> list[xr.DataArray]:
-    """Values of `KEYS` over the swept dimensions, NaN where the study gives none."""
-    return [grid.parameter(key) if grid.has(key) else xr.DataArray(math.nan) for key in KEYS]
-
-
-def seconds_per_pixel(study: BackwardGazingStudy) -> float:
-    """Time of a pixel on one core: of the heliostat and of the ideal one. [s]"""
-    return 2.0 * (SECONDS_PER_IMAGE + sum(SECONDS_PER_METHOD[name] for name in study.method))
 
 
 def bytes_per_pixel(study: BackwardGazingStudy) -> int:
-    """Working memory of a block for each pixel, what is remembered included. [bytes]"""
+    """Working memory of a part for each pixel, what is remembered included. [bytes]"""
     return 8 * (4 * 2 * len(study.method) * len(study.referential) + 45)
-
-
-def observed(point: Point, given: Given) -> Observation:
-    """Render, expose and reconstruct a point.
-
-    Raises
-    ------
-    Failure
-        Where no slopes can be found whatever the images.
-    """
-    layout, profile = _layout(point, given), _profile(point, given)
-    known = scaled(profile, point.profile_error) if point.profile_error else profile
-    mirror, keep = _mirror(given, point.pixel, point.erosion)
-    wavy = None
-    if point.waviness:
-        wavy = waviness(mirror, 1e-3 * point.waviness, point.waviness_length, point.defect_seed)
-    canting = point.canting_scale * np.array(given.canting)
-    spheres = module_spheres(given.modules, point.true_focal_length, canting, given.pointing)
-    images, true = image_set(layout, mirror, profile, spheres, wavy)
-    shot: dict[str, Any] = {
-        "noise": point.noise,
-        "bits": point.bits,
-        "seed": point.camera_seed,
-    }
-    share = np.ones((1, 1))
-    if point.images == "camera":
-        images, share = camera_views(
-            layout, profile, given.modules, mirror, (point.true_focal_length, canting, given.pointing, wavy),
-            gain_error=point.gains - 1.0, pixel=point.pixel, supersampling=point.supersampling, full_scale=FULL_SCALE,
-            **shot,
-        )  # fmt: skip
-    else:
-        images = expose(images * point.gains[:, np.newaxis], full_scale=FULL_SCALE, **shot)
-    found = _found(layout, known, images, mirror, point, given)
-    ideal_found, ideal_true = _ideal(point.ideal, given)
-    net = found.slopes - ideal_found.slopes
-    return Observation(mirror, keep, layout, known, images, true - ideal_true, found, net, share)
-
-
-def bound(seen: Observation, point: Point, given: Given, method: str | None = None) -> Floats:
-    """Cramer-Rao bound of both slopes, shape (2, N); NaN where fewer than 3 cameras are lit. [rad]
-
-    Of the cameras that the reconstruction uses. It is that of methods that find a gain where the study asks for one;
-    `method` A never does.
-    """
-    if point.deviation == 0.0:
-        least = np.zeros_like(seen.true)
-    else:
-        place = seen.mirror.pixel_y, seen.mirror.pixel_z
-        noise = point.deviation * seen.share / (1.0 + point.gain_error)  # brighter images tell more
-        gain = given.fit_gain and method != "A"
-        least = slope_bound(seen.layout, seen.profile, *place, seen.true, noise, gain, seen.found.lit)
-    return np.where(seen.lit >= NEEDED, least, np.nan)
-
-
-def _found(layout: Scene, profile: Profile, images: Floats, mirror: MirrorGrid, point: Point, given: Given) -> Found:
-    place = mirror.pixel_y, mirror.pixel_z
-    return reconstruct(
-        layout, profile, images, place, given.methods, given.referentials, point.threshold, given.fit_gain, given.smooth
-    )
-
-
-@lru_cache(maxsize=2)
-def _ideal(point: Point, given: Given) -> tuple[Found, Floats]:
-    """What all methods find on the ideal heliostat, and its true slopes; arrays that nobody may change."""
-    layout, profile = _layout(point, given), _profile(point, given)
-    known = scaled(profile, point.profile_error) if point.profile_error else profile
-    mirror, _ = _mirror(given, point.pixel, 0)
-    spheres = module_spheres(given.modules, point.focal_length, np.zeros((len(given.sizes), 2)))
-    images, true = image_set(layout, mirror, known, spheres)
-    return _found(layout, known, images, mirror, point, given), true
-
-
-@lru_cache(maxsize=4)
-def _mirror(given: Given, pixel: float, erosion: int) -> tuple[MirrorGrid, NDArray[np.bool_]]:
-    mirror = mirror_grid(given.modules, pixel)
-    return mirror, eroded(mirror, erosion)
-
-
-def _layout(point: Point, given: Given) -> Scene:
-    cameras = camera_places(point.arrangement, point.radius) if given.positions is None else given.positions
-    sun = math.radians(point.sun_azimuth), math.radians(point.sun_elevation)
-    target = math.radians(point.target_azimuth), math.radians(point.target_elevation)
-    try:
-        return scene(
-            sun, target, cameras, point.distance, point.focal_length, math.radians(point.tilt), math.radians(point.face)
-        )
-    except ValueError:
-        raise Failure(NOT_IDENTIFIABLE) from None
-
-
-def _profile(point: Point, given: Given) -> Profile:
-    if point.sun_profile == "table":
-        assert given.table is not None
-        angle, brightness = given.table
-        return tabulated(brightness, angle=angle)
-    if point.sun_profile == "jose":
-        return jose()
-    try:
-        table = noisy(jose(), point.profile_noise, point.nodes, point.profile_seed)
-        graduated(table)  # noise may make a smoothed table useless where the table itself is not
-        return table
-    except ValueError:
-        raise Failure(NO_PROFILE) from None

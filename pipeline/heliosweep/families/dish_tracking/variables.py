@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.regions import Variable
+
+if TYPE_CHECKING:
+    from heliosweep.families.dish_tracking.study import DishTrackingStudy
 
 _INSTANTS = "{}: {} (over the instants of the window that count)"
 _FACTOR = (
@@ -112,3 +118,34 @@ TOLERABLE: dict[str, dict[str, Any]] = {
         ),
     },
 }
+
+
+def directed(study: DishTrackingStudy) -> bool:
+    """Whether the direction of the tilt is swept by itself, so that statistics over it have a meaning."""
+    return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
+
+
+def variables(study: DishTrackingStudy) -> dict[str, Variable]:
+    """Variables of a study's result; statistics over directions and over dates where there are several."""
+    parameters = Parameters(study)
+    site = parameters.site_dims
+    mount = tuple(dim for dim in parameters.sizes if dim not in site)
+    undirected, untilted = (tuple(dim for dim in mount if dim != one) for one in ("axis_tilt_direction", "axis_tilt"))
+    found: dict[str, Variable] = {}
+
+    def add(named: dict[str, dict[str, Any]], *dims: str, dtype: str = "float64", finished: bool = True) -> None:
+        found.update({name: Variable(dims, attrs, np.dtype(dtype), finished) for name, attrs in named.items()})
+
+    add(DAILY, *site, "date", *mount, finished=False)
+    add(WINDOW, *site, "date", dtype="int8", finished=False)
+    if directed(study):
+        add(DIRECTIONS, *site, "date", *undirected)
+    if len(study.time.date_list()) > 1:
+        add(ANNUAL, *site, *mount)
+        add(EXTREMES, *site, *mount, dtype="datetime64[ns]")
+        add(MONTHLY, *site, "month", *mount)
+        if directed(study):
+            add(WORST, *site, *undirected)
+    if study.statistics is not None:
+        add(TOLERABLE, *site, "required_factor", *untilted, finished=False)
+    return found

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime
-from heliosweep.families.dish_tracking.config import DishTime, Ephemeris
-from heliosweep.families.fast_sun import sun_vectors
-from heliosweep.grid.instants import daily_windows
-from heliosweep.kernels.sun import refracted
-from heliosweep.kernels.tracking import Windows, pack_windows
+from heliosweep.families.dish_tracking.study import DishTime, Ephemeris
+from heliosweep.grid.clock import daily_windows
+from heliosweep.grid.spa import sun_vectors
+from heliosweep.kernels.dish.windows import Windows, pack_windows
+from heliosweep.kernels.sun.clock import refracted
 
 Stamps: TypeAlias = NDArray[np.datetime64]
 Sun: TypeAlias = Callable[[Stamps], NDArray[np.float64]]
@@ -25,30 +25,24 @@ SEARCH_STEP = "10 min"
 REFINEMENTS = 5
 
 
-class Place(NamedTuple):
-    """Where a dish stands, and whose clock its dates and windows are on."""
-
-    latitude: float
-    """Positive north. [deg]"""
-    longitude: float
-    """Positive east. [deg]"""
-    altitude: float
-    """Above sea level. [m]"""
-    timezone: str
-
-
-@lru_cache(maxsize=4)  # factors, flags and tolerable tilts of a site follow each other
-def windows_of(time: DishTime, place: Place, ephemeris: Ephemeris) -> Windows:
-    """Sun vectors of the instants that count, window by window.
+@lru_cache(maxsize=4)  # parts of a site follow each other
+def windows_of(
+    time: DishTime, ephemeris: Ephemeris, timezone: str, latitude: float, longitude: float, altitude: float
+) -> Windows:
+    """Sun vectors of the instants that count at a site, window by window.
 
     Parameters
     ----------
     time : DishTime
         Dates, window and sampling.
-    place : Place
-        The site.
     ephemeris : Ephemeris
         Settings of the sun.
+    timezone : str
+        Whose clock the dates and windows are on.
+    latitude, longitude : float
+        Positive north and east. [deg]
+    altitude : float
+        Above sea level. [m]
 
     Returns
     -------
@@ -57,12 +51,12 @@ def windows_of(time: DishTime, place: Place, ephemeris: Ephemeris) -> Windows:
     """
 
     def sun(utc: Stamps) -> NDArray[np.float64]:
-        geometric = sun_vectors(utc, *place[:3], ephemeris.delta_t)
+        geometric = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
         if ephemeris.elevation == "geometric":
             return geometric
         return refracted(geometric, 100 * ephemeris.pressure, ephemeris.temperature)
 
-    dates = _sunlit_windows(time, place.timezone, sun) if time.window.sunlit else daily_windows(time, place.timezone)
+    dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
     vectors = sun(np.concatenate(dates))
     starts = np.concatenate([[0], np.cumsum([stamps.size for stamps in dates])])
     return pack_windows(vectors, starts, (vectors[:, 2] > 0).astype(float) if time.daylight_only else None)

@@ -25,7 +25,7 @@ def views(result: xr.Dataset) -> Iterator[View]:
         caption="Mean over the period. Each square is a mirror laid flat with a side towards the tower (triangle).",
     )
     fields = [f"field_{name}" for name in _ORDER]
-    others = [name for name in variables.FIELD if name not in fields]
+    others = [variables.FACTORED]
     dims = [str(dim) for dim in result.sizes if dim not in (HELIOSTAT, "time") and is_ordered(result, str(dim))]
     yield View(
         "curves",

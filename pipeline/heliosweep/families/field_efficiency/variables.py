@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from heliosweep.config.times import SunDirections
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.regions import Variable
+
+if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 _MEAN = "time: mean (over the instants with the sun above the horizon)"
 _AREA = "area: mean (weighted by mirror area)"
@@ -37,59 +43,44 @@ def _attrs(long_name: str, comment: str, cell_methods: str = "") -> dict[str, An
     return attrs
 
 
-#: Per heliostat, means over the period.
-ANNUAL: dict[str, dict[str, Any]] = {
-    name: _attrs(f"mean {long_name} over the period", comment, _MEAN)
-    for name, (long_name, comment) in _QUANTITIES.items()
-}
-
+#: Names of the variables for each heliostat, the same in the order of the kernel.
+EFFICIENCIES = tuple(_QUANTITIES)
 #: Whole-field variable -> per-heliostat variable of which it is the mean.
-FIELD_MEANS: dict[str, str] = {f"field_{name}": name for name in _QUANTITIES}
+FIELD_MEANS = {f"field_{name}": name for name in EFFICIENCIES}
+#: Product of three field means.
+FACTORED = "field_efficiency_factored"
+#: Time series, in the order of the kernel.
+SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 
-#: Of the whole field.
-FIELD: dict[str, dict[str, Any]] = {
-    field_name: _attrs(
-        f"mean {_QUANTITIES[name][0]} of the field over the period", _QUANTITIES[name][1], f"{_MEAN} {_AREA}"
+
+def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
+    """Variables of a study's result; where it gives directions of the sun, values at each and no means over time."""
+    swept = tuple(Parameters(study).sizes)
+    directions = isinstance(study.time, SunDirections)
+    found = {}
+    for name, (long_name, comment) in _QUANTITIES.items():
+        if directions:
+            attrs = _attrs(long_name, comment.replace("; over time the mean of this product", ""))
+        else:
+            attrs = _attrs(f"mean {long_name} over the period", comment, _MEAN)
+        found[name] = Variable((*swept, "heliostat"), attrs)
+    period, methods = ("", _AREA) if directions else (" over the period", f"{_MEAN} {_AREA}")
+    for field_name, name in FIELD_MEANS.items():
+        long_name = f"mean {_QUANTITIES[name][0]} of the field{period}"
+        attrs = _attrs(long_name, found[name].attrs["comment"], methods)
+        found[field_name] = Variable(swept, attrs, finished=True)
+    found[FACTORED] = Variable(
+        swept,
+        _attrs(
+            "product of the field's mean cosine, shading and blocking efficiencies",
+            "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the "
+            "product",
+            methods,
+        ),
+        finished=True,
     )
-    for field_name, name in FIELD_MEANS.items()
-}
-FIELD["field_efficiency_factored"] = _attrs(
-    "product of the field's mean cosine, shading and blocking efficiencies",
-    "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the product",
-)
-
-
-def named(table: Mapping[str, dict[str, Any]], *, directions: bool) -> dict[str, dict[str, Any]]:
-    """`ANNUAL` or `FIELD`; of a study of sun directions, as values at each of them and no means over time.
-
-    Parameters
-    ----------
-    table : mapping of str to dict
-        Names and attributes.
-    directions : bool
-        Whether the study gives directions of the sun.
-
-    Returns
-    -------
-    dict of str to dict
-    """
-    if not directions:
-        return dict(table)
-    made: dict[str, dict[str, Any]] = {}
-    for name, attributes in table.items():
-        text = attributes["long_name"].replace(" over the period", "")
-        if not name.startswith("field_"):
-            text = text.removeprefix("mean ")
-        comment = attributes["comment"].replace("; over time the mean of this product", "")
-        made[name] = attributes | {"long_name": text, "comment": comment}
-        methods = made[name].pop("cell_methods", "").replace(_MEAN, "").strip()
-        if methods:
-            made[name]["cell_methods"] = methods
-    return made
-
-
-#: Per heliostat and instant.
-SERIES: dict[str, dict[str, Any]] = {
-    f"instantaneous_{name}": _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
-    for name, (long_name, comment) in _QUANTITIES.items()
-}
+    if study.output.time_series:
+        for name, (long_name, comment) in zip(SERIES, _QUANTITIES.values(), strict=True):
+            attrs = _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
+            found[name] = Variable((*swept, "time", "heliostat"), attrs)
+    return found

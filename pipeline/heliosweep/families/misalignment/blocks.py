@@ -9,10 +9,10 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import MAX_SAMPLES, MAX_SEED, Distribution, Uncertain
 from heliosweep.config.faults import Fault
-from heliosweep.config.names import Choice, FileName
-from heliosweep.config.quantity import Quantity, Samples
 from heliosweep.config.sweep import Sweep
-from heliosweep.families.misalignment.values import Lines, OneOf, Triple, Triples
+from heliosweep.config.values import Choice, FileName, Quantity, Samples
+from heliosweep.config.vectors import ListOfNumbers
+from heliosweep.families.misalignment.values import Lines, OneOf, Triple
 
 #: Kinds of mounts, in the order of their codes in the kernels.
 MOUNTS = {
@@ -106,11 +106,7 @@ class Heliostats(Block):
 
     positions: Annotated[
         tuple[Triple, ...] | None,
-        Triples(
-            "Pivots, east, north and up of the tower's base; or a 'layout'",
-            names=("x", "y", "z"),
-            units=("m", "m", "m"),
-        ),
+        ListOfNumbers("Pivots, east, north and up of the tower's base; or a 'layout'", "m", ("x", "y", "z")),
     ] = None
     pivot_height: Annotated[
         float | Sweep | None,
@@ -182,7 +178,7 @@ class Detectors(Block):
 
     lines: Annotated[
         tuple[Triple, ...],
-        Lines("Lines l0 Y + l1 Z = l2, Y to the right and Z up, in m", names=("l0", "l1", "l2"), units=("1", "1", "m")),
+        Lines("Lines l0 Y + l1 Z = l2, Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")),
     ]
 
 
@@ -236,9 +232,19 @@ class MountErrors(Block):
         Quantity("What the draws of all distributions follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
     ] = None
 
+    def errors(self) -> tuple[float | Sweep | Distribution, ...]:
+        """The six errors in the order of the kernels. [mrad]"""
+        return tuple(getattr(self, name) for name in ERRORS)
+
     def drawn(self) -> dict[str, Distribution]:
         """The errors that are drawn, by name."""
         return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
+
+    def draws(self) -> int:
+        """Number of draws of a heliostat, the largest that is said anywhere; 0 where no error is drawn."""
+        drawn = self.drawn().values()
+        said = [self.samples, *(error.samples for error in drawn)]
+        return max((count for count in said if count), default=1) if drawn else 0
 
     def rules(self) -> Iterator[Fault]:
         """Check that all distributions are drawn equally often, and how often."""
@@ -321,7 +327,3 @@ BLOCKS_OF_MODES = {
     "statistics": ("mount_errors",),
     "calibration": ("calibration",),
 }
-__all__ = [
-    "AXES", "BLOCKS_OF_MODES", "CONDITION_LIMITS", "ERRORS", "LOSSES", "MOUNTS", "NOT_DRAWN", "SOURCES", "Calibration",
-    "Detectors", "Error", "Heliostats", "Mount", "MountErrors", "Receiver", "Statistics", "Sun",
-]  # fmt: skip

@@ -1,4 +1,4 @@
-"""What must hold between the blocks of a study, its layouts and the sun; NumPy only, for quick validation."""
+"""Checks across the blocks of a study, its layouts and the sun; NumPy only, for quick validation."""
 
 from __future__ import annotations
 
@@ -13,60 +13,37 @@ from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import SolarTime
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.daylight import dark_latitudes
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.measured import spot_problems
+from heliosweep.grid.daylight import dark_latitudes
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
-    from heliosweep.families.misalignment.config import MisalignmentStudy
+    from heliosweep.families.misalignment.study import MisalignmentStudy
 
 #: Layouts of a sweep, and heliostats in all of them, that are looked at here; the kernels flag what is wrong in any.
 MAX_LAYOUTS, MAX_HELIOSTATS = 50, 300_000
 
-#: Names that columns of a layout must leave to the result. Written out, as the modules of the variables load the
-#: kernels, which validation has no time for; a test compares.
-RESERVED = frozenset(
-    (
-        *("heliostat", "layout", "clearance", "inner_radius", "rings", "heliostat_count", "pivot_height"),
-        *("site", "latitude", "longitude", "altitude", "sun_azimuth", "sun_elevation"),
-        *("time", "day", "declination", "date", "hour", "utc", "sample", "percentile", "tolerance_axis", "spot"),
-        *("receiver_height", "receiver_azimuth", "receiver_tilt", "receiver_width", "receiver_height_extent"),
-        *("mount_kind", "mirror_offset", "axis_offset", "pedestal_height", "axis_azimuth"),
-        *("source", "axis", "error_size", "conic_coefficient", "detector"),
-        *(*ERRORS, "error_scale", "parameter", "parameter_2", "parameters", "noise", "days_used", "loss", "loss_scale"),
-        *(
-            "l0",
-            "l1",
-            "l2",
-            "spot_y",
-            "spot_z",
-            "spot_status",
-            "is_real",
-            "inside",
-            "hit_fraction",
-            "tolerance",
-            "conic",
-        ),
-        *("eccentricity", "focus_y", "focus_z", "least_tolerance", "day_of_least_tolerance", "hour_of_least_tolerance"),
-        *("declination_of_least_tolerance", "date_of_least_tolerance", "crossing_y", "crossing_z", "crossing_error"),
-        *("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance", "real_fraction"),
-        *("remaining_tolerance", "day_hit_fraction", "field_hit_fraction"),
-        *("estimated_error", "true_error", "standard_error", "covariance", "condition_number", "residual_rms"),
-        *(
-            "leave_one_out_rms",
-            "spots_used",
-            "instants_without_command",
-            "calibration_status",
-            "least_known_direction",
-            "residual_y",
-            "residual_z",
-        ),
-        *("spot_y_before", "spot_z_before", "spot_y_after", "spot_z_after"),
-        *("nominal_azimuth", "nominal_elevation", "corrected_azimuth", "corrected_elevation"),
-    )
-)
+#: Written out, as the modules of the variables load the kernels, which validation has no time for; a test compares.
+_NAMES_OF_RESULTS = """
+    heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
+    sun_azimuth sun_elevation time day declination date hour utc sample percentile tolerance_axis spot receiver_height
+    receiver_azimuth receiver_tilt receiver_width receiver_height_extent mount_kind mirror_offset axis_offset
+    pedestal_height axis_azimuth source axis error_size conic_coefficient detector error_scale parameter parameter_2
+    parameters noise days_used loss loss_scale l0 l1 l2
+    spot_y spot_z spot_status is_real inside hit_fraction tracking_tolerance conic eccentricity focus_y focus_z
+    least_tolerance day_of_least_tolerance hour_of_least_tolerance declination_of_least_tolerance
+    date_of_least_tolerance crossing_y crossing_z crossing_error
+    spot_y_mean spot_z_mean spot_y_variance spot_z_variance spot_yz_covariance real_fraction remaining_tolerance
+    day_hit_fraction field_hit_fraction
+    estimated_error true_error standard_error covariance condition_number residual_rms leave_one_out_rms spots_used
+    instants_without_command calibration_status least_known_direction residual_y residual_z
+    spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
+    corrected_elevation
+"""
+#: Names that columns of a layout must leave to the result.
+RESERVED = frozenset((*ERRORS, *_NAMES_OF_RESULTS.split()))
 
 
 def check(study: MisalignmentStudy) -> tuple[list[Problem], list[str]]:

@@ -23,20 +23,8 @@ from heliosweep.config.distribution import NORMAL, Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
 
 if TYPE_CHECKING:
-    from heliosweep.config.sweep import Sweep
     from heliosweep.families.misalignment.blocks import MountErrors
-
-__all__ = [
-    "NOISE_STREAMS",
-    "drawn_errors",
-    "errors_of",
-    "means_and_widths",
-    "sample_count",
-    "seed_of",
-    "standard_deviates",
-    "standard_normals",
-    "standard_uniforms",
-]
+    from heliosweep.families.misalignment.points import Points
 
 #: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
 NOISE_STREAMS = (100, 101)
@@ -96,27 +84,10 @@ def standard_normals(
     return normals
 
 
-def errors_of(block: MountErrors) -> tuple[float | Sweep | Distribution, ...]:
-    """The six errors of a study, in the order of the kernels. [mrad]"""
-    return tuple(getattr(block, name) for name in ERRORS)
-
-
-def sample_count(block: MountErrors) -> int:
-    """Number of draws of a study, the largest that it says anywhere; 0 where no error is drawn."""
-    drawn = [error for error in errors_of(block) if isinstance(error, Distribution)]
-    said = [error.samples for error in drawn if error.samples is not None]
-    return max([*said, *([block.samples] if block.samples else [])], default=1) if drawn else 0
-
-
-def seed_of(block: MountErrors) -> int:
-    """Seed of the distributions that give none themselves; 0 where the study says none."""
-    return block.seed or 0
-
-
 def standard_deviates(
     errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """What errors are drawn from: standard normal draws, or uniform ones between -1 and 1; 0 for what is not drawn.
+    """Standard normal draws of errors, or uniform ones between -1 and 1; 0 for what is not drawn.
 
     Parameters
     ----------
@@ -146,39 +117,20 @@ def standard_deviates(
     return result
 
 
-def drawn_errors(
-    errors: Sequence[float | Distribution],
-    heliostats: ArrayLike,
-    samples: int,
-    seed: int,
-    scale: float = 1.0,
-    first: int = 0,
-) -> NDArray[np.float64]:
-    """Errors of every heliostat and sample, fixed ones among them.
-
-    Parameters
-    ----------
-    errors : sequence of float or Distribution, length E
-        What each error is, in any unit.
-    heliostats, samples, seed, first
-        As for `standard_deviates`.
-    scale : float
-        Factor on the deviations of drawn errors from their mean. [1]
-
-    Returns
-    -------
-    ndarray, shape (H, samples, E)
-        In the unit of `errors`.
-    """
-    means, widths = means_and_widths(errors)
-    return means + (scale * widths) * standard_deviates(errors, heliostats, samples, seed, first)
+def mean_errors(points: Points, block: MountErrors) -> NDArray[np.float64]:
+    """The six errors at every point, of drawn ones the mean, shape (P, 6). [mrad]"""
+    columns = [
+        np.full(len(points.setting.kind), error.mean)
+        if isinstance(error, Distribution)
+        else points.values(f"mount_errors.{name}")
+        for name, error in zip(ERRORS, block.errors(), strict=True)
+    ]
+    return np.stack(columns, axis=-1)
 
 
-def means_and_widths(errors: Sequence[float | Distribution]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean of each error and factor on its deviates, 0 for fixed ones; each of shape (E,)."""
-    drawn = [error if isinstance(error, Distribution) else None for error in errors]
-    means = [own.mean if own else error for own, error in zip(drawn, errors, strict=True)]
-    return np.array(means, np.float64), np.array([own.width if own else 0.0 for own in drawn])
+def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
+    """Factors on the deviates of `standard_deviates`, 0 for errors that are not drawn, shape (E,)."""
+    return np.array([error.width if isinstance(error, Distribution) else 0.0 for error in errors])
 
 
 def _between_ones(seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int) -> NDArray[np.float64]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -11,15 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.times import CivilTime, SolarTime, parse_timezone
-from heliosweep.families.sun import site_of, sun_attributes, sun_vectors
-from heliosweep.grid.axes import Grid
-from heliosweep.grid.instants import DATE, Instants, solar_instants
+from heliosweep.config.times import CivilTime, SolarTime
+from heliosweep.config.zones import parse_timezone, to_utc
+from heliosweep.grid.clock import DATE, Instants, solar_instants, window_count, window_positions
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.sun import PLACE, sun_attributes, sun_vectors
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from heliosweep.families.misalignment.config import MisalignmentStudy
+    from heliosweep.families.misalignment.study import MisalignmentStudy
 
 _DAY = {"long_name": "day of the year", "units": "1"}
 _DECLINATION = {"long_name": "declination of the sun", "units": "degree"}
@@ -48,11 +48,6 @@ class DayHours:
     flat: Instants | None
 
     @property
-    def day(self) -> str:
-        """Name of the dimension of the days."""
-        return next(iter(self.sizes))
-
-    @property
     def count(self) -> int:
         """Number of instants."""
         days, hours = self.sizes.values()
@@ -69,12 +64,13 @@ def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
         assert days is not None
         name = "day" if time.declination is None else "declination"
         return {name: len(days), "hour": time.count() // len(days)}
-    return {"date": len(time.date_list()), "hour": _wall_count(time)}
+    start, stop, step = time.window_seconds()
+    return {"date": len(time.date_list()), "hour": window_count((stop - start) / step, time.sampling)}
 
 
-def day_hours(grid: Grid) -> DayHours:
-    """The instants of a study over a slab of its grid."""
-    study: MisalignmentStudy = grid.study  # type: ignore[assignment]
+def day_hours(parameters: Parameters) -> DayHours:
+    """The instants of a study over a region of its result."""
+    study: MisalignmentStudy = parameters.study  # type: ignore[assignment]
     sizes, time = instant_sizes(study), study.time
     if time is None:
         return DayHours(sizes, {}, None)
@@ -87,13 +83,13 @@ def day_hours(grid: Grid) -> DayHours:
             "hour": xr.DataArray(time.solar_hours(), dims="hour", attrs=_SOLAR_HOUR),
         }
         return DayHours(sizes, labels, solar_instants(time))
-    # Made for all sites: whether sites share them must not depend on the slab.
-    tables = [wall_clock(time, zone) for zone in Grid(study).timezones()]
+    # Made for all sites: whether sites share them must not depend on the region.
+    tables = [wall_clock(time, zone) for zone in Parameters(study).timezones()]
     attrs = {"long_name": "universal time"}
     if all(np.array_equal(table, tables[0], equal_nan=True) for table in tables):
         utc = xr.DataArray(tables[0], dims=tuple(sizes), attrs=attrs)
     else:
-        utc = xr.DataArray(np.stack(tables)[grid.part("site")], dims=("site", *sizes), attrs=attrs)
+        utc = xr.DataArray(np.stack(tables)[parameters.part("site")], dims=("site", *sizes), attrs=attrs)
     dates = np.array(time.date_list(), dtype="datetime64[ns]")
     labels = {
         "date": xr.DataArray(dates, dims="date", attrs=DATE),
@@ -104,18 +100,29 @@ def day_hours(grid: Grid) -> DayHours:
     return DayHours(sizes, labels, Instants({"utc": flat}, "civil"))
 
 
-def sun_of(grid: Grid, instants: DayHours, chunks: Mapping[str, int]) -> xr.DataArray:
-    """Unit vectors towards the sun over what it depends on, ``time`` (day by day) and ``xyz`` (east, north, up)."""
-    if instants.flat is not None:
-        return sun_vectors(site_of(grid), instants.flat, chunks)
-    azimuth, elevation = xr.broadcast(grid.parameter("sun.azimuth"), grid.parameter("sun.elevation"))
-    around, up = np.radians(azimuth.to_numpy()), np.radians(elevation.to_numpy())
-    vectors = np.stack((np.cos(up) * np.sin(around), np.cos(up) * np.cos(around), np.sin(up)), axis=-1)
-    return xr.DataArray(vectors[..., np.newaxis, :], dims=(*azimuth.dims, "time", "xyz"))
+def sun_of(parameters: Parameters, instants: DayHours) -> NDArray[np.float64]:
+    """Unit vectors towards the sun at every point of a region, shape (P or 1, T, 3): east, north, up; day by day."""
+    if instants.flat is None:
+        azimuth, elevation = parameters.values("sun.azimuth"), parameters.values("sun.elevation")
+        assert azimuth is not None
+        assert elevation is not None
+        around, up = np.radians(azimuth.ravel()), np.radians(elevation.ravel())
+        vectors = np.stack((np.cos(up) * np.sin(around), np.cos(up) * np.cos(around), np.sin(up)), axis=-1)
+        return vectors[:, np.newaxis]
+    dims = parameters.site_dims
+    shape = tuple(length if dim in dims else 1 for dim, length in parameters.sizes.items())
+    columns = [parameters.values(key) for key in PLACE]
+    found = np.empty((*shape, instants.count, 3))
+    for index in np.ndindex(shape):
+        here = instants.flat.at_sites(index[list(parameters.sizes).index("site")]) if "site" in dims else instants.flat
+        found[index] = sun_vectors(here, [None if column is None else float(column[index]) for column in columns])
+    if any(length > 1 for length in shape):
+        found = np.array(np.broadcast_to(found, (*parameters.sizes.values(), instants.count, 3)))
+    return found.reshape(-1, instants.count, 3)
 
 
 def instant_attributes(study: MisalignmentStudy) -> dict[str, str]:
-    """What a result says of its sun and its sampling, as global attributes."""
+    """Global attributes of a result that tell its sun and its sampling."""
     return {"sun_position": "as given"} if study.time is None else sun_attributes(study.time)
 
 
@@ -139,38 +146,23 @@ def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
     seconds = _wall_seconds(time)
     table = np.empty((len(time.date_list()), seconds.size), "datetime64[ns]")
     for row, date in zip(table, time.date_list(), strict=True):
-        midnight = dt.datetime.combine(date, dt.time())
-        first, last = (midnight + dt.timedelta(seconds=float(end)) for end in (seconds[0], seconds[-1]))
-        if _offset(first, zone) == _offset(last, zone):
-            since = np.round((seconds - _offset(first, zone)) * 1e9).astype("timedelta64[ns]")
-            row[:] = np.datetime64(midnight, "ns") + since
+        ends = [to_utc(date, float(second), zone) for second in (seconds[0], seconds[-1])]
+        offsets = {utc.astimezone(zone).utcoffset() if is_shown else None for utc, is_shown in ends}
+        offset = offsets.pop() if len(offsets) == 1 else None
+        if offset is not None:
+            since = np.round((seconds - offset.total_seconds()) * 1e9).astype("timedelta64[ns]")
+            row[:] = np.datetime64(date, "ns") + since
         else:
-            row[:] = [_universal(midnight + dt.timedelta(seconds=float(second)), zone) for second in seconds]
+            row[:] = [_shown(date, float(second), zone) for second in seconds]
     return table
 
 
-def _universal(wall: dt.datetime, zone: dt.tzinfo) -> np.datetime64:
-    utc = wall.replace(tzinfo=zone).astimezone(dt.UTC)
-    there = utc.astimezone(zone).replace(tzinfo=None) == wall
-    return np.datetime64(utc.replace(tzinfo=None), "ns") if there else np.datetime64("NaT", "ns")
-
-
-def _offset(wall: dt.datetime, zone: dt.tzinfo) -> float:
-    offset = wall.replace(tzinfo=zone).utcoffset()
-    assert offset is not None
-    return offset.total_seconds()
-
-
-def _wall_count(time: CivilTime) -> int:
-    start, stop, step = time.window_seconds()
-    steps = (stop - start) / step
-    if time.sampling == "left":
-        return int(np.ceil(steps - 1e-9))
-    return int(np.floor(steps + 1e-9)) + (time.sampling == "inclusive")
+def _shown(date: dt.date, seconds: float, zone: dt.tzinfo) -> np.datetime64:
+    utc, is_shown = to_utc(date, seconds, zone)
+    return np.datetime64(utc.replace(tzinfo=None) if is_shown else "NaT", "ns")
 
 
 def _wall_seconds(time: CivilTime) -> NDArray[np.float64]:
     """Hours of a date on the wall clock, in seconds from midnight."""
-    start, _, step = time.window_seconds()
-    positions = np.arange(_wall_count(time), dtype=np.float64)
-    return start + step * (positions + 0.5 if time.sampling == "midpoint" else positions)
+    start, stop, step = time.window_seconds()
+    return start + step * window_positions((stop - start) / step, time.sampling)

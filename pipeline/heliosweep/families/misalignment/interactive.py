@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import xarray as xr
 
-from heliosweep.families.misalignment.report_views import AXES, DAYS, HOUR, NOT_SWEPT, aperture
+from heliosweep.families.misalignment.shown import AXES, DAYS, HOUR, NOT_SWEPT, aperture
 from heliosweep.report.views import HELIOSTAT, View, is_ordered, shown
 
 #: Spots of one kind: to the right of the aim point, above it.
@@ -21,10 +21,17 @@ _SPOTS = (
 _TYPICAL: dict[str, float | str] = {HOUR: 12.0, "error_scale": 1.0, "axis": "elevation"}
 
 #: As in the figures.
-_COLOURS = {name: look.colour for name, look in AXES.items()}
+_COLOURS = {name: look["color"] for name, look in AXES.items()}
 
 #: What most readers look for, first.
-_FIRST = ("least_tolerance", "tolerance", "hit_fraction", "day_hit_fraction", "field_hit_fraction", "residual_rms")
+_FIRST = (
+    "least_tolerance",
+    "tracking_tolerance",
+    "hit_fraction",
+    "day_hit_fraction",
+    "field_hit_fraction",
+    "residual_rms",
+)
 
 
 def views(result: xr.Dataset) -> Iterator[View]:

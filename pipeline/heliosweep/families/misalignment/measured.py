@@ -13,14 +13,11 @@ from numpy.typing import NDArray
 
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.misalignment.spots_fields import WHOLE
-from heliosweep.families.misalignment.spots_file import MeasuredSpots, read_spots
+from heliosweep.families.misalignment.spots_file import WHOLE, MeasuredSpots, read_spots
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
-    from heliosweep.families.misalignment.config import MisalignmentStudy
-
-__all__ = ["measured_spots", "most_spots", "spot_problems"]
+    from heliosweep.families.misalignment.study import MisalignmentStudy
 
 #: Suns, and commands, that differ by less are the same.
 SAME = 1e-9
@@ -40,24 +37,20 @@ def measured_spots(study: MisalignmentStudy) -> MeasuredSpots | None:
         stamp = path.stat().st_mtime_ns
     except OSError:
         stamp = 0
-    try:
-        return _read_cached(path, stamp, count, names, *place)
-    except _NoLongitude:
+    measured = _read_cached(path, stamp, count, names, *place)
+    if measured.timed:
         message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
-        raise StudyError(study.problem("site.longitude", message)) from None
+        raise StudyError(study.problem("site.longitude", message))
+    return measured
 
 
 def _heliostats(study: MisalignmentStudy) -> tuple[int, tuple[str, ...]]:
-    """How many heliostats there are, and their names where they have some."""
+    """Number of heliostats, and their names where they have some."""
     if study.layout is None:
         return len(study.heliostats.positions or ()), ()
     layout = Layouts(study)[()]
     column = layout.columns.get("name")
     return len(layout), tuple(map(str, column)) if column is not None else ()
-
-
-class _NoLongitude(Exception):
-    """Spots have times, and the site no longitude."""
 
 
 @lru_cache(maxsize=4)
@@ -70,15 +63,13 @@ def _read_cached(
     longitude: float | None,
     altitude: float,
 ) -> MeasuredSpots:
-    """Read a file once while it does not change (`stamp`)."""
+    """Read a file once while it does not change (`stamp`); spots with times stay without suns without a longitude."""
     measured = read_spots(path, count, names)
-    if not measured.timed:
+    if not measured.timed or longitude is None:
         return measured
-    if longitude is None:
-        raise _NoLongitude
-    from heliosweep.families import fast_sun
+    from heliosweep.grid.spa import sun_vectors
 
-    return measured.under(fast_sun.sun_vectors(measured.utc, latitude, longitude, altitude))
+    return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
 
 
 def most_spots(measured: MeasuredSpots) -> int:
@@ -87,7 +78,7 @@ def most_spots(measured: MeasuredSpots) -> int:
 
 
 def spot_problems(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
-    """What is wrong with measured spots: keys that do not go with them, and the file itself.
+    """Problems of measured spots: keys that do not go with them, and the file itself.
 
     Parameters
     ----------

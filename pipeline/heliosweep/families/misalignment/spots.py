@@ -1,92 +1,182 @@
-"""What becomes of spots, whichever errors they have: flags of every spot, and how many of a day hit."""
+"""Spots on the receiver's plane, whichever errors they have: variables, flags, and what the user is told of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.misalignment import variables
-from heliosweep.families.misalignment.scene import Scene
-from heliosweep.grid.evaluate import evaluate
-from heliosweep.kernels.receiver import NO_SUN, REACHES
+from heliosweep.families.misalignment.instants import instant_sizes
+from heliosweep.grid.regions import Variable
+from heliosweep.kernels.spots import receiver
+from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, REACHES, TOO_NEAR
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from heliosweep.families.misalignment.points import Points
+    from heliosweep.families.misalignment.study import MisalignmentStudy
+
+#: Status of heliostats that there are not, where a shorter layout is padded.
+NO_HELIOSTAT = -1
+#: Values of the status that are read at a time.
+MOST_VALUES = 2**24
+#: Dimensions of the instants.
+DAYS_AND_HOURS = ("day", "declination", "date", "hour")
+
+_STATUS = {
+    NO_HELIOSTAT: "no_heliostat",
+    receiver.REACHES: "reaches_the_plane",
+    receiver.MISSES: "ray_misses_the_plane_or_back_of_the_mirror_is_lit",
+    receiver.BEHIND_FACE: "mirror_on_or_behind_the_plane",
+    receiver.NO_SUN: "sun_below_the_horizon",
+    receiver.BLIND_CONE: "mount_cannot_point_there",
+    receiver.TOO_NEAR: "offsets_not_smaller_than_the_distance",
+}
+_SEEN = "for someone in the field who looks at the receiver; missing where spot_status is not 0"
+_INT8 = np.dtype(np.int8)
 
 
-def flagged(scene: Scene, spots: Mapping[str, xr.DataArray], chunks: Mapping[str, int]) -> dict[str, xr.DataArray]:
-    """Status of the spots, whether they are on the plane, and whether in the aperture.
+def flag_attributes(long_name: str, meanings: dict[int, str], comment: str = "") -> dict[str, Any]:
+    """Attributes of a variable of codes, from the meaning of each."""
+    attrs = {
+        "units": "1",
+        "long_name": long_name,
+        "flag_values": np.array(list(meanings), dtype=np.int8),
+        "flag_meanings": " ".join(meanings.values()),
+    }
+    return attrs | ({"comment": comment} if comment else {})
+
+
+#: The spot at each instant.
+_SPOTS: dict[str, dict[str, Any]] = {
+    "spot_y": {
+        "units": "m",
+        "long_name": "spot on the receiver's plane, to the right of the aim point",
+        "comment": f"to the right {_SEEN}",
+    },
+    "spot_z": {
+        "units": "m",
+        "long_name": "spot on the receiver's plane, above the aim point",
+        "comment": f"up along the face {_SEEN}",
+    },
+}
+#: Properties of the ray at each instant.
+_FLAGS: dict[str, dict[str, Any]] = {
+    "spot_status": flag_attributes("whether there is a spot, and why not", _STATUS),
+    "is_real": flag_attributes("whether the reflected ray reaches the receiver's plane", {0: "no_spot", 1: "spot"}),
+    "inside": flag_attributes("whether the spot lies in the aperture", {0: "outside_or_no_spot", 1: "inside"}),
+}
+_HIT_FRACTION: dict[str, Any] = {
+    "units": "1",
+    "long_name": "part of the hours with sun in which the spot lies in the aperture",
+    "comment": "missing on days without sun and where there is no heliostat",
+    "cell_methods": "time: mean (over the hours with sun)",
+    "valid_range": [0.0, 1.0],
+}
+
+
+def swept_dims(study: MisalignmentStudy) -> tuple[str, ...]:
+    """Swept dimensions of a study, in the order of its result."""
+    return (*(() if study.sites is None else ("site",)), *(dim.name for dim in study.dimensions()))
+
+
+def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
+    """Spots, flags and the hit fraction of each day."""
+    day, hour = instant_sizes(study)
+    dims = (*swept_dims(study), "heliostat", day, hour)
+    found = {name: Variable(dims, attrs) for name, attrs in _SPOTS.items()}
+    found |= {name: Variable(dims, attrs, _INT8) for name, attrs in _FLAGS.items()}
+    return found | {"hit_fraction": Variable(dims[:-1], _HIT_FRACTION)}
+
+
+def spot_values(points: Points, spots: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """Values of `spot_variables` from spots y, z [m] and status, shape (3, P, H, T).
+
+    The hit fraction is the part of the hours with sun in which the spot lies in the aperture.
+    """
+    y, z, found = spots
+    status = np.where(points.absent[..., np.newaxis], NO_HELIOSTAT, found).astype(np.int8)
+    half = [side[:, np.newaxis, np.newaxis] for side in (points.setting.half_width, points.setting.half_height)]
+    real = status == REACHES
+    inside = (np.abs(y) <= half[0]) & (np.abs(z) <= half[1]) & real
+    _, hours = points.instants.sizes.values()
+    hits, counted = (
+        np.count_nonzero(here.reshape(*y.shape[:-1], -1, hours), axis=-1)
+        for here in (inside, (status != NO_SUN) & (status != NO_HELIOSTAT))
+    )
+    fraction = np.divide(hits, counted, out=np.full(hits.shape, np.nan), where=counted > 0)
+    flags = {"spot_status": status, "is_real": real, "inside": inside}
+    return {"spot_y": y, "spot_z": z} | flags | {"hit_fraction": fraction}
+
+
+_OF_HELIOSTATS = {
+    BEHIND_FACE: "stand on the plane of the receiver or behind it whenever the sun is up",
+    TOO_NEAR: "are nearer to the aim point than the offsets of the mirror",
+}
+_OF_RAYS = {
+    BEHIND_FACE: "start on the plane of the receiver or behind it, where their mirrors turn at times",
+    MISSES: "go away from the plane of the receiver, or come from a mirror whose back is lit",
+    BLIND_CONE: "would need a mount that points into its blind cone",
+}
+
+
+def status_remarks(result: xr.Dataset) -> Iterator[str]:
+    """Yield how many heliostats and rays have no spot and why, and at how many instants the sun is down.
 
     Parameters
     ----------
-    scene : Scene
-        The part of the grid.
-    spots : mapping of str to xarray.DataArray
-        ``spot_y``, ``spot_z`` [m] and ``status``, over the dimensions of the scene, days and hours.
-    chunks : mapping of str to int
-        Block lengths.
-
-    Returns
-    -------
-    dict of str to xarray.DataArray
-        The variables of `variables.FLAGS`, of type int8.
+    result : xarray.Dataset
+        With ``spot_status``; read part by part.
     """
-    instants = tuple(scene.instants.sizes)
-    sides = [scene.grid.parameter(f"receiver.{side}") for side in ("width", "height_extent")]
-    return evaluate(
-        _flags,
-        [*(spots[name] for name in ("spot_y", "spot_z", "status")), scene.places.inputs[0], *sides],
-        dims=scene.dims,
-        core=[instants] * 3 + [()] * 3,
-        sizes=scene.sizes,
-        chunks=chunks,
-        outputs=variables.FLAGS,
-        name="flags",
-        output_core=scene.instants.sizes,
-        work=False,
-        dtype=np.int8,
-    )
+    status = result["spot_status"]
+    instants = [dim for dim in status.dims if dim in ("site", "latitude", *DAYS_AND_HOURS)]
+    heliostats = dict.fromkeys(_OF_HELIOSTATS, 0)
+    rays = dict.fromkeys(_OF_RAYS, 0)
+    dark: list[np.ndarray] = []
+    for part in _parts(status):
+        values = part.to_numpy()
+        times = tuple(axis for axis, dim in enumerate(part.dims) if dim in DAYS_AND_HOURS)
+        for code in heliostats:
+            here = (values == code).any(axis=times, keepdims=True)
+            if code == BEHIND_FACE:
+                # A mirror before a pivot that is all but on the plane may turn behind it at some instants.
+                always = here & ((values == code) | (values == NO_SUN)).all(axis=times, keepdims=True)
+                rays[code] += int(np.count_nonzero((values == code) & ~always))
+                here = always
+            heliostats[code] += int(np.count_nonzero(here))
+        for code in (MISSES, BLIND_CONE):
+            rays[code] += int(np.count_nonzero(values == code))
+        others = tuple(axis for axis, dim in enumerate(part.dims) if dim not in instants)
+        dark.append((values == NO_SUN).any(axis=others))
+    points = status.size // math.prod(status.sizes[dim] for dim in status.dims if dim in DAYS_AND_HOURS)
+    counted = "" if points == status.sizes["heliostat"] else ", counted at every point of the sweep,"
+    for code, count in heliostats.items():
+        if count:
+            yield f"{count:,} of {points:,} heliostats{counted} {_OF_HELIOSTATS[code]}: no spot (spot_status {code})"
+    for code, count in rays.items():
+        if count:
+            yield f"{count:,} of {status.size:,} rays {_OF_RAYS[code]}: no spot (spot_status {code})"
+    down, all_instants = _instants_down(dark, status, instants)
+    if down:
+        yield f"the sun is down at {down:,} of {all_instants:,} instants: no spot (spot_status {NO_SUN})"
 
 
-def hit_fractions(
-    flags: Mapping[str, xr.DataArray], scene: Scene, chunks: Mapping[str, int]
-) -> dict[str, xr.DataArray]:
-    """Part of the hours with sun in which the spot lies in the aperture.
-
-    Parameters
-    ----------
-    flags : mapping of str to xarray.DataArray
-        ``spot_status`` and ``inside``.
-    scene, chunks
-        As for `flagged`.
-    """
-    day, hour = scene.instants.sizes
-    return evaluate(
-        _hits,
-        [flags["spot_status"], flags["inside"]],
-        dims=(*scene.dims, day),
-        core=[(hour,)] * 2,
-        sizes={**scene.sizes, day: scene.instants.sizes[day]},
-        chunks=chunks,
-        outputs=variables.HITS,
-        name="hits",
-        work=False,
-    )
+def _parts(array: xr.DataArray) -> Iterator[xr.DataArray]:
+    """Yield slices along the first dimension that can be held in memory."""
+    first = array.dims[0]
+    length = max(1, MOST_VALUES * array.sizes[first] // max(array.size, 1))
+    for start in range(0, array.sizes[first], length):
+        yield array.isel({first: slice(start, start + length)})
 
 
-def _flags(
-    y: np.ndarray, z: np.ndarray, status: np.ndarray, x: np.ndarray, width: np.ndarray, height: np.ndarray
-) -> np.ndarray:
-    """Status, whether real and whether inside, shape (3, *block, days, hours)."""
-    x, width, height = (array[..., np.newaxis, np.newaxis] for array in (x, width, height))
-    flags = np.empty((3, *y.shape), np.int8)
-    flags[0] = np.where(np.isnan(x), variables.NO_HELIOSTAT, status)
-    flags[1] = flags[0] == REACHES
-    flags[2] = (np.abs(y) <= 0.5 * width) & (np.abs(z) <= 0.5 * height) & (flags[0] == REACHES)
-    return flags
-
-
-def _hits(status: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Fraction over the last dimension, shape (1, *block)."""
-    counted = np.count_nonzero((status != NO_SUN) & (status != variables.NO_HELIOSTAT), axis=-1)
-    hits = np.count_nonzero(inside, axis=-1)
-    return np.divide(hits, counted, out=np.full(hits.shape, np.nan), where=counted > 0)[np.newaxis]
+def _instants_down(dark: list[np.ndarray], status: xr.DataArray, instants: Sequence[object]) -> tuple[int, int]:
+    """Number of instants without sun, and of all."""
+    if status.dims[0] in instants:
+        down = np.concatenate(dark)
+    else:
+        down = np.logical_or.reduce(dark)
+    return int(down.sum()), down.size

@@ -2,41 +2,73 @@
 
 from __future__ import annotations
 
-import csv
-from collections import Counter
-from collections.abc import Callable, Sequence
+import datetime as dt
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean
-from heliosweep.config.tables import table_lines, table_text
+from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, listed, read_table
+from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.misalignment import spots_fields as fields
 
 __all__ = ["COLUMNS", "MeasuredSpots", "read_spots"]
 
-#: Largest file, and spots in it; problems of one file that are listed, the rest is counted. [bytes, 1, 1]
-MAX_BYTES, MAX_SPOTS, MAX_LISTED = 256 * 2**20, 2_000_000, 20
+#: Largest file, and spots in it. [bytes, 1]
+MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 #: How far the length of a sun vector may be from 1.
 SUN_LENGTH = 1e-3
 
+#: Farthest spot from the aim point, and largest angle. [m, deg]
+FARTHEST, LARGEST = 1e6, 720.0
+
+WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
+
+
+def _time(text: str) -> np.datetime64:
+    """Universal time that a cell holds. Raises ValueError."""
+    try:
+        stamp = dt.datetime.fromisoformat(text)
+    except ValueError:
+        example = "2024-06-21T09:30:00+02:00"
+        raise ValueError(f"must be a time as ISO 8601 has it, such as {example} (got {text[:40]!r})") from None
+    if stamp.tzinfo is None:
+        raise ValueError(f"needs an offset from UTC, such as +02:00 or Z, at its end (got {text[:40]!r})")
+    if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
+        raise ValueError(f"must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})")
+    return np.datetime64(stamp.astimezone(dt.UTC).replace(tzinfo=None), "ns")
+
+
+def _place(meaning: str) -> Column:
+    return Column(meaning, required=True, least=-FARTHEST, most=FARTHEST, bounds="between -1e6 and 1e6 m")
+
+
+def _angle(meaning: str) -> Column:
+    return Column(meaning, least=-LARGEST, most=LARGEST, bounds=f"between {-LARGEST:g} and {LARGEST:g} deg")
+
+
+_NO_TIME = np.datetime64("NaT", "ns")
 #: Columns of the file and what each holds.
 COLUMNS = {
-    "heliostat": "number of the heliostat, from 0, or its name in the layout",
-    "y": "spot on the receiver plane, to the right of the aim point for someone in the field, in m",
-    "z": "spot on the receiver plane, above the aim point, in m",
-    "time": "ISO 8601 with offset, such as 2024-06-21T09:30:00+02:00",
-    "sun_x": "unit vector to the sun, east",
-    "sun_y": "unit vector to the sun, north",
-    "sun_z": "unit vector to the sun, up",
-    "weight": "inverse variance, in any unit; 1 where left out",
-    "azimuth": "commanded angle of the primary axis, in deg; ideal where left out",
-    "elevation": "commanded angle of the secondary axis, in deg; ideal where left out",
-    "comment": "text that is not read",
+    "heliostat": Column("number of the heliostat, from 0, or its name in the layout", required=True),
+    "y": _place("spot on the receiver plane, to the right of the aim point for someone in the field, in m"),
+    "z": _place("spot on the receiver plane, above the aim point, in m"),
+    "time": Column(
+        "ISO 8601 with offset, such as 2024-06-21T09:30:00+02:00", read=_time, dtype="datetime64[ns]", missing=_NO_TIME
+    ),
+    "sun_x": Column("unit vector to the sun, east"),
+    "sun_y": Column("unit vector to the sun, north"),
+    "sun_z": Column("unit vector to the sun, up"),
+    "weight": Column(
+        "inverse variance, in any unit; 1 where left out", least=0.0, bounds="at least 0: it is an inverse variance"
+    ),
+    "azimuth": _angle("commanded angle of the primary axis, in deg; ideal where left out"),
+    "elevation": _angle("commanded angle of the secondary axis, in deg; ideal where left out"),
+    "comment": Column("text that is not read"),
 }
 _SUN = ("sun_x", "sun_y", "sun_z")
 
@@ -82,7 +114,7 @@ class MeasuredSpots:
 
     @property
     def timed(self) -> bool:
-        """Whether the spots have times, from which the sun is still to be found."""
+        """True where the spots have times, from which the sun is still to be found."""
         return len(self) > 0 and bool(np.isnan(self.sun[0, 0]))
 
     def under(self, sun: Floats) -> MeasuredSpots:
@@ -104,8 +136,7 @@ class MeasuredSpots:
                 Problem(_below(sun[row]) + "; are the time, its offset and the site right?", "", self.name, line)
                 for row, line in zip(low[:MAX_LISTED], self.lines[low].tolist(), strict=False)
             ]
-            more = [Problem(f"and {low.size - MAX_LISTED:,} more problems", file=self.name)]
-            raise StudyError(problems + (more if low.size > MAX_LISTED else []))
+            raise StudyError(listed(problems, low.size))
         return replace(self, sun=np.array(sun, np.float64))
 
 
@@ -136,7 +167,30 @@ def read_spots(path: str | Path, heliostats: int, names: Sequence[str] = (), nam
     StudyError
         If the file cannot be read or is no such table; all bad rows at once, with file, line and column.
     """
-    return _Reader(str(path) if name is None else name, heliostats, names).read(Path(path))
+    table = read_table(
+        Path(path),
+        str(path) if name is None else name,
+        COLUMNS | {"heliostat": _heliostats(heliostats, names)},
+        rows="spots",
+        most_bytes=MAX_BYTES,
+        most_rows=MAX_SPOTS,
+        needs="a header, such as heliostat,y,z,time, and one row for each spot",
+        also=_check_header,
+    )
+    count = len(table)
+    heliostat = table.column("heliostat")
+    place = np.stack([table.column(key) for key in ("y", "z")], axis=1)
+    sun, utc = np.full((count, 3), np.nan), np.full(count, _NO_TIME)
+    if "time" in table.header:
+        utc = table.column("time")
+    else:
+        sun = _unit_vectors(table)
+    weight = table.column("weight") if "weight" in table.header else np.ones(count)
+    angles = np.full((count, 2), np.nan)
+    if "azimuth" in table.header:
+        angles = np.stack([table.column(key) for key in ("azimuth", "elevation")], axis=1)
+    table.finish()
+    return MeasuredSpots(heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name)
 
 
 def _below(sun: Floats) -> str:
@@ -144,169 +198,48 @@ def _below(sun: Floats) -> str:
     return f"the sun is not above the horizon (elevation {elevation:.2f} deg)"
 
 
-class _Reader:
-    """Reads one file and gathers what is wrong with it."""
+def _heliostats(count: int, names: Sequence[str]) -> Column:
+    """The column of heliostats: a name counts before a number."""
+    by_name = {text: number for number, text in reversed(list(enumerate(names)))}
+    shared = {text for number, text in enumerate(names) if by_name[text] != number}
 
-    def __init__(self, name: str, heliostats: int, names: Sequence[str]) -> None:
-        self.name, self.heliostats = name, heliostats
-        self.numbers = {text: number for number, text in reversed(list(enumerate(names)))}
-        self.shared = {text for number, text in enumerate(names) if self.numbers[text] != number}
-        self.problems: list[Problem] = []
-        self.unlisted, self.added = 0, Counter[int | None]()
-
-    def read(self, path: Path) -> MeasuredSpots:
-        """Return the spots, or raise with all that is wrong."""
-        self.lines, self.texts = self._lines(table_text(path, self.name, MAX_BYTES))
-        header, *rows = self._rows()
-        self._check_header(header)
-        if not rows:
-            self._add("has a header but no spots: give one row for each")
-        self._finish()
-        width = len(header)
-        self.kept = [row for row, entries in enumerate(rows) if len(entries) == width]
-        for row, entries in enumerate(rows):
-            if len(entries) != width:
-                self._add(f"has {len(entries)} fields, but the header has {width}", row + 1)
-        columns = dict(zip(header, zip(*(rows[row] for row in self.kept), strict=True), strict=False))
-        self.header, count = header, len(self.kept)
-        heliostat = self._read(columns, "heliostat", self._heliostat, np.int64)
-        place = np.stack([self._read(columns, key, fields.place) for key in ("y", "z")], axis=1)
-        sun, utc = np.full((count, 3), np.nan), np.full(count, np.datetime64("NaT", "ns"))
-        if "time" in header:
-            utc = self._read(columns, "time", fields.time, np.dtype("datetime64[ns]"))
-        else:
-            sun = self._sun(np.stack([self._read(columns, key, fields.finite) for key in _SUN], axis=1))
-        weight, angles = np.ones(count), np.full((count, 2), np.nan)
-        if "weight" in header:
-            weight = self._read(columns, "weight", fields.weight)
-        if "azimuth" in header:
-            angles = np.stack([self._read(columns, key, fields.angle) for key in ("azimuth", "elevation")], axis=1)
-        self._finish()
-        lines = np.array([self.lines[row + 1] for row in self.kept], np.int64)
-        return MeasuredSpots(heliostat, place, sun, utc, weight, np.radians(angles), lines, self.name)
-
-    def _lines(self, text: str) -> tuple[list[int], list[str]]:
-        """Return the numbers in the file of the lines that hold something, and these lines."""
-        numbers, lines = table_lines(text)
-        if not numbers:
-            self._fail("is empty: it needs a header, such as heliostat,y,z,time, and one row for each spot")
-        if len(numbers) - 1 > MAX_SPOTS:
-            self._fail(f"has {len(numbers) - 1:,} rows, more than {MAX_SPOTS:,} spots")
-        return numbers, lines
-
-    def _rows(self) -> list[list[str]]:
-        """Split the lines into fields."""
-        for separator, called in ((";", "semicolons"), ("\t", "tabs")):
-            if separator in self.texts[0] and "," not in self.texts[0]:
-                advice = "use commas, and a point in decimal numbers"
-                self._fail(f"is separated by {called}; {advice}", self.lines[0])
-        table = csv.reader(self.texts, skipinitialspace=True, strict=True)
-        try:
-            rows = list(table)
-        except csv.Error as error:
-            # A quoted text that does not end swallows all lines to the last: the line that opens it is the wrong one.
-            odd = [line for line, text in zip(self.lines, self.texts, strict=True) if text.count('"') % 2]
-            if odd and table.line_num >= len(self.texts):
-                self._fail("opens a quoted text that does not end on this line", odd[0])
-            self._fail(f"is not CSV: {error}", self.lines[min(table.line_num, len(self.texts)) - 1])
-        if len(rows) < len(self.texts):
-            quoted = next(row for row, line in enumerate(self.texts) if line.count('"') % 2)
-            self._fail("opens a quoted text that does not end on this line", self.lines[quoted])
-        rows[0] = [field.strip() for field in rows[0]]
-        return rows
-
-    def _check_header(self, header: list[str]) -> None:
-        """Check the names of the columns, and that they belong together."""
-        for index, key in enumerate(header):
-            if key in header[:index]:
-                self._add(f"has two columns {key!r}; remove one", 0, index)
-            elif key not in COLUMNS:
-                hint = did_you_mean(key, COLUMNS) or f"; remove it: the columns are {', '.join(COLUMNS)}"
-                self._add(f"unknown column {key[:40]!r}{hint}", 0, index)
-        for key in ("heliostat", "y", "z"):
-            if key not in header:
-                self._add(f"needs a column {key}: {COLUMNS[key]}", 0)
-        sun = [key for key in _SUN if key in header]
-        if "time" in header and sun:
-            self._add(f"has both time and {sun[0]}; remove one: they could contradict each other", 0)
-        elif "time" not in header and len(sun) < 3:
-            missing = ", ".join(key for key in _SUN if key not in header)
-            which = f"the columns {missing} beside {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
-            self._add(f"needs {which}: the sun that made the spot", 0)
-        pair = [key for key in ("azimuth", "elevation") if key in header]
-        if len(pair) == 1:
-            other = "elevation" if pair == ["azimuth"] else "azimuth"
-            self._add(f"needs a column {other} beside {pair[0]}, or neither: the angles commanded", 0)
-
-    def _read(
-        self, columns: dict[str, tuple[str, ...]], key: str, one: Callable[[str], object], dtype: object = np.float64
-    ) -> NDArray:
-        """Return one column, and note the rows in which it is wrong."""
-        index, values = self.header.index(key), []
-        for row, text in zip(self.kept, columns.get(key, ()), strict=True):
-            try:
-                if not text.strip():
-                    raise ValueError("is empty")
-                values.append(one(text))
-            except ValueError as error:
-                self._add(f"{key} {error}", row + 1, index)
-                values.append(_GAPS[dtype is np.int64, key == "time"])
-        return np.array(values, dtype)  # type: ignore[call-overload]
-
-    def _heliostat(self, text: str) -> int:
-        """Number of a heliostat; a name counts before a number."""
-        given = text.strip()
-        if given in self.shared:
+    def number(given: str) -> int:
+        if given in shared:
             raise ValueError(f"{given!r} is the name of several heliostats; give its number, from 0")
-        if given in self.numbers:
-            return self.numbers[given]
-        if fields.WHOLE.fullmatch(text) and int(text) < self.heliostats:
-            return int(text)
-        known = did_you_mean(given, self.numbers) or (
-            f"; they are numbered from 0 to {self.heliostats - 1}"
-            + (", or named as in the layout" * bool(self.numbers))
-        )
-        raise ValueError(f"is unknown{known} (got {given[:40]!r})")
+        if given in by_name:
+            return by_name[given]
+        if WHOLE.fullmatch(given) and int(given) < count:
+            return int(given)
+        numbered = f"; they are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(by_name)
+        raise ValueError(f"is unknown{did_you_mean(given, by_name) or numbered} (got {given[:40]!r})")
 
-    def _sun(self, sun: Floats) -> Floats:
-        """Sun vectors at length 1; notes those that are not, or point below the horizon."""
-        length = np.sqrt(np.sum(sun**2, axis=1))
-        index = self.header.index("sun_x")
-        for position, row in enumerate(self.kept):
-            if abs(length[position] - 1.0) > SUN_LENGTH:
-                what = f"the sun vector has the length {length[position]:.6g}"
-                self._add(f"{what}, which must be 1 to within {SUN_LENGTH:g}: divide it by its length", row + 1, index)
-            elif not np.isnan(length[position]) and sun[position, 2] <= 0:
-                self._add(_below(sun[position]) + "; sun_z is positive up", row + 1, self.header.index("sun_z"))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return sun / length[:, np.newaxis]
-
-    def _add(self, message: str, line: int | None = None, index: int | None = None) -> None:
-        """Note a problem, at a field of a line that holds something."""
-        # Of every column the first ones: the first ones of the file are among them.
-        self.added[index] += 1
-        if self.added[index] > MAX_LISTED:
-            self.unlisted += 1
-            return
-        column = None
-        if line is not None and index is not None and '"' not in self.texts[line]:
-            column = 1 + sum(len(field) + 1 for field in self.texts[line].split(",")[:index])
-        number = None if line is None else self.lines[line]
-        self.problems.append(Problem(message, file=self.name, line=number, column=column))
-
-    def _finish(self) -> None:
-        """Raise if there are problems."""
-        if not self.problems:
-            return
-        in_order = sorted(self.problems, key=lambda problem: (problem.line or 0, problem.column or 0))
-        unlisted = self.unlisted + len(in_order[MAX_LISTED:])
-        more = [Problem(f"and {unlisted:,} more problems", file=self.name)] if unlisted else []
-        raise StudyError(in_order[:MAX_LISTED] + more)
-
-    def _fail(self, message: str, line: int | None = None) -> NoReturn:
-        """Raise at once, for what leaves nothing else to check."""
-        raise StudyError(Problem(message, file=self.name, line=line))
+    return replace(COLUMNS["heliostat"], read=number, dtype=np.int64, missing=-1)
 
 
-#: What stands for a field that is wrong, by whether it is whole and whether it is a time.
-_GAPS = {(False, False): np.nan, (True, False): -1, (False, True): np.datetime64("NaT", "ns")}
+def _check_header(table: Table) -> None:
+    """Check that the columns belong together."""
+    header = table.header
+    sun = [key for key in _SUN if key in header]
+    if "time" in header and sun:
+        table.add(f"has both time and {sun[0]}; remove one: they could contradict each other", HEADER)
+    elif "time" not in header and len(sun) < 3:
+        missing = ", ".join(key for key in _SUN if key not in header)
+        which = f"the columns {missing} beside {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
+        table.add(f"needs {which}: the sun that made the spot", HEADER)
+    pair = [key for key in ("azimuth", "elevation") if key in header]
+    if len(pair) == 1:
+        other = "elevation" if pair == ["azimuth"] else "azimuth"
+        table.add(f"needs a column {other} beside {pair[0]}, or neither: the angles commanded", HEADER)
+
+
+def _unit_vectors(table: Table) -> Floats:
+    """Sun vectors at length 1; notes those that are not, or point below the horizon."""
+    sun = np.stack([table.column(key) for key in _SUN], axis=1)
+    length = np.sqrt(np.sum(sun**2, axis=1))
+    for row in np.flatnonzero(np.abs(length - 1.0) > SUN_LENGTH).tolist():
+        what = f"the sun vector has the length {length[row]:.6g}"
+        table.add(f"{what}, which must be 1 to within {SUN_LENGTH:g}: divide it by its length", row, "sun_x")
+    for row in np.flatnonzero((np.abs(length - 1.0) <= SUN_LENGTH) & (sun[:, 2] <= 0)).tolist():
+        table.add(_below(sun[row]) + "; sun_z is positive up", row, "sun_z")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return sun / length[:, np.newaxis]

@@ -1,0 +1,427 @@
+"""From a study file to a result folder: load, plan, build, run, status, open: the library's public face."""
+
+from __future__ import annotations
+
+import glob
+import logging
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from heliosweep.config.load import load as load_file
+from heliosweep.config.load import load_mapping
+from heliosweep.config.study import Study
+from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
+from heliosweep.families.family import Family, families, study_classes
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.config.execution import Execution
+    from heliosweep.grid.plan import Plan
+    from heliosweep.runs.status import Status
+
+log = logging.getLogger("heliosweep")
+
+#: Where results go when nobody says: below the working directory.
+OUTPUTS = "outputs"
+
+#: What a study is loaded from: a study file, or its content as a mapping.
+Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
+
+
+def load(source: Source) -> Study:
+    """Load and check a study.
+
+    Parameters
+    ----------
+    source : path or mapping
+        A study file, or the same content as a mapping.
+
+    Returns
+    -------
+    Study
+        Frozen, validated, all defaults resolved.
+
+    Raises
+    ------
+    StudyError
+        With every problem found, each with file, line, column and key.
+    """
+    classes = study_classes()
+    return load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
+
+
+def _loaded(study: Study | Source) -> Study:
+    """Return a study, loaded where it is not yet."""
+    return study if isinstance(study, Study) else load(study)
+
+
+def family_of(study: Study) -> Family:
+    """Family that a study belongs to."""
+    return families()[study.family]
+
+
+def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:
+    """What a study will cost and how it will be cut.
+
+    Parameters
+    ----------
+    study : Study, path or mapping
+        From `load`, or what `load` takes.
+    output : path, optional
+        Where the result would go; tells the free disk.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    PlanError
+        Where the study cannot fit this machine; names the axis to shrink.
+    """
+    study = _loaded(study)
+    from heliosweep.grid.machine import machine_limits
+    from heliosweep.grid.plan import make_plan
+    from heliosweep.store.parts import WORKING
+
+    execution, folder = study.execution.resolved(), result_folder(study, output)
+    try:
+        elsewhere = _workers_elsewhere(execution)
+    except StudyError as error:
+        written = execution.scheduler in repr(study.source.data.get("execution"))  # and not asked for otherwise
+        raise (_located(error, study) if written else error) from None
+    limits = machine_limits(elsewhere or execution.workers, execution.memory, folder)
+    where: Any = "processes" if execution.scheduler in ("processes", "distributed") else "here"
+    with suppress(OSError):  # what is there already takes no more; another run may be at work in it
+        there = sum(file.stat().st_size for file in (folder / WORKING).glob("*"))
+        limits = replace(limits, disk=limits.disk + there)
+    family = family_of(study)
+    workload, variables = family.workload(study), family.variables(study)
+    try:
+        return make_plan(
+            workload,
+            variables,
+            limits,
+            execution.chunks,
+            where="elsewhere" if elsewhere else where,
+            copies=2,  # the parts stay on the disk until the result that is made of them is whole
+        )
+    except StudyError as error:  # the plan knows keys, not where they stand
+        raise _located(error, study) from None
+
+
+def _located(error: StudyError, study: Study) -> StudyError:
+    """The same problems where their keys stand in the study file."""
+    return StudyError(
+        problem if problem.file else study.problem(problem.key, problem.message) for problem in error.problems
+    )
+
+
+def _workers_elsewhere(execution: Execution) -> int | None:
+    """How many workers there are that are not of this machine; None where they are."""
+    if execution.scheduler in ("synchronous", "threads", "processes", "distributed"):
+        return None
+    from heliosweep.runs.cluster import worker_count
+
+    return worker_count(execution)
+
+
+def build(study: Study | Source) -> xr.Dataset:
+    """Lazy data set of the whole result: computed with dask when its values are asked for.
+
+    Parameters
+    ----------
+    study : Study, path or mapping
+        From `load`, or what `load` takes.
+
+    Returns
+    -------
+    xarray.Dataset
+        With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
+    """
+    study = _loaded(study)
+    import heliosweep.accessor  # noqa: F401  (registers with xarray)
+    from heliosweep.grid import lazy
+    from heliosweep.grid.lazy import Work
+    from heliosweep.store.attributes import attributes_of
+
+    planned, family = plan(study), family_of(study)
+    coordinates = family.coordinates(study)
+    work = Work(family, study, planned.variables, planned.workload.sizes)
+    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(family, study, coordinates))
+
+
+def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
+    """Folder of a study's result: `output`, or ``outputs/<name of the study file>-<study id>``.
+
+    Raises
+    ------
+    StudyError
+        Where `output` cannot be the name of a folder that the NetCDF library writes to.
+    """
+    if output is None:
+        name = Path(study.source.path).stem if study.source.path else study.family
+        # The NetCDF library takes a backslash for what parts folders.
+        printable = "".join(letter if letter.isprintable() and letter != "\\" else "_" for letter in name)
+        return Path(OUTPUTS) / f"{printable}-{study.study_id}"
+    if not os.fspath(output):
+        raise StudyError(Problem("the name of the result folder is empty"))
+    folder = Path(output)
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError:
+        raise StudyError(Problem("the name of the result folder is no text", file=str(folder))) from None
+    try:
+        os.lstat(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        problem = f"cannot write there: {error.strerror}; name another folder with --output"
+        raise StudyError(Problem(problem, file=str(folder))) from None
+    return folder
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run left behind.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The data set, ``result.nc`` or ``result.zarr``, with ``manifest.json``, ``study.resolved.yaml``,
+        ``report.html`` and ``figures/`` beside it.
+    seconds : dict of str to float
+        Time spent in each stage; empty where the result was there already. [s]
+    """
+
+    path: Path
+    seconds: dict[str, float]
+
+    @property
+    def folder(self) -> Path:
+        """The result folder."""
+        return self.path.parent
+
+    def open(self) -> xr.Dataset:
+        """Open the data set."""
+        return open_result(self.path)
+
+
+def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a result; safe also while other threads run studies.
+
+    Parameters
+    ----------
+    path : path
+        A result folder, or its ``result.nc`` or ``result.zarr``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazily read; close it, or use it as a context manager. Its values are not checked: where a file may be damaged,
+        ask ``heliosweep verify`` first.
+
+    Raises
+    ------
+    StudyError
+        A folder without a result.
+    """
+    import heliosweep.accessor  # noqa: F401  (registers with xarray)
+    from heliosweep.store import read
+
+    return read.open_result(path)
+
+
+def run(
+    study: Study | Source,
+    output: str | os.PathLike[str] | None = None,
+    *,
+    progress: bool = False,
+    report: bool = True,
+    force: bool = False,
+) -> Result:
+    """Run a study and leave its result folder.
+
+    What an earlier run of the same study has computed is not computed again: a finished result is found and left as
+    it is, and an interrupted run goes on with the parts that are missing.
+
+    Parameters
+    ----------
+    study : Study, path or mapping
+        From `load`, or what `load` takes.
+    output : path, optional
+        Result folder; by default ``outputs/<name>-<study id>``.
+    progress : bool
+        Whether to show progress on standard error.
+    report : bool
+        Whether to draw figures and write ``report.html``.
+    force : bool
+        Whether to compute everything anew, whatever is there.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    PlanError
+        Where the study cannot fit.
+    StudyError
+        Where the folder cannot be written.
+    RunInterrupted
+        Where the run was stopped; the parts that were done are kept.
+    HeliosweepError
+        Where the result cannot be written to its end, as on a full disk, or parts of it failed (the others are kept);
+        where the folder holds parts that other code has computed; or where the result is complete and its report
+        failed.
+
+    Notes
+    -----
+    The first run on a machine compiles the kernels and says so by a log message. With ``execution.scheduler:
+    processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
+    == "__main__":``. Where another process runs the same study, this one waits for it.
+    """
+    from heliosweep.runs.folder import check_contents, is_tidy, made
+    from heliosweep.runs.run import Run
+    from heliosweep.runs.signals import uninterrupted
+    from heliosweep.store.folder import claimed
+
+    asked = _loaded(study)
+    asked = asked.model_copy(update={"execution": asked.execution.resolved()})
+    folder = result_folder(asked, output)
+    page = folder / "report.html"
+
+    def prepared() -> Run:
+        return Run(family_of(asked), asked, folder, lambda: plan(asked, folder))
+
+    now = prepared()
+    # A result that is there needs no disk, no memory, no cluster and no right to write.
+    if not force and (not report or page.exists()) and is_tidy(folder) and (found := now.complete()):
+        log.info("%s is complete already; %s computes it anew", found, FORCE)
+        return Result(found, {})
+    if output is None:
+        _say_what_changed(asked, folder)
+    check_contents(folder, asked, force)
+    with made(folder), claimed(folder):
+        before, now = now, prepared()  # another run may have been at work
+        if before.study_id != now.study_id:
+            raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
+        try:
+            if report:
+                _check_published(asked)
+            path = now.result(force=force, progress=progress)
+            if report and (now.seconds or not page.exists()):
+                with now.timed("report"):
+                    _report(folder, asked)
+        except BaseException as error:
+            with uninterrupted():
+                now.tidy()
+            if isinstance(error, KeyboardInterrupt):
+                raise RunInterrupted(f"interrupted: {now.left()}") from None
+            raise
+    update_index(folder)
+    return Result(path, now.seconds)
+
+
+def status(*of: str | os.PathLike[str]) -> list[Status]:
+    """What became of studies.
+
+    Parameters
+    ----------
+    *of : path
+        Study files or result folders; without any, all result folders in ``outputs``.
+
+    Returns
+    -------
+    list of Status
+
+    Raises
+    ------
+    StudyError
+        A study file that is wrong, or a path that is neither.
+    """
+    from heliosweep.runs.status import result_folders, status_of
+
+    if not of:
+        return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
+    return [status_of(Path(path) if Path(path).is_dir() else result_folder(load(path))) for path in of]
+
+
+def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Path:
+    """Draw the figures of a result folder again, write its page, and list it in the index of all studies.
+
+    Parameters
+    ----------
+    folder : path
+        A result folder.
+    vector : sequence of {"svg", "pdf"}
+        Formats in which figures are saved besides PNG.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    StudyError
+        No result in the folder.
+    HeliosweepError
+        The result is damaged.
+    """
+    from heliosweep.report.page import write_report
+
+    page = write_report(folder, families(), vector=vector)
+    update_index(folder)
+    return page
+
+
+def update_index(folder: str | os.PathLike[str]) -> None:
+    """List a result folder in the index of all studies, if there is one."""
+    from heliosweep.report.index import update_index
+    from heliosweep.runs.status import status_of
+
+    update_index(folder, status_of)
+
+
+def _report(folder: Path, study: Study) -> None:
+    try:
+        from heliosweep.report.page import write_report
+
+        write_report(folder, families(), study)
+    except HeliosweepError:
+        raise
+    except Exception as error:  # drawing must not make hours of computing look lost
+        log.debug("the report failed", exc_info=True)
+        what = f"{type(error).__name__}: {error}".rstrip(": ")
+        again = shlex.join(["heliosweep", "report", str(folder)])
+        raise HeliosweepError(f"the result is complete, the report failed ({what}); run: {again}") from error
+
+
+def _check_published(study: Study) -> None:
+    """Find out before anything is computed whether the published numbers fit the study."""
+    table = study.report.published
+    if table is not None:
+        from heliosweep.report.comparison import locate
+        from heliosweep.report.published import read_published
+
+        locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
+
+
+def _say_what_changed(study: Study, folder: Path) -> None:
+    """Tell a user who edited a study why it is another one now."""
+    from heliosweep.store.folder import latest_identity, listed
+
+    if folder.exists():
+        return
+    others = folder.parent.glob(f"{glob.escape(folder.name.removesuffix(study.study_id))}{'?' * len(study.study_id)}")
+    found = latest_identity(others)
+    if found:
+        place, identity = found
+        log.info("a new study: since %s, changed %s", place, listed(identity.get("study"), study.canonical()))

@@ -1,1 +1,0 @@
-"""Exchange with the tools that users have already: SolarPILOT, SAM, pandas, spreadsheets."""

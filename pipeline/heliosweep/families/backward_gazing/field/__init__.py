@@ -1,0 +1,1 @@
+"""Simulated heliostats of a field at some hours."""

@@ -1,0 +1,1 @@
+"""A heliostat in four measured images."""

@@ -1,0 +1,308 @@
+"""Images as files: NPY, PNG, TIFF and FITS, told apart by their first bytes, in grey levels and with their metadata.
+
+Metadata are numbers under the keys of `KEYS`: cards of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a
+TIFF's ImageDescription. NPY has none. The first row of a picture is its upper one: in PNG, TIFF and NPY the first row
+of the file; in FITS, whose rows count from the bottom, the last one, unless the card ROWORDER says TOP-DOWN.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.errors import Problem, StudyError
+
+__all__ = ["KEYS", "Picture", "read_picture"]
+
+#: Largest file, and pixels of an image. [bytes, 1]
+MAX_BYTES, MAX_PIXELS = 512 * 2**20, 25_000_000
+#: Fewest pixels along a side of an image.
+MIN_SIDE = 4
+
+#: Metadata that are read: key, and what it says.
+KEYS = {
+    "FOCALPIX": "focal length of the camera over the side of a pixel",
+    "CENTREU": "column at which the camera looks, from 0 at the centre of the left pixels",
+    "CENTREV": "row at which the camera looks, from 0 at the centre of the upper pixels",
+    "ROLL": "turn of the camera about its line of sight, clockwise for someone behind it, deg",
+    "CAMERAY": "place of the camera in the target's plane, to the east of a target that faces north, m",
+    "CAMERAZ": "place of the camera in the target's plane, up, m",
+    "DARK": "level of a pixel without light",
+    "WHITE": "level of the sun's centre seen in the mirror, the dark level included",
+    "SATURATE": "level from which a pixel counts as saturated",
+    "SUNAZ": "azimuth of the sun, from south towards east, deg",
+    "SUNEL": "elevation of the sun, deg",
+    "TARGETAZ": "azimuth of the target seen from the heliostat, from south towards east, deg",
+    "TARGETEL": "elevation of the target seen from the heliostat, deg",
+    "DISTANCE": "distance of the heliostat's centre from the target's, m",
+    "PIXANGLE": "angle of a pixel of an image of the sun, mrad",
+}
+_POSITIVE = ("FOCALPIX", "SATURATE", "DISTANCE", "PIXANGLE")
+#: What a camera can have.
+_RANGES = {
+    "FOCALPIX": (10.0, 1e7), "CENTREU": (-1e5, 1e5), "CENTREV": (-1e5, 1e5), "ROLL": (-360.0, 360.0),
+    "CAMERAY": (-1e3, 1e3), "CAMERAZ": (-1e3, 1e3),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """An image in grey levels.
+
+    Parameters
+    ----------
+    levels : ndarray, shape (rows, columns)
+        Upper row first; NaN where the file has none. [levels]
+    top : float
+        Highest level of the file's type of number; infinite for floating point.
+    metadata : dict of str to float
+        Those of `KEYS` that the file has.
+    name : str
+        Name of the file, as the user gave it.
+    """
+
+    levels: NDArray[np.float64]
+    top: float = math.inf
+    metadata: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
+
+    @property
+    def saturation(self) -> float:
+        """Level from which a pixel counts as saturated, if nobody says it: the highest of the file's type, or of fewer
+        bits where that is the image's highest level (a sensor of 12 bit in a file of 16).
+        """
+        if not math.isfinite(self.top):
+            return math.inf
+        highest = float(np.nanmax(self.levels))
+        return next((2.0**bits - 1.0 for bits in (8, 10, 12, 14, 16) if highest == 2.0**bits - 1.0), self.top)
+
+
+def read_picture(path: Path, name: str = "") -> Picture:
+    """Read an image.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        NPY (two dimensions, numbers), PNG or TIFF (one grey channel of 8, 16 or 32 bit or floating point), or FITS
+        (the first image in it).
+    name : str
+        Name of the file in messages; `path` by default.
+
+    Returns
+    -------
+    Picture
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read, is damaged or is no such image; says what to do about it.
+    """
+    file = name or str(path)
+    try:
+        status = path.stat()
+    except OSError as error:
+        _fail(file, f"cannot be read: {error.strerror}")
+    except ValueError as error:
+        _fail(file, f"cannot be read: {error}")
+    if not path.is_file():
+        _fail(file, "is a folder, not an image" if path.is_dir() else "is not a regular file")
+    if status.st_size > MAX_BYTES:
+        _fail(file, f"is larger than {MAX_BYTES // 2**20} MiB; cut the image to the heliostat")
+    return _read_cached(path, status.st_mtime_ns, status.st_size, file)
+
+
+@lru_cache(maxsize=6)
+def _read_cached(path: Path, stamp: int, size: int, name: str) -> Picture:
+    """Read a file once while it does not change."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as error:
+        _fail(name, f"cannot be read: {error.strerror}")
+    for magic, read in _READERS.items():
+        if head.startswith(magic):
+            return read(path, name)
+    unknown = "is not an image: NPY, PNG, TIFF or FITS can be read" if head else "is empty"
+    return _fail(name, next((what for magic, what in _OTHERS.items() if head.startswith(magic)), unknown))
+
+
+def _npy(path: Path, name: str) -> Picture:
+    try:
+        # Mapping needs a whole file of plain numbers, so neither a header's promises nor pickles are followed.
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:  # headers are read by tokenize, and what that may raise is documented nowhere
+        said = str(error)
+        if "Python objects" in said or "pickle" in said.lower():
+            _fail(name, "holds a pickle, which could run code and is never loaded; save an array of numbers")
+        if "mmap" in said or "file size" in said or "too large" in said.lower() or "out of range" in said:
+            _fail(name, "is truncated: it ends before the array that its header tells of; copy it again")
+        _fail(name, "is not a readable NPY file: its header is damaged; save the array again by numpy.save")
+    if array.dtype.kind not in "iuf":
+        _fail(name, f"holds {array.dtype.name[:40]}, not levels; save integers or floating point numbers")
+    _check_shape(array.shape, name)
+    return _picture(np.array(array), {}, name)
+
+
+def _raster(path: Path, name: str) -> Picture:
+    """PNG or TIFF."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked below
+            opened = Image.open(path, formats=("PNG", "TIFF"))
+        with opened as image:
+            _check_shape((image.height, image.width), name)
+            if getattr(image, "n_frames", 1) > 1:
+                _fail(name, f"holds {image.n_frames} pages; save one image for each file")  # type: ignore[attr-defined]
+            if image.mode not in _GREY:
+                what = _MODES.get(image.mode, f"an image of mode {image.mode}")
+                _fail(name, f"is {what}; save one channel of it as grey levels, 16 bit if possible")
+            image.load()
+            levels = np.array(image)
+            said = _texts(image)
+    except Image.DecompressionBombError:
+        _fail(name, f"has more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
+    except UnidentifiedImageError:
+        _fail(name, "is damaged: its beginning is that of an image, the rest is not; copy it again")
+    except StudyError:
+        raise
+    except Exception as error:  # whatever its decoders meet
+        cut = any(word in str(error).lower() for word in ("truncated", "not enough", "unexpected end", "end of file"))
+        _fail(name, f"is {'truncated' if cut else 'damaged'}: its pixels cannot be read; copy it again")
+    return _picture(levels, said, name)
+
+
+def _texts(image: Any) -> dict[str, Any]:
+    """Text of a PNG, or lines of the description of a TIFF."""
+    if image.format == "PNG":
+        return {str(key): value for key, value in image.info.items() if isinstance(value, str)}
+    description = image.tag_v2.get(270, "")
+    lines = str(description).replace("\0", "\n").splitlines()
+    pairs = (line.partition("=") for line in lines if "=" in line)
+    return {key.strip(): value.strip() for key, _, value in pairs}
+
+
+def _fits(path: Path, name: str) -> Picture:
+    from astropy.io import fits
+    from astropy.utils.exceptions import AstropyWarning
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AstropyWarning)
+            with fits.open(path, memmap=False, lazy_load_hdus=True) as units:
+                unit = next((one for one in units if one.is_image and one.shape), None)
+                if unit is None:
+                    _fail(name, "holds no image: no unit of it has two axes of pixels")
+                header = unit.header
+                _check_shape(unit.shape, name)
+                needed = math.prod(unit.shape) * abs(int(header["BITPIX"])) // 8
+                place = unit.fileinfo()
+                if not isinstance(unit, fits.CompImageHDU) and place["datLoc"] + needed > path.stat().st_size:
+                    _fail(name, "is truncated: it ends before the pixels that its header tells of; copy it again")
+                top = _fits_top(header)  # before the data are read, which changes the header
+                levels = np.array(unit.data)
+                said = {key: header[key] for key in KEYS if key in header}
+                down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
+    except StudyError:
+        raise
+    except Exception:  # compiled decompression has exceptions of its own
+        _fail(name, "is damaged or truncated: its header or pixels cannot be read; copy it again")
+    if levels.ndim != 2:
+        _fail(name, "is damaged or truncated: its pixels cannot be read; copy it again")
+    return _picture(levels if down else levels[::-1], said, name, top)
+
+
+def _fits_top(header: Any) -> float:
+    """Highest level of whole numbers, scaled or not; infinite for floating point."""
+    bits = int(header["BITPIX"])
+    if bits < 0:
+        return math.inf
+    highest = 2.0 ** (bits if bits == 8 else bits - 1) - 1.0
+    return float(header.get("BZERO", 0.0)) + float(header.get("BSCALE", 1.0)) * highest
+
+
+def _picture(levels: NDArray[Any], said: Mapping[str, Any], name: str, top: float | None = None) -> Picture:
+    """Levels as numbers, metadata checked."""
+    if top is None:
+        top = float(np.iinfo(levels.dtype).max) if levels.dtype.kind in "iu" else math.inf
+    values = np.ascontiguousarray(levels, np.float64)
+    values = np.where(np.isfinite(values), values, math.nan)
+    if np.all(np.isnan(values)):
+        _fail(name, "has no pixel that is a number")
+    values.flags.writeable = False
+    return Picture(values, top, _metadata(said, name), name)
+
+
+def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
+    """Numbers under the known keys. Raises StudyError with all that are wrong."""
+    found: dict[str, float] = {}
+    problems: list[Problem] = []
+    for key, meaning in KEYS.items():
+        if key not in said:
+            continue
+        text = str(said[key]).strip()
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if isinstance(said[key], bool) or not math.isfinite(value) or (key in _POSITIVE and value <= 0.0):
+            kind = "positive number" if key in _POSITIVE else "number"
+            message = f"{key} in the metadata must be a {kind}, the {meaning} (got {text[:40]!r}); correct or remove it"
+            problems.append(Problem(message, file=name))
+        elif key in _RANGES and not _RANGES[key][0] <= value <= _RANGES[key][1]:
+            low, high = _RANGES[key]
+            message = f"{key} in the metadata, the {meaning}, must be between {low:g} and {high:g} (got {value:g})"
+            problems.append(Problem(f"{message}; correct or remove it", file=name))
+        found[key] = value
+    if problems:
+        raise StudyError(problems)
+    return found
+
+
+def _check_shape(shape: tuple[int, ...], name: str) -> None:
+    """Refuse what is no grey image, or too large for memory, before any pixel is read."""
+    if len(shape) == 3 and (shape[-1] in (2, 3, 4) or shape[0] in (3, 4)):
+        _fail(name, f"is a colour image or a stack of images (shape {shape}); save one of them as grey levels")
+    if len(shape) != 2:
+        _fail(name, f"must have two axes, rows and columns, and has {len(shape)} (shape {shape})")
+    if math.prod(shape) > MAX_PIXELS:
+        size = f"{shape[1]:,} x {shape[0]:,} pixels"
+        _fail(name, f"has {size}, more than {MAX_PIXELS:,} in all; cut it to the heliostat")
+    if min(shape) < MIN_SIDE:
+        _fail(name, f"has {shape[1]} x {shape[0]} pixels; {MIN_SIDE} along each side are the least")
+
+
+def _fail(name: str, message: str) -> NoReturn:
+    raise StudyError(Problem(message, file=name))
+
+
+_READERS: dict[bytes, Callable[[Path, str], Picture]] = {
+    b"\x93NUMPY": _npy,
+    **dict.fromkeys((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), _raster),
+    b"SIMPLE  =": _fits,
+}
+#: What else people name as an image, and what to do then.
+_OTHERS = {
+    b"\xff\xd8\xff": "is a JPEG, whose levels are neither linear nor exact; save it as PNG, TIFF or FITS",
+    b"PK\x03\x04": "is an archive (NPZ or ZIP); save one array as NPY",
+    b"\x80": "is a pickle, which could run code and is never loaded; save the array with numpy.save",
+    b"\x1f\x8b": "is compressed by gzip; unpack it first",
+    b"GIF8": "is a GIF, which has no grey levels but a palette; save it as PNG, TIFF or FITS",
+    b"BM": "is a bitmap; save it as PNG, TIFF or FITS",
+}
+_GREY = ("L", "I;16", "I;16B", "I;16L", "I;16N", "I", "F")
+_MODES = {
+    "1": "an image in black and white",
+    **dict.fromkeys(("P", "PA"), "an image with a palette"),
+    "LA": "an image with transparency",
+    **dict.fromkeys(("RGB", "RGBA", "CMYK", "YCbCr", "LAB"), "a colour image"),
+}

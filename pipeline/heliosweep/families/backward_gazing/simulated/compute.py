@@ -1,0 +1,378 @@
+"""One simulated heliostat: images, slopes by all methods, and what they say of its modules, over a region of a grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from heliosweep.families.backward_gazing import shared
+from heliosweep.families.backward_gazing.points import (
+    KEYS,
+    SECONDS_PER_METHOD,
+    Failure,
+    Floats,
+    Found,
+    Point,
+    Solver,
+    Table,
+    estimates,
+    reconstruct,
+    workload_of_points,
+)
+from heliosweep.families.backward_gazing.profile_file import read_profile
+from heliosweep.families.backward_gazing.shared import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
+from heliosweep.families.backward_gazing.simulated.variables import PERCENTILES, seed_dims, variables
+from heliosweep.grid.parameters import Parameters
+from heliosweep.kernels.gazing.camera_images import Heliostat, camera_set, heliostat, levels
+from heliosweep.kernels.gazing.geometry import Scene
+from heliosweep.kernels.gazing.linear import lit_counts, slope_bound
+from heliosweep.kernels.gazing.lm import graduated
+from heliosweep.kernels.gazing.mirror import MirrorGrid, Modules, eroded, maps, mirror_grid
+from heliosweep.kernels.gazing.modules import module_statistics
+from heliosweep.kernels.gazing.rectification import pinholes, rectify
+from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.sun.profiles import Profile
+from heliosweep.kernels.sun.tables import normal_draws, scaled
+
+if TYPE_CHECKING:
+    from heliosweep.families.backward_gazing.study import BackwardGazingStudy
+    from heliosweep.grid.plan import Workload
+    from heliosweep.grid.regions import Region
+
+Pairs = tuple[tuple[float, float], ...]
+
+#: Time of a pixel's images on one core. [s]
+SECONDS_PER_IMAGE = 0.6e-6
+#: Brightness of the highest level of a camera, relative to the disc centre; see `rendering.expose`.
+FULL_SCALE = 1.25
+#: Stream of random numbers of the cameras' gains; `rendering` and `camera_images` have others.
+_GAIN_STREAM = 4
+#: Pixels of a camera around the picture of the heliostat.
+_ROOM = 4
+#: What relative errors of modules are relative to where no canting is entered. [mrad]
+NOT_CANTED = 1.0
+#: Pixels of mirrors whose results are remembered.
+MOST_REMEMBERED = 100_000
+
+
+class Given(NamedTuple):
+    """The same for all points of a study; hashable, as what points share is remembered by it."""
+
+    centres: Pairs
+    sizes: Pairs
+    canting: Pairs
+    """Of every module, [rad]."""
+    pointing: tuple[float, float]
+    """[rad]"""
+    positions: Pairs | None
+    """Cameras in the target's plane instead of an arrangement. [m]"""
+    table: Table | None
+    solver: Solver
+
+    @property
+    def modules(self) -> Modules:
+        """The modules as kernels take them."""
+        return Modules(np.array(self.centres), np.array(self.sizes))
+
+
+class Observation(NamedTuple):
+    """A point as it was seen and reconstructed."""
+
+    modules: Modules
+    mirror: MirrorGrid
+    keep: NDArray[np.bool_]
+    """Pixels that erosion leaves, shape (N,)."""
+    layout: Scene
+    profile: Profile
+    """By which slopes are found."""
+    images: Floats
+    """As the reconstruction gets them, shape (4, N). [1]"""
+    true: Floats
+    """True slopes relative to the ideal heliostat, shape (2, N). [rad]"""
+    found: Found
+    net: Floats
+    """Slopes found, less those found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
+    share: Floats
+    """Standard deviation of the images' values for camera pixels of standard deviation 1, (4, N) or (1, 1). [1]"""
+
+    @property
+    def lit(self) -> NDArray[np.int64]:
+        """Number of lit cameras, shape (N,)."""
+        return lit_counts(self.found.lit)
+
+    def over_modules(self, values: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
+        """Mean, root mean square and number of values (..., N) over the eroded modules; each (..., modules)."""
+        lead, count = values.shape[:-1], len(self.modules.size)
+        flat = np.ascontiguousarray(values, np.float64).reshape(-1, values.shape[-1])
+        mean, rms, number = module_statistics(flat, self.mirror.pixel_module, self.keep, count)
+        return mean.reshape(*lead, count), rms.reshape(*lead, count), number.reshape(*lead, count)
+
+
+def seconds_per_pixel(study: BackwardGazingStudy) -> float:
+    """Time of a pixel on one core: of the heliostat and of the ideal one. [s]"""
+    return 2.0 * (SECONDS_PER_IMAGE + sum(SECONDS_PER_METHOD[name] for name in study.method))
+
+
+def workload(study: BackwardGazingStudy) -> Workload:
+    """Sizes and cost, for the plan."""
+    sizes = shared.sizes_of(study, study.output.maps)
+    return workload_of_points(study, sizes, seconds_per_pixel(study), whole=seed_dims(study))
+
+
+def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
+    """Coordinates of the whole result, in memory."""
+    return shared.coordinates(study, study.output.maps, shared.OF_SIMULATIONS)
+
+
+def inputs(study: BackwardGazingStudy) -> Given:
+    """Heliostat, cameras, methods and table of the sun, the same for all points. Raises StudyError."""
+    modules = study.heliostat.rectangles
+    canting = np.zeros((len(modules.size), 2))
+    for key, pair in study.defects.canting.items():
+        canting[int(key) - 1] = pair
+    table = None
+    if study.sun.profile is not None:
+        read = read_profile(study.resolve(study.sun.profile), study.sun.profile)
+        table = tuple(read.angle.tolist()), tuple(read.brightness.tolist())
+    horizontal, vertical = study.defects.pointing
+    centres, sizes, turns = (
+        tuple(map(tuple, values.tolist())) for values in (modules.centre, modules.size, 1e-3 * canting)
+    )
+    pointing = 1e-3 * horizontal, 1e-3 * vertical
+    return Given(centres, sizes, turns, pointing, study.cameras.positions, table, Solver.of(study))
+
+
+def compute(study: BackwardGazingStudy, given: Given, region: Region) -> xr.Dataset:
+    """Values of every point of a region.
+
+    The images of a point are rendered once and shared by its methods and referentials; of small mirrors the last few
+    points are remembered, as those that differ by a seed that has no part in them are the same.
+    """
+    parameters = Parameters(study, region)
+    made = {name: one for name, one in variables(study).items() if not one.finished}
+    area = float(np.prod(given.sizes, axis=1).sum())
+
+    def points() -> Iterator[tuple[tuple[int, ...], dict[str, Any]]]:
+        for index, values in parameters.points(*KEYS):
+            point = Point.of(values)
+            result = _remembered if area / point.pixel**2 <= MOST_REMEMBERED else of_point
+            yield index, result(point, given, study.output.maps)
+
+    return shared.gathered(made, {**parameters.sizes, **shared.sizes_of(study, study.output.maps)}, points())
+
+
+def finish(study: BackwardGazingStudy, given: Given, region: Region, computed: xr.Dataset) -> xr.Dataset:
+    """Median and percentiles of the relative errors over the seeds, NaN left out; linear between values."""
+    seeds = seed_dims(study)
+    made: dict[str, Any] = {}
+    for name in ("relative_error_x", "relative_error_y"):
+        array = computed[name].transpose(..., *seeds)
+        dims = array.dims[: array.ndim - len(seeds)]
+        ordered = np.sort(array.to_numpy().reshape(*array.shape[: len(dims)], -1), axis=-1)  # NaN last
+        last = np.maximum(np.count_nonzero(np.isfinite(ordered), axis=-1) - 1, 0)
+        for ending, percent in PERCENTILES.items():
+            place = 0.01 * percent * last
+            below = np.floor(place).astype(np.int64)
+            low, high = (
+                np.take_along_axis(ordered, at[..., np.newaxis], -1)[..., 0]
+                for at in (below, np.minimum(below + 1, last))
+            )
+            made[f"{name}_{ending}"] = dims, low + (place - below) * (high - low)
+    return xr.Dataset(made)
+
+
+def remarks(result: xr.Dataset) -> Iterator[str]:
+    """Heliostats without slopes, modules that the cameras do not see whole."""
+    status = result["scene_status"].to_numpy()
+    if unseen := int(np.count_nonzero(status == NOT_SEEN)):
+        which = "the heliostat" if status.size == 1 else f"{unseen:,} of {status.size:,} heliostats"
+        yield (
+            f"no slopes of {which}: nowhere do three cameras see the reflected sun, and all of its pixels are masked; "
+            "is it aimed at the target?"
+        )
+    for code, count in zip(*np.unique(status, return_counts=True), strict=True):
+        if code not in (SEEN, NOT_SEEN):
+            words = shared.STATUS[int(code)].replace("_", " ")
+            yield f"no slopes at {count:,} of {status.size:,} points: {words} (scene_status {code})"
+    usable = result["usable_fraction"].where(result["scene_status"] == SEEN)
+    partly = usable.where(usable < 1.0)
+    if bool(partly.notnull().any()):
+        least, at = float(partly.min()), int(partly.notnull().sum())
+        yield (
+            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are not seen whole by three "
+            f"cameras; the least has slopes for {math.floor(1000.0 * least) / 10.0:g} % of its pixels"
+        )
+
+
+def of_point(point: Point, given: Given, with_maps: bool) -> dict[str, Any]:
+    """Values of the variables of a point, by name; ``scene_status`` alone where no slopes can be found."""
+    try:
+        seen = observed(point, given)
+    except Failure as failure:
+        return {"scene_status": failure.status}
+    least = bound(seen, point, given)
+    values = _errors(seen, point, given) | _sight(seen, least)
+    deviations = []
+    for method in given.solver.methods:
+        own = bound(seen, point, given, "A") if given.solver.fit_gain and method == "A" else least
+        deviations.append(np.nan_to_num(own) if np.any(own > 0.0) else None)
+    values |= estimates(seen.net, deviations, seen.mirror, seen.modules, seen.keep, point.focal_length)
+    values["scene_status"] = SEEN if np.any(seen.keep & np.isfinite(seen.net[:, 0, 0]).any(axis=0)) else NOT_SEEN
+    values["incidence"] = float(np.degrees(1.0)) * seen.layout.incidence
+    return values | (_maps(seen) if with_maps else {})
+
+
+_remembered = lru_cache(maxsize=4)(of_point)
+
+
+def _errors(seen: Observation, point: Point, given: Given) -> dict[str, Any]:
+    """Errors of the slopes of each module, shape (M, T, modules). [mrad], [percent]"""
+    mean, rms, _ = seen.over_modules(1e3 * (seen.net - seen.true))
+    entered = 1e3 * np.hypot(*np.transpose(point.canting_scale * np.array(given.canting)))
+    entered = np.where(entered > 0.0, entered, NOT_CANTED)
+    made = {}
+    for axis, name in enumerate("xy"):
+        made[f"slope_bias_{name}"], made[f"slope_rms_{name}"] = mean[:, :, axis], rms[:, :, axis]
+        made[f"relative_error_{name}"] = 100.0 * np.abs(mean[:, :, axis]) / entered
+    return made
+
+
+def _sight(seen: Observation, least: Floats) -> dict[str, Any]:
+    """Usable pixels, lit cameras and the bound. [1], [mrad]"""
+    kept = np.bincount(seen.mirror.pixel_module[seen.keep], minlength=len(seen.modules.size))
+    _, _, usable = seen.over_modules(seen.net[:, 0, 0])
+    lit, _, _ = seen.over_modules(seen.lit / CAMERAS)
+    _, square, _ = seen.over_modules(1e3 * least)
+    with np.errstate(invalid="ignore"):
+        made = {"usable_fraction": usable / kept, "lit_cameras": lit}
+    return made | {f"cramer_rao_bound_{name}": square[axis] for axis, name in enumerate("xy")}
+
+
+def _maps(seen: Observation) -> dict[str, Any]:
+    """Images, slopes and what is known of each pixel, on the grid. [1], [mrad]"""
+    mirror = seen.mirror
+    made: dict[str, Any] = {"image": maps(mirror, seen.images)}
+    for axis, name in enumerate("xy"):
+        made[f"slope_{name}"] = maps(mirror, 1e3 * seen.net[:, :, axis])
+        made[f"true_slope_{name}"] = maps(mirror, 1e3 * seen.true[axis])
+    mask = np.where(seen.keep, np.where(seen.lit >= NEEDED, 3, 2), 1)
+    made["mask"] = np.nan_to_num(maps(mirror, mask))
+    made["quality"] = np.nan_to_num(maps(mirror, seen.found.quality | EDGE * ~seen.keep))
+    return made
+
+
+def observed(point: Point, given: Given) -> Observation:
+    """Render, expose and reconstruct a point.
+
+    Raises
+    ------
+    Failure
+        Where no slopes can be found whatever the images.
+    """
+    layout, profile = point.layout(given.positions), _profile(point, given)
+    known = scaled(profile, point.profile_error) if point.profile_error else profile
+    mirror, keep = _mirror(given, point.pixel, point.erosion)
+    wavy = None
+    if point.waviness:
+        wavy = waviness(mirror, 1e-3 * point.waviness, point.waviness_length, point.defect_seed)
+    canting = point.canting_scale * np.array(given.canting)
+    spheres = module_spheres(given.modules, point.true_focal_length, canting, given.pointing)
+    images, true = image_set(layout, mirror, profile, spheres, wavy)
+    own = 1.0 + point.gain_noise * normal_draws(point.camera_seed, _GAIN_STREAM, 4)  # by the seed and number alone
+    gains = (1.0 + point.gain_error) * np.maximum(own, 0.0)
+    share = np.ones((1, 1))
+    if point.images == "camera":
+        truth = heliostat(
+            given.modules, point.true_focal_length, canting, given.pointing, None if wavy is None else (mirror, wavy)
+        )
+        images, share = _camera_views(layout, profile, given.modules, mirror, truth, point, gains - 1.0)
+    else:
+        images = expose(
+            images * gains[:, np.newaxis],
+            noise=point.noise,
+            bits=point.bits,
+            seed=point.camera_seed,
+            full_scale=FULL_SCALE,
+        )
+    found = reconstruct(layout, known, images, mirror, point.threshold, given.solver)
+    ideal_found, ideal_true = _ideal(point.ideal, given)
+    net = found.slopes - ideal_found.slopes
+    return Observation(given.modules, mirror, keep, layout, known, images, true - ideal_true, found, net, share)
+
+
+def bound(seen: Observation, point: Point, given: Given, method: str | None = None) -> Floats:
+    """Cramer-Rao bound of both slopes, shape (2, N); NaN where fewer than 3 cameras are lit. [rad]
+
+    Of the cameras that the reconstruction uses. It is that of methods that find a gain where the study asks for one;
+    `method` A never does.
+    """
+    step = FULL_SCALE / (2.0**point.bits - 1.0) if point.bits else 0.0
+    deviation = math.hypot(point.noise, step / math.sqrt(12.0))  # noise of a pixel, and rounding to levels
+    if deviation == 0.0:
+        least = np.zeros_like(seen.true)
+    else:
+        place = seen.mirror.pixel_y, seen.mirror.pixel_z
+        noise = deviation * seen.share / (1.0 + point.gain_error)  # brighter images tell more
+        gain = given.solver.fit_gain and method != "A"
+        least = slope_bound(seen.layout, seen.profile, *place, seen.true, noise, gain, seen.found.lit)
+    return np.where(seen.lit >= NEEDED, least, np.nan)
+
+
+@lru_cache(maxsize=2)
+def _ideal(point: Point, given: Given) -> tuple[Found, Floats]:
+    """Slopes that all methods find on the ideal heliostat, and its true ones; arrays that nobody may change."""
+    layout, profile = point.layout(given.positions), _profile(point, given)
+    known = scaled(profile, point.profile_error) if point.profile_error else profile
+    mirror, _ = _mirror(given, point.pixel, 0)
+    spheres = module_spheres(given.modules, point.focal_length, np.zeros((len(given.sizes), 2)))
+    images, true = image_set(layout, mirror, known, spheres)
+    return reconstruct(layout, known, images, mirror, point.threshold, given.solver), true
+
+
+@lru_cache(maxsize=4)
+def _mirror(given: Given, pixel: float, erosion: int) -> tuple[MirrorGrid, NDArray[np.bool_]]:
+    mirror = mirror_grid(given.modules, pixel)
+    return mirror, eroded(mirror, erosion)
+
+
+def _profile(point: Point, given: Given) -> Profile:
+    if point.sun_profile != "noisy":
+        return point.profile(given.table)
+    try:
+        table = point.profile(None)
+        graduated(table)  # noise may make a smoothed table useless where the table itself is not
+        return table
+    except ValueError:
+        raise Failure(NO_PROFILE) from None
+
+
+def _camera_views(
+    layout: Scene,
+    profile: Profile,
+    modules: Modules,
+    mirror: MirrorGrid,
+    truth: Heliostat,
+    point: Point,
+    errors: Floats,
+) -> tuple[Floats, Floats]:
+    """Images of pinhole cameras whose pixels are as large as those of the mirror, put back on its grid.
+
+    The images, NaN within two pixels of a module's edge, and the standard deviation of a value for camera
+    pixels of standard deviation 1; both of shape (4, N). [1]
+    """
+    reach = np.abs(modules.centre) + 0.5 * modules.size
+    # A tilted mirror is seen foreshortened, and turned: its larger side fits in any direction.
+    side = max(2 * math.ceil(float(side) / point.pixel) + 2 * _ROOM for side in reach.max(axis=0))
+    shape = side, side
+    cameras = pinholes(layout, shape, layout.distance / point.pixel)
+    pictures = camera_set(layout, cameras, shape, profile, truth, point.supersampling)
+    white = (2.0**point.bits - 1.0) / FULL_SCALE if point.bits else 1.0
+    taken = levels(pictures, white, noise=point.noise, gain_error=errors, bits=point.bits, seed=point.camera_seed)
+    images, _, share = rectify(taken / white, cameras, layout.focal_length, modules, mirror)
+    return images, share

@@ -1,0 +1,167 @@
+"""The study file of the family `backward_gazing`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from heliosweep.config.faults import Fault
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Choice, Flag, Quantity
+from heliosweep.errors import Problem
+from heliosweep.families.backward_gazing import checks
+from heliosweep.families.backward_gazing.blocks import (
+    FIT_PROFILES,
+    METHODS,
+    PROFILES,
+    REFERENTIALS,
+    Cameras,
+    Defects,
+    Heliostat,
+    HeliostatField,
+    ImageEntry,
+    ImageGeometry,
+    Output,
+    ProfileNoise,
+    Sun,
+    Target,
+    positions_rules,
+)
+from heliosweep.families.backward_gazing.values import Names
+
+MODES = {
+    "simulated": "images are made of a heliostat with known defects",
+    "measured": "images are read from four files",
+}
+#: Keys without which a heliostat is nowhere; a field tells them.
+PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
+         ("sun", "elevation"))  # fmt: skip
+
+
+class BackwardGazingStudy(Study):
+    """Mirror slopes from four images of the reflected sun."""
+
+    family: Literal["backward_gazing"]
+    mode: Annotated[str, Choice("Where the images come from", MODES, sweep=False)] = "simulated"
+    heliostat: Annotated[Heliostat, Field(description="The heliostat that is looked at")] = Heliostat()
+    target: Annotated[Target, Field(description="The target with the cameras")] = Target()
+    sun: Annotated[Sun, Field(description="The sun")] = Sun()
+    field: Annotated[
+        HeliostatField | None, Field(description="Heliostats of a field instead of one; mode: simulated only")
+    ] = None
+    cameras: Annotated[Cameras, Field(description="Four cameras")] = Cameras()
+    images: Annotated[
+        tuple[ImageEntry, ...] | None,
+        Field(description="The four images, in the order of the cameras; mode: measured only"),
+    ] = None
+    image_geometry: Annotated[
+        ImageGeometry | None, Field(description="How the images are to be read; mode: measured only")
+    ] = None
+    defects: Annotated[Defects, Field(description="What is wrong with the heliostat; mode: simulated only")] = Defects()
+    sun_profile: Annotated[
+        str | Sweep, Choice("Profile of the sun's brightness", PROFILES, title="profile of the sun's brightness")
+    ] = "jose"
+    profile_noise: Annotated[ProfileNoise, Field(description="What sun_profile: noisy stands for")] = ProfileNoise()
+    profile_error: Annotated[
+        float | Sweep,
+        Quantity("Relative error of the angular radius of the profile by which slopes are found, against the one that "
+                 "makes the images", "1", gt=-0.5, le=0.5,
+                 title="relative error of the angular radius of the sun's profile"),
+    ] = 0.0  # fmt: skip
+    method: Annotated[tuple[str, ...], Names("How slopes are found", METHODS)] = tuple(METHODS)
+    referential: Annotated[
+        tuple[str, ...], Names("How slopes of the wavefront become slopes of the mirror; for A and O1", REFERENTIALS)
+    ] = tuple(REFERENTIALS)
+    fit_gain: Annotated[bool, Flag("Whether each pixel has a gain of its own, common to its cameras; not for A")] = (
+        False
+    )
+    fit_profile: Annotated[
+        str | None, Choice("By what LM finds slopes where the sun's profile is a table", FIT_PROFILES, sweep=False)
+    ] = None
+    erosion: Annotated[
+        int | Sweep,
+        Quantity("Pixels left out along the edges of the modules", "1", ge=0, le=100, integer=True,
+                 title="pixels left out along the edges of the modules"),
+    ] = 2  # fmt: skip
+    output: Annotated[Output, Field(description="What is stored and how")] = Output()
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that the blocks go with the mode."""
+        yield from positions_rules(self.cameras)
+        if self.mode == "measured":
+            yield from self._measured_faults()
+        else:
+            yield from self._simulated_faults()
+        if self._profiles() & {"table"} and self.sun.profile is None and self.sun.image is None:
+            yield Fault("'sun.profile' is missing: the table that 'sun_profile: table' means", show_value=False)
+
+    @property
+    def smooth(self) -> bool:
+        """True where LM finds slopes by the smooth curve nearest to a table."""
+        return (self.fit_profile or ("smooth" if self.mode == "measured" else "table")) == "smooth"
+
+    @cached_property
+    def _checked(self) -> tuple[list[Problem], list[str]]:
+        return checks.check(self)
+
+    def check(self) -> list[Problem]:
+        """Return what is wrong between blocks or with named files."""
+        return self._checked[0]
+
+    def notes(self) -> list[str]:
+        """Return warnings."""
+        return self._checked[1]
+
+    def _profiles(self) -> set[str]:
+        value = self.sun_profile
+        return set(value.values()) if isinstance(value, Sweep) else {value}
+
+    def _simulated_faults(self) -> Iterator[Fault]:
+        for key in ("images", "image_geometry"):
+            if getattr(self, key) is not None:
+                yield Fault("is only for mode: measured; remove it or change 'mode'", (key,), show_value=False)
+        if self.sun.image is not None:
+            message = "is only for mode: measured; remove it or change 'mode'"
+            yield Fault(message, ("sun", "image"), show_value=False)
+        for block, key in PLACE:
+            given = getattr(getattr(self, block), key) is not None
+            if self.field is not None and given:
+                yield Fault("follows from 'field'; remove it", (block, key), show_value=False)
+            elif self.field is None and not given:
+                purpose = type(getattr(self, block)).parameter(key).purpose
+                yield Fault(f"'{block}.{key}' is missing: {purpose}", show_value=False)
+        if self.field is not None:
+            if self.output.maps:
+                yield Fault("must be false with a 'field'", ("output", "maps"))
+            if any(isinstance(value, Sweep) for value in self._layout_values()):
+                yield Fault("cannot be swept here", ("field", "layout"), show_value=False)
+
+    def _layout_values(self) -> Iterator[object]:
+        assert self.field is not None
+        layout = self.field.layout
+        yield layout.file
+        if layout.radial_stagger is not None:
+            yield from (getattr(layout.radial_stagger, key) for key in type(layout.radial_stagger).model_fields)
+
+    def _measured_faults(self) -> Iterator[Fault]:
+        if self.field is not None:
+            yield Fault("is only for mode: simulated; remove it or change 'mode'", ("field",), show_value=False)
+        if self.images is None:
+            yield Fault("'images' is missing: the names of four image files", show_value=False)
+        elif len(self.images) != 4:
+            message = f"must be four images, one of each camera; these are {len(self.images)}"
+            yield Fault(message, ("images",), show_value=False)
+        if self.defects != Defects():
+            yield Fault("is the truth of a simulation; remove it", ("defects",), show_value=False)
+        if self.sun.image is not None and self.sun.profile is not None:
+            message = "stands beside sun.image, and both are the sun's profile; give one of the two"
+            yield Fault(message, ("sun", "profile"), show_value=False)
+        if isinstance(self.sun_profile, Sweep):
+            yield Fault("must be one profile in mode: measured", ("sun_profile",))
+
+
+STUDY = BackwardGazingStudy

@@ -1,0 +1,279 @@
+"""Daily tracking factors of dishes over a region of a study's grid, the tilts they bear, and statistics over dates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.families.dish_tracking import statistics
+from heliosweep.families.dish_tracking.variables import ANNUAL, DAILY, DIRECTIONS, MONTHLY, directed, variables
+from heliosweep.families.dish_tracking.windows import windows_of
+from heliosweep.grid.clock import DATE, instant_count
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.plan import Workload
+from heliosweep.grid.sun import sun_attributes
+from heliosweep.kernels.dish import tracking
+from heliosweep.kernels.warm import warm_dish
+
+if TYPE_CHECKING:
+    from heliosweep.families.dish_tracking.study import DishTrackingStudy
+    from heliosweep.grid.regions import Region
+
+#: Time of one tilt, direction and instant on one core: where tilts share powers of one sine, with one tilt and with the
+#: other model, and with home offsets; and of one sun position, packed. [s]
+SECONDS_SHARED, SECONDS_PER_ERROR, SECONDS_OF_CHAIN, SECONDS_PER_SUN = 0.3e-9, 1.4e-9, 3e-9, 40e-9
+#: Stamps, vectors, weights and packed rows of one instant of a site, and what makes them. [bytes]
+BYTES_PER_INSTANT = 120
+
+#: Tilts that are tried before the interval is halved, so many times: to 1e-13 of it. [deg]
+SCAN, BISECTIONS = (0.0, *np.geomspace(1e-3, 45.0, 48).tolist()), 43
+
+_MODELS = {"rigid": tracking.RIGID, "untilted_home_axes": tracking.UNTILTED_HOME_AXES}
+_SITE = ("site.latitude", "site.longitude", "site.altitude")
+_ANGLES = ("errors.axis_tilt_direction", "errors.home_azimuth_offset", "errors.home_elevation_offset")
+#: Keys that label a result also where they are not swept.
+_LABELS = ("site.latitude", "site.longitude", "mount.model", "errors.axis_tilt", *_ANGLES, "tolerance")
+
+
+def workload(study: DishTrackingStudy) -> Workload:
+    """Sizes and cost, for the plan."""
+    parameters = Parameters(study)
+    instants, days = instant_count(study.time), len(study.time.date_list())
+    inner = {"date": days}
+    if days > 1:
+        inner["month"] = len(_months(study)[0])
+    if study.statistics is not None:
+        inner["required_factor"] = len(study.statistics.required_factor)
+    mounts = math.prod(size for dim, size in parameters.sizes.items() if dim not in parameters.site_dims)
+    tilts = parameters.sizes.get("axis_tilt", 1)
+    solved = inner.get("required_factor", 0) / tilts  # per point: the tolerable tilt is solved once for all tilts
+    whole = {"axis_tilt_direction": directed(study), "axis_tilt": solved and "axis_tilt" in parameters.sizes}
+
+    def working_bytes(points: int, _: int) -> int:
+        return BYTES_PER_INSTANT * instants + 8 * 8 * points * days * (1 + math.ceil(solved))
+
+    return Workload(
+        parameters=parameters.sizes,
+        inner=inner,
+        evaluations=instants,
+        unit="tracker-instants",
+        seconds=_seconds_per_error(study, tilts) * (1 + solved * (len(SCAN) + BISECTIONS)) + SECONDS_PER_SUN / mounts,
+        working_bytes=working_bytes,
+        whole=tuple(dim for dim, wanted in whole.items() if wanted),
+        coordinate_bytes=8 * sum(inner.values()),
+        axes={"instants": instants},
+    )
+
+
+def _seconds_per_error(study: DishTrackingStudy, tilts: int) -> float:
+    errors = study.errors
+    if any(offset != 0 for offset in (errors.home_azimuth_offset, errors.home_elevation_offset)):
+        return SECONDS_OF_CHAIN
+    shared = study.mount.model == "rigid" and tilts > 2 and not study.clip
+    return SECONDS_SHARED if shared else SECONDS_PER_ERROR
+
+
+def coordinates(study: DishTrackingStudy) -> xr.Dataset:
+    """Coordinates of the whole result, in memory."""
+    parameters = Parameters(study)
+    labels = parameters.coordinates(_LABELS)
+    zones = np.array(parameters.timezones(), dtype=object)
+    attrs = {"long_name": "time zone of dates and windows"}
+    several = "site" in parameters.sizes
+    labels["timezone"] = xr.DataArray(zones if several else zones[0], dims=("site",) if several else (), attrs=attrs)
+    dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
+    labels["date"] = xr.DataArray(dates, dims="date", attrs=DATE)
+    if dates.size > 1:
+        labels["month"] = xr.DataArray(_months(study)[0], dims="month", attrs={"long_name": "month"})
+    if study.statistics is not None:
+        attrs = {"long_name": "required effective tracking factor", "units": "1"}
+        required = study.statistics.required_factor.values()
+        labels["required_factor"] = xr.DataArray(required, dims="required_factor", attrs=attrs)
+    return xr.Dataset(coords=labels, attrs=_sun_attributes(study))
+
+
+def _sun_attributes(study: DishTrackingStudy) -> dict[str, str]:
+    sun = study.ephemeris
+    air = f"{sun.pressure:g} hPa and {sun.temperature:g} deg C"
+    elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric, {air} without effect"
+    return sun_attributes(study.time, sun.delta_t, elevation)
+
+
+def _months(study: DishTrackingStudy) -> tuple[np.ndarray, np.ndarray]:
+    """Months of the dates, such as 2021-06, and the position of each date's month among them."""
+    months = np.array(study.time.date_list(), dtype="datetime64[M]")
+    names, position = np.unique(months, return_inverse=True)
+    return names.astype(str).astype(object), position
+
+
+def prepare(study: DishTrackingStudy) -> tuple[float, bool]:
+    """Load or compile the kernels; seconds it took, and whether something was compiled."""
+    return warm_dish()
+
+
+def compute(study: DishTrackingStudy, inputs: None, region: Region) -> xr.Dataset:
+    """Factors and errors of every date, dates without an instant that counts, and the largest tolerable tilts.
+
+    Parameters
+    ----------
+    study : DishTrackingStudy
+        Checked study.
+    inputs : None
+        No files.
+    region : Region
+        Along the swept dimensions.
+
+    Returns
+    -------
+    xarray.Dataset
+        Factors and errors are NaN where no instant of a date counts.
+    """
+    parameters = Parameters(study, region)
+    swept, days = tuple(parameters.sizes.values()), len(study.time.date_list())
+    required = np.array([] if study.statistics is None else study.statistics.required_factor.values())
+    keys = (*_SITE, "mount.model", "errors.axis_tilt", *_ANGLES, "tolerance")
+    columns = [np.asarray(parameters.values(key)) for key in keys]
+    daily = np.empty((len(DAILY), *swept, days))
+    empty = np.empty((*swept, days), np.int8)
+    tolerable = np.empty((*swept, required.size))
+    for timezone, here in _places(parameters):
+        latitude, longitude, altitude, model, tilt, *others = (column[here] for column in columns)
+        place = (float(latitude.flat[0]), float(longitude.flat[0]), float(altitude.flat[0]))
+        windows = windows_of(study.time, study.ephemeris, timezone, *place)
+        factors = partial(_factors, _MODELS[model.flat[0]], windows, study.clip)
+        factor, errors = factors(tilt, *others)
+        daily[:, *here] = factor, errors.mean * 1e3, errors.largest * 1e3
+        empty[here] = np.isnan(windows.total.ravel()[:days])
+        if required.size:
+            tolerable[here] = _tolerable(factors, parameters, others, required)
+    dims = (*parameters.sizes, "date")
+    made = {name: (dims, values) for name, values in zip(DAILY, daily, strict=True)}
+    made |= {"window_is_empty": (dims, empty), "tolerable_axis_tilt": ((*dims[:-1], "required_factor"), tolerable)}
+    # What does not vary along a dimension is the same all along it.
+    full, stated = xr.Dataset(made), variables(study)
+    return xr.Dataset(
+        {
+            name: one.isel({dim: 0 for dim in one.dims if dim not in stated[name].dims})
+            for name, one in full.items()
+            if name in stated
+        }
+    )
+
+
+def _places(parameters: Parameters) -> Iterator[tuple[str, tuple[slice, ...]]]:
+    """Every combination of a site and a model of the mount: its time zone, and index of its mounts."""
+    sizes, zones = parameters.sizes, parameters.timezones()
+    apart = {*parameters.site_dims, *parameters.parameter("mount.model").dims}
+    for index in np.ndindex(*(size if dim in apart else 1 for dim, size in sizes.items())):
+        at = dict(zip(sizes, index, strict=True))
+        yield zones[at.get("site", 0)], tuple(slice(i, i + 1) if dim in apart else slice(None) for dim, i in at.items())
+
+
+def _factors(
+    model: int,
+    windows: tracking.Windows,
+    clip: bool,
+    tilt: np.ndarray,
+    direction: np.ndarray,
+    azimuth: np.ndarray,
+    elevation: np.ndarray,
+    tolerance: np.ndarray,
+) -> tuple[np.ndarray, tracking.WindowErrors]:
+    """Daily factors [1] and errors [rad], dates last, for angles in degrees and tolerances in mrad."""
+    limit = tolerance * 1e-3
+    tilt, direction, azimuth, elevation = map(np.radians, (tilt, direction, azimuth, elevation))
+    errors = tracking.window_errors(
+        model, windows, tilt, direction, azimuth, elevation, tolerance=limit if clip else None
+    )
+    counted = errors.clipped if clip else errors.mean
+    return tracking.effective_tracking_factor(counted, limit[..., np.newaxis]), errors
+
+
+def _tolerable(
+    factors: Callable[..., tuple[np.ndarray, tracking.WindowErrors]],
+    parameters: Parameters,
+    others: Sequence[np.ndarray],
+    required: np.ndarray,
+) -> np.ndarray:
+    """Largest tilt of each mount for each required factor, alike for all its tilts; required factors last. [deg]"""
+    untilted = tuple(slice(0, 1) if dim == "axis_tilt" else slice(None) for dim in parameters.sizes)
+    wide = [values[untilted][..., np.newaxis] for values in others]
+    return largest_tilt(lambda tilt: np.fmin.reduce(factors(tilt, *wide)[0], axis=-1), required)
+
+
+def largest_tilt(least: Callable[[np.ndarray], np.ndarray], required: np.ndarray) -> np.ndarray:
+    """Largest tilt whose least daily factor is at least the required one.
+
+    With home offsets a tilt can make up for an offset, so that the factor rises before it falls: the tilts of `SCAN`
+    are tried first, and the interval after the last that suffices is halved. A range of good tilts narrower than a step
+    of the scan, beyond all others, is not seen.
+
+    Parameters
+    ----------
+    least : callable
+        Tilts of shape (..., R) [deg] -> least daily factors of all dates, of the same shape after broadcasting.
+    required : ndarray, shape (R,)
+        Required factors. [1]
+
+    Returns
+    -------
+    ndarray, shape (..., R)
+        0 where no tilt suffices; NaN where the largest of the scan still does, or where no date has a factor. [deg]
+    """
+    tried = [least(np.full(required.size, tilt)) for tilt in SCAN]
+    low = np.zeros(tried[0].shape)
+    high = np.zeros(tried[0].shape)
+    for tilt, beyond, factor in zip(SCAN, [*SCAN[1:], np.nan], tried, strict=True):
+        enough = factor >= required
+        low, high = np.where(enough, tilt, low), np.where(enough, beyond, high)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        enough = least(middle) >= required
+        low, high = np.where(enough, middle, low), np.where(enough, high, middle)
+    return np.where(np.isnan(tried[0]) | np.isnan(high), np.nan, low)
+
+
+def finish(study: DishTrackingStudy, inputs: None, region: Region, computed: xr.Dataset) -> xr.Dataset:
+    """Statistics over the directions of the tilt and over dates."""
+    parameters, factor = Parameters(study, region), computed["effective_tracking_factor"]
+    made: dict[str, xr.DataArray] = {}
+    if directed(study):
+        made |= _reduced(DIRECTIONS, statistics.mean_and_deviation, factor, "axis_tilt_direction")
+    if computed.sizes["date"] > 1:
+        made |= _reduced(ANNUAL, statistics.over_dates, factor, "date")
+        # Published results of one place were summed in another order than those of several.
+        total = statistics.one_by_one if parameters.site_dims else statistics.pairwise
+        over_months = partial(statistics.over_months, month=_months(study)[1], total=total)
+        made |= _reduced(MONTHLY, over_months, factor, "date", "month")
+        dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
+        made["date_of_min"] = _label_of_least(factor, "date", dates)
+        made["date_of_max"] = _label_of_least(-factor, "date", dates)
+        if directed(study):
+            directions = parameters.parameter("errors.axis_tilt_direction").to_numpy()
+            annual = made["annual_effective_tracking_factor_mean"]
+            made["worst_axis_tilt_direction"] = _label_of_least(annual, "axis_tilt_direction", directions)
+    return xr.Dataset(made)
+
+
+def _reduced(
+    names: Collection[str], function: Callable[..., tuple[np.ndarray, ...]], values: xr.DataArray, dim: str, *new: str
+) -> dict[str, xr.DataArray]:
+    """Several statistics along a dimension, by name; `new` is the dimension that they have instead, if any."""
+    made = xr.apply_ufunc(function, values, input_core_dims=[[dim]], output_core_dims=[list(new)] * len(names))
+    return dict(zip(names, made, strict=True))
+
+
+def _label_of_least(values: xr.DataArray, dim: str, labels: np.ndarray) -> xr.DataArray:
+    return xr.apply_ufunc(partial(statistics.label_of_least, labels=labels), values, input_core_dims=[[dim]])
+
+
+def remarks(result: xr.Dataset) -> Iterator[str]:
+    """How many dates have no instant that counts, and so no factor."""
+    empty = int(result["window_is_empty"].sum())
+    if empty:
+        yield f"{empty} of {result['window_is_empty'].size} days have no instant that counts: no factor (NaN) there"

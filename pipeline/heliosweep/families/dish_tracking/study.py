@@ -1,0 +1,230 @@
+"""The study file of the family `dish_tracking`."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema
+
+from heliosweep.config.block import Block
+from heliosweep.config.blocks import Site, Sites
+from heliosweep.config.faults import Fault
+from heliosweep.config.sites import civil_clock_problems
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.times import CivilTime, WallTime, Window
+from heliosweep.config.values import Choice, Flag, Quantity, Samples
+from heliosweep.errors import Problem
+
+MODELS = {
+    "rigid": "the whole mount tilts and the controller does not know",
+    "untilted_home_axes": "only the foot of the azimuth axis leans, the home position is true (Liu et al. 2022)",
+}
+
+
+#: Directions that are looked at for doubles.
+MOST_DIRECTIONS = 100_000
+#: The word for a window from sunrise to sunset.
+SUNLIT = "sunrise_to_sunset"
+
+
+@dataclass(frozen=True)
+class SunTime(WallTime):
+    """Time of day on the wall clock, or the word for an event of the sun."""
+
+    event: str = field(default="", kw_only=True)
+
+    def read(self, raw: Any) -> str:
+        """Return the word or the time as written. Raises Invalid."""
+        return raw if raw == self.event else super().read(raw)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of a time of day or the word."""
+        return {"anyOf": [{"const": self.event}, super().json_schema()]}
+
+
+class DishWindow(Block):
+    """The part of each date that is looked at: on the wall clock, or from sunrise to sunset.
+
+    The word ``sunrise_to_sunset`` alone stands for ``{start: sunrise, stop: sunset, step: 10 min}``.
+    """
+
+    start: Annotated[str, SunTime("Wall time at which the window opens, HH:MM, or sunrise", event="sunrise")]
+    stop: Annotated[str, SunTime("Wall time at which the window closes, HH:MM, or sunset", event="sunset")]
+    step: Annotated[
+        float,
+        Quantity(
+            "Time between instants; from sunrise to sunset the nearest that divides the day evenly",
+            "h",
+            gt=0,
+            le=24,
+            sweep=False,
+        ),
+    ]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_word(cls, raw: Any) -> Any:
+        return {"start": "sunrise", "stop": "sunset", "step": "10 min"} if raw == SUNLIT else raw
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [{"const": SUNLIT}, handler(schema)]}
+
+    @property
+    def sunlit(self) -> bool:
+        """Whether the window opens at sunrise and closes at sunset."""
+        return self.start == "sunrise"
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that both ends are events of the sun, or both wall times that hold a step."""
+        if self.sunlit != (self.stop == "sunset"):
+            yield Fault("must run from sunrise to sunset, or between two wall times", ("stop",))
+        elif not self.sunlit:
+            yield from Window.rules(self)  # type: ignore[arg-type]
+
+
+class DishTime(CivilTime):
+    """Dates and a daily window; whether instants with the sun below the horizon count."""
+
+    window: Annotated[DishWindow, Field(description="The part of each date that is looked at")]  # type: ignore[assignment]
+    daylight_only: Annotated[bool, Flag("Whether only instants with the sun above the horizon count")] = False
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that a window on the wall clock holds whole steps where instants stand for steps."""
+        if not self.window.sunlit:
+            yield from super().rules()
+        dates = self.date_list()
+        if any(later <= earlier for earlier, later in itertools.pairwise(dates)):
+            yield Fault("must rise", ("dates",), show_value=False)
+
+    def window_seconds(self) -> tuple[float, float, float]:
+        """Return opening, closing (seconds after midnight on the wall clock) and step of the window. [s]"""
+        return (0.0, 86400.0, self.window.step * 3600) if self.window.sunlit else super().window_seconds()
+
+
+class DishMount(Block):
+    """How the mount takes the tilt of its azimuth axis."""
+
+    model: Annotated[str | Sweep, Choice("Model of the tilted mount", MODELS, title="model of the tilted mount")]
+
+
+class MountErrors(Block):
+    """Errors of the mount that the controller does not know."""
+
+    axis_tilt: Annotated[
+        float | Sweep,
+        Quantity("Tilt of the azimuth axis from the vertical", "deg", ge=0, le=90, title="tilt of the azimuth axis"),
+    ]
+    axis_tilt_direction: Annotated[
+        float | Sweep,
+        Quantity(
+            "Direction in which the foot of the axis leans: 0 south, 90 west",
+            "deg",
+            ge=-360,
+            le=360,
+            title="direction in which the foot of the azimuth axis leans, from south towards west",
+        ),
+    ] = 0.0
+    home_azimuth_offset: Annotated[
+        float | Sweep,
+        Quantity("Offset of the home position in azimuth", "deg", ge=-180, le=180, title="home azimuth offset"),
+    ] = 0.0
+    home_elevation_offset: Annotated[
+        float | Sweep,
+        Quantity("Offset of the home position in elevation", "deg", ge=-180, le=180, title="home elevation offset"),
+    ] = 0.0
+
+
+class Ephemeris(Block):
+    """Settings of the sun position algorithm, SPA."""
+
+    elevation: Annotated[
+        str,
+        Choice(
+            "Which elevation of the sun is tracked",
+            {"geometric": "without refraction", "apparent": "raised by refraction in the atmosphere"},
+            sweep=False,
+        ),
+    ] = "geometric"
+    pressure: Annotated[
+        float, Quantity("Air pressure, for the apparent elevation", "hPa", ge=0, le=1200, sweep=False)
+    ] = 1013.25
+    temperature: Annotated[
+        float, Quantity("Air temperature, for the apparent elevation", "degC", ge=-90, le=70, sweep=False)
+    ] = 12.0
+
+    delta_t: Annotated[
+        float | None,
+        Quantity(
+            "Terrestrial minus universal time; by default by year and month", "s", ge=-1000, le=10_000, sweep=False
+        ),
+    ] = None
+
+
+class Statistics(Block):
+    """What is solved for besides the grid."""
+
+    required_factor: Annotated[
+        Sweep,
+        Samples(
+            "Least daily tracking factor that is asked for: the largest tolerable tilt is solved for each of these",
+            "1",
+            lt=1,
+            title="required effective tracking factor",
+        ),
+    ]
+
+
+class DishTrackingStudy(Study):
+    """Effective tracking factor of a dish whose mount has errors."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["site"]}, {"required": ["sites"]}]})
+
+    family: Literal["dish_tracking"]
+    site: Annotated[Site | None, Field(description="Where the dish stands; or several 'sites'")] = None
+    sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
+    time: Annotated[DishTime, Field(description="The dates and the daily window of the tracking factor")]
+    mount: Annotated[DishMount, Field(description="The mount")]
+    errors: Annotated[MountErrors, Field(description="Its errors")]
+    tolerance: Annotated[
+        float | Sweep,
+        Quantity(
+            "Tracking error at which the factor is zero, e_f of the paper",
+            "mrad",
+            gt=0,
+            dimension="tracking_tolerance",
+            title="tolerance",
+        ),
+    ]
+    clip: Annotated[bool, Flag("Whether each error counts at most `tolerance`")] = False
+    statistics: Annotated[Statistics | None, Field(description="What is solved for besides the grid")] = None
+    ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
+
+    def rules(self) -> Iterator[Fault]:
+        """One site or several."""
+        if (self.site is None) == (self.sites is None):
+            yield Fault("give 'site' or 'sites', one of them", show_value=False)
+
+    def check(self) -> Iterator[Problem]:
+        """Check the sites' clocks, directions that are the same, and what can be solved for."""
+        yield from civil_clock_problems(self)
+        direction = self.errors.axis_tilt_direction
+        if isinstance(direction, Sweep) and len(direction) <= MOST_DIRECTIONS:
+            turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0
+            if len(set(turns.tolist())) < len(direction):
+                message = "holds the same direction twice; directions 360 deg apart are one"
+                yield self.problem("errors.axis_tilt_direction", message)
+        if self.statistics is not None and any(
+            "errors.axis_tilt" in dim.sweeps and len(dim.sweeps) > 1 for dim in self.dimensions()
+        ):
+            message = "cannot be solved for where 'zip' ties errors.axis_tilt to another key"
+            yield self.problem("statistics.required_factor", message)
+
+
+STUDY = DishTrackingStudy

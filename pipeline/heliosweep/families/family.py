@@ -1,0 +1,248 @@
+"""What a study family is, and where families are found."""
+
+from __future__ import annotations
+
+import logging
+import pkgutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
+from importlib import import_module, metadata, resources
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.config.study import Study
+    from heliosweep.grid.plan import Workload
+    from heliosweep.grid.regions import Region, Variable
+    from heliosweep.report.contents import NamedFigure, Table
+    from heliosweep.report.views import View
+
+
+log = logging.getLogger("heliosweep")
+
+#: Group of the entry points by which other packages add families; the name of each is that of its family.
+GROUP = "heliosweep.families"
+
+T = TypeVar("T")
+
+
+class Family:
+    """A kind of study: one folder beside this file, or an entry point of another package.
+
+    A family says what its result holds, computes any region of it with NumPy, and finishes whole points. Who hands out
+    regions, where they run and how they are stored is no concern of a family.
+
+    A family is a package. Its parts are found by name, and imported when they are asked for, so that validating a
+    study stays quick: ``study`` with the model `STUDY` of the study file, ``variables``, ``compute``, ``figures`` and
+    ``interactive`` with the functions that are described here, and ``default.yaml``, a commented study to start from.
+    A family with modes has ``variables`` and ``compute`` in a package for each mode, see `room`.
+
+    Attributes
+    ----------
+    name, title : str
+        Name in study files; what it computes, in one line.
+    references, keywords : tuple of str
+        Sources of the models; words by which results are found.
+    headlines : tuple of str
+        Variables of which the first that a result has is told in the list of all studies.
+    """
+
+    name: str
+    title: str
+    references: tuple[str, ...] = ()
+    keywords: tuple[str, ...] = ()
+    headlines: tuple[str, ...] = ()
+
+    def room(self, mode: str) -> str:
+        """Package with ``variables`` and ``compute`` of a mode; that of the family where it has no modes."""
+        return type(self).__module__
+
+    def mode(self, study: Any) -> str:
+        """Mode of a study, empty where the family has none; the attribute ``mode`` of its result."""
+        return ""
+
+    def module(self, name: str, mode: str = "") -> Any:
+        """One of the modules of a mode."""
+        return import_module(f"{self.room(mode)}.{name}")
+
+    def study_class(self) -> type[Study]:
+        """Pydantic model of the study file."""
+        model: type[Study] = import_module(f"{type(self).__module__}.study").STUDY
+        return model
+
+    def example(self) -> str:
+        """Commented study file to start from."""
+        return resources.files(type(self).__module__).joinpath("default.yaml").read_text(encoding="utf-8")
+
+    def numbers_from(self, study: Any) -> str:
+        """Module that the numbers of a study come from, with all that it imports."""
+        return f"{self.room(self.mode(study))}.compute"
+
+    def workload(self, study: Any) -> Workload:
+        """Sizes and cost, for the plan."""
+        return self.module("compute", self.mode(study)).workload(study)
+
+    def variables(self, study: Any) -> dict[str, Variable]:
+        """Variables of the result, in the order of the file: dimensions, attributes, types, and who makes them."""
+        return self.module("variables", self.mode(study)).variables(study)
+
+    def coordinates(self, study: Any) -> xr.Dataset:
+        """Coordinates of the whole result, in memory; its attributes go to those of the file."""
+        mode = self.mode(study)
+        labels: xr.Dataset = self.module("compute", mode).coordinates(study)
+        return labels.assign_attrs(mode=mode) if mode else labels
+
+    def prepare(self, study: Any) -> tuple[float, bool]:
+        """Load or compile the kernels that a study calls, if any; seconds it took, and whether some were compiled."""
+        found = getattr(self.module("compute", self.mode(study)), "prepare", None)
+        return (0.0, False) if found is None else found(study)
+
+    def inputs(self, study: Any) -> Any:
+        """Everything that `compute` takes from files: layouts, tables, images; None where the module does not say.
+
+        Read once, and sent to every worker.
+        """
+        found = getattr(self.module("compute", self.mode(study)), "inputs", None)
+        return None if found is None else found(study)
+
+    def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
+        """Values over a region of the result.
+
+        Parameters
+        ----------
+        study : Study
+            Checked study.
+        inputs : object
+            From `inputs`; no file is read here.
+        region : Region
+            Part of the swept dimensions and of those that the workload lets be cut; dimensions that are not named are
+            whole.
+
+        Returns
+        -------
+        xarray.Dataset
+            The variables that are not `finished`: those along ``time`` where the region has it, else all others. No
+            value depends on the region that it is computed in.
+        """
+        return self.module("compute", self.mode(study)).compute(study, inputs, region)
+
+    def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
+        """Variables that follow from whole points: means over a field, statistics over dates.
+
+        Parameters
+        ----------
+        study, inputs
+            As for `compute`.
+        region : Region
+            Part of the swept dimensions; all others are whole, and those of `Workload.whole` too.
+        computed : xarray.Dataset
+            What `compute` made there.
+
+        Returns
+        -------
+        xarray.Dataset
+            The variables that are `finished`.
+        """
+        return self.module("compute", self.mode(study)).finish(study, inputs, region, computed)
+
+    def remarks(self, result: xr.Dataset) -> Iterable[str]:
+        """What the user should be told of a finished result."""
+        return _call(f"{self.room(str(result.attrs.get('mode', '')))}.compute", "remarks", result)
+
+    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
+        """Figures of a finished result, drawn one at a time."""
+        return _call(f"{type(self).__module__}.figures", "figures", result)
+
+    def tables(self, result: xr.Dataset) -> Iterable[Table]:
+        """Tables of headline numbers; without any, the page shows variables over the dimensions that all have."""
+        return _call(f"{type(self).__module__}.figures", "tables", result)
+
+    def views(self, result: xr.Dataset) -> Iterable[View]:
+        """Interactive plots of the page; those that any result has where the family declares none."""
+        from heliosweep.report.views import default_views
+
+        return _call(f"{type(self).__module__}.interactive", "views", result, default_views)
+
+
+def _call(
+    module: str,
+    function: str,
+    result: xr.Dataset,
+    otherwise: Callable[[xr.Dataset], Iterable[Any]] = lambda result: (),
+) -> Iterable[Any]:
+    """What a function of a family says of a result; `otherwise` where there is no such module or function."""
+    found = None if find_spec(module) is None else getattr(import_module(module), function, None)
+    return (found or otherwise)(result)
+
+
+class Found(Mapping[str, T]):
+    """Something of every family by name, imported when it is first asked for.
+
+    What cannot be imported is left out, with a warning.
+
+    Parameters
+    ----------
+    entries : mapping of str to EntryPoint
+        Where each family is.
+    part : callable
+        What is wanted of a family.
+    """
+
+    def __init__(self, entries: Mapping[str, metadata.EntryPoint], part: Callable[[Family], T]) -> None:
+        self._entries = entries
+        self._part = part
+        self._loaded: dict[str, T] = {}
+        self._broken: set[str] = set()
+
+    def __getitem__(self, name: str) -> T:
+        """Return that of one family. Raises KeyError."""
+        if name not in self._loaded:
+            if name in self._broken:
+                raise KeyError(name)
+            entry = self._entries[name]
+            try:
+                self._loaded[name] = self._part(entry.load())
+            except Exception as error:  # whatever another package does must not stop the other families
+                self._broken.add(name)
+                log.warning("the family %r cannot be loaded from %s: %r", name, entry.value, error)
+                raise KeyError(name) from error
+        return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the families that can be loaded; loads them all."""
+        return (name for name in self._entries if name in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+@cache
+def families() -> Mapping[str, Family]:
+    """All families by name: the folders beside this file, then entry points in the group ``heliosweep.families``."""
+    return Found(_entries(), lambda family: family)
+
+
+@cache
+def study_classes() -> Mapping[str, type[Study]]:
+    """Study model of every family, for loading study files."""
+    return Found(_entries(), lambda family: family.study_class())
+
+
+@cache
+def _entries() -> dict[str, metadata.EntryPoint]:
+    """Where each family is; nothing of it is imported."""
+    import heliosweep.families as package
+
+    ours = (
+        metadata.EntryPoint(module.name, f"{package.__name__}.{module.name}:FAMILY", GROUP)
+        for module in pkgutil.iter_modules(package.__path__)
+        if module.ispkg
+    )
+    found: dict[str, metadata.EntryPoint] = {}
+    for entry in (*ours, *metadata.entry_points(group=GROUP)):
+        first = found.setdefault(entry.name, entry)
+        if first != entry:
+            log.warning("two families are named %r: %s is used, %s is not", entry.name, first.value, entry.value)
+    return found

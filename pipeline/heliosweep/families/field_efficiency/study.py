@@ -1,0 +1,232 @@
+"""The study file of the family `field_efficiency`, and what must hold between its blocks, its layouts and the sun."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+from pydantic.config import JsonDict, JsonValue
+
+from heliosweep.config.blocks import Heliostat, Receiver, Site, Sites
+from heliosweep.config.blocks import Layout as LayoutBlock
+from heliosweep.config.faults import Fault
+from heliosweep.config.sites import civil_clock_problems
+from heliosweep.config.study import Dimension, Study, parameters
+from heliosweep.config.sweep import Listed, Sweep
+from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections
+from heliosweep.config.values import Choice
+from heliosweep.errors import Problem, StudyError
+from heliosweep.grid.daylight import dark_latitudes
+from heliosweep.layouts.checks import check_layout
+from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, values_at
+
+TRACKING = {
+    "spinning_elevation": "turned about the line of sight to the target, then tilted",
+    "azimuth_elevation": "turned about the vertical, then tilted",
+}
+
+_SITE: list[JsonValue] = [{"required": ["site"]}, {"required": ["sites"]}]
+#: Studies of sun directions have no site, all others have one, or several.
+_SITE_OR_DIRECTIONS: JsonDict = {
+    "if": {"properties": {"time": {"properties": {"clock": {"const": "sun"}}}}, "required": ["time"]},
+    "then": {"not": {"anyOf": _SITE}},
+    "else": {"oneOf": _SITE},
+}
+
+#: Points of a sweep, and heliostats in all of them, that are looked at here; the kernels would be exact for any.
+MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
+
+_EFFICIENCIES = [f"{kind}_efficiency" for kind in ("cosine", "shading", "blocking", "optical")]
+#: Names that columns of a layout must leave to the result.
+RESERVED = frozenset(
+    (
+        *_EFFICIENCIES,
+        *(f"{of}_{name}" for name in _EFFICIENCIES for of in ("field", "instantaneous")),
+        *("field_efficiency_factored", "heliostat", "time", "utc", "day", "declination", "solar_hour"),
+        *("site", "latitude", "longitude", "altitude", "tracking", "layout", "clearance", "inner_radius", "rings"),
+        *("sun_azimuth", "sun_elevation"),
+        *("pivot_height", "receiver_height", "heliostat_width", "heliostat_height", "heliostat_count"),
+    )
+)
+
+
+class FieldEfficiencyStudy(Study):
+    """Optical efficiency of a heliostat field over a period: cosine, shading, blocking, and all together."""
+
+    model_config = ConfigDict(json_schema_extra=_SITE_OR_DIRECTIONS)
+
+    family: Literal["field_efficiency"]
+    site: Annotated[Site | None, Field(description="Where the plant stands; or several 'sites'")] = None
+    sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
+    tracking: Annotated[str | Sweep, Choice("How the mirrors follow the sun", TRACKING, title="sun-tracking method")]
+    time: Annotated[
+        TimeOrDirections,
+        Field(description="The instants over which efficiencies are averaged, or directions of the sun"),
+    ]
+    layout: Annotated[LayoutBlock, Field(description="Where the heliostats stand")]
+    heliostat: Annotated[Heliostat, Field(description="The mirror of every heliostat")]
+    receiver: Annotated[Receiver, Field(description="The aim of all heliostats")]
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that there is one site, or several; none where directions of the sun are given."""
+        given = [name for name in ("site", "sites") if getattr(self, name) is not None]
+        if isinstance(self.time, SunDirections):
+            for name in given:
+                yield Fault("is not needed: 'time' gives the direction of the sun", (name,), show_value=False)
+            if self.output.time_series:
+                message = "is for instants; with 'clock: sun' each direction is a point of the result"
+                yield Fault(message, ("output", "time_series"), show_value=False)
+        elif not given:
+            yield Fault("give 'site' or 'sites'", show_value=False)
+        elif len(given) > 1:
+            yield Fault("give 'site' or 'sites', not both", ("sites",), show_value=False)
+
+    @cached_property
+    def _found(self) -> list[Problem | str]:
+        found: list[Problem | str] = []
+        for look in (_sun, _mirrors, _tower):
+            try:
+                found += look(self)
+            except StudyError as error:
+                found += (problem for problem in error.problems if problem not in found)
+        return found
+
+    def check(self) -> list[Problem]:
+        """Return what is wrong between blocks, with the layout or with the sun."""
+        return [found for found in self._found if isinstance(found, Problem)]
+
+    def notes(self) -> list[str]:
+        """Return warnings: mirrors that may touch, latitudes without sun."""
+        return [found for found in self._found if isinstance(found, str)]
+
+
+STUDY = FieldEfficiencyStudy
+
+
+def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """The sun must rise at some site; where it does not at another, the result is missing there."""
+    if isinstance(study.time, SunDirections):
+        heights = _ends(study.time.elevation)
+        if max(heights) <= 0:
+            yield study.problem("time.elevation", "the sun is never above the horizon")
+        elif min(heights) <= 0:
+            yield "the result is missing (NaN) where the sun is not above the horizon"
+        return
+    solar = isinstance(study.time, SolarTime)
+    if not solar and (missing := list(civil_clock_problems(study))):
+        yield from missing
+        return
+    dark, everywhere = dark_latitudes(study)
+    if everywhere and solar:
+        yield study.problem("time.hours", "the sun never rises at these latitudes, days and hours")
+    elif everywhere:
+        yield study.problem("time.window", "the sun never rises at these sites on these dates in this window")
+    elif dark.size:
+        listed = ", ".join(f"{value:g}" for value in dark[:6])
+        listed += f" and {dark.size - 6} more" if dark.size > 6 else ""
+        yield f"the sun never rises at latitude {listed} deg: the result is missing (NaN) there"
+
+
+def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """Mirrors must have a size, and room to turn."""
+    seen: set[str] = set()
+    for layout, values in _points(study, {f"heliostat.{side}": max for side in SIZE_COLUMNS}):
+        problems = list(_sizes_missing(study, layout))
+        if problems:
+            yield from problems
+            return
+        width, height = (
+            layout.columns[side] if side in layout.columns else values[f"heliostat.{side}"] for side in SIZE_COLUMNS
+        )
+        colliding, touching = (_in_study(study, layout, found) for found in check_layout(layout, width, height))
+        found: list[Problem | str] = [*colliding, *map(str, touching)]
+        yield from (each for each in found if str(each) not in seen)
+        seen.update(map(str, found))
+
+
+def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """The receiver must be above the mirrors; it is the aim of all."""
+    aimed: set[str] = set()
+    for layout, values in _points(study, {"heliostat.pivot_height": max, "receiver.height": min}):
+        if "aim_x" in layout.columns and layout.name not in aimed:
+            aimed.add(layout.name)
+            yield f"the aim points of the layout {layout.name} are not used: all heliostats aim at the receiver"
+        top = layout.z.max(initial=-np.inf) + values["heliostat.pivot_height"]
+        receiver = values["receiver.height"]
+        if receiver <= top:
+            message = f"must be above the mirrors, whose highest centre is at {top:g} m (got {receiver:g})"
+            yield study.problem("receiver.height", message)
+            return
+
+
+def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
+    """Each side of the mirrors must be given once, in the study or as a column of the layout."""
+    for side in SIZE_COLUMNS:
+        given, column = getattr(study.heliostat, side), layout.columns.get(side)
+        if given is None and column is None:
+            missing = f"is missing: give it here in m, or as a column {side!r} of the layout"
+            yield study.problem(f"heliostat.{side}", missing)
+        elif given is not None and column is not None:
+            yield study.problem(f"heliostat.{side}", f"is also a column of the layout {layout.name}; leave one out")
+        elif column is not None and not (column.dtype.kind in "if" and np.all(column > 0)):
+            yield Problem(f"column {side!r} must hold positive numbers, in m", file=layout.name)
+
+
+def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:
+    """One problem for all of a generated layout, of which the user cannot mend single rows."""
+    if layout.lines is not None or not found:
+        return found
+    more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""
+    return [study.problem("layout", found[0].message + more)]
+
+
+def _points(
+    study: FieldEfficiencyStudy, worst: Mapping[str, Callable[..., float]]
+) -> Iterator[tuple[Layout, dict[str, Any]]]:
+    """The layouts, each with the values of all keys that come together with it and matter.
+
+    Parameters
+    ----------
+    study : FieldEfficiencyStudy
+        The study.
+    worst : mapping of str to callable
+        The keys that matter beside those of the layout, and which of their values is the worst, `min` or `max`: the
+        only one to look at where nothing that matters is tied to the key.
+    """
+    layouts = Layouts(study, RESERVED)
+    given = {key: value for key, _, value in parameters(study)}
+    dims = [dim for dim in study.dimensions() if any(_of_layout(key) or key in worst for key in dim.sweeps)]
+    looked_at = 0
+    for index in itertools.islice(itertools.product(*(_positions(dim, worst) for dim in dims)), MAX_POINTS):
+        values = given | values_at(dims, index)
+        layout = layouts.at(values)
+        yield layout, values
+        looked_at += len(layout)
+        if looked_at > MAX_HELIOSTATS:
+            return
+
+
+def _positions(dim: Dimension, worst: Mapping[str, Callable[..., Any]]) -> Sequence[int]:
+    """Positions along a dimension to look at: the worst of a key that stands alone, many of those of tied keys."""
+    keys = [key for key in dim.sweeps if _of_layout(key) or key in worst]
+    if len(keys) > 1 or _of_layout(keys[0]):
+        return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
+    sweep = dim.sweeps[keys[0]]
+    candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
+    return (worst[keys[0]](candidates, key=sweep.__getitem__),)
+
+
+def _ends(value: float | Sweep) -> Sequence[float]:
+    """Values of a key among which the least and the largest are: lists whole, ranges, which are monotonic, at ends."""
+    if not isinstance(value, Sweep):
+        return (value,)
+    return value.values() if isinstance(value, Listed) else (value[0], value[-1])
+
+
+def _of_layout(key: str) -> bool:
+    return key.startswith("layout.")

@@ -1,0 +1,240 @@
+"""Calibrations at one parameter point: all heliostats of a region, with all their draws.
+
+Arrays lead with H heliostats and K draws; measured spots have one draw.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.calibration.variables import EXACT, KNOWN, NO_SPOTS
+from heliosweep.families.misalignment.measured import most_spots
+from heliosweep.families.misalignment.points import Points
+from heliosweep.families.misalignment.spots import NO_HELIOSTAT
+from heliosweep.families.misalignment.spots_file import MeasuredSpots
+from heliosweep.kernels.mounts.aiming import aim, mount_frames
+from heliosweep.kernels.spots.calibration import Calibration, Spots, calibrate
+from heliosweep.kernels.spots.fit import ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
+from heliosweep.kernels.spots.mount_spots import mount_spots
+from heliosweep.kernels.spots.receiver import Setting, face_axes
+
+Floats = NDArray[np.float64]
+Found = dict[str, NDArray[Any]]
+
+_NONE = np.zeros(len(ERRORS))
+
+
+class Mounts(NamedTuple):
+    """The mounts of H heliostats at one parameter point, under T suns."""
+
+    setting: Setting
+    sun: Floats
+    """Unit vectors, shape (T, 3)."""
+    pivots: Floats
+    """Relative to the tower's base, shape (H, 3). [m]"""
+    towards: Floats
+    """From the pivots to the aim point, shape (H, 3). [m]"""
+    frames: Floats
+    """Of the mounts, shape (H, 3, 3)."""
+    face: Floats
+    """Axes of the receiver's face, shape (3, 3)."""
+    offsets: tuple[float, float, float]
+    """Mirror offset, axis offset and pedestal height. [m]"""
+
+    @classmethod
+    def of(cls, points: Points, point: int) -> Mounts:
+        """Mounts at a point of a region, by its number."""
+        setting, (sun,), (pivots,) = points.only(np.array([point]))[1:4]
+        towards = np.array([0.0, 0.0, setting.target_height[0]]) - pivots
+        mount = int(setting.kind[0]), float(setting.latitude[0]), float(setting.axis_azimuth[0])
+        return cls(
+            setting,
+            sun,
+            pivots,
+            towards,
+            mount_frames(*mount, towards),
+            face_axes(float(setting.face_azimuth[0]), float(setting.face_tilt[0])),
+            (float(setting.mirror_offset[0]), float(setting.axis_offset[0]), float(setting.pedestal_height[0])),
+        )
+
+    def commands(self, known: Floats) -> Floats:
+        """Encoder angles for known errors of shape (H, ..., 6), shape (H, ..., T, 2). [rad]"""
+        wide = (slice(None), *[np.newaxis] * (known.ndim - 1))
+        return aim(self.frames[wide], self.sun, self.towards[wide], known[..., np.newaxis, :], self.offsets)
+
+    def ideal(self) -> Floats:
+        """Encoder angles without errors, shape (H, T, 2). [rad]"""
+        return self.commands(np.zeros((len(self.pivots), len(ERRORS))))
+
+    def spots(self, actual: Floats, known: Floats) -> Floats:
+        """Spots y and z for actual and known errors of shape (H, K, 6), shape (H, K, T, 2). [m]"""
+        samples = actual.shape[1]
+        setting = Setting(*(np.repeat(values, samples) for values in self.setting))  # type: ignore[arg-type]
+        each = np.ascontiguousarray(np.swapaxes(actual, 0, 1))[:, :, np.newaxis]
+        spots = mount_spots(setting, each, np.swapaxes(known, 0, 1), self.sun[np.newaxis], self.pivots[np.newaxis])
+        return np.transpose(spots[:2, ..., 0], (2, 1, 3, 0))
+
+    def calibrate(self, spots: Spots, repeats: int, **options: Any) -> Calibration:
+        """Estimates for every heliostat, or for so many lists of spots of each."""
+        frames, pivots = (np.repeat(array, repeats, axis=0) for array in (self.frames, -self.towards))
+        return calibrate(spots, frames, pivots, self.face, np.array(self.offsets), **options)
+
+
+def from_synthetic(mounts: Mounts, drawn: Floats, noise: Floats | float, used: int, **options: Any) -> Found:
+    """Calibration from synthetic spots.
+
+    Parameters
+    ----------
+    mounts : Mounts
+        The mounts, under the suns of all instants.
+    drawn : ndarray, shape (H, K, 6)
+        True errors. [mrad]
+    noise : ndarray, shape (H, K, used, 2), or float
+        Added to the spots. [m]
+    used : int
+        Number of instants at which spots are taken, the first ones.
+    **options
+        Of `heliosweep.kernels.spots.calibration.calibrate`.
+
+    Returns
+    -------
+    dict of ndarray
+        Variables by name, shape (H, K, ...).
+    """
+    count, samples, _ = drawn.shape
+    actual = drawn * 1e-3
+    sky = mounts.sun[np.newaxis], mounts.pivots[np.newaxis]
+    true = mount_spots(mounts.setting, actual[np.newaxis], _NONE[np.newaxis, np.newaxis], *sky)[:2, 0]
+    before = np.transpose(true, (1, 3, 2, 0))
+    measured = before[:, :, :used] + noise
+    fits = count * samples
+    spots = Spots(
+        np.arange(fits + 1) * used,
+        np.tile(mounts.sun[:used], (fits, 1)),
+        np.repeat(mounts.ideal()[:, :used], samples, axis=0).reshape(-1, 2),
+        measured.reshape(-1, 2),
+        np.ones(fits * used),
+    )
+    found = mounts.calibrate(spots, samples, **options)
+    residual = np.full((count, samples, len(mounts.sun), 2), np.nan)
+    residual[:, :, :used] = found.residual.reshape(count, samples, used, 2)
+    status = _status(found, spots, options["parameters"])
+    known = _known(found, status).reshape(count, samples, -1)
+    values = _estimates(found, spots, status, mounts, samples) | _pairs("residual_{}", residual)
+    values |= _pairs("spot_{}_before", before) | _pairs("spot_{}_after", mounts.spots(actual, known))
+    return values | {"true_error": drawn} | _commands(mounts, known)
+
+
+def from_measured(mounts: Mounts, numbers: NDArray[np.int64], measured: MeasuredSpots, **options: Any) -> Found:
+    """Calibration from measured spots.
+
+    Parameters
+    ----------
+    mounts : Mounts
+        The mounts, under the suns at which commands are wanted.
+    numbers : ndarray of int64, shape (H,)
+        Numbers of the heliostats, rising.
+    measured : MeasuredSpots
+        The spots of all heliostats, with their suns.
+    **options
+        Of `heliosweep.kernels.spots.calibration.calibrate`.
+
+    Returns
+    -------
+    dict of ndarray
+        Variables by name, shape (H, 1, ...).
+    """
+    count, most = numbers.size, most_spots(measured)
+    order = np.argsort(measured.heliostat, kind="stable")
+    of = measured.heliostat[order] - numbers[0]
+    order, of = (array[(of >= 0) & (of < count)] for array in (order, of))
+    first = np.searchsorted(of, np.arange(count + 1))
+    position = np.arange(of.size) - first[of]
+    sun, angles = measured.sun[order], measured.angles[order]
+    if np.isnan(angles).any():
+        angles = aim(mounts.frames[of], sun, mounts.towards[of], _NONE, mounts.offsets)
+    spots = Spots(first, sun, angles, measured.position[order], measured.weight[order])
+    found = mounts.calibrate(spots, 1, **options)
+
+    def padded(values: Floats) -> Floats:
+        table = np.full((count, 1, most, 2), np.nan)
+        table[of, 0, position] = values
+        return table
+
+    status = _status(found, spots, options["parameters"])
+    values = _estimates(found, spots, status, mounts, 1) | _pairs("residual_{}", padded(found.residual))
+    values |= _pairs("spot_{}_before", padded(spots.position)) | _pairs("spot_{}_after", padded(found.left_out))
+    return values | _commands(mounts, _known(found, status).reshape(count, 1, -1))
+
+
+def _status(found: Calibration, spots: Spots, parameters: int) -> NDArray[np.int64]:
+    """Status of every fit: the kernel's, but for what has no standard errors, and for what has no spots."""
+    status = found.status.copy()
+    status[(status == TOO_FEW) & (found.used == 0)] = NO_SPOTS
+    lists = np.repeat(np.arange(len(spots.first) - 1), np.diff(spots.first))
+    seen = np.isfinite(found.residual).all(axis=1) & (spots.weight > 0)
+    predicted = np.bincount(lists, seen, len(status)) >= found.used
+    whole = np.all(np.isfinite(found.estimate[:, :parameters]), axis=1) & predicted
+    spread = np.isfinite(found.covariance[:, :parameters, :parameters]).all(axis=(1, 2))
+    fitted = np.isin(status, (ESTIMATED, INDISTINCT))
+    status[fitted & ~(whole & spread)] = NOT_CONVERGED
+    status[fitted & whole & ~spread & (2 * found.used == parameters)] = EXACT
+    return status
+
+
+def _known(found: Calibration, status: NDArray[np.int64]) -> Floats:
+    """Errors that corrected commands take as known: those estimated; NaN where nothing is."""
+    some = np.isin(status, KNOWN)[:, np.newaxis]
+    known: Floats = np.where(some, np.nan_to_num(found.estimate), np.nan)
+    return known
+
+
+def _estimates(found: Calibration, spots: Spots, status: NDArray[np.int64], mounts: Mounts, samples: int) -> Found:
+    """Estimates and what is said of them, shape (H, K, ...)."""
+    real = np.repeat(np.isfinite(mounts.pivots).all(axis=1), samples)
+    # A mirror whose beam does not come to the plane predicts no spot, and the kernel leaves out what is measured there.
+    predicted = np.all(np.isfinite(found.residual), axis=1)
+    made = {
+        "estimated_error": found.estimate * 1e3,
+        "standard_error": np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) * 1e3,
+        "covariance": found.covariance * 1e6,
+        "condition_number": found.condition,
+        "residual_rms": _rms(found.residual, spots, predicted),
+        "leave_one_out_rms": _rms(found.left_out, spots, predicted),
+        "spots_used": found.used,
+        "calibration_status": np.where(real, status, NO_HELIOSTAT),
+        "least_known_direction": found.least_known,
+    }
+    return {name: array.reshape(-1, samples, *array.shape[1:]) for name, array in made.items()}
+
+
+def _rms(residual: Floats, spots: Spots, used: NDArray[np.bool_]) -> Floats:
+    """Root mean square per coordinate of the residuals of spots used, of each heliostat; NaN if one of these is."""
+    square = np.sum(residual**2, axis=1)
+    counted = (spots.weight > 0) & used
+    # Sums of each heliostat alone, in its own order: as `np.add.reduceat`, but right for empty lists.
+    lists = np.repeat(np.arange(len(spots.first) - 1), np.diff(spots.first))
+    total = np.bincount(lists, np.where(counted, square, 0.0), len(spots.first) - 1)
+    count = np.bincount(lists, counted, len(spots.first) - 1)
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(np.where(count > 0, total / np.maximum(2 * count, 1), np.nan))
+
+
+def _pairs(name: str, values: Floats) -> dict[str, Floats]:
+    return {name.format(side): values[..., index] for index, side in enumerate("yz")}
+
+
+def _commands(mounts: Mounts, known: Floats) -> Found:
+    """Commands for known errors of shape (H, K, 6), and at how many instants with sun there is none."""
+    degrees: Floats = np.degrees(mounts.commands(known))
+    some = np.all(np.isfinite(known), axis=-1)[..., np.newaxis]
+    none = np.any(np.isnan(degrees), axis=-1) & some & (mounts.sun[:, 2] > 0.0)
+    return {
+        "corrected_azimuth": degrees[..., 0],
+        "corrected_elevation": degrees[..., 1],
+        "instants_without_command": np.count_nonzero(none, axis=-1),
+    }

@@ -1,0 +1,1 @@
+"""Mode `curves`: deviation curves of single misalignments, their tolerances, conics and crossings with detectors."""

@@ -1,0 +1,195 @@
+"""What the figures of the family share: which points of a result they show, and how they call them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.report.pictures import FieldMap, field_map
+from heliosweep.report.selection import Point, Shown, at, evenly
+from heliosweep.report.tracks import Look
+
+#: Dimensions of the instants: one of the days, and the hour.
+DAYS = ("day", "declination", "date")
+HOUR, HELIOSTAT, AXIS, PARAMETER = "hour", "heliostat", "axis", "parameter"
+
+#: Dimensions that are neither swept nor instants.
+NOT_SWEPT = {*DAYS, HOUR, HELIOSTAT, PARAMETER, "parameter_2", "spot", "percentile", "tolerance_axis", "detector"}
+NOT_SWEPT |= {"conic_coefficient", "sample"}
+
+#: The errors, in the order of the family.
+MOUNT_ERRORS = (
+    "azimuth_reference",
+    "elevation_reference",
+    "tilt_about_east",
+    "tilt_about_north",
+    "non_orthogonality",
+    "collimation",
+)
+
+#: Panels of one figure, lines of one panel, maps of one figure.
+MOST_PANELS, MOST_LINES, MOST_MAPS = 6, 6, 6
+
+#: Rows of one table.
+MOST_ROWS = 40
+
+#: From so many heliostats on they are a field, of which there are maps.
+FIELD = 7
+
+#: Colours of the error axes, red and blue as in Figure 4 of the paper, of Okabe and Ito.
+AXES: dict[str, Look] = {
+    "elevation": {"color": "#D55E00"},
+    "azimuth": {"color": "#0072B2"},
+    "encoder-azimuth": {"color": "#009E73", "linestyle": (0, (4, 1.4))},
+}
+
+
+class Spots(Shown):
+    """A result of the family, of which figures show heliostats, hours and errors."""
+
+    titles: ClassVar = {
+        HOUR: "hour",
+        "day": "day",
+        "declination": "declination",
+        AXIS: "axis",
+        "source": "source",
+        "error_size": "error",
+        "error_scale": "scale of the errors",
+        "mount_kind": "mount",
+        "days_used": "days used",
+        "parameters": "parameters",
+        "noise": "noise",
+        "receiver_width": "aperture width",
+        "receiver_height_extent": "height",
+    }
+    typical: ClassVar = {**dict.fromkeys(MOUNT_ERRORS, 0.0), HOUR: 12.0, "error_scale": 1.0}
+    not_swept = frozenset(NOT_SWEPT)
+    told: ClassVar = dict.fromkeys(("latitude", "mount_kind", "receiver_width", "receiver_height_extent"))
+    longest = 24
+
+    def __init__(self, result: xr.Dataset) -> None:
+        super().__init__(result)
+        self.day = next((dim for dim in DAYS if dim in result.sizes), DAYS[0])
+        self.tolerance = "tracking_tolerance"
+        upright = "receiver_tilt" not in result.coords or not np.any(result["receiver_tilt"].to_numpy())
+        #: Labels of the receiver's plane, of which only what stands upright has an up, and where it is seen from.
+        self.plane = ("to the right (m)", "up (m)" if upright else "up along the face (m)")
+        self.seen = "seen from the field" if upright else "seen from in front of the receiver"
+
+    def label(self, dim: str) -> str:
+        """Label of an axis; hours by what the days are told by."""
+        if dim == HOUR:
+            return "time of day (h)" if self.day == "date" else "solar time (h)"
+        return super().label(dim)
+
+    def heading(self, dim: str | None) -> str:
+        """What distinguishes lines, above a legend."""
+        return "solar hour" if dim == HOUR and self.day != "date" else super().heading(dim)
+
+    def full(self, dim: str, index: int) -> str:
+        """One value with what it is; heliostats by name and place."""
+        return self.heliostat({dim: index}) if dim == HELIOSTAT else super().full(dim, index)
+
+    def heliostat(self, point: Point) -> str:
+        """A heliostat by its name and place; empty where the point has none."""
+        result = self.result
+        if HELIOSTAT not in point:
+            return ""
+        label = self.coordinate(HELIOSTAT).to_numpy()[point[HELIOSTAT]] if HELIOSTAT in result.coords else None
+        name = label if isinstance(label, str) else f"heliostat {point[HELIOSTAT] if label is None else label}"
+        if "name" in result.coords and result["name"].dtype.kind in "OU":
+            given = at(result["name"], point)
+            name = name if given.ndim else str(given.item())
+        parts = [at(result[axis], point) for axis in "xyz" if axis in result.coords]
+        if len(parts) == 3 and not any(part.ndim for part in parts):
+            where = ", ".join(f"{round(float(part), 1) + 0.0:g}" for part in parts).replace("-", "\N{MINUS SIGN}")
+            return f"{name}: ({where}) m"
+        return name
+
+    def heliostats(self, quantity: str, stands: Point, most: int = MOST_PANELS) -> list[dict[str, int]]:
+        """Heliostats that are shown: of those with values all of a few, of a field some from the tower outwards."""
+        fixed = {dim: index for dim, index in stands.items() if dim not in (*DAYS, HOUR)}
+        array = at(self.result[quantity], fixed)
+        order = np.flatnonzero(array.notnull().any([dim for dim in array.dims if dim != HELIOSTAT]).to_numpy())
+        if order.size > most and {"x", "y"} <= set(self.result.coords):
+            x, y = (at(self.result[name], stands) for name in "xy")
+            if x.dims == y.dims == (HELIOSTAT,):
+                far = np.hypot(x.to_numpy(), y.to_numpy())
+                order = order[np.argsort(far[order], kind="stable")]
+        return [{HELIOSTAT: int(order[index])} for index in evenly(order.size, most)] if order.size else []
+
+    def axes(self, quantity: str) -> list[tuple[str, dict[str, int]]]:
+        """Axes of the error by name, in the order of their looks; one without a place where it is not swept."""
+        result = self.result
+        if AXIS not in result[quantity].dims:
+            single = AXIS in result.coords and not result[AXIS].ndim
+            return [(str(result[AXIS].item()).replace("_", "-") if single else "", {})]
+        known = {str(name).replace("_", "-"): {AXIS: i} for i, name in enumerate(self.coordinate(AXIS).to_numpy())}
+        return sorted(known.items(), key=lambda item: list(AXES).index(item[0]) if item[0] in AXES else len(AXES))
+
+    def error(self) -> str | None:
+        """Dimension of the size of an error."""
+        dims = self.numbers("spot_y") if "spot_y" in self.result else []
+        return next((dim for dim in ("error_size", *MOUNT_ERRORS) if dim in dims), None)
+
+    def map(self, values: np.ndarray, stands: Point, title: str) -> FieldMap | None:
+        """Map of one number of each heliostat; none where the result does not tell the places."""
+        coords = [name for name in ("x", "y") if name in self.result.coords]
+        here = self.result[coords].isel({dim: i for dim, i in stands.items() if dim in self.result[coords].dims})
+        return field_map(here, values, title)
+
+    def parameter(self, index: int) -> str:
+        """Name of an error of the mount."""
+        if PARAMETER in self.result.coords:
+            name = str(self.result[PARAMETER].to_numpy()[index])
+        else:
+            name = MOUNT_ERRORS[index] if index < len(MOUNT_ERRORS) else f"parameter {index + 1}"
+        return name.replace("non_", "non-").replace("_", " ")
+
+    def best(self, quantity: str, *shown: str | None) -> dict[str, int]:
+        """The most days and the most parameters, where they are swept and not shown."""
+        result = self.result
+        dims = [dim for dim in ("days_used", "parameters") if dim in result[quantity].dims and dim in result.coords]
+        return {dim: int(np.argmax(result[dim].to_numpy())) for dim in dims if dim not in shown}
+
+
+def aperture(result: xr.Dataset, *points: Point) -> tuple[float, float] | None:
+    """Width and height of the receiver's aperture at one point of the sweep. [m]"""
+    sides = []
+    for name, key in (("receiver_width", "width"), ("receiver_height_extent", "height_extent")):
+        value: Any = None
+        if name in result.coords:
+            array = at(result[name], *points)
+            value = None if array.ndim else array.item()
+        else:
+            study = json.loads(result.attrs.get("study", "{}"))
+            value = study.get("receiver", {}).get(key) if isinstance(study, dict) else None
+        if not isinstance(value, int | float) or not np.isfinite(value) or value <= 0:
+            return None
+        sides.append(float(value))
+    return sides[0], sides[1]
+
+
+def mean(array: xr.DataArray, dim: str = HELIOSTAT) -> xr.DataArray:
+    """Mean over the heliostats that have a value."""
+    return array.where(np.isfinite(array)).mean(dim)
+
+
+def any_known(arrays: Sequence[xr.DataArray]) -> bool:
+    """Whether any number is finite."""
+    return any(bool(np.isfinite(array).any()) for array in arrays)
+
+
+def rows_of(shown: Spots, dims: Sequence[str]) -> tuple[list[Point], str]:
+    """At most so many points along dimensions, and the sentence that says of how many."""
+    sizes = [shown.result.sizes[dim] for dim in dims]
+    total = int(np.prod(sizes, dtype=np.int64))
+    kept = evenly(total, MOST_ROWS) if total > MOST_ROWS else range(total)
+    indices = [np.unravel_index(index, sizes) if dims else () for index in kept]
+    points: list[Point] = [dict(zip(dims, map(int, index), strict=True)) for index in indices]
+    few = len(points) < total
+    return points, f" Shown are {len(points)} of {total:,} rows; all are in the data set." if few else ""

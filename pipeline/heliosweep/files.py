@@ -1,0 +1,182 @@
+"""Files that are there whole or not at all: temporary names, the disk, and why something could not be written."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import errno
+import itertools
+import os
+import platform
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from heliosweep.errors import HeliosweepError
+
+_numbers = itertools.count()
+#: Tells this process from an earlier one of the same number: in a container that starts again, every run has it.
+_token = os.urandom(3).hex()
+#: With less room than this, a write that failed did so because the disk is full. [bytes]
+_FULL = 2**20
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A name to write a file under, which takes the name `path` when it is complete and on the disk.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file; one that is there is replaced at once.
+
+    Yields
+    ------
+    pathlib.Path
+        A name beside it that nobody else uses.
+
+    Raises
+    ------
+    HeliosweepError
+        The file cannot be written, and why. Nothing is left behind, whatever is raised.
+    """
+    temporary = temporary_name(path)
+    try:
+        with writing(path):
+            yield temporary
+            sync(temporary)
+            temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file that is there whole or not at all; what is no text is written as an escape.
+
+    Raises
+    ------
+    HeliosweepError
+        The file cannot be written, and why.
+    """
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+    with written_whole(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_rows(rows: Iterable[Iterable[object]], path: Path) -> None:
+    """Write rows as CSV, as UTF-8 and with plain line ends, whole or not at all. Raises HeliosweepError."""
+    with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Say in words why something could not be written.
+
+    Raises
+    ------
+    HeliosweepError
+        In place of OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise HeliosweepError(why_not_written(path, error)) from error
+
+
+def why_not_written(path: Path, error: Exception) -> str:
+    """Say why a file or folder could not be written, and how much room there is.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        What was to be written; it may be missing.
+    error : OSError or RuntimeError
+        What the system said, or a library that says less.
+
+    Returns
+    -------
+    str
+        As ``result.nc: cannot be written: disk full (12.3 kB free)``.
+    """
+    there = next(place for place in (path, *path.absolute().parents) if place.exists())
+    free = shutil.disk_usage(there).free
+    cause = "disk full" if free < _FULL else getattr(error, "strerror", None) or error
+    return f"{path}: cannot be written: {cause} ({human_bytes(free)} free{_limit(error)})"
+
+
+def _limit(error: Exception) -> str:
+    """The largest size of a file that the shell allows, where it can be the cause."""
+    number = getattr(error, "errno", None)
+    if number is not None and number > 0 and number != errno.EFBIG:
+        return ""  # the system said something else; of a file too large, the NetCDF library says "HDF error"
+    try:
+        import resource
+    except ImportError:  # pragma: no cover  # elsewhere there are no such limits
+        return ""
+    largest = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return "" if largest == resource.RLIM_INFINITY else f", files of at most {human_bytes(largest)} by ulimit -f"
+
+
+def human_bytes(count: float) -> str:
+    """`count` bytes in words, for instance ``1.4 GB``."""
+    for unit in ("B", "kB", "MB", "GB", "TB", "PB"):
+        if count < 1000:
+            return f"{count:.0f} {unit}" if unit == "B" or count >= 100 else f"{count:.1f} {unit}"
+        count /= 1000
+    return f"{count:.3g} EB"
+
+
+def temporary_name(path: Path) -> Path:
+    """Name beside `path` that no other process, thread or machine uses: ``.NAME.HOST.PID-TOKEN-NUMBER.part``."""
+    return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}-{_token}-{next(_numbers)}.part")
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files and folders of processes of this machine that are no more."""
+    for path in folder.glob(f".*.{platform.node()}.*-*.part"):
+        pid, _, rest = path.name.split(".")[-2].partition("-")
+        if pid.isdecimal() and (not rest.startswith(_token) if int(pid) == os.getpid() else not _alive(int(pid))):
+            remove(path)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file or folder is on the disk."""
+    if os.name != "posix" and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a folder with all that is in it; nothing where it is gone."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def discard(path: Path) -> None:
+    """Remove a file or a folder as far as that goes, also one that other threads still write to for a moment."""
+    for pause in (0.0, 0.01, 0.1, 0.5):
+        time.sleep(pause)
+        with contextlib.suppress(OSError):
+            remove(path)
+        if not path.exists():
+            return
+
+
+def _alive(pid: int) -> bool:
+    if os.name != "posix":
+        return True  # elsewhere signal 0 is no question but an interruption
+    with contextlib.suppress(PermissionError, OverflowError):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return False
+    return True

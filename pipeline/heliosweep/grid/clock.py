@@ -1,0 +1,186 @@
+"""Instants of a study, on the solar or on the civil clock, as labelled arrays along ``time``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.config.times import CivilTime, SolarTime, SunDirections
+from heliosweep.config.zones import parse_timezone, to_utc
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+#: Attributes of a coordinate of calendar dates.
+DATE = {
+    "long_name": "date at the site",
+    "comment": (
+        "date of the calendar in the time zone of the site; its midnight stands for it, without that zone's offset, "
+        "so that sites of several zones share the dates"
+    ),
+    "axis": "T",
+}
+
+
+@dataclass(frozen=True)
+class Instants:
+    """The instants of a study, labelled.
+
+    Parameters
+    ----------
+    labels : dict of str to xarray.DataArray
+        Coordinates along ``time``: ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions ``site``
+        and ``time`` where the sites' clocks differ); the one ``instant`` of each direction of the sun.
+    clock : {"solar", "civil", "sun"}
+        The clock they are given on.
+    """
+
+    labels: dict[str, xr.DataArray]
+    clock: str
+
+    def coordinates(self) -> dict[str, xr.DataArray]:
+        """The labels as coordinates of a result; instants that all sites share are the coordinate ``time`` itself."""
+        if self.clock == "sun":
+            return {}
+        if self.clock == "civil" and self.labels["utc"].dims == ("time",):
+            return {"time": self.labels["utc"].assign_attrs(standard_name="time")}
+        return self.labels
+
+    def at_sites(self, part: slice | int) -> Instants:
+        """The instants of some of the sites, or of one."""
+        labels = {name: label.isel(site=part) if "site" in label.dims else label for name, label in self.labels.items()}
+        return Instants(labels, self.clock)
+
+    def part(self, span: slice) -> Instants:
+        """Some of the instants."""
+        return Instants({name: label.isel(time=span) for name, label in self.labels.items()}, self.clock)
+
+    def thinned(self, count: int) -> Instants:
+        """Some `count` of the instants at the most, evenly picked."""
+        step = max(1, -(-self.size // count))
+        return self.part(slice(None, None, step))
+
+    @property
+    def size(self) -> int:
+        """Number of instants."""
+        return next(iter(self.labels.values())).sizes["time"]
+
+
+def instant_count(time: SolarTime | CivilTime | SunDirections) -> int:
+    """Number of instants, without making them; on the civil clock not counting changes to daylight-saving time."""
+    if isinstance(time, SunDirections):
+        return 1
+    if isinstance(time, SolarTime):
+        return time.count()
+    start, stop, step = time.window_seconds()
+    return len(time.date_list()) * (int((stop - start) / step) + 1)
+
+
+def solar_instants(time: SolarTime) -> Instants:
+    """Every hour of every day on the solar clock, day by day.
+
+    Parameters
+    ----------
+    time : SolarTime
+        Days (or declinations) and hours, already sampled as the study says.
+
+    Returns
+    -------
+    Instants
+        With ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], along ``time``.
+    """
+    hours = time.solar_hours()
+    declinations = time.declinations()
+    outer: NDArray[Any]
+    if declinations is None:
+        name, outer = "day", time.day_numbers()
+        attrs = {"long_name": "day of the year", "units": "1"}
+    else:
+        name, outer = "declination", declinations
+        attrs = {"long_name": "declination of the sun", "units": "degree"}
+    return Instants(
+        {
+            name: xr.DataArray(np.repeat(outer, hours.size), dims="time", attrs=attrs),
+            "solar_hour": xr.DataArray(
+                np.tile(hours, outer.size), dims="time", attrs={"long_name": "solar time of day", "units": "h"}
+            ),
+        },
+        "solar",
+    )
+
+
+def direction_instant() -> Instants:
+    """The one instant at which the sun is looked at where a study gives its directions."""
+    return Instants({"instant": xr.DataArray(np.zeros(1), dims="time")}, "sun")
+
+
+def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
+    """Every step of every date's window on the civil clock, in universal time.
+
+    A window opens and closes on the wall clock and is cut in equal steps of elapsed time, so that the day of a
+    daylight-saving change is an hour shorter or longer where the window holds the change. What opens or closes in an
+    hour that is left out does so at the change; in one that occurs twice, at its first occurrence.
+
+    Parameters
+    ----------
+    time : CivilTime
+        Dates, window and sampling.
+    timezones : list of str
+        One per site: an offset such as ``+08:00`` or an IANA name.
+
+    Returns
+    -------
+    Instants
+        With ``utc`` along ``time``, rising, each instant once, where all sites share them; along (``site``, ``time``)
+        otherwise, where sites with fewer instants are padded with NaT.
+    """
+    rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
+    attrs = {"long_name": "universal time"}
+    if all(row.size == rows[0].size and bool(np.all(row == rows[0])) for row in rows):
+        return Instants({"utc": xr.DataArray(rows[0], dims="time", attrs=attrs)}, "civil")
+    table = np.full((len(rows), max(row.size for row in rows)), np.datetime64("NaT", "ns"))
+    for index, row in enumerate(rows):
+        table[index, : row.size] = row
+    return Instants({"utc": xr.DataArray(table, dims=("site", "time"), attrs=attrs)}, "civil")
+
+
+@lru_cache(maxsize=16)
+def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]]:
+    """Instants of the window of every date, in universal time.
+
+    Parameters
+    ----------
+    time : CivilTime
+        Dates, window and sampling.
+    timezone : str
+        An offset such as ``+08:00`` or an IANA name; whose clock the window is on.
+
+    Returns
+    -------
+    list of ndarray of datetime64[ns]
+        One array per date, in the order of the study.
+    """
+    zone = parse_timezone(timezone)
+    start, stop, step = time.window_seconds()
+    pieces = []
+    for date in time.date_list():
+        opens, closes = (to_utc(date, seconds, zone)[0].timestamp() for seconds in (start, stop))
+        seconds = opens + step * window_positions((closes - opens) / step, time.sampling)
+        pieces.append(np.round(seconds * 1e9).astype(np.int64).view("datetime64[ns]"))
+    return pieces
+
+
+def window_count(steps: float, sampling: str) -> int:
+    """Number of instants of a window of so many steps, where rounding alone makes no step more or less."""
+    if sampling == "left":
+        return int(np.ceil(steps - 1e-9))
+    return int(np.floor(steps + 1e-9)) + (sampling == "inclusive")
+
+
+def window_positions(steps: float, sampling: str) -> NDArray[np.float64]:
+    """Instants of a window of so many steps, in steps from its opening."""
+    return np.arange(window_count(steps, sampling), dtype=np.float64) + (0.5 if sampling == "midpoint" else 0.0)

@@ -1,0 +1,138 @@
+"""The layouts of a study along the dimension ``heliostat``, whatever is swept in its ``layout`` block."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from operator import attrgetter
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep
+from heliosweep.errors import PlanError
+from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+
+_POSITIONS = {
+    "x": ("distance of the heliostat east of the tower", "projection_x_coordinate"),
+    "y": ("distance of the heliostat north of the tower", "projection_y_coordinate"),
+    "z": ("height of the heliostat's base above the tower's base", ""),
+}
+#: Layouts of a sweep at the most, and of those that have to be made to know how long they are.
+MAX_LAYOUTS, MAX_MADE = 100_000, 5_000
+
+
+class LayoutAxis:
+    """All layouts of a study; shorter ones are padded at their end.
+
+    Parameters
+    ----------
+    study : Study
+        Study with a block that names layouts.
+    key : str
+        Key of the block.
+
+    Attributes
+    ----------
+    dims : tuple of str
+        Swept dimensions that choose a layout.
+    size : int
+        Heliostats of the longest layout.
+    """
+
+    def __init__(self, study: Study, key: str = "layout") -> None:
+        layouts = Layouts(study, key=key)
+        self.dims = tuple(dim.name for dim in layouts.dimensions)
+        self._shape = tuple(len(dim) for dim in layouts.dimensions)
+        self._layouts = list(layouts)
+        self.size = longest(study, key)
+
+    def at(self, position: Mapping[str, int]) -> Layout:
+        """Layout of a point of the result, from its position along each dimension."""
+        place = tuple(position[dim] for dim in self.dims)
+        return self._layouts[int(np.ravel_multi_index(place, self._shape)) if place else 0]
+
+    def column(self, name: str, padding: object = np.nan) -> xr.DataArray:
+        """One column of all layouts over (swept dimensions that choose a layout, ``heliostat``)."""
+        columns = [getattr(one, name) if name in _POSITIONS else one.columns[name] for one in self._layouts]
+        return xr.DataArray(_table(columns, padding, self._shape, self.size), dims=(*self.dims, "heliostat"))
+
+    @cached_property
+    def numbers(self) -> xr.DataArray:
+        """0, 1, ... along ``heliostat``."""
+        attrs = {"long_name": "number of the heliostat: its row in the layout, from 0", "units": "1"}
+        return xr.DataArray(np.arange(self.size), dims="heliostat", attrs=attrs)
+
+    def coordinates(self) -> dict[str, xr.DataArray]:
+        """``heliostat``, ``x``, ``y``, ``z`` and the further columns that all layouts have."""
+        coordinates = {"heliostat": self.numbers}
+        for name, (long_name, standard_name) in _POSITIONS.items():
+            known = {"standard_name": standard_name} if standard_name else {}
+            coordinates[name] = self.column(name).assign_attrs(units="m", long_name=long_name, **known)
+        for name in self._layouts[0].columns:
+            columns = [layout.columns.get(name) for layout in self._layouts]
+            kinds = {
+                "none" if column is None else "text" if column.dtype.kind == "U" else "number" for column in columns
+            }
+            if len(kinds) > 1 or "none" in kinds:
+                continue
+            text = "text" in kinds
+            label = self.column(name, "" if text else np.nan).assign_attrs(_column_attributes(name))
+            coordinates[f"heliostat_{name}" if name in SIZE_COLUMNS else name] = label
+        return coordinates
+
+
+def mirror_size(layout: Layout, side: str, given: float | None) -> np.ndarray:
+    """Width or height of every mirror of a layout [m]: the study's value, or else the layout's column of that name."""
+    return layout.columns[side].astype(float) if given is None else np.full(len(layout), float(given))
+
+
+def _table(columns: Sequence[np.ndarray], padding: object, shape: tuple[int, ...], size: int) -> np.ndarray:
+    """Columns of layouts over (swept layout parameters, heliostat), the shorter ones padded."""
+    kinds = {column.dtype.kind for column in columns}
+    whole = len(columns) == 1 and size == len(columns[0])
+    dtype = object if "U" in kinds else columns[0].dtype if whole else np.dtype(float)
+    table = np.full((len(columns), size), padding, dtype=dtype) if not whole else np.array(columns, dtype)
+    if not whole:
+        for row, column in zip(table, columns, strict=True):
+            row[: len(column)] = column
+    return table.reshape(*shape, size)
+
+
+def _column_attributes(name: str) -> dict[str, str]:
+    known = {
+        "ring": {"long_name": "ring of the layout, from the tower outwards", "units": "1"},
+        "azimuth": {
+            "long_name": "azimuth of the heliostat seen from the tower, clockwise from north",
+            "units": "degree",
+        },
+        "width": {"long_name": "mirror width", "units": "m"},
+        "height": {"long_name": "mirror height", "units": "m"},
+    }
+    return known.get(name, {"long_name": f"column {name} of the layout"})
+
+
+def longest(study: Study, key: str = "layout") -> int:
+    """Heliostats of the longest layout of a study, of the block with this key.
+
+    Raises
+    ------
+    PlanError
+        Where the study sweeps over too many layouts; names the longest of their axes.
+    """
+    generator = attrgetter(key)(study).radial_stagger
+    heliostats = None if generator is None else generator.heliostats
+    layouts = Layouts(study, key=key)
+    most = MAX_MADE if heliostats is None else MAX_LAYOUTS
+    number = math.prod(len(dim) for dim in layouts.dimensions)
+    if number > most:
+        axis = max(layouts.dimensions, key=len)
+        raise PlanError(f"refused: {number:,} layouts are more than {most:,}; shrink '{axis.name}' first")
+    if heliostats is not None:
+        return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
+    if not layouts.dimensions:
+        return len(layouts[()])
+    return max(map(len, layouts))

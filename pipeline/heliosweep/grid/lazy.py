@@ -1,0 +1,145 @@
+"""The lazy face of a study: one dask task for each part, one for each slab that is finished from its parts."""
+
+from __future__ import annotations
+
+import itertools
+import uuid
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.config.sites import with_sites
+from heliosweep.grid.plan import Plan
+from heliosweep.grid.regions import Part, Variable, checked, index_of, of_kind, shape_of
+
+if TYPE_CHECKING:
+    from heliosweep.config.study import Study
+
+
+class Work:
+    """All that computing a region of a study takes; small enough to be sent to other processes once.
+
+    Parameters
+    ----------
+    family : heliosweep.families.family.Family
+        Of the study.
+    study : Study
+        The study.
+    variables : mapping of str to Variable
+        Variables of its result.
+    sizes : mapping of str to int
+        Dimensions of its result.
+
+    Attributes
+    ----------
+    inputs : object
+        What is read from files.
+    module : str
+        Module that the numbers come from.
+    """
+
+    def __init__(self, family: Any, study: Study, variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> None:
+        self.family, self.study, self.variables, self.sizes = family, with_sites(study), dict(variables), dict(sizes)
+        self.inputs = family.inputs(study)
+        self.module = family.numbers_from(study)
+
+    def compute(self, part: Part) -> xr.Dataset:
+        """Values of a part."""
+        made = self.family.compute(self.study, self.inputs, part.region)
+        return checked(made, of_kind(self.variables, part.kind), part.region, self.sizes)
+
+    def finish(self, slab: Part, computed: xr.Dataset) -> xr.Dataset:
+        """All variables of a slab from those that were computed, in the order of the file."""
+        named = {name: one for name, one in self.variables.items() if one.kind == slab.kind}
+        later = {name: one for name, one in named.items() if one.finished}
+        if not later:
+            return computed[list(named)]
+        made = self.family.finish(self.study, self.inputs, slab.region, computed)
+        return computed.assign(checked(made, later, slab.region, self.sizes).data_vars)[list(named)]
+
+    def joined(self, slab: Part, parts: Iterable[tuple[Part, Mapping[Any, Any]]]) -> xr.Dataset:
+        """Values of a slab, put together from those of its parts: arrays or data arrays by name."""
+        named = of_kind(self.variables, slab.kind)
+        whole = {name: np.empty(shape_of(one, slab.region, self.sizes), one.dtype) for name, one in named.items()}
+        for part, values in parts:
+            for name, variable in named.items():
+                whole[name][index_of(variable.dims, part.region, slab.region)] = np.asarray(values[name])
+        return xr.Dataset({name: (variable.dims, whole[name]) for name, variable in named.items()})
+
+
+def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
+    """Lazy result of a study.
+
+    Parameters
+    ----------
+    work : Work
+        The study.
+    plan : Plan
+        How it is cut.
+    coordinates : xarray.Dataset
+        Coordinates of the whole result; its attributes become those of the result.
+
+    Returns
+    -------
+    xarray.Dataset
+        Each variable a dask array, a chunk for each slab.
+    """
+    import dask.array as da
+    from dask.highlevelgraph import HighLevelGraph
+
+    token = uuid.uuid4().hex
+    shared, computed, finished = (f"{name}-{token}" for name in ("study", "part", "slab"))
+    graph: dict[Any, Any] = {shared: (_Given(work),)}
+    keys: dict[str, dict[tuple[int, ...], str]] = {}
+    for slab, parts in plan.parts_by_slab():
+        known = list(parts)
+        for part in known:
+            graph[f"{computed}-{part.name}"] = (_compute, shared, part)
+        key = f"{finished}-{slab.name}"
+        graph[key] = (_finish, shared, slab, known, [f"{computed}-{part.name}" for part in known])
+        place = tuple(slab.region[dim].start // plan.cuts[slab.kind].slab[dim] for dim in slab.region)
+        keys.setdefault(slab.kind, {})[place] = key
+    layer = HighLevelGraph.from_collections(finished, graph)
+    arrays = {}
+    for name, variable in work.variables.items():
+        cut = plan.cuts[variable.kind]
+        lengths = [_lengths(work.sizes[dim], cut.slab.get(dim, work.sizes[dim])) for dim in variable.dims]
+        label = f"{name}-{token}"
+        takes: dict[Any, Any] = {}
+        for place in itertools.product(*(range(len(each)) for each in lengths)):
+            at = dict(zip(variable.dims, place, strict=True))
+            key = keys[variable.kind][tuple(at.get(dim, 0) for dim in cut.sizes)]
+            takes[(label, *place)] = (_take, key, name)
+        layers = HighLevelGraph({**layer.layers, label: takes}, {**layer.dependencies, label: {finished}})
+        data = da.Array(layers, label, tuple(lengths), dtype=variable.dtype)
+        arrays[name] = xr.DataArray(data, dims=variable.dims, attrs=dict(variable.attrs))
+    return xr.Dataset(arrays).assign_coords(coordinates.coords).assign_attrs(coordinates.attrs)
+
+
+def _lengths(size: int, length: int) -> tuple[int, ...]:
+    whole, rest = divmod(size, max(1, length))
+    return (length,) * whole + ((rest,) if rest else ())
+
+
+class _Given:
+    """A constant of a graph, which dask leaves as it is."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __call__(self) -> Any:
+        return self.value
+
+
+def _compute(work: Work, part: Part) -> xr.Dataset:
+    return work.compute(part)
+
+
+def _finish(work: Work, slab: Part, parts: list[Part], values: list[xr.Dataset]) -> xr.Dataset:
+    return work.finish(slab, work.joined(slab, zip(parts, values, strict=True)))
+
+
+def _take(slab: xr.Dataset, name: str) -> np.ndarray:
+    return slab[name].to_numpy()

@@ -1,0 +1,150 @@
+"""What this machine offers, and how sizes and durations are put in words."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+try:
+    import resource
+except ImportError:  # no Unix
+    resource = None  # type: ignore[assignment]
+
+#: What the system says of this process, and where the limits of control groups are; Linux only.
+_PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+#: Files of limit and use, and the name of cached files in ``memory.stat``, of control groups of version 2 and 1.
+_MEMORY = (
+    ("memory.max", "memory.current", "file"),
+    ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_cache"),
+)
+#: Addresses and data that a process asks for and does not use: of the libraries, and of each thread. [bytes]
+UNUSED_ADDRESSES, UNUSED_DATA, UNUSED_PER_WORKER = 1100 * 2**20, 200 * 2**20, 80 * 2**20
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What this machine and the study's ``execution`` block allow."""
+
+    workers: int
+    memory: int
+    disk: int
+
+
+def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
+    """What the machine offers, where the study asks for nothing else.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Asked for by the user; otherwise the processors that this process may use, its control group considered.
+    memory : int, optional
+        Asked for by the user; otherwise 80 % of what is available now, or of what its control groups and the limits
+        of the process (``ulimit -v``, ``-d``) leave. [bytes]
+    folder : path
+        Where the result will be written; the nearest existing parent tells the free disk.
+
+    Returns
+    -------
+    Limits
+    """
+    workers = workers or _processors()
+    available = [psutil.virtual_memory().available, *_group_memory(), *_process_memory(workers)]
+    return Limits(workers, memory or int(0.8 * max(0, min(available))), _free_disk(Path(folder).absolute()))
+
+
+def _processors() -> int:
+    """Processors that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    usable = len(affinity(0)) if affinity else os.cpu_count() or 1
+    quotas = []
+    for place in _group_folders("cpu"):
+        words = _words(place / "cpu.max") or [*_words(place / "cpu.cfs_quota_us"), *_words(place / "cpu.cfs_period_us")]
+        if len(words) == 2 and words[0].isdecimal() and int(words[1]) > 0:  # none: "max" or -1
+            quotas.append(math.ceil(int(words[0]) / int(words[1])))
+    return max(1, min([usable, *quotas]))
+
+
+def _process_memory(workers: int) -> Iterator[int]:
+    """What the limits of this process (``ulimit -v`` and ``-d``) leave of memory. [bytes]"""
+    if resource is None:
+        return
+    for kind, unused in (("RLIMIT_AS", UNUSED_ADDRESSES), ("RLIMIT_DATA", UNUSED_DATA)):
+        limit, _ = resource.getrlimit(getattr(resource, kind))
+        if limit != resource.RLIM_INFINITY:
+            yield limit - unused - workers * UNUSED_PER_WORKER
+
+
+def _group_memory() -> Iterator[int]:
+    """What the limits of this process's control groups leave of memory. [bytes]"""
+    for place in _group_folders("memory"):
+        for limit, used, cached in _MEMORY:
+            if (allowed := _number(place / limit)) is not None:
+                # What other processes of the group hold; files in the cache give way.
+                statistics = dict(zip(*[iter(_words(place / "memory.stat"))] * 2, strict=False))
+                held = (_number(place / used) or 0) - int(statistics.get(cached, 0))
+                yield allowed - max(0, held - psutil.Process().memory_info().rss)
+
+
+def _group_folders(controller: str) -> Iterator[Path]:
+    """Folders of this process's control groups and of those around them, of both versions, innermost first."""
+    try:
+        groups = (_PROC / "self/cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+    except OSError:
+        return
+    for line in groups:
+        number, _, rest = line.partition(":")
+        controllers, _, own = rest.partition(":")
+        if number == "0" and not controllers:
+            roots = [_CGROUPS, _CGROUPS / "unified"]
+        elif controller in controllers.split(","):
+            roots = [_CGROUPS / controllers, _CGROUPS / controller]
+        else:
+            continue
+        for root in roots:
+            # Within a container the name is that outside of it, and the group itself is the root.
+            place = root / own.removeprefix("/")
+            while place.is_relative_to(root):
+                yield place
+                place = place.parent
+
+
+def _words(file: Path) -> list[str]:
+    """Words of a small file; none where it cannot be read."""
+    try:
+        return file.read_text(encoding="ascii").split()
+    except (OSError, ValueError):
+        return []
+
+
+def _number(file: Path) -> int | None:
+    """The number in a file; None where there is none."""
+    words = _words(file)
+    return int(words[0]) if words and words[0].isdecimal() else None
+
+
+def _free_disk(folder: Path) -> int:
+    """Free disk at the nearest parent that exists and may be looked at. [bytes]"""
+    for place in (folder, *folder.parents):
+        with suppress(OSError, ValueError):
+            return shutil.disk_usage(place).free
+    return 0
+
+
+def human_lengths(sizes: Mapping[str, int]) -> str:
+    """Lengths of dimensions in words, for instance ``site 25, heliostat 317``."""
+    return ", ".join(f"{dim} {length:,}" for dim, length in sizes.items())
+
+
+def human_seconds(seconds: float) -> str:
+    """A duration in words, for instance ``4.2 s`` or ``2 h 05 min``."""
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

@@ -1,0 +1,171 @@
+"""The parameter grid: every key of a study as a labelled array, whole or over a part of the grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.config.blocks import NamedSite
+from heliosweep.config.sites import site_table
+from heliosweep.config.study import Study, parameters
+from heliosweep.config.values import FileName, Parameter
+
+#: Spelling of units in CF (UDUNITS) where it differs from that of study files, by unit or standard name.
+CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_east"}
+
+
+class Parameters:
+    """Values of every key of a study over a region of its result.
+
+    Parameters
+    ----------
+    study : Study
+        Checked study.
+    select : mapping of str to slice, optional
+        Part of each dimension; a dimension not named is whole.
+
+    Attributes
+    ----------
+    sizes : dict of str to int
+        Length of each swept dimension within the slab, in the order of the result.
+    """
+
+    def __init__(self, study: Study, select: Mapping[str, slice] | None = None) -> None:
+        self.study = study
+        self._select = dict(select or {})
+        self._declared = {key: (parameter, value) for key, parameter, value in parameters(study)}
+        self._dims = {key: dim.name for dim in study.dimensions() for key in dim.sweeps}
+        self._sites = site_table(study)
+        lengths = {"site": len(self._sites)} if self._sites else {}
+        lengths |= {dim.name: len(dim) for dim in study.dimensions()}
+        self.sizes = {dim: len(range(length)[self.part(dim)]) for dim, length in lengths.items()}
+
+    @property
+    def site_dims(self) -> tuple[str, ...]:
+        """Swept dimensions that the site, or the direction of the sun, depends on, without expanding any."""
+        swept = {dim for key, dim in self._dims.items() if key.startswith(("site.", "time."))}
+        return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
+
+    def part(self, dim: str) -> slice:
+        """The slab's part of a dimension."""
+        return self._select.get(dim, slice(None))
+
+    def has(self, key: str) -> bool:
+        """Whether the study gives this key a value."""
+        if key in self._declared:
+            return True
+        block, _, name = key.partition(".")
+        return block == "site" and any(getattr(site, name) is not None for site in self._sites)
+
+    def parameter(self, key: str) -> xr.DataArray:
+        """Values of one key: without dimensions where it is fixed, along its dimension where it is swept.
+
+        Parameters
+        ----------
+        key : str
+            Dotted key, for instance ``receiver.height``.
+
+        Returns
+        -------
+        xarray.DataArray
+            In the canonical unit of the study file, with CF attributes.
+
+        Raises
+        ------
+        KeyError
+            Where the study gives the key no value.
+        """
+        if key not in self._declared:
+            return self._site_parameter(key)
+        declaration, value = self._declared[key]
+        attrs = coordinate_attributes(declaration, key)
+        if key not in self._dims:
+            return xr.DataArray(value, attrs=attrs)
+        dim = self._dims[key]
+        values = value[self.part(dim)]
+        if isinstance(declaration, FileName):
+            values = tuple(PurePath(name).name for name in values)  # no result tells where its files were
+        names = isinstance(values, tuple)
+        return xr.DataArray(np.array(values, dtype=object if names else float), dims=dim, attrs=attrs)
+
+    def _site_parameter(self, key: str) -> xr.DataArray:
+        """Latitude, longitude or altitude of each named site, along ``site``."""
+        block, _, name = key.partition(".")
+        if block != "site" or not self._sites:
+            raise KeyError(key)
+        declaration = NamedSite.parameter(name)
+        assert declaration is not None
+        values = [float("nan") if (value := getattr(site, name)) is None else value for site in self._sites]
+        return xr.DataArray(values[self.part("site")], dims="site", attrs=coordinate_attributes(declaration, key))
+
+    def values(self, key: str) -> np.ndarray | None:
+        """Values of one key at every point of the region, over all swept dimensions; None where it has no value."""
+        if not self.has(key):
+            return None
+        array = self.parameter(key)
+        index = tuple(slice(None) if dim in array.dims else np.newaxis for dim in self.sizes)
+        order = [dim for dim in self.sizes if dim in array.dims]
+        return np.broadcast_to(array.transpose(*order).to_numpy()[(*index, ...)], tuple(self.sizes.values()))
+
+    def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
+        """Every point of the region in the order of the result: its index within it, and the values of some keys."""
+        columns = [self.values(key) for key in keys]
+        for index in np.ndindex(tuple(self.sizes.values())):
+            yield index, tuple(None if column is None else column[index] for column in columns)
+
+    def position(self, index: tuple[int, ...]) -> dict[str, int]:
+        """Position of a point in the whole result, by swept dimension."""
+        return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
+
+    def timezones(self) -> list[str]:
+        """Time zone of every site of the slab; that of the ``time`` block where it gives one."""
+        shared: str | None = getattr(self.study, "time").timezone  # noqa: B009
+        sites = self._sites[self.part("site")] or (getattr(self.study, "site"),)  # noqa: B009
+        return [shared or site.timezone or "+00:00" for site in sites]
+
+    def coordinates(self, keys: Sequence[str] = ()) -> dict[str, xr.DataArray]:
+        """Every swept key, and those of `keys` that are given, as coordinates named as the family declares.
+
+        Parameters
+        ----------
+        keys : sequence of str
+            Dotted keys that become scalar coordinates where they are not swept.
+
+        Returns
+        -------
+        dict of str to xarray.DataArray
+        """
+        wanted = [*(key for key in keys if self.has(key) and key not in self._dims), *self._dims]
+        named = {}
+        if self._sites:
+            names = np.array([site.name for site in self._sites[self.part("site")]], dtype=object)
+            named["site"] = xr.DataArray(names, dims="site", attrs={"long_name": "name of the site"})
+        for key in wanted:
+            declared = self._declared.get(key)
+            named[coordinate_name(declared[0], key) if declared else key.rpartition(".")[2]] = self.parameter(key)
+        return named
+
+
+def coordinate_name(declaration: Parameter, key: str) -> str:
+    """Name of a key as a dimension or coordinate: its last part, or what its block declares."""
+    return declaration.dimension or key.rpartition(".")[2]
+
+
+def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
+    """CF attributes of a key: long name, units and, where CF has one, the standard name."""
+    attrs = {"long_name": declaration.title or coordinate_name(declaration, key).replace("_", " ")}
+    unit = getattr(declaration, "unit", None)
+    if unit is not None:
+        attrs["units"] = CF_UNITS.get(declaration.standard_name) or CF_UNITS.get(unit, unit)
+    if declaration.standard_name:
+        attrs["standard_name"] = declaration.standard_name
+    else:
+        # Of names, what each means; the unit of numbers stands in an attribute of its own.
+        meaning = declaration.description if unit else declaration.purpose
+        if meaning.casefold() != attrs["long_name"].casefold():
+            attrs["comment"] = meaning[:1].lower() + meaning[1:]
+    return attrs

@@ -1,0 +1,267 @@
+"""Regions of a result: its variables, and how it is cut into what is computed and written at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: A part of a result: dimension -> slice with start and stop; dimensions that are not named are whole.
+Region: TypeAlias = Mapping[str, slice]
+
+#: Values of all time series that one slab holds. [bytes]
+SERIES_SLAB_BYTES = 32 * 2**20
+#: Instants of a slab of a large field: enough that many of them have similar sun directions.
+SERIES_INSTANTS = 512
+#: Parts of such a slab along the split dimension, and their least length.
+SERIES_PARTS, LEAST_LENGTH = 8, 64
+#: One storage chunk of one time series. [bytes]
+STORAGE_BYTES = 2**20
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of a result, before its values are there.
+
+    Parameters
+    ----------
+    dims : tuple of str
+        Dimensions in the order of the file.
+    attrs : mapping
+        CF attributes; ``units`` and ``long_name`` among them.
+    dtype : numpy.dtype
+        Type of the values.
+    finished : bool
+        True where `Family.finish` makes it from whole points, False where `Family.compute` does.
+    """
+
+    dims: tuple[str, ...]
+    attrs: Mapping[str, Any]
+    dtype: np.dtype = field(default_factory=lambda: np.dtype(np.float64))
+    finished: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Kind of the parts that hold it: ``series`` where it varies along ``time``, else ``points``."""
+        return "series" if "time" in self.dims else "points"
+
+
+def of_kind(variables: Mapping[str, Variable], kind: str) -> dict[str, Variable]:
+    """Variables that `Family.compute` makes in parts of one kind."""
+    return {name: one for name, one in variables.items() if one.kind == kind and not one.finished}
+
+
+def bytes_of(variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> int:
+    """Size of variables for the given lengths of dimensions. [bytes]"""
+    return sum(one.dtype.itemsize * math.prod(sizes[dim] for dim in one.dims) for one in variables.values())
+
+
+def shape_of(variable: Variable, region: Region, sizes: Mapping[str, int]) -> tuple[int, ...]:
+    """Shape of a variable over a region of a result with these dimensions."""
+    return tuple(len(range(sizes[dim])[region.get(dim, slice(None))]) for dim in variable.dims)
+
+
+def index_of(dims: tuple[str, ...], region: Region, within: Region | None = None) -> tuple[slice, ...]:
+    """Index of a region in an array over `dims`, of a whole result or of a region around it."""
+    index = []
+    for dim in dims:
+        span = region.get(dim, slice(None))
+        start = within[dim].start if within and dim in within and span != slice(None) else 0
+        index.append(slice(span.start - start, span.stop - start) if start else span)
+    return tuple(index)
+
+
+def checked(
+    made: xr.Dataset, variables: Mapping[str, Variable], region: Region, sizes: Mapping[str, int]
+) -> xr.Dataset:
+    """Bring what a family computed into the order, dimensions and types that it has stated.
+
+    Parameters
+    ----------
+    made : xarray.Dataset
+        From `Family.compute` or `Family.finish`.
+    variables : mapping of str to Variable
+        The variables that it must have.
+    region : Region
+        Where it lies.
+    sizes : mapping of str to int
+        Dimensions of the whole result.
+
+    Returns
+    -------
+    xarray.Dataset
+        Without coordinates and attributes.
+
+    Raises
+    ------
+    ValueError
+        A variable is missing, or has other dimensions, lengths or another type.
+    """
+    import xarray as xr
+
+    arrays = {}
+    for name, variable in variables.items():
+        if name not in made:
+            raise ValueError(f"the family did not compute {name!r}")
+        array = made[name].transpose(*variable.dims)
+        if array.shape != shape_of(variable, region, sizes) or array.dtype != variable.dtype:
+            raise ValueError(
+                f"{name}: {array.dtype} of shape {array.shape}, not {variable.dtype} of shape "
+                f"{shape_of(variable, region, sizes)}"
+            )
+        arrays[name] = (variable.dims, np.ascontiguousarray(array.to_numpy()).reshape(array.shape))
+    return xr.Dataset(arrays)
+
+
+class Part(NamedTuple):
+    """A region of the result that is computed, stored and resumed as one."""
+
+    name: str
+    """Its kind and number, as ``points-00012``."""
+    kind: str
+    """``points``: all that has no ``time``; ``series``: time series."""
+    region: dict[str, slice]
+    """Where it lies."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """How the variables of one kind are cut.
+
+    Slabs are finished and written at a time: they follow from the study alone, and with them the bytes of a result.
+    Parts are computed at a time; no part reaches over a slab.
+
+    Parameters
+    ----------
+    sizes, slab, part : mapping of str to int
+        Lengths of the dimensions that are cut, of a slab and of a part along each of them.
+    """
+
+    sizes: Mapping[str, int]
+    slab: Mapping[str, int]
+    part: Mapping[str, int]
+
+    def slabs(self) -> Iterator[dict[str, slice]]:
+        """Regions of the slabs in the order of the file, last dimension fastest."""
+        return regions({dim: slice(0, size) for dim, size in self.sizes.items()}, self.slab)
+
+    def parts(self, slab: Region) -> Iterator[dict[str, slice]]:
+        """Regions of the parts of a slab, last dimension fastest."""
+        return regions(slab, self.part)
+
+    @property
+    def slab_count(self) -> int:
+        """Number of slabs."""
+        return piece_count({dim: slice(0, size) for dim, size in self.sizes.items()}, self.slab)
+
+    @property
+    def part_count(self) -> int:
+        """Number of parts."""
+        return math.prod(
+            sum(piece_count({dim: span}, self.part) for span in _spans(0, size, self.slab[dim]))
+            for dim, size in self.sizes.items()
+        )
+
+
+def regions(around: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, slice]]:
+    """Cut a region into pieces of at most these lengths, last dimension fastest; one after the other, never a list."""
+    if not around:
+        yield {}
+        return
+    (dim, span), *others = around.items()
+    rest = dict(others)
+    for piece in _spans(span.start, span.stop, lengths[dim]):
+        for inner in regions(rest, lengths):
+            yield {dim: piece, **inner}
+
+
+def piece_count(around: Region, lengths: Mapping[str, int]) -> int:
+    """Number of pieces that `regions` gives."""
+    return math.prod(-(-(span.stop - span.start) // lengths[dim]) for dim, span in around.items())
+
+
+def _spans(start: int, stop: int, length: int) -> Iterator[slice]:
+    return (slice(first, min(first + length, stop)) for first in range(start, stop, length))
+
+
+def slab_lengths(
+    sizes: Mapping[str, int], fits: Callable[[Mapping[str, int]], bool], most: Mapping[str, int] | None = None
+) -> dict[str, int]:
+    """Lengths of the largest slab that is contiguous in the order of the file: whole from the last dimension on.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the dimensions.
+    fits : callable
+        True for lengths of a slab that is not too large.
+    most : mapping of str to int, optional
+        Longest lengths that are allowed.
+
+    Returns
+    -------
+    dict of str to int
+        1 along the dimensions before the one that is cut.
+    """
+    slab = dict.fromkeys(sizes, 1)
+    for dim, size in reversed(list(sizes.items())):
+        length = min(size, (most or {}).get(dim, size))
+        if not fits({**slab, dim: length}):
+            while slab[dim] * 2 < length and fits({**slab, dim: slab[dim] * 2}):
+                slab[dim] *= 2
+            break
+        slab[dim] = length
+        if length < size and (most or {}).get(dim, 0) != length:
+            break
+    return slab
+
+
+def series_cut(
+    parameters: Mapping[str, int], times: int, split: tuple[str, int], value_bytes: int, most: Mapping[str, int]
+) -> tuple[Cut, dict[str, int]]:
+    """Cut the time series of a study.
+
+    Parameters
+    ----------
+    parameters : mapping of str to int
+        Swept dimensions.
+    times : int
+        Instants.
+    split : tuple of str and int
+        Name and length of the dimension along which a point may be cut.
+    value_bytes : int
+        Bytes of all series at one instant and place.
+    most : mapping of str to int
+        Longest parts that are allowed.
+
+    Returns
+    -------
+    Cut
+        Over the parameters, ``time`` and the split dimension.
+    dict of str to int
+        Lengths of a storage chunk along ``time`` and the split dimension.
+    """
+    name, size = split
+    instants = min(times, SERIES_INSTANTS)
+    places = SERIES_SLAB_BYTES // (value_bytes * instants)
+    if places >= size:
+        places, instants = size, min(times, SERIES_SLAB_BYTES // (value_bytes * size))
+    else:
+        places = 2 ** int(math.log2(places))
+    rows = max(1, min(instants, STORAGE_BYTES // 8 // places))
+    if instants < times:
+        instants -= instants % rows
+    points = dict.fromkeys(parameters, 1)
+    if instants == times and places == size:
+        point_bytes = value_bytes * times * size
+        points = slab_lengths(parameters, lambda slab: point_bytes * math.prod(slab.values()) <= SERIES_SLAB_BYTES)
+    slab = {**points, "time": instants, name: places}
+    part = {**slab, name: max(LEAST_LENGTH, -(-places // SERIES_PARTS))}
+    part = {dim: min(length, slab[dim], most.get(dim, length)) for dim, length in part.items()}
+    return Cut({**parameters, "time": times, name: size}, slab, part), {"time": rows, name: places}

@@ -1,0 +1,379 @@
+"""Pointing error of a dish on tilted axes: means, maxima and clipped means over windows of time.
+
+Vectors are x west, y south, z up. The mount leans by `tilt` about the horizontal unit vector u = (cos direction,
+-sin direction, 0): the foot of its azimuth axis moves towards `direction`.
+
+Two models: `RIGID`, where the whole mount leans and the controller does not know; `UNTILTED_HOME_AXES`, where the
+azimuth axis leans alone while the home positions of the elevation axis and the focal axis do not (Liu, Peng and Yan
+2022 [1]_). Both have closed forms, used without home offsets; with them the chain of axes itself is computed.
+
+Every number has the same bits whatever else is computed with it: windows are summed each on its own, in the order of
+time, and every choice of a method depends on the one parameter combination alone.
+
+References
+----------
+.. [1] Z. Liu, H. Peng and J. Yan, "Effect of the azimuth axis tilt error on the tracking performance of a solar dish
+   concentrator system", Energies 15 (2022) 3261, doi 10.3390/en15093261
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.dish.windows import (
+    COSINE,
+    LANES,
+    ROWS,
+    SINE,
+    SOUTH,
+    STRIDE,
+    UP,
+    WEIGHT,
+    WEST,
+    Windows,
+)
+
+RIGID = 0
+"""The whole mount leans."""
+UNTILTED_HOME_AXES = 1
+"""The azimuth axis leans; the home positions of the other axes do not."""
+
+SMALL = 0.12
+"""Largest sine for the series of the arcsine: cut after x^15, it is short by 2e-17."""
+
+Floats = NDArray[np.float64]
+
+
+@inline
+def arcsine(x: float) -> float:
+    """Arcsine of 0 <= x <= `SMALL`."""
+    q = x * x
+    series = 35.0 / 1152.0 + q * (63.0 / 2816.0 + q * (231.0 / 13312.0 + q * (143.0 / 10240.0)))
+    return x + x * q * (1.0 / 6.0 + q * (3.0 / 40.0 + q * (5.0 / 112.0 + q * series)))
+
+
+@kernel
+def fill_errors(rows: Floats, model: int, mount: Floats, errors: Floats) -> None:
+    """Errors of one mount at all instants of a group."""
+    home_azimuth, home_elevation, direction, tilt = mount
+    columns = rows.reshape(len(rows), ROWS, errors.shape[1])
+    if home_azimuth != 0.0 or home_elevation != 0.0:
+        _chain(columns, model, mount, errors)
+    elif model == RIGID:
+        _rigid(columns, direction, tilt, errors)
+    else:
+        _untilted(columns, direction, tilt, errors)
+    largest = (tilt if model == RIGID else 2.0 * tilt) + abs(home_azimuth) + abs(home_elevation)
+    if largest <= 2.0 * SMALL:
+        for step in range(len(errors)):
+            for k in range(errors.shape[1]):
+                errors[step, k] = 2.0 * arcsine(errors[step, k])
+    else:
+        for step in range(len(errors)):
+            for k in range(errors.shape[1]):
+                errors[step, k] = 2.0 * math.asin(min(errors[step, k], 1.0))
+
+
+@kernel
+def _rigid(rows: Floats, direction: float, tilt: float, sines: Floats) -> None:
+    """Sines of half the errors of a mount that leans as a whole: sin(tilt / 2) |u x s|."""
+    half_sine = math.sin(0.5 * tilt)
+    west, south = math.sin(direction), math.cos(direction)
+    for step in range(len(rows)):
+        for k in range(rows.shape[2]):
+            along = west * rows[step, WEST, k] + south * rows[step, SOUTH, k]
+            sines[step, k] = half_sine * math.sqrt(along * along + rows[step, UP, k] * rows[step, UP, k])
+
+
+@kernel
+def _untilted(rows: Floats, direction: float, tilt: float, sines: Floats) -> None:
+    """Sines of half the errors of a mount whose azimuth axis leans alone: |v x s|.
+
+    v = sin h cos h (u - Qu) - sin^2 h (u x Qu), where h = tilt / 2 and Q turns by psi about the vertical. With
+    u = (ux, uy, 0), u - Qu = (ux (1 - cos psi) - uy sin psi, uy (1 - cos psi) + ux sin psi, 0) and
+    u x Qu = (0, 0, -sin psi).
+    """
+    level, rise = math.sin(0.5 * tilt) * math.cos(0.5 * tilt), math.sin(0.5 * tilt) ** 2
+    ux, uy = level * math.cos(direction), -level * math.sin(direction)
+    for step in range(len(rows)):
+        for k in range(rows.shape[2]):
+            x, y, z = rows[step, WEST, k], rows[step, SOUTH, k], rows[step, UP, k]
+            versine, sine = 1.0 - rows[step, COSINE, k], rows[step, SINE, k]
+            vx, vy, vz = ux * versine - uy * sine, uy * versine + ux * sine, rise * sine
+            cx, cy, cz = vy * z - vz * y, vz * x - vx * z, vx * y - vy * x
+            sines[step, k] = math.sqrt(cx * cx + cy * cy + cz * cz)
+
+
+@kernel
+def _chain(rows: Floats, model: int, mount: Floats, sines: Floats) -> None:
+    """Sines of half the errors by turning the focal axis about the elevation axis, then about the azimuth axis."""
+    home_azimuth, home_elevation, direction, tilt = mount
+    azimuth_axis = 0.0, 0.0, -1.0
+    elevation_axis = 0.0, 1.0, 0.0
+    focal_axis = (
+        -math.cos(home_azimuth) * math.cos(home_elevation),
+        -math.sin(home_azimuth),
+        math.cos(home_azimuth) * math.sin(home_elevation),
+    )
+    u = math.cos(direction), -math.sin(direction), 0.0
+    cosine, sine = math.cos(tilt), math.sin(tilt)
+    azimuth_axis = _turned(azimuth_axis, u, cosine, sine)
+    if model == RIGID:
+        elevation_axis = _turned(elevation_axis, u, cosine, sine)
+        focal_axis = _turned(focal_axis, u, cosine, sine)
+    for step in range(len(rows)):
+        for k in range(rows.shape[2]):
+            x, y, z = rows[step, WEST, k], rows[step, SOUTH, k], rows[step, UP, k]
+            raised = _turned(focal_axis, elevation_axis, math.sqrt(x * x + y * y), z)
+            fx, fy, fz = _turned(raised, azimuth_axis, rows[step, COSINE, k], rows[step, SINE, k])
+            sines[step, k] = 0.5 * math.sqrt((fx - x) ** 2 + (fy - y) ** 2 + (fz - z) ** 2)
+
+
+@inline
+def _turned(
+    vector: tuple[float, float, float], axis: tuple[float, float, float], cosine: float, sine: float
+) -> tuple[float, float, float]:
+    """`vector` turned about the unit vector `axis`, right-handed, by Rodrigues' formula."""
+    x, y, z = vector
+    ax, ay, az = axis
+    along = (ax * x + ay * y + az * z) * (1.0 - cosine)
+    return (
+        x * cosine + (ay * z - az * y) * sine + ax * along,
+        y * cosine + (az * x - ax * z) * sine + ay * along,
+        z * cosine + (ax * y - ay * x) * sine + az * along,
+    )
+
+
+POWERS = 8
+"""Odd powers of |u x s| that are summed for the rigid model, as many as the series of the arcsine has terms."""
+
+
+class WindowErrors(NamedTuple):
+    """Pointing errors per parameter combination and window, arrays of shape (*parameters, W)."""
+
+    mean: Floats
+    """Weighted mean of the error e. [rad]"""
+    largest: Floats
+    """Largest error at an instant of positive weight. [rad]"""
+    clipped: Floats
+    """Weighted mean of min(e, tolerance). [rad]"""
+
+
+def effective_tracking_factor(mean_error: ArrayLike, tolerance: ArrayLike) -> Any:
+    """Effective tracking factor, 1 - mean_error / tolerance; arguments broadcast.
+
+    Parameters
+    ----------
+    mean_error : array_like
+        Mean, or clipped mean, of the pointing error. [rad]
+    tolerance : array_like
+        Error at which nothing is collected any more. [rad]
+
+    Returns
+    -------
+    ndarray
+        1 for perfect tracking; negative where an unclipped mean is larger than the tolerance. [1]
+    """
+    return 1.0 - np.asarray(mean_error) / np.asarray(tolerance)
+
+
+def window_errors(
+    model: int,
+    windows: Windows,
+    tilt: ArrayLike,
+    direction: ArrayLike,
+    home_azimuth: ArrayLike = 0.0,
+    home_elevation: ArrayLike = 0.0,
+    tolerance: ArrayLike | None = None,
+) -> WindowErrors:
+    """Mean, largest and clipped mean pointing error of every window, for every parameter combination.
+
+    The parameters broadcast against each other, so that a sweep costs no more than its distinct values: whatever
+    combinations share is computed once.
+
+    Parameters
+    ----------
+    model : int
+        `RIGID` or `UNTILTED_HOME_AXES`.
+    windows : Windows
+        From `pack_windows`.
+    tilt : array_like
+        Tilt of the azimuth axis, 0 to pi / 2. [rad]
+    direction : array_like
+        Where the foot of the axis leans: 0 south, positive to the west. [rad]
+    home_azimuth, home_elevation : array_like
+        Offsets gamma1 and gamma2 of the home position of the focal axis from due east: its home vector is
+        (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
+    tolerance : array_like, optional
+        Largest error that counts in the clipped mean; none by default, when the clipped mean is the mean. [rad]
+
+    Returns
+    -------
+    WindowErrors
+        NaN where a window has no instant of positive weight.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown, a tilt outside its range, or a tolerance not positive.
+    """
+    if model not in (RIGID, UNTILTED_HOME_AXES):
+        raise ValueError(f"unknown model {model}")
+    limits = np.inf if tolerance is None else tolerance
+    parameters = np.broadcast_arrays(home_azimuth, home_elevation, direction, tilt, limits)
+    shape = parameters[0].shape
+    table = np.stack([np.asarray(values, np.float64).ravel() for values in parameters], axis=1)
+    if not np.all((table[:, 3] >= 0.0) & (table[:, 3] <= np.pi / 2)):
+        raise ValueError("tilts must lie between 0 and pi / 2")
+    if not np.all(table[:, 4] > 0.0):
+        raise ValueError("tolerances must be positive")
+    mounts, mount_of = np.unique(table[:, :4], axis=0, return_inverse=True)
+    order = np.argsort(mount_of, kind="stable")
+    starts = np.searchsorted(mount_of[order], np.arange(len(mounts) + 1))
+    mean, largest = np.empty((2, len(table), *windows.total.shape))
+    clipped = mean if tolerance is None else np.empty_like(mean)
+    sweep(model, windows, mounts, starts, order, table[:, 4].copy(), mean, largest, clipped)
+    return WindowErrors(
+        *(
+            values.reshape(len(table), windows.total.size)[:, : windows.number].reshape(*shape, windows.number)
+            for values in (mean, largest, clipped)
+        )
+    )
+
+
+@kernel
+def sweep(
+    model: int,
+    windows: Windows,
+    mounts: Floats,
+    starts: NDArray[np.int64],
+    order: NDArray[np.int64],
+    tolerance: Floats,
+    mean: Floats,
+    largest: Floats,
+    clipped: Floats,
+) -> None:
+    """Fill `mean`, `largest` and `clipped`, shape (combinations, groups, lanes).
+
+    Mount m is a row home_azimuth, home_elevation, direction, tilt, and serves the combinations order[starts[m]] ..
+    order[starts[m + 1] - 1], which differ in their tolerances. Mounts that share what can be shared follow each other.
+    `clipped` may be `mean` itself where no tolerance is finite.
+    """
+    groups, lanes = windows.total.shape
+    longest = 0
+    for group in range(groups):
+        longest = max(longest, windows.first[group + 1] - windows.first[group])
+    errors_of_group = np.empty((longest, STRIDE * lanes))
+    powers = np.empty((POWERS + 1) * LANES)
+    for group in range(groups):
+        rows = windows.rows[windows.first[group] : windows.first[group + 1]]
+        total = windows.total[group]
+        errors = errors_of_group[: len(rows)]
+        direction_of_powers = np.nan
+        for m in range(len(mounts)):
+            home_azimuth, home_elevation, direction, tilt = mounts[m]
+            c = order[starts[m]]
+            by_powers = (
+                model == RIGID and home_azimuth == 0.0 and home_elevation == 0.0 and math.sin(0.5 * tilt) <= SMALL
+            )
+            if by_powers:
+                if direction != direction_of_powers:
+                    _sum_powers(rows, direction, powers)
+                    direction_of_powers = direction
+                _from_powers(powers, math.sin(0.5 * tilt), total, mean[c, group], largest[c, group])
+            else:
+                fill_errors(rows, model, mounts[m], errors)
+                _mean_and_largest(rows, errors, total, mean[c, group], largest[c, group])
+            filled = not by_powers
+            for position in range(starts[m], starts[m + 1]):
+                d = order[position]
+                clips = False
+                for k in range(lanes):
+                    mean[d, group, k], largest[d, group, k] = mean[c, group, k], largest[c, group, k]
+                    clips |= largest[c, group, k] > tolerance[d]
+                if clips and not filled:
+                    fill_errors(rows, model, mounts[m], errors)
+                    filled = True
+                if clips:
+                    _clipped_mean(rows, errors, total, tolerance[d], clipped[d, group])
+                for k in range(lanes):
+                    if not largest[c, group, k] > tolerance[d]:
+                        clipped[d, group, k] = mean[c, group, k]
+
+
+@kernel
+def _sum_powers(rows: Floats, direction: float, powers: Floats) -> None:
+    """Sum |u x s|, its third, fifth ... power in each lane, and find its maximum: all that the tilts share."""
+    west, south = math.sin(direction), math.cos(direction)
+    powers[:] = 0.0
+    for step in range(len(rows)):
+        for k in range(min(rows.shape[3], LANES)):
+            a = rows[step, WEST, 0, k] * west + rows[step, SOUTH, 0, k] * south
+            b = rows[step, WEST, 1, k] * west + rows[step, SOUTH, 1, k] * south
+            c = rows[step, WEST, 2, k] * west + rows[step, SOUTH, 2, k] * south
+            d = rows[step, WEST, 3, k] * west + rows[step, SOUTH, 3, k] * south
+            aa = a * a + rows[step, UP, 0, k] * rows[step, UP, 0, k]
+            bb = b * b + rows[step, UP, 1, k] * rows[step, UP, 1, k]
+            cc = c * c + rows[step, UP, 2, k] * rows[step, UP, 2, k]
+            dd = d * d + rows[step, UP, 3, k] * rows[step, UP, 3, k]
+            a, b, c, d = math.sqrt(aa), math.sqrt(bb), math.sqrt(cc), math.sqrt(dd)
+            top = max(max(a, b), max(c, d))
+            powers[POWERS * LANES + k] = max(powers[POWERS * LANES + k], top)
+            a, b = a * rows[step, WEIGHT, 0, k], b * rows[step, WEIGHT, 1, k]
+            c, d = c * rows[step, WEIGHT, 2, k], d * rows[step, WEIGHT, 3, k]
+            for j in range(POWERS):
+                powers[j * LANES + k] += (a + b) + (c + d)
+                a, b, c, d = a * aa, b * bb, c * cc, d * dd
+
+
+@kernel
+def _from_powers(powers: Floats, half_sine: float, total: Floats, mean: Floats, largest: Floats) -> None:
+    """Mean and largest error of a rigid mount with sin(tilt / 2) = half_sine, from the sums of `_sum_powers`."""
+    q = half_sine * half_sine
+    for k in range(min(len(mean), LANES)):
+        series = powers[7 * LANES + k] * (143.0 / 10240.0)
+        series = powers[6 * LANES + k] * (231.0 / 13312.0) + q * series
+        series = powers[5 * LANES + k] * (63.0 / 2816.0) + q * series
+        series = powers[4 * LANES + k] * (35.0 / 1152.0) + q * series
+        series = powers[3 * LANES + k] * (5.0 / 112.0) + q * series
+        series = powers[2 * LANES + k] * (3.0 / 40.0) + q * series
+        series = powers[LANES + k] * (1.0 / 6.0) + q * series
+        mean[k] = 2.0 * half_sine * (powers[k] + q * series) / total[k]
+        top = 2.0 * arcsine(half_sine * powers[POWERS * LANES + k])
+        largest[k] = top if mean[k] == mean[k] else np.nan
+
+
+@kernel
+def _mean_and_largest(rows: Floats, errors: Floats, total: Floats, mean: Floats, largest: Floats) -> None:
+    """Weighted mean and largest of the errors in each lane."""
+    mean[:], largest[:] = 0.0, 0.0
+    parts = errors.reshape(len(rows), STRIDE, len(mean))
+    for step in range(len(rows)):
+        for k in range(len(mean)):
+            a, b, c, d = parts[step, 0, k], parts[step, 1, k], parts[step, 2, k], parts[step, 3, k]
+            largest[k] = max(largest[k], max(max(a, b), max(c, d)))
+            a, b = a * rows[step, WEIGHT, 0, k], b * rows[step, WEIGHT, 1, k]
+            c, d = c * rows[step, WEIGHT, 2, k], d * rows[step, WEIGHT, 3, k]
+            mean[k] += (a + b) + (c + d)
+    for k in range(len(mean)):
+        mean[k] /= total[k]
+        largest[k] = largest[k] if mean[k] == mean[k] else np.nan
+
+
+@kernel
+def _clipped_mean(rows: Floats, errors: Floats, total: Floats, tolerance: float, mean: Floats) -> None:
+    """Weighted mean of min(error, tolerance) in each lane."""
+    mean[:] = 0.0
+    parts = errors.reshape(len(rows), STRIDE, len(mean))
+    for step in range(len(rows)):
+        for k in range(len(mean)):
+            a, b = min(parts[step, 0, k], tolerance), min(parts[step, 1, k], tolerance)
+            c, d = min(parts[step, 2, k], tolerance), min(parts[step, 3, k], tolerance)
+            a, b = a * rows[step, WEIGHT, 0, k], b * rows[step, WEIGHT, 1, k]
+            c, d = c * rows[step, WEIGHT, 2, k], d * rows[step, WEIGHT, 3, k]
+            mean[k] += (a + b) + (c + d)
+    for k in range(len(mean)):
+        mean[k] /= total[k]

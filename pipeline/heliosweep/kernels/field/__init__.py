@@ -1,0 +1,1 @@
+"""Kernels of shading and blocking in a field of heliostats."""

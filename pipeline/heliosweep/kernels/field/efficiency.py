@@ -1,0 +1,409 @@
+"""Cosine, shading, blocking and optical efficiency of heliostats in a field: annual sums, or every instant.
+
+Instants are sorted into packets of similar sun directions. For each packet: find the candidates of every test
+heliostat, compute the mirror frames of the heliostats named (block and halo, nothing else), then make the images and
+their unions heliostat by heliostat.
+
+Every value of a heliostat and an instant has the same bits however heliostats and instants are split over calls; sums
+also depend on the order of packets, which depends on the sun vectors alone.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
+from heliosweep.kernels.field.neighbours import (
+    Candidates,
+    Cells,
+    beam,
+    bin_field,
+    expected,
+    no_candidates,
+    search,
+    search_all,
+    sift_all,
+)
+from heliosweep.kernels.field.overlaps import take_out_hidden
+from heliosweep.kernels.field.packets import (
+    AZIMUTH_ELEVATION,
+    COSINE,
+    FRAME_ROWS,
+    SPINNING_ELEVATION,
+    Mirrors,
+    half_sides,
+    packet_order,
+)
+from heliosweep.kernels.field.polygons import SQUARE
+from heliosweep.kernels.field.unions import room_for, unions
+from heliosweep.kernels.vectors import GROUP, ROW, rows
+
+Floats = NDArray[np.float64]
+
+_TOGETHER, _FEW = 8, 64.0
+"""Packets whose candidates are searched for together, and candidates up to which that pays: each packet sifts them."""
+
+
+class Lines(NamedTuple):
+    """Rows of lanes of one packet and test heliostat."""
+
+    to_sun: Floats
+    """Directions to the sun, and to the target of the test heliostat. [1]"""
+    to_target: Floats
+    views: Floats
+    """Axes of projection along one or the other. [1/m]"""
+    total: Floats
+    """Areas of the unions of its images: shaded, blocked, and shaded or blocked."""
+    result: Floats
+    """Cosine, shading, blocking and optical efficiency. [1]"""
+
+
+class Halo(NamedTuple):
+    """Heliostats of the field that need a frame, and where their frames are."""
+
+    names: NDArray[np.int64]
+    place: NDArray[np.int64]
+    """For each heliostat of the field its place among the names, or -1."""
+
+
+@kernel
+def sweep(
+    mirrors: Mirrors,
+    tracking: int,
+    sun: Floats,
+    order: NDArray[np.int64],
+    first: NDArray[np.int64],
+    start: int,
+    stop: int,
+    sums: Floats,
+    series: Floats,
+) -> None:
+    """Sweep instants packet by packet; add to `sums` and write to `series`, whichever has room for heliostats.
+
+    Parameters
+    ----------
+    mirrors : Mirrors
+        All heliostats of the field.
+    tracking : int
+        `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun. [1]
+    order : ndarray of int64
+        Instants to sweep, in packet order; the sun is up in each.
+    first : ndarray of int64
+        Where each packet begins in `order`, and the length of `order`.
+    start, stop : int
+        Test heliostats start..stop.
+    sums : ndarray, shape (stop - start, 4) or (0, 4)
+        As returned by `field.field_sums`.
+    series : ndarray, shape (4, T, stop - start) or (4, 0, 0)
+        As returned by `field.field_series`.
+    """
+    tests = stop - start
+    grid = bin_field(mirrors)
+    blockers = blockers_of(mirrors, grid, start, stop)
+    wide, shaders = no_candidates(tests, 16 * tests), no_candidates(tests, 16 * tests)
+    halo = Halo(np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1))
+    frames, lines = rows(0), Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(4))
+    images, room = images_of(0), room_for(0)
+    last, together = 0, False
+    for p in range(first.shape[0] - 1):
+        if p == last:  # the next packets: their candidates are among `wide` if there are several
+            last, bundle = _together(p, sun, order, first, grid)
+            together = last > p + 1
+            if together:
+                wide = search_all(start, bundle, mirrors, grid, wide)
+        packet = order[first[p] : first[p + 1]]
+        lanes = _directions(sun, packet, lines.to_sun)
+        bundle = beam(lines.to_sun, ROW, packet.shape[0])
+        if together:
+            shaders = sift_all(start, bundle, mirrors, wide, shaders)
+        else:
+            shaders = search_all(start, bundle, mirrors, grid, shaders)
+        count = _named(start, blockers, shaders, halo)
+        if count * FRAME_ROWS * ROW > frames.shape[0]:
+            frames = rows((count + count // 4) * FRAME_ROWS)
+        for m in range(count):
+            half_sides(frames, m * FRAME_ROWS * ROW, lines.to_sun, mirrors, halo.names[m], tracking, lanes)
+        most = _most(blockers, shaders)
+        if most > images.apart.shape[0]:
+            images, room = images_of(2 * most), room_for(2 * most)
+        _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series)
+        for m in range(count):
+            halo.place[halo.names[m]] = -1
+
+
+@kernel
+def blockers_of(mirrors: Mirrors, grid: Cells, start: int, stop: int) -> Candidates:
+    """Heliostats that may block each of the block, whatever the sun."""
+    names, first = np.empty(4 * (stop - start), np.int64), np.zeros(stop - start + 1, np.int64)
+    for i in range(start, stop):
+        bundle, t = beam(mirrors.aim[i], np.int64(1), np.int64(1)), i - start
+        names, first[t + 1] = search(i, bundle, mirrors.throw[i], mirrors, grid, names, first[t])
+    return Candidates(names, first)
+
+
+@kernel
+def _together(p, sun, order, first, grid):
+    """End of the packets from p on that are searched for together, where they find few candidates; and their bundle."""
+    last = min(p + _TOGETHER, first.shape[0] - 1)
+    while True:
+        count = first[last] - first[p]
+        directions = np.empty(3 * count)
+        for k in range(count):
+            for c in range(3):
+                directions[c * count + k] = sun[order[first[p] + k], c]
+        bundle = beam(directions, count, count)
+        if last == p + 1 or expected(bundle, grid) <= _FEW:
+            return last, bundle
+        last = p + (last - p) // 2
+
+
+@inner
+def _directions(sun, packet, to_sun):
+    """Write the sun vectors of a packet in rows, filled up to whole groups by the last; returns the lanes."""
+    lanes = -(-packet.shape[0] // GROUP) * GROUP
+    for k in range(lanes):
+        when = packet[min(k, packet.shape[0] - 1)]
+        for c in range(3):
+            to_sun[c * ROW + k] = sun[when, c]
+    return lanes
+
+
+@inner
+def _named(start, blockers, shaders, halo):
+    """Give a place to each heliostat that needs a frame: to the block and the halo that its candidates name."""
+    tests, count = blockers.first.shape[0] - 1, np.int64(0)
+    for t in range(tests):
+        count = _name(start + t, halo, count)
+    for m in range(blockers.first[tests]):
+        count = _name(blockers.names[m], halo, count)
+    for m in range(shaders.first[tests]):
+        count = _name(shaders.names[m], halo, count)
+    return count
+
+
+@inline
+def _name(j, halo, count):
+    """Give heliostat j a place among the frames of the packet, once; returns the number of places."""
+    if halo.place[j] < 0:
+        halo.place[j] = count
+        halo.names[count] = j
+        count += 1
+    return count
+
+
+@inner
+def _most(blockers, shaders):
+    """Most candidates of one test heliostat."""
+    most = np.int64(0)
+    for t in range(blockers.first.shape[0] - 1):
+        pairs = shaders.first[t + 1] - shaders.first[t] + blockers.first[t + 1] - blockers.first[t]
+        most = max(most, pairs)
+    return most
+
+
+@inner
+def _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series):
+    """Efficiencies of all test heliostats at the instants of one packet."""
+    for t in range(blockers.first.shape[0] - 1):
+        i, test = start + t, halo.place[start + t] * FRAME_ROWS * ROW
+        axes(lines.views, frames, test, lines.to_sun, lanes)
+        shading = _make_images(
+            i, t, shaders, mirrors, halo, frames, lines.to_sun, lines.views, images, np.int64(0), lanes
+        )
+        _aim(lines.to_target, mirrors, i, lanes)
+        axes(lines.views, frames, test, lines.to_target, lanes)
+        made = _make_images(i, t, blockers, mirrors, halo, frames, lines.to_target, lines.views, images, shading, lanes)
+        unions(images, shading, made, lines.total, room, lanes)
+        _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
+        _write(lines.result, packet, t, sums, series)
+
+
+@inner
+def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, images, made, lanes):
+    """Make images of the candidates of heliostat i, those numbered `made` and on; returns the number of images.
+
+    Hidden ones are taken out in lanes that have had two: with fewer, as mostly, that costs more than it saves. What is
+    done in a lane depends on its own images only.
+    """
+    test, first = halo.place[i] * FRAME_ROWS * ROW, made
+    once = twice = np.int64(0)
+    for m in range(candidates.first[t], candidates.first[t + 1]):
+        j = candidates.names[m]
+        dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+        reach = mirrors.radius[i] + mirrors.radius[j]
+        apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
+        other = halo.place[j] * FRAME_ROWS * ROW
+        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, lanes)
+        if hits & twice != 0:
+            hits &= ~take_out_hidden(images, first, made, hits & twice, lanes)
+        if hits != 0:
+            hits = measure(images, made, frames, other, test, dx, dy, dz, lanes)
+            once, twice = once | hits, twice | once & hits
+            made += np.int64(hits != 0)
+    return made
+
+
+@inline
+def _aim(to_target, mirrors, i, lanes):
+    """Write the direction to the target in rows."""
+    x, y, z = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
+    for k in range(lanes):
+        to_target[k], to_target[ROW + k], to_target[2 * ROW + k] = x, y, z
+
+
+@inline
+def _efficiencies(frames, cosine, total, result, lanes):
+    """Write the rows of results: cosine, shading, blocking and optical efficiency."""
+    cosine = max(cosine, 0)
+    for k in range(lanes):
+        result[k] = frames[cosine + k]
+        result[ROW + k], result[2 * ROW + k] = _left(total[k]), _left(total[ROW + k])
+        result[3 * ROW + k] = frames[cosine + k] * _left(total[2 * ROW + k])
+
+
+@inline
+def _left(covered):
+    """Fraction of the mirror outside a union, without the rounding that would lead out of 0 to 1."""
+    return min(1.0, max(0.0, 1.0 - covered / SQUARE))
+
+
+@inner
+def _write(result, packet, t, sums, series):
+    """Add the results of one heliostat and packet to `sums`, and write them to `series`, where there is room."""
+    count = packet.shape[0]
+    for c in range(4):
+        if sums.shape[0] > 0:
+            sums[t, c] += _sum(result, c * ROW, count)
+        if series.shape[2] > 0:
+            for k in range(count):
+                series[c, packet[k], t] = result[c * ROW + k]
+
+
+@inner
+def _sum(row, start, count):
+    """Sum of a row, in a fixed order, of eight sums that a processor can make side by side."""
+    a = b = c = d = e = f = g = h = 0.0
+    whole = count // 8 * 8
+    for k in range(start, start + whole, 8):
+        a, b, c, d = a + row[k], b + row[k + 1], c + row[k + 2], d + row[k + 3]
+        e, f, g, h = e + row[k + 4], f + row[k + 5], g + row[k + 6], h + row[k + 7]
+    total = ((a + b) + (c + d)) + ((e + f) + (g + h))
+    for k in range(start + whole, start + count):
+        total += row[k]
+    return total
+
+
+def field_sums(
+    x: Floats,
+    y: Floats,
+    z: Floats,
+    half_width: Floats,
+    half_height: Floats,
+    target_height: float,
+    tracking: int,
+    sun: Floats,
+    start: int,
+    stop: int,
+) -> tuple[Floats, int]:
+    """Sums of the efficiencies over all instants with the sun above the horizon.
+
+    Parameters
+    ----------
+    x, y, z : ndarray, shape (N,)
+        Mirror centres: east, north, up. [m]
+    half_width, half_height : ndarray, shape (N,)
+        Half sides of the mirrors along u (width) and v (height). [m]
+    target_height : float
+        Height of the target point, which stands at x = y = 0. [m]
+    tracking : int
+        `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun: east, north, up. Instants with z <= 0, or
+        NaN where there is none, contribute nothing and are not counted. [1]
+    start, stop : int
+        Test heliostats start..stop; all N may shade and block them.
+
+    Returns
+    -------
+    sums : ndarray, shape (stop - start, 4)
+        Sums of the cosine efficiency, the shading efficiency (1 - shaded fraction), the blocking efficiency
+        (1 - blocked fraction) and the optical efficiency, cosine * (1 - fraction shaded or blocked). [1]
+    instants : int
+        Number of instants summed.
+
+    Raises
+    ------
+    ValueError
+        If start..stop is no part of the field, the method unknown, or mirrors or sun vectors are not finite.
+    """
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
+    sums, nothing = np.zeros((stop - start, 4)), np.empty((4, 0, 0))
+    if start < stop and len(order) > 0:
+        sweep(mirrors, tracking, sun, order, first, start, stop, sums, nothing)
+    return sums, len(order)
+
+
+def field_series(
+    x: Floats,
+    y: Floats,
+    z: Floats,
+    half_width: Floats,
+    half_height: Floats,
+    target_height: float,
+    tracking: int,
+    sun: Floats,
+    start: int,
+    stop: int,
+) -> Floats:
+    """Efficiencies of every instant, in the given order; parameters as in `field_sums`.
+
+    Returns
+    -------
+    ndarray, shape (4, T, stop - start)
+        Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
+    """
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
+    nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
+    if start < stop and len(order) > 0:
+        sweep(mirrors, tracking, sun, order, first, start, stop, nothing, series)
+    return series
+
+
+def aimed(x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float) -> Mirrors:
+    """Mirrors aimed at the target point (0, 0, target_height); parameters as in `field_sums`."""
+    centres = np.stack((x, y, z)).astype(np.float64)
+    sides = np.stack((half_width, half_height)).astype(np.float64)
+    to_target = np.array([0.0, 0.0, target_height]) - centres.T
+    throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
+    radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
+    with np.errstate(invalid="ignore"):  # at the target: refused by `_sorted`
+        aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
+    return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
+
+
+def _sorted(
+    mirrors: Mirrors, sun: Floats, tracking: int, start: int, stop: int
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """Sun vectors as the kernels want them, the instants with the sun up in packet order, and where packets begin.
+
+    Refused is what compiled code would read past the end of an array for, or make numbers of that mean nothing.
+    """
+    count = len(mirrors.x)
+    if not all(len(each) == count and np.isfinite(each).all() for each in mirrors):
+        raise ValueError("centres and half sides must be as many finite numbers each, and no mirror at the target")
+    if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
+        raise ValueError("sun vectors above the horizon must be finite, of shape (T, 3)")
+    if not 0 <= start <= stop <= count:
+        raise ValueError(f"heliostats {start}..{stop} are no part of a field of {count}")
+    if tracking not in (SPINNING_ELEVATION, AZIMUTH_ELEVATION):
+        raise ValueError(f"unknown tracking method {tracking}")
+    sun = np.array(sun, np.float64, order="C")  # a copy: a read-only array would be compiled for anew
+    up = np.flatnonzero(sun[:, 2] > 0.0)
+    order, first = packet_order(sun[up])
+    return sun, up[order], first

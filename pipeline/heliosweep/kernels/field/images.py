@@ -1,0 +1,285 @@
+"""Images of mirrors on a test mirror, for all lanes of a packet.
+
+For the test mirror (u, v, n) and the direction d (sun, or the mirror's own target), a point P = C + q of the scene
+projects along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the half sides, U = (v x d) / (u.(v x d))
+and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1: the test mirror is the square [-1, 1] x [-1, 1], and the image
+of another mirror a parallelogram given by its centre and two half edges.
+
+Rows of lanes stand in flat arrays, each block of them at an offset from the start.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.field.polygons import CORNERS, edge_term, slopes, square_area
+from heliosweep.kernels.vectors import ROW, rows
+
+AXES_ROWS = 6
+"""Rows of the axes of projection: U and V, components x, y, z of each."""
+IMAGE_ROWS = 10
+"""Rows of an image: centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none); and, only for
+mirrors that may straddle the plane of the test mirror, the heights over it: of the centre, and along a and b."""
+AREA = 6 * ROW
+"""Start of the row of areas."""
+_HEIGHT = 7 * ROW
+
+Floats = NDArray[np.float64]
+
+
+class Images(NamedTuple):
+    """Images on one test mirror: shading images, then blocking images."""
+
+    rows: Floats
+    """`IMAGE_ROWS` rows of lanes for each."""
+    apart: NDArray[np.bool_]
+    """True if the bounding spheres of the mirror and of the test mirror are disjoint."""
+    present: NDArray[np.int64]
+    """Lanes in which each covers something of the test mirror, a bit for each lane."""
+
+
+@kernel
+def images_of(count: int) -> Images:
+    """Room for so many images."""
+    return Images(rows(count * IMAGE_ROWS), np.empty(count, np.bool_), np.empty(count, np.int64))
+
+
+@inner
+def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
+    """Write the rows U and V (x, y, z of each) of a test mirror for every lane.
+
+    Their denominator is taken from the vectors, and not from the cosine: at grazing incidence rounding would show.
+
+    Parameters
+    ----------
+    out : ndarray, shape (AXES_ROWS * ROW,)
+        Receives U and V; nothing where there is no frame. [1/m]
+    frames : ndarray
+        Frames of mirrors. [m]
+    f : int
+        Where that of the test mirror begins.
+    directions : ndarray, shape (3 * ROW,)
+        Rows of the direction d. [1]
+    lanes : int
+        Lanes of the packet.
+    """
+    f = max(f, 0)  # an index that may be negative would keep the loop from becoming vector code
+    for k in range(lanes):
+        ux, uy, uz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
+        vx, vy, vz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
+        dx, dy, dz = directions[k], directions[ROW + k], directions[2 * ROW + k]
+        ax, ay, az = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
+        facing = ux * ax + uy * ay + uz * az
+        scale = 1.0 / facing if facing > 0.0 else 0.0
+        out[k], out[ROW + k], out[2 * ROW + k] = scale * ax, scale * ay, scale * az
+        out[3 * ROW + k] = scale * (dy * uz - dz * uy)
+        out[4 * ROW + k] = scale * (dz * ux - dx * uz)
+        out[5 * ROW + k] = scale * (dx * uy - dy * ux)
+
+
+@inner
+def project(
+    images: Images,
+    m: int,
+    views: Floats,
+    frames: Floats,
+    f: int,
+    directions: Floats,
+    dx: float,
+    dy: float,
+    dz: float,
+    apart: bool,
+    lanes: int,
+) -> np.int64:
+    """Project a mirror to the plane of the test mirror, and find the lanes in which it may cover something of that.
+
+    Separating axes tell: the normals of the square's edges and of the image's.
+
+    Parameters
+    ----------
+    images : Images
+        Receives the image; instead of the area 1 in the lanes found, and 0 elsewhere.
+    m : int
+        Its number.
+    views : ndarray, shape (AXES_ROWS * ROW,)
+        U and V of the test mirror. [1/m]
+    frames : ndarray
+        Frames of mirrors. [m]
+    f : int
+        Where that of the mirror begins.
+    directions : ndarray, shape (3 * ROW,)
+        Rows of the direction d. [1]
+    dx, dy, dz : float
+        D, from the centre of the test mirror to that of the other. [m]
+    apart : bool
+        Whether the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
+    lanes : int
+        Lanes of the packet.
+
+    Returns
+    -------
+    int
+        The lanes found.
+    """
+    out, o, f = images.rows, max(m, 0) * IMAGE_ROWS * ROW, max(f, 0)
+    images.apart[m] = apart
+    behind, found = 0.0 if apart else -np.inf, np.int64(0)
+    for k in range(lanes):
+        ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
+        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
+        px, py, pz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
+        qx, qy, qz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
+        cx, cy = dx * ux + dy * uy + dz * uz, dx * vx + dy * vy + dz * vz
+        ax, ay = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
+        bx, by = qx * ux + qy * uy + qz * uz, qx * vx + qy * vy + qz * vz
+        ahead = dx * directions[k] + dy * directions[ROW + k] + dz * directions[2 * ROW + k]
+        out[o + k], out[o + ROW + k] = cx, cy
+        out[o + 2 * ROW + k], out[o + 3 * ROW + k] = ax, ay
+        out[o + 4 * ROW + k], out[o + 5 * ROW + k] = bx, by
+        turn = abs(ax * by - ay * bx)
+        gap = larger(abs(cx) - abs(ax) - abs(bx), abs(cy) - abs(ay) - abs(by)) - 1.0
+        gap = larger(gap, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
+        gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
+        hit = (gap < 0.0) & (ahead > behind)
+        out[o + AREA + k] = 1.0 if hit else 0.0
+        found |= np.int64(hit) << k
+    return found
+
+
+@inner
+def measure(
+    images: Images, m: int, frames: Floats, f: int, test: int, dx: float, dy: float, dz: float, lanes: int
+) -> np.int64:
+    """Write the area of an image on the test mirror; returns the lanes in which there is any.
+
+    Parameters
+    ----------
+    images : Images
+        The image as `project` has left it.
+    m, frames, f, dx, dy, dz, lanes
+        As there.
+    test : int
+        Where the frame of the test mirror begins.
+    """
+    o = m * IMAGE_ROWS * ROW
+    _areas(images.rows, o, lanes)
+    if not images.apart[m]:
+        _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
+    images.present[m] = _some_area(images.rows, o, lanes)
+    return images.present[m]
+
+
+@inner
+def _areas(images, o, lanes):
+    """Write the area on the square where there is a chance of one, by Green's theorem."""
+    o = max(o, 0)
+    for k in range(lanes):
+        cx, cy = images[o + k], images[o + ROW + k]
+        ax, ay = images[o + 2 * ROW + k], images[o + 3 * ROW + k]
+        bx, by = images[o + 4 * ROW + k], images[o + 5 * ROW + k]
+        (a_rise, a_run), (b_rise, b_run) = slopes(ax, ay), slopes(bx, by)
+        x0, y0, x1, y1 = cx - ax - bx, cy - ay - by, cx + ax - bx, cy + ay - by
+        x2, y2, x3, y3 = cx + ax + bx, cy + ay + by, cx - ax + bx, cy - ay + by
+        total = (edge_term(x0, y0, x1, y1, a_rise, a_run) + edge_term(x2, y2, x3, y3, a_rise, a_run)) + (
+            edge_term(x1, y1, x2, y2, b_rise, b_run) + edge_term(x3, y3, x0, y0, b_rise, b_run)
+        )
+        images[o + AREA + k] *= abs(total)
+
+
+@inner
+def _some_area(images, o, lanes):
+    """Lanes where the image has an area."""
+    area, found = max(o, 0) + AREA, np.int64(0)
+    for k in range(lanes):
+        found |= np.int64(images[area + k] > 0.0) << k
+    return found
+
+
+@inline
+def larger(a: float, b: float) -> float:
+    """Larger of two numbers, in the form that becomes one vector instruction."""
+    return a if a > b else b
+
+
+@inner
+def _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes):
+    """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it."""
+    o, f, test = max(o, 0), max(f, 0), max(test, 0)
+    height = o + _HEIGHT
+    for k in range(lanes):
+        ux, uy, uz = frames[test + k], frames[test + ROW + k], frames[test + 2 * ROW + k]
+        vx, vy, vz = frames[test + 3 * ROW + k], frames[test + 4 * ROW + k], frames[test + 5 * ROW + k]
+        px, py, pz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
+        qx, qy, qz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        images[height + k] = dx * nx + dy * ny + dz * nz
+        images[height + ROW + k] = px * nx + py * ny + pz * nz
+        images[height + 2 * ROW + k] = qx * nx + qy * ny + qz * nz
+    for k in range(lanes):
+        if images[o + AREA + k] > 0.0 and straddles(images, o + k):
+            images[o + AREA + k] = _area_in_front(images, o + k)
+
+
+@kernel
+def _area_in_front(images, lane):
+    """Area on the square of the part of an image in front of the plane; rare, so it may make an array."""
+    polygon = np.empty(2 * CORNERS)
+    corners = outline(images, lane, False, polygon, np.int64(0))
+    return square_area(polygon, np.int64(0), corners) if corners > 2 else 0.0
+
+
+@inline
+def straddles(images, lane):
+    """Test whether some corner of a near mirror lies behind the plane of the test mirror; `lane` as in `outline`."""
+    height = lane + _HEIGHT
+    return images[height] < abs(images[height + ROW]) + abs(images[height + 2 * ROW])
+
+
+@inner
+def outline(images: Floats, lane: int, apart: bool, polygons: Floats, at: int) -> int:
+    """Corners of an image, counter-clockwise, cut by the plane of the test mirror; returns their number.
+
+    Parameters
+    ----------
+    images : ndarray
+        Rows of images.
+    lane : int
+        Where the image begins in `images`, plus the lane.
+    apart : bool
+        Whether it was made with disjoint bounding spheres: nothing is cut then.
+    polygons : ndarray
+        Receives the corners, `polygons.CORNERS` at most.
+    at : int
+        Where to write them.
+    """
+    cx, cy = images[lane], images[lane + ROW]
+    ax, ay, bx, by = (
+        images[lane + 2 * ROW],
+        images[lane + 3 * ROW],
+        images[lane + 4 * ROW],
+        images[lane + 5 * ROW],
+    )
+    height, along_a, along_b = 1.0, 0.0, 0.0
+    if not apart:
+        height, along_a = images[lane + _HEIGHT], images[lane + _HEIGHT + ROW]
+        along_b = images[lane + _HEIGHT + 2 * ROW]
+    if ax * by - ay * bx < 0.0:
+        ax, ay, along_a, bx, by, along_b = bx, by, along_b, ax, ay, along_a
+    corners = 0
+    qx, qy, q = cx - ax + bx, cy - ay + by, height - along_a + along_b
+    for e in range(4):
+        f = 1.0 if e == 1 or e == 2 else -1.0
+        g = 1.0 if e > 1 else -1.0
+        px, py, p = cx + f * ax + g * bx, cy + f * ay + g * by, height + f * along_a + g * along_b
+        if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
+            share = q / (q - p)
+            polygons[at + 2 * corners] = qx + share * (px - qx)
+            polygons[at + 2 * corners + 1] = qy + share * (py - qy)
+            corners += 1
+        if p >= 0.0:
+            polygons[at + 2 * corners], polygons[at + 2 * corners + 1] = px, py
+            corners += 1
+        qx, qy, q = px, py, p
+    return corners

@@ -1,0 +1,209 @@
+"""Packets of instants with nearly the same sun direction, 64 at most, and the frames of mirrors in them.
+
+What a packet can cull, and which branches it takes, is decided for all of its lanes at once, so lanes that behave
+alike are worth the sort. How packets are cut is part of the order of summation, hence of the last bits of every sum.
+
+A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
+its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows,
+`ROW` numbers apart in one flat array, because loops over rows at fixed offsets of one array turn into vector code.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.vectors import PACKET, ROW
+
+_LIMIT = 60.0
+"""Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
+
+By measurement, and flat: from 40 to 80 costs are much the same. Smaller packets repeat the search too often, wider ones
+have too many candidates. Thousands of instants fill their packets within it, but for the lowest suns.
+"""
+
+
+@kernel
+def packet_order(sun: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Permutation that puts similar sun directions next to each other, and the packets that it is cut into.
+
+    A k-d tree: cut at the median of the component with the largest range until a packet is left. A packet has 64 lanes
+    at most, and fewer where they would spread over much of the sky: every lane pays for the candidates of all, whose
+    number grows with the spread over the sine of the elevation. Equal values are ordered by index, so the result
+    depends on nothing but the vectors.
+
+    Parameters
+    ----------
+    sun : ndarray, shape (T, 3)
+        Sun vectors. [1]
+
+    Returns
+    -------
+    order : ndarray of int64, shape (T,)
+        Indices into `sun`, in rising index within a packet.
+    first : ndarray of int64, shape (P + 1,)
+        Packet p, never empty, is `order[first[p] : first[p + 1]]`.
+    """
+    count = sun.shape[0]
+    order = np.arange(count)
+    value = np.empty(count)
+    edges, packets = np.zeros(count + 1, np.int64), 0
+    firsts = np.empty(64, np.int64)
+    lasts = np.empty(64, np.int64)
+    depth = 1 if count > 0 else 0
+    firsts[0], lasts[0] = 0, count
+    while depth > 0:
+        depth -= 1
+        first, last = firsts[depth], lasts[depth]
+        lanes = last - first
+        axis, widest, lowest = 0, -1.0, np.inf
+        for k in range(3):
+            low, high = np.inf, -np.inf
+            for m in range(first, last):
+                low, high = min(low, sun[order[m], k]), max(high, sun[order[m], k])
+            if high - low > widest:
+                axis, widest = k, high - low
+            lowest = low  # after the last component: of z
+        if lanes == 1 or (lanes <= PACKET and lanes * widest <= _LIMIT * lowest):
+            _sort(order, first, last)
+            packets += 1
+            edges[packets] = last
+            continue
+        for m in range(first, last):
+            value[m] = sun[order[m], axis]
+        unit = PACKET if lanes > PACKET else 1  # full packets while there are several
+        middle = first + ((lanes + unit - 1) // unit + 1) // 2 * unit
+        _select(value, order, first, last - 1, middle)
+        firsts[depth], lasts[depth] = middle, last
+        firsts[depth + 1], lasts[depth + 1] = first, middle  # first in order, next to be cut
+        depth += 2
+    return order, edges[: packets + 1]
+
+
+@kernel
+def _select(value, order, first, last, middle):
+    """Quickselect on (value, index): everything before `middle` ends up below everything from `middle` on."""
+    while first < last:
+        centre = (first + last) // 2
+        pivot, name = value[centre], order[centre]
+        m, n = first, last
+        while m <= n:
+            while value[m] < pivot or (value[m] == pivot and order[m] < name):
+                m += 1
+            while value[n] > pivot or (value[n] == pivot and order[n] > name):
+                n -= 1
+            if m <= n:
+                value[m], value[n] = value[n], value[m]
+                order[m], order[n] = order[n], order[m]
+                m += 1
+                n -= 1
+        if middle <= n:
+            last = n
+        elif middle >= m:
+            first = m
+        else:
+            return
+
+
+@kernel
+def _sort(order, first, last):
+    """Insertion sort of one packet."""
+    for m in range(first + 1, last):
+        name, n = order[m], m
+        while n > first and order[n - 1] > name:
+            order[n] = order[n - 1]
+            n -= 1
+        order[n] = name
+
+
+SPINNING_ELEVATION = 0
+"""Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
+AZIMUTH_ELEVATION = 1
+"""Vertical first axis: the width axis u = unit(z x n) stays horizontal."""
+FRAME_ROWS = 7
+"""Rows of a frame: the half sides (w/2) u and (h/2) v, components x, y, z of each; the cosine of incidence."""
+COSINE = 6 * ROW
+"""Start of the row of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2."""
+
+_PARALLEL = 1e-30
+"""Squared sine below which two directions are parallel: the cross product is rounding noise."""
+
+
+class Mirrors(NamedTuple):
+    """The heliostats of a field, one number (or vector) each."""
+
+    x: NDArray[np.float64]
+    """Mirror centres: east, north, up. [m]"""
+    y: NDArray[np.float64]
+    z: NDArray[np.float64]
+    half_width: NDArray[np.float64]
+    """Half sides along u and along v. [m]"""
+    half_height: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    """Radius of the bounding sphere. [m]"""
+    aim: NDArray[np.float64]
+    """Unit vectors r from the centres to the target, shape (N, 3). [1]"""
+    throw: NDArray[np.float64]
+    """Distances to the target. [m]"""
+
+
+@inner
+def half_sides(
+    frames: NDArray[np.float64], f: int, sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int, lanes: int
+) -> None:
+    """Write the frame of one mirror for every lane of a packet.
+
+    Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
+    (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides and
+    cosine are nothing.
+
+    Parameters
+    ----------
+    frames : ndarray, shape (at least f + FRAME_ROWS * ROW,)
+        Receives the rows. [m]
+    f : int
+        Where they begin in `frames`.
+    sun : ndarray, shape (3 * ROW,)
+        Rows x, y, z of the unit vectors to the sun. [1]
+    mirrors : Mirrors
+        The field.
+    i : int
+        The mirror.
+    tracking : int
+        `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
+    lanes : int
+        Lanes of the packet; what rows hold beyond them means nothing.
+    """
+    f = max(f, 0)
+    rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
+    half_width, half_height = mirrors.half_width[i], mirrors.half_height[i]
+    # A fallback for every lane whose u is undefined, so that the lane loops need no branch.
+    level = np.sqrt(rx * rx + ry * ry)
+    ex, ey = 1.0, 0.0
+    if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
+        ex, ey = -ry / level, rx / level
+    for k in range(lanes):
+        sx, sy, sz = sun[k], sun[ROW + k], sun[2 * ROW + k]
+        nx, ny, nz = rx + sx, ry + sy, rz + sz
+        if tracking == SPINNING_ELEVATION:
+            ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx
+        else:
+            ux, uy, uz = -ny, nx, 0.0
+        along, across = nx * nx + ny * ny + nz * nz, ux * ux + uy * uy + uz * uz
+        undefined = across < _PARALLEL
+        length, width = np.sqrt(along), np.sqrt(1.0 if undefined else across)
+        inverse = 1.0 / (length * width) if length > 0.0 else 0.0
+        scale, inverse = inverse * length, inverse * width
+        nx, ny, nz = nx * inverse, ny * inverse, nz * inverse
+        ux = ex if undefined else ux * scale
+        uy = ey if undefined else uy * scale
+        uz = 0.0 if undefined else uz * scale
+        present = half_width if length > 0.0 else 0.0
+        frames[f + COSINE + k] = min(1.0, 0.5 * length)
+        frames[f + k] = present * ux
+        frames[f + ROW + k] = present * uy
+        frames[f + 2 * ROW + k] = present * uz
+        frames[f + 3 * ROW + k] = half_height * (ny * uz - nz * uy)
+        frames[f + 4 * ROW + k] = half_height * (nz * ux - nx * uz)
+        frames[f + 5 * ROW + k] = half_height * (nx * uy - ny * ux)

@@ -1,0 +1,1 @@
+"""Kernels of slopes of mirrors from camera images."""

@@ -1,0 +1,329 @@
+"""Mirror slopes by Levenberg-Marquardt: all pixels at once, with analytic derivatives.
+
+The merit is that of method O2 in `search`: the sum over the lit cameras of (g B(eps_i(p)) - I_i)^2. The gain g of a
+pixel is 1, or the one that makes the sum least; then the derivatives are those from which its direction is removed
+(variable projection [1]_), so that it is no third unknown.
+
+A noisy table has a dip in the merit at every kink of its own. So the search goes from smooth to rough: first the
+analytic curve nearest to the table, then the table smoothed less and less, then the table.
+
+References
+----------
+.. [1] L. Kaufman, "A variable projection method for solving separable nonlinear least squares problems", BIT 15 (1975)
+   49-57
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.gazing.geometry import Scene
+from heliosweep.kernels.gazing.lanes import (
+    BY_A,
+    BY_B,
+    CAMERA_ROWS,
+    CHUNK,
+    FIRST_CAMERA,
+    GAIN,
+    LANES,
+    LIT,
+    MERIT,
+    OWN,
+    REST,
+    SQUARE,
+    VALUE,
+    A,
+    B,
+    at,
+    block_size,
+    brighten,
+    place_pixel,
+    rays_size,
+    reflect,
+    trace_back,
+    weigh,
+)
+from heliosweep.kernels.sun.profiles import Profile
+from heliosweep.kernels.sun.tables import smooth_fit, smoothed
+
+Floats = NDArray[np.float64]
+
+NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
+"""Flags of a pixel: the search ended at its limit or without a direction; fewer than 3 lit cameras, so there was none;
+a lit camera looks beside the disc at the slopes found, where only the tangent of the profile continues it."""
+
+_FARTHEST = 1e-3
+"""Longest step. [rad]"""
+_BEST_A, _BEST_B, _BEST_MERIT, _BEST_GAIN, _AA, _AB, _BB, _DOWN_A, _DOWN_B = range(OWN, OWN + 9)
+_DAMPING, _STEP, _COUNT, _IDEAL_A, _IDEAL_B, _VALUES, _VA, _VB = range(OWN + 9, OWN + 17)
+_TRIAL_AA = OWN + 17
+"""First of five rows: J^T J and J^T r at the trial slopes, in the order of `_AA` to `_DOWN_B`."""
+
+
+@kernel
+def levenberg_marquardt(
+    layout: Scene,
+    profile: Profile,
+    images: Floats,
+    place: Floats,
+    threshold: float,
+    fit_gain: bool,
+    enough: float,
+    limit: int,
+    found: Floats,
+    flags: NDArray[np.uint8],
+) -> None:
+    """Improve the slopes of all pixels for one profile.
+
+    Parameters
+    ----------
+    layout, profile, images, threshold, fit_gain, limit
+        As in `fit_slopes`.
+    place : ndarray, shape (2, N)
+        Pixels (y, z). [m]
+    enough : float
+        Step that ends a search; the step itself is still taken. [rad]
+    found : ndarray, shape (7, N)
+        On entry the first guess of p in rows 0 and 1 and the evaluations so far in row 6; on return p, its standard
+        deviations for noise of 1, the gain, the merit and the evaluations.
+    flags : ndarray of uint8, shape (N,)
+        Filled.
+    """
+    cameras, pixels = images.shape[0], images.shape[1]
+    lanes, pixel_of = np.zeros(block_size(cameras)), np.full(LANES, -1)
+    rays = np.empty(rays_size(cameras))
+    radius_squared = profile.radius * profile.radius
+    following, first, end, busy = 0, 0, 0, 0
+    while busy > 0 or following < pixels:
+        if end < pixels and following + LANES > end:
+            first, end = following, trace_back(rays, cameras, layout, place, following)
+        for k in range(LANES):
+            if pixel_of[k] < 0:
+                following, pixel_of[k] = _next(lanes, k, rays, first, images, threshold, following, end, found, flags)
+                busy += 1 if pixel_of[k] >= 0 else 0
+        reflect(lanes, cameras, layout)
+        brighten(lanes, cameras, profile)
+        weigh(lanes, cameras, fit_gain)
+        _step(lanes, cameras, fit_gain)
+        for k in range(LANES):
+            if pixel_of[k] >= 0 and not (lanes[_STEP * LANES + k] > enough and lanes[_COUNT * LANES + k] < limit):
+                _store(lanes, k, cameras, radius_squared, enough, pixel_of[k], found, flags)
+                pixel_of[k] = -1
+                busy -= 1
+
+
+@inline
+def _next(lanes, k, rays, first, images, threshold, following, end, found, flags):
+    """Put the next pixel with 3 lit cameras into a lane; returns what comes after it, and the pixel or -1."""
+    while following < end:
+        pixel, n = following, following - first
+        following += 1
+        if place_pixel(lanes, k, rays, n, images, pixel, threshold) < 3:
+            flags[pixel] = UNLIT
+            for row in range(6):
+                found[row, pixel] = np.nan
+            continue
+        a, b = rays[n], rays[CHUNK + n]
+        lanes[_IDEAL_A * LANES + k], lanes[_IDEAL_B * LANES + k] = a, b
+        lanes[A * LANES + k], lanes[B * LANES + k] = a + found[0, pixel], b + found[1, pixel]
+        lanes[_BEST_MERIT * LANES + k] = np.inf
+        lanes[_DAMPING * LANES + k], lanes[_COUNT * LANES + k] = 0.0, 0.0
+        return following, pixel
+    return following, -1
+
+
+@inline
+def _step(lanes, cameras, fit_gain):
+    """Keep the trial slopes where they are the best so far, and make new ones.
+
+    The normal matrix is damped by a share of its mean diagonal; by none as long as every step succeeds.
+    """
+    _normal_matrix(lanes, cameras, fit_gain)
+    for k in range(LANES):
+        better = lanes[MERIT * LANES + k] <= lanes[_BEST_MERIT * LANES + k]
+        _keep(lanes, k, better, MERIT, _BEST_MERIT)
+        _keep(lanes, k, better, GAIN, _BEST_GAIN)
+        _keep(lanes, k, better, A, _BEST_A)
+        _keep(lanes, k, better, B, _BEST_B)
+        for row in range(5):
+            _keep(lanes, k, better, _TRIAL_AA + row, _AA + row)
+        damping = lanes[_DAMPING * LANES + k]
+        eased = 0.1 * damping if damping > 1e-6 else 0.0
+        damping = eased if better else max(10.0 * damping, 1e-3)
+        lanes[_DAMPING * LANES + k] = damping
+        aa, ab, bb = lanes[_AA * LANES + k], lanes[_AB * LANES + k], lanes[_BB * LANES + k]
+        more = 0.5 * damping * (aa + bb)
+        aa, bb = aa + more, bb + more
+        down_a, down_b = lanes[_DOWN_A * LANES + k], lanes[_DOWN_B * LANES + k]
+        scale = 1.0 / (aa * bb - ab * ab)
+        step_a, step_b = (ab * down_b - bb * down_a) * scale, (ab * down_a - aa * down_b) * scale
+        length = abs(step_a) + abs(step_b)  # NaN if either is
+        shorter = _FARTHEST / max(length, _FARTHEST)
+        lanes[A * LANES + k] = lanes[_BEST_A * LANES + k] + step_a * shorter
+        lanes[B * LANES + k] = lanes[_BEST_B * LANES + k] + step_b * shorter
+        lanes[_STEP * LANES + k] = length
+        lanes[_COUNT * LANES + k] += 1.0
+
+
+@inline
+def _keep(lanes, k, better, new, old):
+    """Copy one row to another where `better`."""
+    lanes[old * LANES + k] = lanes[new * LANES + k] if better else lanes[old * LANES + k]
+
+
+@inline
+def _normal_matrix(lanes, cameras, fit_gain):
+    """J^T J and J^T r at the trial slopes; with a gain, of the derivatives at right angles to it."""
+    for k in range(LANES):
+        for row in range(5):
+            lanes[(_TRIAL_AA + row) * LANES + k] = 0.0
+    if fit_gain:
+        for k in range(LANES):
+            lanes[_VALUES * LANES + k], lanes[_VA * LANES + k], lanes[_VB * LANES + k] = 1e-60, 0.0, 0.0
+        for camera in range(cameras):
+            n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
+            for k in range(LANES):
+                value = lanes[at(n, VALUE, k)] * lanes[at(n, LIT, k)]
+                lanes[_VALUES * LANES + k] += value * value
+                lanes[_VA * LANES + k] += value * lanes[at(n, BY_A, k)]
+                lanes[_VB * LANES + k] += value * lanes[at(n, BY_B, k)]
+        for k in range(LANES):
+            lanes[_VA * LANES + k] /= lanes[_VALUES * LANES + k]
+            lanes[_VB * LANES + k] /= lanes[_VALUES * LANES + k]
+        for camera in range(cameras):
+            n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
+            for k in range(LANES):
+                value = lanes[at(n, VALUE, k)]
+                lanes[at(n, BY_A, k)] -= value * lanes[_VA * LANES + k]
+                lanes[at(n, BY_B, k)] -= value * lanes[_VB * LANES + k]
+    for camera in range(cameras):
+        n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
+        for k in range(LANES):
+            weight = lanes[GAIN * LANES + k] * lanes[at(n, LIT, k)]
+            by_a, by_b = lanes[at(n, BY_A, k)] * weight, lanes[at(n, BY_B, k)] * weight
+            rest = lanes[at(n, REST, k)]
+            lanes[_TRIAL_AA * LANES + k] += by_a * by_a
+            lanes[(_TRIAL_AA + 1) * LANES + k] += by_a * by_b
+            lanes[(_TRIAL_AA + 2) * LANES + k] += by_b * by_b
+            lanes[(_TRIAL_AA + 3) * LANES + k] += by_a * rest
+            lanes[(_TRIAL_AA + 4) * LANES + k] += by_b * rest
+
+
+@inline
+def _store(lanes, k, cameras, radius_squared, enough, pixel, found, flags):
+    """Put what a lane has found where it belongs, with the last step if that was short enough."""
+    step, flag = lanes[_STEP * LANES + k], 0
+    row_a, row_b = (A, B) if step <= enough else (_BEST_A, _BEST_B)
+    found[0, pixel] = lanes[row_a * LANES + k] - lanes[_IDEAL_A * LANES + k]
+    found[1, pixel] = lanes[row_b * LANES + k] - lanes[_IDEAL_B * LANES + k]
+    aa, ab, bb = lanes[_AA * LANES + k], lanes[_AB * LANES + k], lanes[_BB * LANES + k]
+    determinant = aa * bb - ab * ab
+    found[2, pixel], found[3, pixel] = math.sqrt(bb / determinant), math.sqrt(aa / determinant)
+    found[4, pixel], found[5, pixel] = lanes[_BEST_GAIN * LANES + k], lanes[_BEST_MERIT * LANES + k]
+    found[6, pixel] += lanes[_COUNT * LANES + k]
+    if not step <= enough:
+        flag += NOT_CONVERGED
+    for camera in range(cameras):
+        n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
+        if lanes[at(n, LIT, k)] > 0.0 and lanes[at(n, SQUARE, k)] > radius_squared:
+            flag |= OUTSIDE
+    flags[pixel] = flag
+
+
+GRADUATION = (6.0, 3.0, 1.5, 0.7)
+"""Smoothing of a table before it is used itself, in nodes."""
+
+_SMOOTH_STEP, _TABLE_STEP, _PASSING_STEP = 1e-11, 1e-8, 1e-5
+"""A search ends at a step as short as this: for an analytic profile, for a table, and where another stage follows.
+[rad]"""
+
+
+class SlopeFit(NamedTuple):
+    """Slopes of N pixels and what is known about them; NaN where fewer than 3 cameras are lit."""
+
+    slopes: Floats
+    """p relative to the ideal mirror, horizontal and vertical, shape (2, N). [rad]"""
+    deviation: Floats
+    """Standard deviation of the slopes for camera noise of standard deviation 1, shape (2, N): the Cramer-Rao bound at
+    the slopes found, for a table at those that its smooth fit finds. [rad]"""
+    gain: Floats
+    """g, 1 where it is not fitted. [1]"""
+    merit: Floats
+    """Sum of squares left. [1]"""
+    evaluations: NDArray[np.int64]
+    """Evaluations of the merit over all stages."""
+    flags: NDArray[np.uint8]
+    """Sum of `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`."""
+
+
+def graduated(profile: Profile) -> list[Profile]:
+    """A profile as a series from smooth to rough; the last one is the profile itself.
+
+    Parameters
+    ----------
+    profile : Profile
+
+    Returns
+    -------
+    list of Profile
+        An analytic profile alone; before a table its smooth fit and its smoothed copies (`GRADUATION`).
+    """
+    if profile.table.size == 0:
+        return [profile]
+    first = [smooth_fit(profile)] if profile.table.size > 3 else []
+    return [*first, *(smoothed(profile, nodes) for nodes in GRADUATION), profile]
+
+
+def fit_slopes(
+    layout: Scene,
+    profile: Profile | Sequence[Profile],
+    images: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    start: ArrayLike,
+    *,
+    threshold: float = 0.3,
+    fit_gain: bool = False,
+    limit: int = 50,
+) -> SlopeFit:
+    """Slopes of all pixels.
+
+    Parameters
+    ----------
+    layout : Scene
+        K cameras.
+    profile : Profile or sequence of Profile
+        The profile, which is graduated if it is a table; or the stages, from smooth to rough, from `graduated`.
+    images : array_like, shape (K, N)
+        Brightness relative to the disc centre. [1]
+    y, z : array_like, shape (N,)
+        Pixels, from the mirror centre. [m]
+    start : array_like, shape (2, N)
+        First guess of p, from method A; 0 where it is not finite. [rad]
+    threshold : float
+        Least brightness of a lit camera; darker ones, and NaN, do not count. [1]
+    fit_gain : bool
+        Whether every pixel has a gain of its own, common to its cameras.
+    limit : int
+        Most evaluations in a stage.
+
+    Returns
+    -------
+    SlopeFit
+    """
+    stages = graduated(profile) if isinstance(profile, Profile) else list(profile)
+    seen, place = np.array(images, np.float64), np.array([y, z], np.float64)
+    number = seen.shape[1]
+    found, flags = np.zeros((7, number)), np.zeros(number, np.uint8)
+    found[:2] = np.where(np.isfinite(start), start, 0.0)
+    deviation = np.empty((2, number))
+    for n, stage in enumerate(stages):
+        enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
+        levenberg_marquardt(layout, stage, seen, place, threshold, fit_gain, enough, limit, found, flags)
+        if n == 0:  # the steepness of a noisy table says little about that of the sun's disc
+            deviation[:] = found[2:4]
+    return SlopeFit(found[:2], deviation, found[4], found[5], found[6].astype(np.int64), flags)

@@ -1,0 +1,161 @@
+"""Machine code of kernels: made where Python calls a kernel, and kept on disk for the next process."""
+
+import hashlib
+import os
+import pickle
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import types
+from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.environment import lookup_environment
+from numba.core.registry import cpu_target
+
+from heliosweep.sources import numbers_digest
+
+_TRIED_WITH = {(0, 68)}
+"""Versions of numba that kernels are compiled in parts with."""
+_KEPT = 16
+"""Files of compiled code that are kept of a kernel: versions of its source, processors, types of arguments."""
+
+
+class CodeCache(FunctionCache):
+    """Compiled code of one kernel, one file for each version of its code, types of arguments and processor.
+
+    numba's own cache does not see an edit of a kernel that this one calls, compiles anew after an edit of a comment,
+    and numbers its files by those that it saw: two processes could give different code one name.
+
+    Raises
+    ------
+    RuntimeError
+        Where there is no folder that code could be written to, or no source file.
+    """
+
+    def __init__(self, function: Any):
+        super().__init__(function)
+        self._base = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+        try:
+            self._version = numbers_digest(function.__module__)
+        except ModuleNotFoundError as error:
+            raise RuntimeError(str(error)) from error
+
+    def path(self, signature: Any, codegen: Any) -> Path:
+        """File of the code for types of arguments and a processor."""
+        key = (self._version, numba.__version__, platform.python_version_tuple()[:2], signature, codegen.magic_tuple())
+        return Path(self.cache_path, f"{self._base}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc")
+
+    def _load_overload(self, signature: Any, target: Any) -> Any:
+        try:
+            content = self.path(signature, target.codegen()).read_bytes()
+        except OSError:
+            return None
+        return self._impl.rebuild(target, pickle.loads(content))
+
+    def _save_overload(self, signature: Any, result: Any) -> None:
+        if not self._impl.check_cachable(result):
+            return
+        path = self.path(signature, result.codegen)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix(f".{os.getpid()}")
+        temporary.write_bytes(self._cache_file._dump(self._impl.reduce(result)))
+        temporary.replace(path)
+        kept = sorted(path.parent.glob(f"{self._base}-*.nbc"), key=os.path.getmtime)
+        for old in kept[:-_KEPT]:
+            old.unlink(missing_ok=True)
+
+
+def compile_in_parts(whole: Any, part: Any) -> None:
+    """Make machine code of a kernel where Python calls it, and a part of other machine code where a kernel does.
+
+    By itself the compiler optimises every kernel and makes machine code of it, and does both anew in each kernel that
+    calls it. With this, what other kernels call is brought to the compiler's intermediate form, linked as it is, and
+    optimised where it ends up. Measured on numba 0.68, processor time of compiling all kernels: 109 s instead of 179 s,
+    those of a heliostat field 22 s instead of 51 s; no kernel runs faster or slower for it.
+
+    It reaches into the compiler, so it is done for the versions alone that it was tried with. With any other, kernels
+    compile as they do by themselves, to the same results.
+
+    Parameters
+    ----------
+    whole, part : numba.core.dispatcher.Dispatcher
+        The kernel, and the same without what Python calls it by; each compiled on its first call.
+    """
+    if numba.version_info.short not in _TRIED_WITH:
+        return
+    compile_alone, template = whole.compile, part.get_call_template
+
+    def compile_of_parts(signature: Any) -> Any:
+        with global_compiler_lock, _parts():
+            return compile_alone(signature)
+
+    def call_template(args: Any, kws: Any) -> Any:
+        """As a call, but a number that is written out is no reason to compile again, unless its place is the caller."""
+        if "forceinline" not in part.targetoptions:
+            args, kws = [types.unliteral(each) for each in args], {k: types.unliteral(each) for k, each in kws.items()}
+        return template(args, kws)
+
+    whole.compile, whole.get_call_template, whole.get_overload = compile_of_parts, call_template, part.get_overload
+
+
+@contextmanager
+def _parts() -> Iterator[None]:
+    """Compile with `_Library`."""
+    cpu_target.target_context.refresh()  # what comes with the compiler is to be whole
+    codegen = cpu_target.target_context.codegen()
+    library = codegen._library_class
+    codegen._library_class = _Library
+    try:
+        yield
+    finally:
+        codegen._library_class = library
+
+
+class _Library(JITCodeLibrary):
+    """Module that is linked as it is, and optimised and made code only where Python asks for it."""
+
+    _is_part, _asked = False, False
+
+    def get_pointer_to_function(self, name: str) -> int:
+        defined = any(each.name == name and not each.is_declaration for each in self._final_module.functions)
+        if self._is_part and defined:
+            raise RuntimeError(f"{name} was compiled as a part")
+        self._asked = self._asked or defined
+        return int(super().get_pointer_to_function(name))
+
+    def finalize(self) -> None:
+        self._is_part = not self._asked
+        super().finalize()
+
+    def _optimize_final_module(self) -> None:
+        if not self._is_part:
+            super()._optimize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        if self._is_part:
+            self._finalize_dynamic_globals()
+            self._finalized = True
+            return
+        super()._finalize_final_module()
+        codegen: Any = self._codegen
+        for variable in self._final_module.global_variables:  # of the parts too: now they have an address
+            environment = lookup_environment(variable.name)
+            if environment is not None:
+                codegen.set_env(variable.name, environment)
+
+    @property
+    def codegen(self) -> Any:
+        return _Nowhere if self._is_part else self._codegen
+
+
+class _Nowhere:
+    """Takes the environment of a part, which has no address before its code is made."""
+
+    @staticmethod
+    def set_env(name: str, environment: Any) -> None:
+        pass

@@ -1,0 +1,1 @@
+"""Kernels of spots of misaligned heliostats on the receiver plane."""

@@ -1,0 +1,127 @@
+"""Receiver plane: where a reflected ray meets it, and why one does not.
+
+World frame: x east, y north, z up. The receiver is a rectangle about the aim point T. Rows of its face axes:
+
+    X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
+
+with the azimuth g (from north, clockwise) and the tilt b (up) of the outward normal X. The spot at the point p of the
+plane has the coordinates y = Y.(p - T), positive to the right for someone in the field who looks at the receiver, and
+z = Z.(p - T), positive upwards.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline
+from heliosweep.kernels.vectors import Vector
+
+Face = tuple[Vector, Vector, Vector]
+"""Axes X, Y, Z of a face. [1]"""
+
+REACHES = 0
+"""The ray reaches the plane of the receiver; with every other status the spot is NaN."""
+MISSES = 1
+"""The ray goes away from the plane or along it, or the sun lights the back of the mirror."""
+BEHIND_FACE = 2
+"""The pivot or the mirror centre lies on the plane of the receiver or behind it."""
+NO_SUN = 3
+"""The sun is not above the horizon, or NaN."""
+BLIND_CONE = 4
+"""The mount cannot point where it should, although the aim point is far enough."""
+TOO_NEAR = 5
+"""The offsets of the mirror are not smaller than the distance to the aim point."""
+
+
+class Setting(NamedTuple):
+    """Receiver and mount, which do not change with the instant: one number for each of P parameter combinations."""
+
+    face_azimuth: NDArray[np.float64]
+    """Azimuth of the face's outward normal, from north, clockwise. [rad]"""
+    face_tilt: NDArray[np.float64]
+    """Tilt of the outward normal above the horizontal. [rad]"""
+    half_width: NDArray[np.float64]
+    """Half side of the aperture along Y. [m]"""
+    half_height: NDArray[np.float64]
+    """Half side of the aperture along Z. [m]"""
+    target_height: NDArray[np.float64]
+    """Height of the aim point above the base of the tower. [m]"""
+    kind: NDArray[np.int64]
+    """Mount: `AZIMUTH_ELEVATION`, `TARGET_ALIGNED`, `POLAR` or `TILT_ROLL`."""
+    latitude: NDArray[np.float64]
+    """Geographic latitude, north positive. [rad]"""
+    axis_azimuth: NDArray[np.float64]
+    """Azimuth of the horizontal axis of a tilt-roll mount, from north, clockwise. [rad]"""
+    mirror_offset: NDArray[np.float64]
+    """Distance of the mirror centre from the pivot along the bore (the normal). [m]"""
+    axis_offset: NDArray[np.float64]
+    """Distance of the second axis from the primary axis. [m]"""
+    pedestal_height: NDArray[np.float64]
+    """Height of the pivot above the base about which the pedestal tilts. [m]"""
+
+
+def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
+    """Axes of a receiver face.
+
+    Parameters
+    ----------
+    azimuth : float
+        Azimuth of the outward normal, from north, clockwise. [rad]
+    tilt : float
+        Tilt of the outward normal above the horizontal. [rad]
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Rows X (outward normal), Y and Z (on the face). [1]
+    """
+    sine, cosine = math.sin(azimuth), math.cos(azimuth)
+    up, out = math.sin(tilt), math.cos(tilt)
+    return np.array([[out * sine, out * cosine, up], [-cosine, sine, 0.0], [-up * sine, -up * cosine, out]])
+
+
+@inline
+def rows_of(face: NDArray[np.float64]) -> Face:
+    """Face axes X, Y and Z from an array of shape (9,). [1]"""
+    return (face[0], face[1], face[2]), (face[3], face[4], face[5]), (face[6], face[7], face[8])
+
+
+@inline
+def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, int]:
+    """Spot of the ray from the sun s that a mirror with the unit normal n at p reflects: p + l R, R = 2 (s.n) n - s.
+
+    Parameters
+    ----------
+    p : Vector
+        Mirror centre relative to the aim point. [m]
+    n : Vector
+        Unit normal of the mirror. [1]
+    s : Vector
+        Unit vector to the sun. [1]
+    face : Face
+        Face axes X, Y, Z. [1]
+
+    Returns
+    -------
+    y, z : float
+        Spot on the plane of the receiver, NaN where there is none. [m]
+    status : int
+        `REACHES`, `MISSES`, `BEHIND_FACE` or `NO_SUN`.
+    """
+    (px, py, pz), (nx, ny, nz), (sx, sy, sz) = p, n, s
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = face
+    lit = sx * nx + sy * ny + sz * nz
+    rx, ry, rz = 2.0 * lit * nx - sx, 2.0 * lit * ny - sy, 2.0 * lit * nz - sz
+    before = xx * px + xy * py + xz * pz
+    towards = -(xx * rx + xy * ry + xz * rz)
+    length = before / towards
+    y = yx * (px + length * rx) + yy * (py + length * ry) + yz * (pz + length * rz)
+    z = zx * (px + length * rx) + zy * (py + length * ry) + zz * (pz + length * rz)
+    status = REACHES if (towards > 0.0 and lit > 0.0) else MISSES
+    status = status if before > 0.0 else BEHIND_FACE
+    status = status if sz > 0.0 and sx == sx and sy == sy else NO_SUN
+    y = y if status == REACHES else math.nan
+    z = z if status == REACHES else math.nan
+    return y, z, status

@@ -1,0 +1,196 @@
+"""Sun positions from daily nodes of a precise ephemeris: unit vectors for many sites at the same instants.
+
+Everything in the sun's apparent place but the Earth's rotation is smooth over a day. Cubic splines on nodes a day apart
+carry the geocentric direction and the parallax; the sidereal time, the turn to the site and the parallax are computed
+at each instant by the formulas of the SPA [1]_, whose places the nodes hold.
+
+References
+----------
+.. [1] I. Reda and A. Andreas, "Solar position algorithm for solar radiation applications", Solar Energy 76 (2004)
+   577-589, doi 10.1016/j.solener.2003.12.003
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, kernel
+
+Floats = NDArray[np.float64]
+
+DAY = 86_400_000_000_000
+"""Nanoseconds in a day."""
+QUANTITIES = 4
+"""Numbers of a node: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal parallax."""
+CHUNK = 1024
+"""Instants at a time: what the sites share stays in the fast memory."""
+
+_NOT_A_TIME = np.iinfo(np.int64).min
+_J2000 = 10957.5
+"""Days from 1970-01-01 0 h to 2000-01-01 12 h, where sidereal time is counted from."""
+_FLATTENING = 0.99664719
+"""Polar over equatorial radius of the Earth."""
+_EQUATORIAL_RADIUS = 6378140.0
+
+
+def sidereal_time(day: Any, fraction: Any) -> Any:
+    """Mean sidereal time at Greenwich.
+
+    Parameters
+    ----------
+    day, fraction : int or ndarray, float or ndarray
+        Days since 1970-01-01 0 h UT, and the fraction of the day past them. [d]
+
+    Returns
+    -------
+    float or ndarray
+        Whole turns not removed. [turn]
+    """
+    days = (day - _J2000) + fraction
+    centuries = days / 36525.0
+    # 360.98564736629 deg a day without the whole turns of the whole days
+    turns = (280.46061837 / 360.0 - 0.5 + fraction) + (0.98564736629 / 360.0) * days
+    return turns + centuries * centuries * (0.000387933 / 360.0 - centuries / (38710000.0 * 360.0))
+
+
+_sidereal_time = inline(sidereal_time)
+
+
+@kernel
+def daily_splines(nodes: Floats) -> Floats:
+    """Cubic splines through nodes a day apart, straight (second derivative zero) at both ends.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (N, QUANTITIES)
+        Values at day 0, 1, ... N - 1.
+
+    Returns
+    -------
+    ndarray, shape (N - 1, 4, QUANTITIES)
+        Coefficients of the powers 0 to 3 of the fraction of the day, for each day.
+    """
+    count = len(nodes)
+    bend = np.zeros((count, QUANTITIES))  # a sixth of the second derivative
+    pivot = np.zeros(count)
+    for i in range(1, count - 1):
+        pivot[i] = 1.0 / (4.0 - pivot[i - 1])
+        for k in range(QUANTITIES):
+            bend[i, k] = pivot[i] * (nodes[i - 1, k] - 2.0 * nodes[i, k] + nodes[i + 1, k] - bend[i - 1, k])
+    pieces = np.empty((count - 1, 4, QUANTITIES))
+    for i in range(count - 2, -1, -1):
+        for k in range(QUANTITIES):
+            if i > 0:
+                bend[i, k] -= pivot[i] * bend[i + 1, k]
+            low, high = bend[i, k], bend[i + 1, k]
+            pieces[i, 0, k] = nodes[i, k]
+            pieces[i, 1, k] = nodes[i + 1, k] - nodes[i, k] - 2.0 * low - high
+            pieces[i, 2, k] = 3.0 * low
+            pieces[i, 3, k] = high - low
+    return pieces
+
+
+@kernel
+def sun_at_sites(
+    utc: NDArray[np.int64],
+    delta_t: Floats,
+    first_day: int,
+    pieces: Floats,
+    first_piece: int,
+    sites: Floats,
+    sun: Floats,
+) -> None:
+    """Unit vectors to the sun, without refraction, for all sites at all instants.
+
+    Parameters
+    ----------
+    utc : ndarray of int64, shape (T,)
+        Nanoseconds since 1970-01-01 0 h UT; the smallest integer stands for no time.
+    delta_t : ndarray
+        Terrestrial minus universal time of each day from `first_day` on. [s]
+    first_day : int
+        Days since 1970.
+    pieces : ndarray, shape (days, 4, QUANTITIES)
+        From `daily_splines`, in days of terrestrial time, from day `first_piece` on; right ascensions less the
+        equation of the equinoxes.
+    first_piece : int
+        Days since 1970.
+    sites : ndarray, shape (S, 3)
+        Geographic latitude and longitude, positive north and east [rad], and altitude [m].
+    sun : ndarray, shape (S, T, 3)
+        Receives east, north, up; NaN at no time. [1]
+    """
+    place = np.zeros((QUANTITIES + 1, CHUNK))
+    for start in range(0, len(utc), CHUNK):
+        stop = min(start + CHUNK, len(utc))
+        _geocentric(utc[start:stop], delta_t, first_day, pieces, first_piece, place)
+        _turn_with_the_earth(place)
+        for site in range(len(sites)):
+            _topocentric(place, sites[site, 0], sites[site, 1], sites[site, 2], sun[site, start:stop])
+
+
+@kernel
+def _geocentric(
+    utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
+) -> None:
+    """Write the quantities of the nodes and the mean sidereal time at Greenwich [turn] for each instant."""
+    for i in range(len(utc)):
+        if utc[i] == _NOT_A_TIME:
+            for k in range(QUANTITIES + 1):
+                place[k, i] = np.nan
+            continue
+        day = utc[i] // DAY
+        fraction = (utc[i] - day * DAY) * (1.0 / DAY)
+        late = fraction + delta_t[day - first_day] * (1.0 / 86400.0)
+        whole = math.floor(late)
+        late -= whole
+        piece = pieces[day + int(whole) - first_piece]
+        for k in range(QUANTITIES):
+            place[k, i] = piece[0, k] + late * (piece[1, k] + late * (piece[2, k] + late * piece[3, k]))
+        place[QUANTITIES, i] = _sidereal_time(day, fraction)
+
+
+@kernel
+def _turn_with_the_earth(place: Floats) -> None:
+    """Turn the directions to the frame whose x axis is the meridian of Greenwich."""
+    for i in range(place.shape[1]):
+        cosine, sine = _cosine_and_sine(place[QUANTITIES, i])
+        x, y = place[0, i], place[1, i]
+        place[0, i], place[1, i] = x * cosine + y * sine, y * cosine - x * sine
+
+
+@inline
+def _cosine_and_sine(turns: float) -> tuple[float, float]:
+    """Cosine and sine of an angle in turns by their Taylor series; unlike the library's, vector code."""
+    quarters = np.floor(4.0 * turns + 0.5)
+    x = 2.0 * math.pi * (turns - 0.25 * quarters)
+    q = x * x  # at most (pi / 4)^2: the terms left out are below 5e-17
+    s = 1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0 * (1.0 - q / 156.0 * (1.0 - q / 210.0))))
+    c = 1.0 - q / 56.0 * (1.0 - q / 90.0 * (1.0 - q / 132.0 * (1.0 - q / 182.0 * (1.0 - q / 240.0))))
+    s = x * (1.0 - q / 6.0 * (1.0 - q / 20.0 * s))
+    c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * c))
+    odd = quarters - 2.0 * np.floor(0.5 * quarters)
+    half = 0.5 * (quarters - odd)
+    sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
+    return (-s * sign, c * sign) if odd > 0.0 else (c * sign, s * sign)
+
+
+@kernel
+def _topocentric(place: Floats, latitude: float, longitude: float, altitude: float, sun: Floats) -> None:
+    """Unit vectors to the sun at one site, shape (T, 3)."""
+    north, level = math.sin(latitude), math.cos(latitude)
+    east, prime = math.sin(longitude), math.cos(longitude)
+    reduced = math.atan(_FLATTENING * math.tan(latitude))
+    from_axis = math.cos(reduced) + altitude / _EQUATORIAL_RADIUS * level
+    from_equator = _FLATTENING * math.sin(reduced) + altitude / _EQUATORIAL_RADIUS * north
+    site_north = level * from_equator - north * from_axis
+    site_up = level * from_axis + north * from_equator
+    for i in range(len(sun)):
+        meridian = prime * place[0, i] + east * place[1, i]
+        x = prime * place[1, i] - east * place[0, i]
+        y = level * place[2, i] - north * meridian - site_north * place[3, i]
+        z = level * meridian + north * place[2, i] - site_up * place[3, i]
+        scale = 1.0 / math.sqrt(x * x + y * y + z * z)
+        sun[i, 0], sun[i, 1], sun[i, 2] = x * scale, y * scale, z * scale

@@ -1,0 +1,242 @@
+"""Tabulated sun profiles: from images of the disc, with planted noise and errors, smoothed; the nearest analytic curve.
+
+In an image the disc is what is brighter than half its limb; its centroid is the centre and its area tells the radius,
+both finer than a pixel. A profile is the medians over rings about the centroid, which leave out dust and hot pixels.
+Rings that the limb crosses hold pixels of disc and sky, so it is continued there linearly in c = sqrt(1 - u^xi), in
+which the formula of Jose is linear.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Philox
+from numpy.typing import ArrayLike, NDArray
+
+from heliosweep.kernels.sun.profiles import POWER, Profile, analytic, falling_envelope, render, table_profile
+
+Floats = NDArray[np.float64]
+
+
+def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Profile:
+    """A profile tabulated at uniform nodes, both ends included, with normal noise on each.
+
+    Parameters
+    ----------
+    profile : Profile
+    noise : float
+        Standard deviation relative to the disc centre. [1]
+    nodes : int
+        Number of nodes, 3 at least.
+    seed : int
+        Key of the counter-based generator: node k of a seed has the same noise whatever their number.
+
+    Returns
+    -------
+    Profile
+        Negative values, which noise may cause, are 0.
+    """
+    if nodes < 3:
+        raise ValueError("a table needs 3 nodes at least")
+    clean = render(profile, np.linspace(0.0, profile.radius, nodes))
+    return table_profile(np.maximum(clean + noise * normal_draws(seed, 1, nodes), 0.0), profile.radius)
+
+
+def scaled(profile: Profile, error: float) -> Profile:
+    """The same profile, narrower or wider by a relative error of its angular radius; for planted profile errors."""
+    if not error > -1.0:
+        raise ValueError("the radius must remain positive")
+    factor = 1.0 + error
+    return profile._replace(
+        radius=profile.radius * factor,
+        edge=profile.edge * factor,
+        edge_slope=profile.edge_slope / factor,
+        step=profile.step * factor,
+    )
+
+
+def smoothed(profile: Profile, nodes: float) -> Profile:
+    """A table smoothed by a Gaussian.
+
+    Parameters
+    ----------
+    profile : Profile
+        Tabulated.
+    nodes : float
+        Standard deviation of the Gaussian, in nodes. [1]
+
+    Returns
+    -------
+    Profile
+        Reflected at the disc centre, continued by its tangent beyond the edge.
+    """
+    table = profile.table
+    if table.size == 0:
+        raise ValueError("only a table can be smoothed")
+    if nodes <= 0.0:
+        return profile
+    reach = math.ceil(5.0 * nodes)
+    offsets = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (offsets / nodes) ** 2)
+    weights /= weights.sum()
+    place = np.abs(np.arange(table.size)[:, np.newaxis] + offsets)
+    beyond = np.maximum(place - (table.size - 1), 0)
+    wide = table[np.minimum(place, table.size - 1)] + beyond * (profile.edge_slope * profile.step)
+    return table_profile(np.sum(wide * weights, axis=1), profile.radius)
+
+
+def smooth_fit(profile: Profile, power: float = POWER) -> Profile:
+    """The cubic in sqrt(1 - u^xi) nearest to a table in the sense of least squares over its nodes.
+
+    Parameters
+    ----------
+    profile : Profile
+        Tabulated.
+    power : float
+        xi. [1]
+
+    Returns
+    -------
+    Profile
+        Analytic.
+    """
+    table = profile.table
+    if table.size < 4:
+        raise ValueError("the fit needs a table of 4 nodes at least")
+    c = _limb_cosine(np.linspace(0.0, 1.0, table.size), power)
+    fit, *_ = np.linalg.lstsq(np.stack((np.ones_like(c), c, c**2, c**3), axis=1), table, rcond=None)
+    u = np.linspace(0.0, 1.0, 1025)
+    c = _limb_cosine(u, power)
+    curve = fit[0] + c * (fit[1] + c * (fit[2] + c * fit[3]))
+    c0, c1, c2, c3 = (float(f) for f in fit)
+    return analytic((c0, c1, c2, c3), profile.radius, power, falling_envelope(curve))
+
+
+def normal_draws(seed: int, stream: int, count: int) -> Floats:
+    """Standard normal numbers from a counter-based generator, Philox 4x64: number k depends on its key and k alone.
+
+    Parameters
+    ----------
+    seed, stream : int
+        The key; streams keep what is drawn for different purposes apart. Not negative.
+    count : int
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (count,)
+        Pairs by the transform of Box and Muller.
+    """
+    pairs = (count + 1) // 2
+    raw = Philox(key=np.array([seed, stream], np.uint64)).random_raw(2 * pairs)
+    uniform = ((raw >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52  # exact: neither 0 nor 1
+    length, turn = np.sqrt(-2.0 * np.log(uniform[0::2])), 2.0 * np.pi * uniform[1::2]
+    return np.stack((length * np.cos(turn), length * np.sin(turn)), axis=1).ravel()[:count]
+
+
+def _limb_cosine(u: Floats, power: float) -> Floats:
+    return np.sqrt(1.0 - u**power)
+
+
+_MOST_NODES = 120
+_LEAST_RADIUS = 12.0
+"""Smallest radius of a disc from which a profile is taken. [pixels]"""
+_LIMB = 1.5
+"""Width of the limb that pixels blur. [pixels]"""
+
+
+class SunDisc(NamedTuple):
+    """A profile and what it was taken from."""
+
+    brightness: Floats
+    """Relative to the centre, at equal steps from the centre to the edge. [1]"""
+    radius: float
+    """[pixels]"""
+    centre: tuple[float, float]
+    """Column and row. [pixels]"""
+    level: float
+    """Level of the disc centre, in the scale of the image."""
+
+
+def disc_profile(image: ArrayLike, power: float = POWER) -> SunDisc:
+    """Profile of a sun's disc.
+
+    Parameters
+    ----------
+    image : array_like, shape (rows, columns)
+        Levels above the dark; NaN where a pixel cannot be used.
+    power : float
+        xi of the continuation at the limb. [1]
+
+    Returns
+    -------
+    SunDisc
+
+    Raises
+    ------
+    ValueError
+        If there is no disc, it is too small, is cut by the frame or is not round.
+    """
+    levels = np.asarray(image, np.float64)
+    seen = levels[np.isfinite(levels)]
+    if seen.size == 0 or not np.max(seen) > 0.0:
+        raise ValueError("shows no disc: no pixel is brighter than the dark level")
+    top = float(np.median(seen[seen >= 0.5 * np.percentile(seen, 99.9)]))
+    disc = _disc(levels, 0.4 * top)
+    ring = (disc.distance > 0.93 * disc.radius) & (disc.distance < 0.97 * disc.radius) & np.isfinite(levels)
+    if np.any(ring):
+        disc = _disc(levels, 0.5 * float(np.median(levels[ring])))
+    radius, distance = disc.radius, disc.distance
+    if radius < _LEAST_RADIUS:
+        raise ValueError(f"shows a disc of radius {radius:.1f} pixels; {_LEAST_RADIUS:.0f} are needed")
+    rows, columns = levels.shape
+    room = min(disc.u, disc.v, columns - 1 - disc.u, rows - 1 - disc.v)
+    if room < radius + 0.5:
+        raise ValueError("shows a disc that the frame cuts")
+    if abs(disc.roundness - 1.0) > 0.05:
+        raise ValueError("shows no single round disc: clouds, stray light or a second disc?")
+    nodes = int(np.clip(round(radius) + 1, 4, _MOST_NODES))
+    step = radius / (nodes - 1)
+    use = np.isfinite(levels) & (distance < radius - _LIMB)
+    number = np.rint(distance[use] / step).astype(np.int64)
+    inner = levels[use]
+    order = np.argsort(number, kind="stable")
+    cuts = np.searchsorted(number[order], np.arange(nodes + 1))
+    table = np.full(nodes, math.nan)
+    for node in range(nodes):
+        values = inner[order[cuts[node] : cuts[node + 1]]]
+        if values.size >= 5 and (node + 0.5) * step < radius - _LIMB:
+            table[node] = np.median(values)
+    u = np.linspace(0.0, 1.0, nodes)
+    c = np.sqrt(1.0 - u**power)
+    good = np.isfinite(table)
+    if np.count_nonzero(good) < 8:
+        raise ValueError("shows too few usable pixels of the disc")
+    curve = np.linalg.lstsq(np.stack((np.ones_like(c), c, c**2), axis=1)[good], table[good], rcond=None)[0]
+    outer = good & (u > 0.75)
+    edge = np.linalg.lstsq(np.stack((np.ones_like(c), c), axis=1)[outer], table[outer], rcond=None)[0]
+    inside = u < 0.5
+    table = np.where(good, table, np.where(inside, curve[0] + c * (curve[1] + c * curve[2]), edge[0] + c * edge[1]))
+    level = float(np.sum(curve))
+    return SunDisc(table / level, radius, (disc.u, disc.v), level)
+
+
+class _Disc(NamedTuple):
+    u: float
+    v: float
+    radius: float
+    distance: Floats
+    roundness: float
+
+
+def _disc(levels: Floats, limit: float) -> _Disc:
+    """Centroid, radius and distances of what is brighter than a limit; its mean square radius over that of a disc."""
+    bright = levels > limit  # False for NaN
+    rows, columns = np.nonzero(bright)
+    if rows.size < 4:
+        raise ValueError("shows no disc")
+    u, v = float(columns.mean()), float(rows.mean())
+    row, column = np.indices(levels.shape)
+    distance = np.hypot(column - u, row - v)
+    radius = math.sqrt(rows.size / math.pi)
+    return _Disc(u, v, radius, distance, 2.0 * float(np.mean(distance[bright] ** 2)) / radius**2)

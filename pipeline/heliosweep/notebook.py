@@ -1,0 +1,125 @@
+"""Studies without a study file, and what is computed at once: for notebooks and scripts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heliosweep.api import build, load, open_result
+from heliosweep.config.study import Study
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def study(family: str, /, **blocks: Any) -> Study:
+    """Make a study in Python, as a study file would.
+
+    Parameters
+    ----------
+    family : str
+        Name of the study family.
+    **blocks
+        What stands in a study file: mappings, numbers, text with units, lists, `sweep`, `logspace`, arrays. File names
+        count from the working directory.
+
+    Returns
+    -------
+    Study
+        Frozen, validated, all defaults resolved.
+
+    Raises
+    ------
+    StudyError
+        With every problem found, each at its key.
+
+    Examples
+    --------
+    >>> heliosweep.study("field_efficiency", site=dict(latitude=heliosweep.sweep(0, 60, step=15)), ...)
+    """
+    return load({"family": family, **blocks})
+
+
+def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Save a study as a study file that loads to the same study, with the same id.
+
+    Parameters
+    ----------
+    study : Study
+        From `study` or `load`.
+    path : path
+        File to write; appears under its name when it is complete. Files that the study names are named as seen from
+        its folder.
+    force : bool
+        Whether a file that is there is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        The file is there already.
+    HeliosweepError
+        The file cannot be written.
+    """
+    from heliosweep.files import write_whole
+    from heliosweep.share.files import sources_of, target_file
+
+    named = sources_of(study) - {study.source.path}  # the study file itself may be saved anew
+    file = target_file(path, force, endings=(), sources=named)
+    write_whole(file, study.to_yaml(file.parent))
+    return file
+
+
+def efficiency_table(
+    source: Study | str | os.PathLike[str],
+    select: Mapping[str, Any] | None = None,
+    *,
+    azimuth: Any = None,
+    elevation: Any = None,
+    factor: float = 1.0,
+) -> xr.DataArray:
+    """Optical efficiency of a field over azimuth and elevation of the sun, for SAM and SolarPILOT.
+
+    Parameters
+    ----------
+    source : Study or path
+        A field study, its file, or its result folder. Computed where the source is no result over directions of the
+        sun, or other directions are given.
+    select : mapping of str to value, optional
+        Value of every swept parameter of the field, such as ``{"tracking": "azimuth_elevation"}``.
+    azimuth, elevation : number, sequence or mapping, optional
+        Directions of the sun, from north, clockwise, and above the horizon; every 15 and 5 deg where the source has
+        none. [deg]
+    factor : float
+        Reflectivity times whatever else is not in cosine, shading and blocking, 0 to 1.
+
+    Returns
+    -------
+    xarray.DataArray
+        Over ``sun_elevation`` and ``sun_azimuth``; `write_table` writes it.
+
+    Raises
+    ------
+    StudyError
+        The study has no field, or a swept parameter that no value is given for.
+    """
+    from heliosweep.share import sam
+    from heliosweep.store.checks import blaming_damage, sound
+
+    asked = azimuth is not None or elevation is not None
+    if not isinstance(source, Study) and Path(source).is_dir():
+        sound(source, as_written=True)
+        with blaming_damage(source), open_result(source) as result:
+            if "sun_azimuth" in result.coords and not asked:
+                return sam.efficiency_table(result, select, factor=factor)
+        source = Path(source) / "study.resolved.yaml"
+    field = source if isinstance(source, Study) else load(source)
+    if asked or not sam.is_directed(field):
+        field = sam.at_directions(field, azimuth, elevation)
+    return sam.efficiency_table(build(field), select, factor=factor)

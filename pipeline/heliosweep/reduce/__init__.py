@@ -1,1 +1,0 @@
-"""Labelled statistics over finished quantities."""

@@ -1,0 +1,1 @@
+"""Running studies: where the work runs, how its progress is shown, what a run leaves."""

@@ -1,0 +1,271 @@
+"""Where parts are computed: in turn, by threads, by processes, by a dask cluster; one loop hands them out to any."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import queue
+import signal
+import threading
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import xarray as xr
+
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.lazy import Work
+from heliosweep.grid.regions import Part
+
+if TYPE_CHECKING:
+    from multiprocessing.context import BaseContext
+
+#: How often a part is tried before it counts as failed.
+TRIES = 3
+#: How often a pool is looked after while nothing comes from it. [s]
+LOOK_SECONDS = 1.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a part: its values, or the error of its last try."""
+
+    part: Part
+    values: xr.Dataset | None
+    error: Exception | None = None
+
+
+class WorkerDied(Exception):
+    """A worker ended before its part was done, so many times; the part, or another of that worker, may be the cause."""
+
+    def __init__(self, message: str, times: int = 1) -> None:
+        super().__init__(message)
+        self.times = times
+
+
+class Pool(Protocol):
+    """Workers that compute parts."""
+
+    @property
+    def room(self) -> int:
+        """Parts that may be handed out at a time."""
+
+    def submit(self, part: Part) -> Any:
+        """Hand out a part; a future as of `concurrent.futures`."""
+
+    def result(self, future: Any) -> xr.Dataset:
+        """Values of a part that is done. Raises WorkerDied, RunInterrupted, or what computing raised."""
+
+    def look(self) -> None:
+        """Look after the workers while nothing comes from them; may raise."""
+
+
+def compute_parts(pool: Pool, parts: Iterator[Part]) -> Iterator[Outcome]:
+    """Compute parts on the workers of a pool.
+
+    Parameters
+    ----------
+    pool : Pool
+        The workers.
+    parts : iterator of Part
+        Taken as there is room.
+
+    Yields
+    ------
+    Outcome
+        In any order. A part is tried three times. Parts that were at work when a worker died are tried again alone, at
+        the end, so that the one that kills workers is known and the others come through.
+
+    Raises
+    ------
+    HeliosweepError
+        What the user has to mend: it would befall all parts.
+    """
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    flight: dict[Any, tuple[Part, int]] = {}
+    suspects: deque[tuple[Part, int]] = deque()
+
+    def submit(part: Part, tries: int) -> None:
+        future = pool.submit(part)
+        flight[future] = part, tries + 1
+        future.add_done_callback(done.put)
+
+    following = next(parts, None)
+    while following or flight or suspects:
+        while following and len(flight) < pool.room:
+            submit(following, 0)
+            following = next(parts, None)
+        alone = not following and not flight
+        if alone:
+            submit(*suspects.popleft())
+        future = _next_done(pool, done)
+        part, tries = flight.pop(future)
+        try:
+            yield Outcome(part, pool.result(future))
+        except (HeliosweepError, CancelledError):
+            raise
+        except WorkerDied as error:
+            tries += error.times - 1
+            if alone and tries >= TRIES:
+                yield Outcome(part, None, error)
+            else:
+                suspects.append((part, tries if alone else 0))
+        except Exception as error:
+            if tries < TRIES:
+                submit(part, tries)
+            else:
+                yield Outcome(part, None, error)
+        del future
+
+
+def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
+    while True:
+        try:
+            return done.get(timeout=LOOK_SECONDS)
+        except queue.Empty:
+            pool.look()
+
+
+@contextmanager
+def local_pool(scheduler: str, work: Work, workers: int) -> Iterator[Pool]:
+    """Start workers of this machine, and stop them at the end.
+
+    Parameters
+    ----------
+    scheduler : {"synchronous", "threads", "processes"}
+        Which ones.
+    work : Work
+        What they compute.
+    workers : int
+        How many.
+
+    Yields
+    ------
+    Pool
+    """
+    if scheduler == "synchronous":
+        yield _Local(_InTurn(), work, 1)
+    elif scheduler == "threads":
+        with _ended(ThreadPoolExecutor(workers)) as threads:
+            yield _Local(threads, work, workers + 2)
+    else:
+        with _Processes(work, workers) as processes:
+            yield processes
+
+
+class _InTurn(Executor):
+    """Computes at once, in the thread that asks."""
+
+    def submit(self, function: Any, /, *arguments: Any, **keywords: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*arguments, **keywords))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class _Local:
+    """Workers in this process."""
+
+    def __init__(self, executor: Executor, work: Work, room: int) -> None:
+        self._executor, self._work, self.room = executor, work, room
+
+    def submit(self, part: Part) -> Future[xr.Dataset]:
+        return self._executor.submit(self._work.compute, part)
+
+    def result(self, future: Future[xr.Dataset]) -> xr.Dataset:
+        return future.result()
+
+    def look(self) -> None:
+        """Threads need no care."""
+
+
+class _Processes:
+    """Worker processes of this machine."""
+
+    def __init__(self, work: Work, workers: int) -> None:
+        self._data, self._count, self.room = pickle.dumps(work), workers, workers + 2
+        self._executor = self._begun()
+
+    def _begun(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self._count, forking_context(), _receive, (self._data,))
+
+    def submit(self, part: Part) -> Future[xr.Dataset]:
+        try:
+            return self._executor.submit(_compute, part)
+        except BrokenProcessPool:  # all that it had at work is redone; its workers are not
+            self._executor.shutdown(wait=False, cancel_futures=True)
+            self._executor = self._begun()
+            return self._executor.submit(_compute, part)
+
+    def result(self, future: Future[xr.Dataset]) -> xr.Dataset:
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            raise WorkerDied(
+                "a worker process ended before its work was done; a script that runs a study with processes must do "
+                'so below `if __name__ == "__main__":`, and there must be memory enough for every worker'
+            ) from None
+
+    def look(self) -> None:
+        """The executor notices by itself that a process died."""
+
+    def __enter__(self) -> _Processes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown(cancel_futures=True)
+
+
+def forking_context() -> BaseContext:
+    """How worker processes are started: forked from one that has imported what they need, where the system can."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    from multiprocessing import forkserver
+
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["heliosweep.runs.executors", "heliosweep.kernels.compiled"])
+    try:
+        forkserver.ensure_running()
+    except OSError:  # the folder for temporary files has too long a name for a socket
+        return multiprocessing.get_context("spawn")
+    return context
+
+
+_received: Work
+
+
+def _receive(data: bytes) -> None:
+    """Take over what is computed; Ctrl-C and a closed terminal reach every process, and the main one acts on them."""
+    global _received
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _received = pickle.loads(data)
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that hands out parts was killed: of itself it would wait for the next forever."""
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)
+
+
+def _compute(part: Part) -> xr.Dataset:
+    return _received.compute(part)
+
+
+@contextmanager
+def _ended(executor: Executor) -> Iterator[Executor]:
+    """Shut an executor down at the end; what it has not begun is not waited for."""
+    try:
+        yield executor
+    finally:
+        executor.shutdown(cancel_futures=True)

@@ -1,1 +1,0 @@
-"""Where the work runs, and how its progress is shown; never what it computes."""

@@ -1,0 +1,309 @@
+"""`heliosweep pack`: a result folder as one archive to publish, whose bytes depend on what it holds alone."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import logging
+import os
+import re
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path, PurePath
+from typing import Any, BinaryIO
+
+from heliosweep.config.blocks import licence as licence_of
+from heliosweep.config.faults import Invalid
+from heliosweep.config.identity import resolved, yaml_text
+from heliosweep.config.load import load
+from heliosweep.config.study import Study
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
+from heliosweep.families.family import study_classes
+from heliosweep.files import written_whole
+from heliosweep.runs.verify import verify
+from heliosweep.share.described import DEFAULT, Column, Described, Licence
+from heliosweep.share.texts import METADATA, citation, crate, notebook, readme
+from heliosweep.store.read import Stored, open_stored, tree
+
+log = logging.getLogger("heliosweep")
+
+_STUDIES = ("study.resolved.yaml", "study.yaml")
+#: Folder of the archive that holds what the study names.
+FOLDER = "inputs"
+
+#: What not every system can have in the name of a file, or reads as something else.
+_UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
+#: What of a manifest says nothing of who ran the study, and where.
+_KEPT = ("finished", "identity", "parts", "plan", "remarks", "result", "seconds", "study_id")
+_ENVIRONMENT = ("commit", "packages", "python")
+#: Copied at a time. [bytes]
+_PIECE = 2**20
+#: The date of every file in an archive: the first that the format knows.
+_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def pack_result(
+    folder: str | os.PathLike[str],
+    output: str | os.PathLike[str] | None = None,
+    *,
+    license: str | None = None,
+    force: bool = False,
+) -> Path:
+    """Write a result folder as one archive that opens, verifies and reruns anywhere.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder, finished and whole.
+    output : path, optional
+        The archive, ``NAME.zip``; by default beside the folder and named like it.
+    license : str, optional
+        Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; by default that of the study, or else CC-BY-4.0.
+    force : bool
+        Whether to replace an archive that is there.
+
+    Returns
+    -------
+    pathlib.Path
+        The archive. Its bytes depend on the result folder alone.
+
+    Raises
+    ------
+    HeliosweepError
+        Where the result is unfinished or damaged, an input of the study is missing or changed, or the archive cannot
+        be written.
+    StudyError
+        Where the archive cannot have the name, or the licence is unknown.
+    """
+    place = Path(folder)
+    target = _target(place, output, force)
+    if license is not None:
+        _checked(license)
+    found = verify(place)
+    if not (found.ok and found.finished):
+        raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
+    study = load(next(place / name for name in _STUDIES if (place / name).exists()), study_classes())
+    places = placed(study)
+    manifest = json.loads((place / "manifest.json").read_text(encoding="utf-8"))
+    if study.study_id != manifest["study_id"]:
+        raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
+    licence = _licence(study, license)
+    if str(manifest.get("environment", {}).get("commit", "")).endswith("-dirty"):
+        log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
+    result = place / manifest["result"]["file"]
+    with open_stored(result) as stored:
+        described = _described(study, cleaned(manifest), stored, places, licence)
+    top = f"{study.family}-{study.study_id}"
+    with writing(target, top) as archive:
+        _fill(archive, described, result, {places[name]: study.resolve(name) for name in places}, places)
+    return target
+
+
+def _target(folder: Path, output: str | os.PathLike[str] | None, force: bool) -> Path:
+    named = folder if folder.name not in ("", "..") else folder.resolve()
+    target = named.with_name(f"{named.name}.zip") if output is None else Path(output)
+    if target.suffix.lower() != ".zip":
+        raise StudyError(Problem("an archive's name ends with .zip", file=str(target)))
+    if target.is_dir():
+        raise StudyError(Problem("is a folder", file=str(target)))
+    if target.exists() and not force:
+        raise StudyError(Problem(f"is there already; {FORCE} replaces it", file=str(target)))
+    if not target.absolute().parent.is_dir():
+        raise StudyError(Problem("its folder does not exist", file=str(target)))
+    return target
+
+
+def _licence(study: Study, given: str | None) -> Licence:
+    said = given if given is not None else (study.dataset.license if study.dataset else None)
+    if said is None:
+        log.warning("the licence of the data is %s; --license, or dataset.license in the study, names another", DEFAULT)
+    if study.dataset is None or not study.dataset.creators:
+        log.warning("nobody is named as creator; dataset.creators in the study does")
+    return Licence(said or DEFAULT)
+
+
+def _checked(license: str) -> None:
+    """Refuse what is no licence."""
+    try:
+        licence_of(license)
+    except Invalid as error:
+        raise StudyError(Problem(f"{license!r} {error}", key="--license")) from error
+
+
+def _described(
+    study: Study, manifest: Mapping[str, Any], stored: Stored, places: Mapping[str, str], licence: Licence
+) -> Described:
+    columns = {
+        name: Column(
+            name,
+            _units(variable.attrs),
+            str(variable.attrs.get("long_name", "")),
+            tuple(map(str, variable.dims)),
+        )
+        for name, variable in stored.variables.items()
+    }
+    coordinates = set(stored.coordinates)
+    named = {places[name]: key for key, names in study.files().items() for name in names}
+    return Described(
+        study,
+        manifest,
+        stored.attributes,
+        stored.sizes,
+        [column for name, column in columns.items() if name in coordinates],
+        [column for name, column in columns.items() if name not in coordinates],
+        dict(sorted(named.items())),
+        licence,
+    )
+
+
+def _units(attributes: Mapping[str, Any]) -> str:
+    """Units as readers of a table know them; times are decoded when the result is opened."""
+    units = str(attributes.get("units", ""))
+    return "date" if " since " in units else units
+
+
+def _fill(
+    archive: Archive, described: Described, result: Path, files: Mapping[str, Path], places: Mapping[str, str]
+) -> None:
+    """Write everything in one fixed order, the descriptions of it last."""
+    archive.add_text("README.md", readme(described))
+    archive.add_text("LICENSE", described.licence.notice(described.title, described.people))
+    archive.add_text("CITATION.cff", citation(described))
+    archive.add_text("study.yaml", study_text(described.study, places))
+    archive.add_text(
+        "manifest.json", json.dumps(described.manifest, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    )
+    archive.add_text("open.ipynb", notebook(described))
+    for name in sorted(files):
+        archive.add_file(name, files[name])
+    if result.is_dir():
+        for name in sorted(tree(result)):
+            archive.add_file(f"{result.name}/{name}", result / name)
+    else:
+        archive.add_file(result.name, result)
+        if archive.digests[result.name] != described.manifest["result"]["sha256"]:
+            raise HeliosweepError(f"{result}: was changed while it was packed")
+    archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
+    archive.add_text("SHA256SUMS", archive.sums)
+
+
+def placed(study: Study) -> dict[str, str]:
+    """Names in the archive of the files that a study names.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    dict of str to str
+        Name in the study: name in the archive. The last part stays as it is, for results have it as a label.
+
+    Raises
+    ------
+    HeliosweepError
+        A file is missing, or has a name that not every system can have.
+    """
+    places: dict[str, str] = {}
+    taken: dict[str, str] = {}
+    for key, names in study.files().items():
+        for name in names:
+            if not study.resolve(name).is_file():
+                raise HeliosweepError(
+                    f"{key}: there is no such file: {study.resolve(name)}; an archive needs all inputs"
+                )
+            places[name] = _place(name, taken, key)
+    return places
+
+
+def _place(given: str, taken: dict[str, str], key: str) -> str:
+    """A free place below the folder of inputs; the same one for the same name."""
+    name = PurePath(given).name
+    if _UNSAFE.search(name) or not name.isprintable():
+        raise HeliosweepError(
+            f"{key}: {name!r} is no name that every system can have; rename the file and run the study again"
+        )
+    number = 1
+    while True:
+        place = f"{FOLDER}/{name}" if number == 1 else f"{FOLDER}/{number}/{name}"
+        if taken.setdefault(place.casefold(), given) == given:
+            return place
+        number += 1
+
+
+def study_text(study: Study, places: Mapping[str, str]) -> str:
+    """The study file of an archive: all defaults written out, inputs beside it, without how it was executed."""
+
+    text = yaml_text(resolved(study.model_copy(update={"execution": None}), places.__getitem__))
+    return f"# Run it where it stands: heliosweep run study.yaml --output again\n{text}"
+
+
+def cleaned(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """A manifest without the command, paths and machine of the run."""
+    kept = {key: manifest[key] for key in _KEPT if key in manifest}
+    environment = manifest.get("environment", {})
+    return kept | {
+        "study_file": "study.yaml",
+        "environment": {key: environment[key] for key in _ENVIRONMENT if key in environment},
+    }
+
+
+class Archive:
+    """A zip file under construction, all of it below one folder.
+
+    Parameters
+    ----------
+    zipped : zipfile.ZipFile
+        Open for writing.
+    top : str
+        Name of the folder.
+
+    Attributes
+    ----------
+    digests : dict of str to str
+        SHA-256 of each file written so far, by its name below the folder.
+    sizes : dict of str to int
+        Their sizes. [bytes]
+    """
+
+    def __init__(self, zipped: zipfile.ZipFile, top: str) -> None:
+        self._zipped, self._top = zipped, top
+        self.digests: dict[str, str] = {}
+        self.sizes: dict[str, int] = {}
+
+    def add(self, name: str, source: BinaryIO, size: int) -> None:
+        """Copy a file into the archive, piece by piece."""
+        info = zipfile.ZipInfo(f"{self._top}/{name}", _DATE)
+        info.create_system, info.external_attr = 3, 0o100644 << 16  # the same on every system
+        info.compress_type, info.file_size = zipfile.ZIP_DEFLATED, size
+        digest, written = hashlib.sha256(), 0
+        with self._zipped.open(info, "w", force_zip64=size >= 2**31) as target:
+            while piece := source.read(_PIECE):
+                digest.update(piece)
+                written += target.write(piece)
+        self.digests[name], self.sizes[name] = digest.hexdigest(), written
+
+    def add_file(self, name: str, path: Path) -> None:
+        """Copy a file of the disk."""
+        with path.open("rb") as source:
+            self.add(name, source, path.stat().st_size)
+
+    def add_text(self, name: str, text: str) -> None:
+        """Write a text file."""
+        content = text.encode()
+        self.add(name, io.BytesIO(content), len(content))
+
+    @property
+    def sums(self) -> str:
+        """Digests as ``sha256sum -c`` reads them."""
+        return "".join(f"{digest}  {name}\n" for name, digest in sorted(self.digests.items()))
+
+
+@contextmanager
+def writing(path: Path, top: str) -> Iterator[Archive]:
+    """Write an archive that is there whole, under its name, or not at all. Raises HeliosweepError."""
+    with written_whole(path) as temporary, zipfile.ZipFile(temporary, "x", compresslevel=6) as zipped:
+        yield Archive(zipped, top)

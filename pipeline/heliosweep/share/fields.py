@@ -1,0 +1,107 @@
+"""Layouts as files, from a study or another file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep
+from heliosweep.errors import Problem, StudyError
+from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
+from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+from heliosweep.share.files import target_file
+
+#: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
+LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
+
+
+def read_layout(path: str | os.PathLike[str]) -> Layout:
+    """Read a layout from a CSV file, with columns ``x``, ``y``, or as SolarPILOT has it.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Layout
+        Positions [m] and further columns.
+
+    Raises
+    ------
+    StudyError
+        All that is wrong with the file, at its lines.
+    """
+    return read_csv(Path(path))
+
+
+def layout_of(study: Study) -> Layout:
+    """Return the layout of a study, its mirror sizes among the columns where they are fixed.
+
+    Parameters
+    ----------
+    study : Study
+        A study with one layout.
+
+    Raises
+    ------
+    StudyError
+        The study has no layout, or sweeps over several.
+    """
+    if getattr(study, "layout", None) is None:
+        raise StudyError(study.problem("layout", "is missing: the study has no heliostat field"))
+    layouts = Layouts(study)
+    if layouts.dimensions:
+        swept = next(iter(layouts.dimensions[0].sweeps))
+        raise StudyError(study.problem(swept, "is swept: there are several layouts; give one value"))
+    layout = layouts[()]
+    heliostat: Any = getattr(study, "heliostat", None)
+    sides: dict[str, Any] = {side: getattr(heliostat, side, None) for side in SIZE_COLUMNS}
+    fixed = {side: np.full(len(layout), float(size)) for side, size in sides.items() if _is_fixed(size)}
+    return Layout(layout.x, layout.y, layout.z, {**layout.columns, **fixed}, layout.name, layout.lines)
+
+
+def write_layout(
+    layout: Layout, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
+) -> Path:
+    """Write a layout that `read_layout` gives back to the last bit.
+
+    Parameters
+    ----------
+    layout : Layout
+        The heliostats.
+    path : path
+        File to write; appears under its name when it is complete.
+    form : {"csv", "solarpilot"}
+        With a header and all columns, or what SolarPILOT takes as a user-defined layout, in which only positions,
+        templates, focal lengths, canting, aim points and mirror sizes have a place.
+    force : bool
+        Whether a file that is there is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        The file is there already, or heliostats of one template have mirrors of different sizes.
+    HeliosweepError
+        The file cannot be written.
+    """
+    if form not in ("csv", "solarpilot"):
+        raise StudyError(Problem(f"unknown form {form!r}; use 'csv' or 'solarpilot'"))
+    file = target_file(path, force)
+    (write_solarpilot if form == "solarpilot" else write_csv)(layout, file)
+    return file
+
+
+def _is_fixed(size: Any) -> bool:
+    return size is not None and not isinstance(size, Sweep)

@@ -1,0 +1,106 @@
+"""The file that a user names to be written: never over others unasked."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heliosweep.errors import FORCE, Problem, StudyError
+
+if TYPE_CHECKING:
+    from heliosweep.config.study import Study
+
+
+#: Endings of tables, in any case of letters.
+TABLES = (".csv",)
+
+
+def target_file(
+    target: str | os.PathLike[str],
+    force: bool,
+    *,
+    endings: Sequence[str] = TABLES,
+    sources: Iterable[str | os.PathLike[str]] = (),
+) -> Path:
+    """Return the path of a file to write.
+
+    Parameters
+    ----------
+    target : path
+        The file.
+    force : bool
+        Whether one that is there is replaced; never a source, nor what a run has left.
+    endings : sequence of str
+        What its name must end in, one of them; anything where there are none.
+    sources : iterable of path
+        Files that are read.
+
+    Raises
+    ------
+    StudyError
+        The file is there, is a folder, is a source, belongs to a result, ends in something else, or its folder is not
+        there.
+    """
+    file = Path(target)
+    if file.is_dir():
+        raise StudyError(Problem("is a folder; name a file", file=str(file)))
+    if endings and file.suffix.lower() not in endings:
+        raise StudyError(
+            Problem(f"must end in {', '.join(endings[:-1])}{' or ' * (len(endings) > 1)}{endings[-1]}", file=str(file))
+        )
+    place = file.resolve()
+    if any(place == Path(source).resolve() or _is_same(file, source) for source in sources):
+        raise StudyError(Problem("is what is read, and would be replaced; name another file", file=str(file)))
+    if _is_of_a_result(file.parent.resolve() / file.name):
+        raise StudyError(Problem("belongs to a result; name another file", file=str(file)))
+    if file.exists() and not force:
+        raise StudyError(Problem(f"exists already; {FORCE} replaces it", file=str(file)))
+    if not file.parent.is_dir():
+        raise StudyError(Problem("cannot be written: its folder does not exist", file=str(file)))
+    return file
+
+
+def sources_of(study: Study) -> set[Path]:
+    """The study file and all files that it names, those of sites among them."""
+    paths = {study.resolve(name) for names in study.files().values() for name in names}
+    if study.source.path:
+        paths.add(Path(study.source.path))
+        from heliosweep.config.source import read
+
+        written = read(study.source.path).data  # in that of the study, sites stand in the place of weather files
+        named = (written.get("site"), written.get("sites"))
+        paths |= {study.source.directory / name for name in _file_names(named)}
+    return paths
+
+
+def _file_names(data: Any) -> Iterator[str]:
+    """Names below all keys ``file``."""
+    if isinstance(data, Mapping):
+        given = data.get("file")
+        yield from (name for name in (given if isinstance(given, list) else [given]) if isinstance(name, str))
+        data = list(data.values())
+    if isinstance(data, list | tuple):
+        for item in data:
+            yield from _file_names(item)
+
+
+def _is_same(file: Path, source: str | os.PathLike[str]) -> bool:
+    """True for two names of one file, as on file systems that do not tell letters apart."""
+    try:
+        return file.samefile(source)
+    except OSError:
+        return False
+
+
+def _is_of_a_result(path: Path) -> bool:
+    """True for a path that is, or lies in, something in a result folder that a run writes."""
+    from heliosweep.store.folder import DESCRIPTIONS, LOCK, RESULTS
+    from heliosweep.store.parts import WORKING
+
+    owned = {*DESCRIPTIONS, *RESULTS, WORKING, LOCK, "figures"}
+    # A folder "working" alone tells nothing: what a run has left in it does.
+    marks = ("manifest.json", *RESULTS, f"{WORKING}/study.json", f"{WORKING}/journal.jsonl")
+    below = (path, *path.parents)
+    return any(one.name.lower() in owned and any((one.parent / mark).exists() for mark in marks) for one in below[:-1])

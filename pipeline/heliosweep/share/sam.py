@@ -1,0 +1,293 @@
+"""Optical efficiency of a field over azimuth and elevation of the sun, as SAM and SolarPILOT take it.
+
+Conventions, after the source code of NREL's ssc and SolarPILOT:
+
+- SAM's molten-salt power tower takes user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
+  efficiency. It interpolates at the azimuth of its weather reader, from north, clockwise, 0 to 360
+  (`C_pt_sf_perf_interp::call`), and knows no period: 0 and 360 are both written where one is there. It closes the
+  field itself when the sun is down, so that such rows are left out.
+- SAM's generic solar field takes a matrix: zenith angles, rising, down the first column; azimuths, rising, along the
+  first row, its first cell empty. Azimuth 0 is south, east is negative, west positive (`C_csp_gen_collector_receiver`).
+- SolarPILOT's Python interface writes elevations along the first row, behind a zero, azimuths from north, clockwise,
+  down the first column (`save_optical_efficiency_table`).
+
+PySAM 7.1 makes of the first two what they say. heliosweep knows cosine, shading and blocking; what else SAM expects of
+the efficiency of a field (reflectivity, soiling, attenuation, intercept) is one factor to give.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.config.load import load_mapping
+from heliosweep.config.study import Study
+from heliosweep.config.times import SunDirections
+from heliosweep.errors import Problem, StudyError
+from heliosweep.files import write_rows
+from heliosweep.share.files import target_file
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: ``tower``: rows for SAM's molten-salt power tower. ``generic``: matrix for SAM's generic solar field.
+#: ``solarpilot``: matrix as SolarPILOT's Python interface writes it.
+TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
+FORMS: tuple[TableForm, ...] = ("tower", "generic", "solarpilot")
+
+#: Directions where nobody gives others: every 15 deg of azimuth, closed, and every 5 deg of elevation. [deg]
+AZIMUTHS = {"start": 0, "stop": 360, "step": 15}
+ELEVATIONS = {"start": 0, "stop": 90, "step": 5}
+
+_AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
+_GONE = ("site.", "sites", "time.")  # keys that directions of the sun take the place of, and their dimensions
+_GONE_DIMENSIONS = {"site", "latitude", "longitude", "altitude", "time", "date", "day", "hour"}
+_DIGITS = 9  # of angles and efficiencies: a nanometre at 1 m, and no more than anyone's optics are known to
+_SAME = 10.0**-_DIGITS
+
+
+def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> Study:
+    """Return the study of the same field with the sun in given directions.
+
+    Parameters
+    ----------
+    study : Study
+        A field study, on any clock.
+    azimuth, elevation : number, sequence or mapping, optional
+        Of the sun, from north, clockwise, and above the horizon, as a study file has them; every 15 and 5 deg where
+        left out. [deg]
+
+    Returns
+    -------
+    Study
+        With ``time: {clock: sun, ...}`` and no site; its files count from the working directory.
+
+    Raises
+    ------
+    StudyError
+        Its family knows no directions of the sun, or the directions are wrong.
+    """
+    if not _takes_directions(type(study)):
+        message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
+        raise StudyError(study.problem("family", message))
+    content = study.resolved(Path())
+    for key in ("site", "sites", "zip"):
+        content.pop(key, None)
+    content["time"] = {
+        "clock": "sun",
+        "azimuth": AZIMUTHS if azimuth is None else azimuth,
+        "elevation": ELEVATIONS if elevation is None else elevation,
+    }
+    content["output"] = {**content.get("output", {}), "time_series": False}
+    tied = [[key for key in dim.sweeps if not key.startswith(_GONE)] for dim in study.dimensions()]
+    content["zip"] = [keys for keys in tied if len(keys) > 1]
+    return load_mapping(content, {study.family: type(study)})
+
+
+def _takes_directions(study_class: type[Study]) -> bool:
+    """True for families whose studies may give directions of the sun."""
+    time = study_class.model_fields.get("time")
+    return time is not None and SunDirections in _members(time.annotation)
+
+
+def _members(annotation: Any) -> Iterator[Any]:
+    """Types that a union or an annotated type is made of."""
+    yield annotation
+    for one in get_args(annotation):
+        yield from _members(one)
+
+
+def is_directed(study: Study) -> bool:
+    """True for a study that gives directions of the sun."""
+    return isinstance(getattr(study, "time", None), SunDirections)
+
+
+def efficiency_table(
+    result: xr.Dataset,
+    select: Mapping[str, Any] | None = None,
+    *,
+    variable: str = "field_optical_efficiency",
+    factor: float = 1.0,
+) -> xr.DataArray:
+    """Efficiency of a field over directions of the sun.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Of a study with ``clock: sun``, from `open_result` or `build`.
+    select : mapping of str to value, optional
+        Value of every other dimension of the result.
+    variable : str
+        A variable of the whole field.
+    factor : float
+        Reflectivity times whatever else the result leaves out, 0 to 1.
+
+    Returns
+    -------
+    xarray.DataArray
+        Over ``sun_elevation`` and ``sun_azimuth``, in memory; missing where the sun is not up.
+
+    Raises
+    ------
+    StudyError
+        The result has no directions, or a dimension that no value is given for.
+    """
+    if not 0 < factor <= 1:
+        raise StudyError(Problem(f"must be more than 0 and at most 1 (got {factor:g})", "factor"))
+    if variable not in result.data_vars:
+        raise StudyError(Problem(f"the result has no variable {variable!r}", "variable"))
+    table = result[variable]
+    if not {_AZIMUTH, _ELEVATION} <= set(table.coords):
+        raise StudyError(Problem("the result is not over directions of the sun; run the study with 'clock: sun'"))
+    for key, value in (select or {}).items():
+        name = _dimension(table, key)
+        if name not in table.dims and (key in _GONE_DIMENSIONS or key.startswith(_GONE)):
+            message = "directions of the sun take the place of sites and times; leave it out"
+            raise StudyError(Problem(message, f"select.{key}"))
+        table = table.sel({name: label(table, name, value)})
+    others = [str(dim) for dim in table.dims if dim not in (_AZIMUTH, _ELEVATION)]
+    tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
+    if others:
+        known = "; ".join(f"{dim}: {', '.join(map(str, table[dim].to_numpy()[:10]))}" for dim in others)
+        raise StudyError(Problem(f"choose one value of {' and '.join(others)} ({known})", "select"))
+    if tied:
+        raise StudyError(Problem("the directions are tied; a table needs all elevations at all azimuths", "zip"))
+    table = table.expand_dims([dim for dim in (_AZIMUTH, _ELEVATION) if dim not in table.dims])
+    made = (table.transpose(_ELEVATION, _AZIMUTH).compute() * factor).sortby(_ELEVATION)
+    text = f"cosine, shading and blocking, times {factor:g}" if factor != 1 else "cosine, shading and blocking"
+    return made.assign_attrs(units="1", long_name=f"optical efficiency of the field: {text}")
+
+
+def write_table(
+    table: xr.DataArray, path: str | os.PathLike[str], form: TableForm = "tower", *, force: bool = False
+) -> Path:
+    """Write an efficiency table as SAM or SolarPILOT takes it.
+
+    Parameters
+    ----------
+    table : xarray.DataArray
+        From `efficiency_table`.
+    path : path
+        CSV file to write; appears under its name when it is complete.
+    form : {"tower", "generic", "solarpilot"}
+        For SAM's molten-salt power tower, for SAM's generic solar field, or as SolarPILOT writes it: see the notes of
+        this module. Where the sun is not up, the first has no rows, the others have zeros.
+    force : bool
+        Whether a file that is there is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        The file is there already, or two azimuths are the same direction in the form asked for.
+    HeliosweepError
+        The file cannot be written.
+    """
+    if form not in FORMS:
+        raise StudyError(Problem(f"unknown form {form!r}; use {', '.join(FORMS)}"))
+    file = target_file(path, force)
+    azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
+    values = table.to_numpy()[:, order]
+    if form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]:
+        azimuth, values = _closed(azimuth, values, *_range(south=form == "generic"))
+    rows = _ROWS[form](azimuth, table[_ELEVATION].to_numpy(), values)
+    write_rows(rows, file)
+    return file
+
+
+Rows: TypeAlias = Iterable[Sequence[object]]
+
+
+def _tower(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
+    for height, row in zip(elevation, values, strict=True):
+        for direction, value in zip(azimuth, row, strict=True):
+            if np.isfinite(value):
+                yield _number(direction), _number(90 - height), _number(value)
+
+
+def _generic(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
+    yield "", *map(_number, azimuth)
+    for height, row in zip(elevation[::-1], np.nan_to_num(values[::-1]), strict=True):
+        yield _number(90 - height), *map(_number, row)
+
+
+def _solarpilot(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
+    yield 0, *map(_number, elevation)
+    for direction, column in zip(azimuth, np.nan_to_num(values.T), strict=True):
+        yield _number(direction), *map(_number, column)
+
+
+_ROWS = {"tower": _tower, "generic": _generic, "solarpilot": _solarpilot}
+
+
+def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
+    """Return azimuths in their form, rising, and their order in the table.
+
+    From north they are 0 to 360, from south -180 to 180; the ends are the same direction, and both may be there. Of a
+    circle that is closed elsewhere, as from -180 to 180 from north, one end is left out.
+    """
+    low, high = _range(south)
+    shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
+    inside = (shifted >= low) & (shifted <= high)
+    azimuth = np.where(inside, shifted, (shifted - low) % 360.0 + low)
+    order = np.argsort(azimuth, kind="stable")
+    first, last = int(np.argmin(shifted)), int(np.argmax(shifted))
+    if abs(shifted[last] - shifted[first] - 360.0) < _SAME and abs(azimuth[last] - azimuth[first]) < _SAME:
+        order = order[order != last]
+    azimuth = azimuth[order]
+    twice = np.flatnonzero(np.diff(azimuth) < _SAME)
+    if twice.size:
+        raise StudyError(Problem(f"two azimuths are the same direction (got {azimuth[twice[0]]:g} twice)", _AZIMUTH))
+    return azimuth, order
+
+
+def _range(south: bool) -> tuple[float, float]:
+    return (-180.0, 180.0) if south else (0.0, 360.0)
+
+
+def _closed(azimuth: NDArray, values: NDArray, low: float, high: float) -> tuple[NDArray, NDArray]:
+    """Add the other end of the range where one is there, for SAM knows no period."""
+    if azimuth[0] == low and azimuth[-1] != high:
+        return np.append(azimuth, high), np.hstack([values, values[:, :1]])
+    if azimuth[-1] == high and azimuth[0] != low:
+        return np.insert(azimuth, 0, low), np.hstack([values[:, -1:], values])
+    return azimuth, values
+
+
+def _number(value: float) -> float | int:
+    rounded = round(float(value), _DIGITS) + 0.0
+    return int(rounded) if rounded.is_integer() else rounded
+
+
+def _dimension(table: xr.DataArray, key: str) -> str:
+    """Name of the dimension that a dotted key of the study has: ``receiver.height`` is along ``receiver_height``."""
+    parts = str(key).split(".")
+    names = ["_".join(parts[start:]) for start in range(len(parts))]
+    return next((name for name in names if name in table.dims), str(key))
+
+
+def label(table: xr.DataArray, name: Hashable, value: Any) -> Any:
+    """Label of a dimension that a value means, which may be given as text. Raises StudyError."""
+    if name not in table.dims:
+        dims = ", ".join(map(str, table.dims))
+        raise StudyError(Problem(f"is no dimension of the result; it has {dims}", f"select.{name}"))
+    labels = table[name].to_numpy().tolist()
+    for one in labels:
+        if one == value or str(one) == str(value):
+            return one
+        try:
+            if isinstance(one, float | int) and float(value) == one:
+                return one
+        except (TypeError, ValueError):
+            continue
+    shown = ", ".join(map(str, labels[:10])) + (", ..." if len(labels) > 10 else "")
+    raise StudyError(Problem(f"is not in the result; choose from {shown} (got {value})", f"select.{name}"))

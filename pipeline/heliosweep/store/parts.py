@@ -1,0 +1,463 @@
+"""The working store of a run that is not finished: the values of its parts, and a journal of which are done.
+
+It is the folder ``working`` in the result folder, of three files. ``study.json`` says what the parts belong to, how
+the result is cut and what is stored of each part. ``values.bin`` holds the values: those of a part are the bytes of
+its variables, one variable after the other. ``journal.jsonl`` has a line for each part that is stored, with its place
+in ``values.bin`` and a digest, or that has failed. Both only grow.
+
+A process that is killed loses no part whose `PartStore.commit` came back. What was committed in the last half second
+(`SYNC_SECONDS`) may be lost when the machine crashes, and nothing else: a part whose values did not reach the disk has
+another digest, and is computed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import os
+import threading
+import time
+from array import array
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from pydantic_core import from_json
+
+from heliosweep.errors import FORCE, HeliosweepError
+from heliosweep.files import discard, sync, temporary_name, writing
+from heliosweep.files import remove as remove_tree
+from heliosweep.grid.regions import Cut, Part, Variable, of_kind, shape_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Name of the folder in the result folder, and of the files in it.
+WORKING = "working"
+DESCRIPTION, VALUES, JOURNAL = "study.json", "values.bin", "journal.jsonl"
+#: Version of this layout.
+FORMAT = 2
+#: What is written waits for the disk at the latest after this time, or when it is so much. [s, bytes]
+SYNC_SECONDS, SYNC_BYTES = 0.5, 32 * 2**20
+#: Length of a SHA-256. [bytes]
+_DIGEST = 32
+#: No part takes longer. [s]
+_LONG = 1e9
+#: Binary files, where the system knows others.
+_BINARY = getattr(os, "O_BINARY", 0)
+
+
+class PartStore:
+    """Parts of a result that is not finished.
+
+    Made by `create` or `open`. The methods may be called from any thread.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+        The folder.
+    identity : dict
+        What the parts belong to, as it was given to `create`.
+    cuts : dict of str to Cut
+        How the result is cut, by kind of part.
+    variables : dict of str to Variable
+        What is stored of the parts: names, dimensions and types.
+    done : collection of str
+        Names of the parts that are stored.
+    failed : dict of str to str
+        Reasons by name of the parts that failed and are not stored.
+    seconds : float
+        Time in which parts were computed and stored, pauses between runs left out. [s]
+    """
+
+    def __init__(self, folder: Path, said: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self.identity: dict[str, Any] = said["identity"]
+        self.sizes: dict[str, int] = dict(said["sizes"])
+        self.cuts = {kind: Cut(*lengths) for kind, lengths in said["cuts"].items()}
+        self.variables = {name: Variable(tuple(dims), {}, np.dtype(dt)) for name, dims, dt in said["variables"]}
+        self.failed: dict[str, str] = {}
+        self.seconds = 0.0
+        self.done = _Done({kind: cut.part_count for kind, cut in self.cuts.items()})
+        self._kinds = {kind: of_kind(self.variables, kind) for kind in self.cuts}
+        self._lock = threading.RLock()
+        self._clock = time.monotonic()
+        self._reading = self._values = self._journal = -1  # descriptors of the open files
+        self._values_end = self._journal_end = 0
+        self._waiting = 0  # bytes that were written since the last `sync`
+        self._timer: threading.Timer | None = None
+        self._error: HeliosweepError | None = None
+        self._read_journal()
+
+    @classmethod
+    def create(
+        cls,
+        folder: Path,
+        identity: Mapping[str, Any],
+        cuts: Mapping[str, Cut],
+        variables: Mapping[str, Variable],
+        sizes: Mapping[str, int],
+    ) -> Self:
+        """Make an empty store, whole or not at all.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Where it shall stand.
+        identity : mapping
+            What its parts belong to: plain data.
+        cuts : mapping of str to Cut
+            How the result is cut, by kind of part.
+        variables : mapping of str to Variable
+            Variables of the result; those that are `finished` from others are not stored.
+        sizes : mapping of str to int
+            Dimensions of the result.
+
+        Raises
+        ------
+        HeliosweepError
+            It cannot be written.
+        """
+        said = {
+            "format": FORMAT,
+            "identity": identity,
+            "sizes": dict(sizes),
+            "cuts": {kind: [dict(each) for each in (cut.sizes, cut.slab, cut.part)] for kind, cut in cuts.items()},
+            "variables": [[name, one.dims, one.dtype.str] for name, one in variables.items() if not one.finished],
+        }
+        text = json.dumps({**said, "sha256": _digest_of(said)}, indent=1)
+        unfinished = temporary_name(folder)
+        with writing(folder):
+            try:
+                unfinished.mkdir()
+                for name, content in ((DESCRIPTION, text), (VALUES, ""), (JOURNAL, "")):
+                    (unfinished / name).write_text(content, encoding="utf-8")
+                    sync(unfinished / name)
+                sync(unfinished)
+                unfinished.rename(folder)
+                sync(folder.parent)
+            except BaseException:
+                for place in (unfinished, folder):
+                    discard(place)
+                raise
+        return cls.open(folder)
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Open a store; nothing in it is changed before something is committed.
+
+        Raises
+        ------
+        HeliosweepError
+            The folder holds none of this version, or its description is damaged; says what to do.
+        """
+        what = "is no working store"
+        try:
+            if strange := [name for name in (DESCRIPTION, VALUES, JOURNAL) if not _is_file(folder / name)]:
+                raise ValueError(f"{strange[0]} is no file")
+            said = json.loads((folder / DESCRIPTION).read_bytes())
+            if said["format"] != FORMAT:
+                raise ValueError(f"its format is {str(said['format'])[:20]}, not {FORMAT}")
+            what = "is damaged"
+            if said.pop("sha256", "") != _digest_of(said):
+                raise ValueError(f"{DESCRIPTION} is not what was written")
+            return cls(folder, said)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            why = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
+        raise HeliosweepError(f"{folder}: {what} ({why[:300]}); {FORCE} removes it and starts anew")
+
+    @property
+    def part_count(self) -> int:
+        """Number of parts of the whole result."""
+        return sum(cut.part_count for cut in self.cuts.values())
+
+    def commit(self, part: Part, values: Mapping[str, Any] | xr.Dataset) -> None:
+        """Store a part. When this returns, it outlives this process.
+
+        Parameters
+        ----------
+        part : Part
+            Which one.
+        values : mapping of str to ndarray, or xarray.Dataset
+            Its variables, in the order of their dimensions.
+
+        Raises
+        ------
+        HeliosweepError
+            It cannot be written, as on a full disk; what was stored before is still there.
+        """
+        pieces = []
+        for name, variable in self._kinds[part.kind].items():
+            given, shape = np.asarray(values[name]), shape_of(variable, part.region, self.sizes)
+            if given.shape != shape or given.dtype != variable.dtype:
+                raise ValueError(f"{name}: {given.dtype} of shape {given.shape}, not {variable.dtype} of shape {shape}")
+            pieces.append(given.tobytes())
+        content = b"".join(pieces)
+        digest = _part_digest(part.name, content)
+        with self._lock:
+            self._open_for_writing()
+            self._write(part, content, offset=self._values_end, bytes=len(content), sha256=digest.hex())
+
+    def fail(self, part: Part, why: str) -> None:
+        """Note that a part failed. Raises as `commit`."""
+        with self._lock:
+            self._open_for_writing()
+            self._write(part, b"", failed=why.encode(errors="backslashreplace").decode())
+
+    def read(self, part: Part) -> dict[str, np.ndarray]:
+        """Values of a part that is done.
+
+        Raises
+        ------
+        HeliosweepError
+            They are not what was stored.
+        """
+        content, start, values = self._content(part.name), 0, {}
+        shapes = {name: shape_of(one, part.region, self.sizes) for name, one in self._kinds[part.kind].items()}
+        sizes = {name: math.prod(shape) * self.variables[name].dtype.itemsize for name, shape in shapes.items()}
+        if content is None or len(content) != sum(sizes.values()):
+            raise HeliosweepError(f"{self.folder}: {part.name} was damaged on the disk; run again to compute it anew")
+        for name, shape in shapes.items():
+            values[name] = np.frombuffer(content, self.variables[name].dtype, math.prod(shape), start).reshape(shape)
+            start += sizes[name]
+        return values
+
+    def parts(self) -> Iterator[Part]:
+        """All parts, slab by slab."""
+        for kind, cut in self.cuts.items():
+            regions = (region for slab in cut.slabs() for region in cut.parts(slab))
+            yield from (Part(_name(kind, number), kind, region) for number, region in enumerate(regions))
+
+    def damaged(self) -> Iterator[Part]:
+        """Read the parts that are done, and yield those that are not what was stored."""
+        return (part for part in self.parts() if part.name in self.done and self._content(part.name) is None)
+
+    def drop_damaged(self) -> list[Part]:
+        """Count the parts that are `damaged` as not done, and return them. Raises as `commit`."""
+        found = list(self.damaged())
+        with self._lock:
+            for part in found:
+                self._open_for_writing()
+                self._write(part, b"", dropped="damaged on the disk")
+        return found
+
+    def sync(self) -> None:
+        """Wait until everything that was committed is on the disk. Raises as `commit`."""
+        with self._lock, writing(self.folder):
+            if self._timer:
+                self._timer.cancel()
+            self._timer = None
+            if self._waiting:
+                os.fsync(self._values)
+                os.fsync(self._journal)
+            self._waiting = 0
+            self._raise_earlier()
+
+    def close(self) -> None:
+        """Wait as `sync` does, and let go of the files."""
+        try:
+            self.sync()
+        finally:
+            with self._lock:
+                for descriptor in (self._reading, self._values, self._journal):
+                    if descriptor >= 0:
+                        os.close(descriptor)
+                self._reading = self._values = self._journal = -1
+
+    def remove(self) -> None:
+        """Close it, and remove the folder."""
+        with suppress(HeliosweepError):
+            self.close()
+        remove(self.folder)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self.close()
+            return
+        with suppress(HeliosweepError):  # it would hide what went wrong before
+            self.close()
+
+    def _write(self, part: Part, content: bytes, **said: Any) -> None:
+        """Write the values of a part, if any, and then its line in the journal."""
+        now = time.monotonic()
+        seconds, self._clock = now - self._clock, now
+        line = json.dumps({"part": part.name, **said, "seconds": round(seconds, 6)}).encode() + b"\n"
+        with writing(self.folder):
+            self._raise_earlier()
+            try:
+                _write_at(self._values, self._values_end, content)
+                _write_at(self._journal, self._journal_end, line)
+            except BaseException:
+                with suppress(OSError):  # what is left there is passed over when it is read
+                    self._cut_off()
+                raise
+        self._values_end += len(content)
+        self._journal_end += len(line)
+        self._take(line, self._values_end)
+        self._waiting += len(content) + len(line)
+        if self._waiting >= SYNC_BYTES:
+            self.sync()
+        elif self._timer is None:
+            self._timer = threading.Timer(SYNC_SECONDS, self._sync_later)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def _sync_later(self) -> None:
+        try:
+            self.sync()
+        except HeliosweepError as error:  # whoever writes next is told
+            self._error = error
+
+    def _raise_earlier(self) -> None:
+        if self._error:
+            error, self._error = self._error, None
+            raise error
+
+    def _open_for_writing(self) -> None:
+        """Open the files, and cut off what a killed process has left at their ends."""
+        if self._values < 0:
+            with writing(self.folder):
+                self._values = os.open(self.folder / VALUES, os.O_RDWR | os.O_CREAT | _BINARY)
+                self._journal = os.open(self.folder / JOURNAL, os.O_RDWR | os.O_CREAT | _BINARY)
+                self._cut_off()
+
+    def _cut_off(self) -> None:
+        os.ftruncate(self._journal, self._journal_end)
+        os.ftruncate(self._values, self._values_end)
+
+    def _content(self, name: str) -> bytes | None:
+        """Bytes of a part that is done; None where they are not what was stored."""
+        offset, length, digest = self.done.get(self.done.index(name))
+        content = b""
+        with self._lock, suppress(OSError):
+            if self._reading < 0:
+                self._reading = os.open(self.folder / VALUES, os.O_RDONLY | _BINARY)
+            os.lseek(self._reading, max(offset, 0), os.SEEK_SET)
+            while piece := os.read(self._reading, length - len(content)):
+                content += piece
+        return content if _part_digest(name, content) == digest else None
+
+    def _read_journal(self) -> None:
+        """Take in all lines that are whole; a killed process may leave the last one torn."""
+        with suppress(FileNotFoundError):
+            size = (self.folder / VALUES).stat().st_size
+            with (self.folder / JOURNAL).open("rb") as file:
+                for line in file:
+                    if line.endswith(b"\n"):
+                        self._journal_end += len(line)
+                        self._take(line, size)
+
+    def _take(self, line: bytes, size: int) -> None:
+        """Take in a line of the journal, where there are so many bytes of values; pass over what is none."""
+        try:
+            said = from_json(line)
+            index, seconds = self.done.index(said["part"]), float(said.get("seconds", 0.0))
+            end = 0
+            if "sha256" in said:
+                offset, digest = said["offset"], bytes.fromhex(said["sha256"])
+                end = offset + said["bytes"]
+                if not 0 <= offset <= end <= size or len(digest) != _DIGEST:
+                    return
+                self.done.set(index, offset, said["bytes"], digest)
+            else:
+                self.done.set(index)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
+            return
+        self._values_end = max(self._values_end, end)
+        self.failed.pop(said["part"], None)
+        if "failed" in said:
+            self.failed[said["part"]] = str(said["failed"])
+        if 0 <= seconds < _LONG:  # not what a flipped bit has made of it
+            self.seconds += seconds
+
+
+class _Done(Collection[str]):
+    """Names of the parts that are stored, with their places and digests; in little memory, for there are millions."""
+
+    def __init__(self, counts: Mapping[str, int]) -> None:
+        total = sum(counts.values())
+        self._counts, self._stored = counts, 0
+        self._first = dict(zip(counts, itertools.accumulate([0, *counts.values()]), strict=False))
+        self._offsets, self._lengths = array("q", [-1]) * total, array("q", [0]) * total
+        self._digests = bytearray(_DIGEST * total)
+
+    def __contains__(self, name: object) -> bool:
+        try:
+            return self._offsets[self.index(str(name))] >= 0
+        except (KeyError, ValueError):
+            return False
+
+    def __iter__(self) -> Iterator[str]:
+        for kind, first in self._first.items():
+            found = (number for number in range(self._counts[kind]) if self._offsets[first + number] >= 0)
+            yield from (_name(kind, number) for number in found)
+
+    def __len__(self) -> int:
+        return self._stored
+
+    def index(self, name: str) -> int:
+        """Number of a part among those of all kinds. Raises KeyError or ValueError where there is none."""
+        kind, _, digits = name.partition("-")
+        number = int(digits)
+        if not 0 <= number < self._counts[kind] or name != _name(kind, number):
+            raise KeyError(name)
+        return self._first[kind] + number
+
+    def get(self, index: int) -> tuple[int, int, bytes]:
+        """Offset, length and digest of a part."""
+        digest = self._digests[index * _DIGEST : (index + 1) * _DIGEST]
+        return self._offsets[index], self._lengths[index], bytes(digest)
+
+    def set(self, index: int, offset: int = -1, length: int = 0, digest: bytes = bytes(_DIGEST)) -> None:
+        """Note where a part is; without arguments: nowhere."""
+        self._stored += (offset >= 0) - (self._offsets[index] >= 0)
+        self._offsets[index], self._lengths[index] = offset, length
+        self._digests[index * _DIGEST : (index + 1) * _DIGEST] = digest
+
+
+def remove(folder: Path) -> None:
+    """Remove a working store, damaged or not: first its name, so that none is half removed.
+
+    Raises
+    ------
+    HeliosweepError
+        It cannot be removed.
+    """
+    with writing(folder):
+        if folder.exists():
+            doomed = temporary_name(folder)
+            folder.rename(doomed)
+            remove_tree(doomed)
+
+
+def _write_at(descriptor: int, start: int, content: bytes) -> None:
+    left = memoryview(content)
+    os.lseek(descriptor, start, os.SEEK_SET)
+    while left:
+        left = left[os.write(descriptor, left) :]  # a disk that is nearly full takes some
+
+
+def _part_digest(name: str, content: bytes) -> bytes:
+    """SHA-256 of a part; also of its name, so that no part is taken for another one."""
+    digest = hashlib.sha256(name.encode() + b"\0")
+    digest.update(content)
+    return digest.digest()
+
+
+def _digest_of(said: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(said).encode()).hexdigest()
+
+
+def _name(kind: str, number: int) -> str:
+    return f"{kind}-{number:05}"
+
+
+def _is_file(path: Path) -> bool:
+    return path.is_file() or not path.exists()

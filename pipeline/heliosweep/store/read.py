@@ -1,0 +1,411 @@
+"""Reading results, whatever their format: opened with xarray, or as they are stored, piece by piece.
+
+What is read may be damaged or be something else: every fault becomes a `HeliosweepError` that says what is wrong.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.grid.regions import Part, Region
+from heliosweep.store.encoding import little_endian
+from heliosweep.store.folder import RESULTS, read_manifest
+from heliosweep.store.netcdf import LIBRARY_LOCK
+from heliosweep.store.parts import WORKING
+from heliosweep.store.zarr import CONSOLIDATED, read_metadata
+
+#: Values read at a time, about. [bytes]
+PIECE = 16 * 2**20
+#: How NetCDF files begin: those on HDF5, and the older ones.
+_SIGNATURES = (b"\x89HDF", b"CDF")
+#: Files of a Zarr group besides its chunks.
+_METADATA = (".zgroup", ".zattrs", ".zmetadata", ".zarray")
+#: What begins the units of every stored time.
+_SINCE = "seconds since 1970-01-01"
+
+Index = tuple[slice, ...]
+
+
+def is_zarr(path: Path) -> bool:
+    """Whether a path looks like a Zarr group with consolidated metadata."""
+    return (path / CONSOLIDATED).is_file()
+
+
+def is_netcdf(path: Path) -> bool:
+    """Whether a file begins as NetCDF files do; the library says other things of others, one time or another."""
+    if not path.is_file():  # a pipe would be waited for
+        return False
+    with path.open("rb") as file:
+        return file.read(8).startswith(_SIGNATURES)
+
+
+def locate(path: str | os.PathLike[str]) -> Path:
+    """Find the result that a path means: a NetCDF file, a Zarr group, or a folder with one of them.
+
+    Raises
+    ------
+    StudyError
+        There is none.
+    """
+    place = Path(path)
+    if not place.exists():
+        raise StudyError(Problem("no such file or folder", file=str(place)))
+    if not place.is_dir() or is_zarr(place):
+        return place
+    found = [name for name in RESULTS if (place / name).exists()]
+    if not found:
+        left = "; its run is unfinished" if (place / WORKING).is_dir() else ""
+        raise StudyError(Problem(f"holds no result{left}", file=str(place)))
+    if len(found) > 1:  # somebody has put one beside the other
+        named = manifest_of(place / found[1])
+        return place / found[bool(named)]
+    return place / found[0]
+
+
+def manifest_of(place: Path) -> dict[str, Any]:
+    """The manifest that tells of a result; empty where there is none, or of another file."""
+    try:
+        manifest = read_manifest(place.parent)
+    except HeliosweepError:
+        return {}
+    return manifest if manifest["result"]["file"] == place.name else {}
+
+
+def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a result; safe also while other threads run studies.
+
+    Parameters
+    ----------
+    path : path
+        A result folder, or its ``result.nc`` or ``result.zarr``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazily read; close it, or use it as a context manager.
+
+    Raises
+    ------
+    StudyError
+        A folder without a result, or a file that is none.
+    HeliosweepError
+        A Zarr group that is damaged.
+    """
+    place = locate(path)
+    if place.is_dir():
+        read_metadata(place)
+        result = xr.open_zarr(place, chunks=None, consolidated=True, zarr_format=2)
+        # Text as NetCDF's readers give it.
+        text = [(name, item) for name, item in result.coords.items() if item.dtype.kind == "T"]
+        return result.assign_coords({n: item.copy(data=item.to_numpy().astype(object).astype(str)) for n, item in text})
+    if not is_netcdf(place):
+        raise StudyError(Problem("is no result; name a result folder", file=str(place)))
+    with LIBRARY_LOCK:
+        return xr.open_dataset(place, engine="netcdf4", lock=LIBRARY_LOCK)
+
+
+class Stored:
+    """A result as it is stored.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file or Zarr group.
+    variables : mapping of str to xarray.Variable
+        Coordinates and data, undecoded, in the order of the result.
+    sizes : mapping of str to int
+        Dimensions, in the order of the result.
+    attributes : mapping
+        Global attributes.
+    record : mapping
+        What a Zarr group holds besides (see `zarr.read_metadata`).
+    told : callable
+        Called after every reading.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        variables: Mapping[str, xr.Variable],
+        sizes: Mapping[str, int],
+        attributes: Mapping[str, Any],
+        record: Mapping[str, Any],
+        told: Callable[[], object],
+    ) -> None:
+        self.path, self.variables, self.sizes, self.record = path, variables, sizes, record
+        self.attributes = plain(attributes)
+        self._told = told
+
+    def dims(self, name: str) -> tuple[str, ...]:
+        """Dimensions of a variable."""
+        return tuple(map(str, self.variables[name].dims))
+
+    def is_text(self, name: str) -> bool:
+        """Whether the values of a variable are strings."""
+        return self.variables[name].dtype.kind in "OTU"
+
+    def read(self, name: str, index: Index) -> np.ndarray:
+        """Values of a region, as stored.
+
+        Raises
+        ------
+        HeliosweepError
+            They cannot be read.
+        """
+        try:
+            values = np.asarray(self.variables[name][index].to_numpy(), dtype=object if self.is_text(name) else None)
+        except Exception as error:  # the libraries raise anything for what is damaged
+            raise HeliosweepError(f"{self.path}: {name} cannot be read: {_said(error)}") from error
+        self._told()
+        # "<" and "=" mean the same here, but the NetCDF library warns of the one.
+        native = np.dtype(values.dtype.newbyteorder("=").str)
+        return values.astype(native, copy=False).view(native)
+
+    def slab(self, slab: Part) -> dict[str, np.ndarray]:
+        """Values of a slab. Raises HeliosweepError."""
+        return {name: self.read(name, self.index(name, slab.region)) for name in self.of_kind(slab.kind)}
+
+    def index(self, name: str, region: Region) -> Index:
+        """Region of the whole result as an index of one variable."""
+        return tuple(region.get(dim, slice(0, self.sizes[dim])) for dim in self.dims(name))
+
+    def pieces(self, name: str) -> Iterator[Index]:
+        """Cut a variable into pieces of bounded size, in the order of its values."""
+        variable = self.variables[name]
+        chunks = variable.encoding.get("chunksizes") or variable.encoding.get("chunks") or (1,) * variable.ndim
+        room = PIECE // 8
+        spans: list[list[slice]] = []
+        for size, chunk in zip(reversed(variable.shape), reversed(chunks), strict=True):
+            # Whole storage chunks, so that each is read once, unless they are much larger than a piece.
+            length = min(size, room // chunk * chunk or (chunk if chunk <= 4 * room else max(room, 1)))
+            length = max(length, 1)
+            room = room // max(1, size) if length >= size else 0
+            spans.insert(0, [slice(start, min(start + length, size)) for start in range(0, size, length)])
+        return itertools.product(*spans)
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the variables that are coordinates."""
+        named = {label for item in self.variables.values() for label in str(item.attrs.get("coordinates", "")).split()}
+        return [name for name in self.variables if name in self.sizes or name in named]
+
+    @property
+    def data(self) -> list[str]:
+        """Names of the variables that were computed."""
+        if known := self.record.get("variables"):
+            return [name for name in self.variables if name in known]
+        coordinates = {*self.coordinates}
+        return [name for name in self.variables if name not in coordinates]
+
+    def of_kind(self, kind: str) -> list[str]:
+        """Names of the computed variables in slabs of a kind."""
+        return [name for name in self.data if ("time" in self.variables[name].dims) == (kind == "series")]
+
+
+@contextmanager
+def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambda: None) -> Iterator[Stored]:
+    """Open a result as it is stored.
+
+    Parameters
+    ----------
+    path : path
+        The result, or its folder.
+    told : callable
+        Called after every reading of values.
+
+    Raises
+    ------
+    HeliosweepError
+        It is no result, or damaged.
+    """
+    place = locate(path)
+    store = None
+    try:
+        try:
+            if place.is_dir():
+                entries, record = read_metadata(place)
+                store = xr.backends.ZarrStore.open_group(place, mode="r", consolidated=True, zarr_format=2)
+                names = [name.removesuffix("/.zarray") for name in entries if name.endswith("/.zarray")]
+                variables = {name: store.open_store_variable(name) for name in names}
+                found = store.get_dimensions()
+                sizes = {dim: n for dim, n in record["sizes"] if found.get(dim, n) == n} | found
+                attributes = store.get_attrs()
+            else:
+                with LIBRARY_LOCK:
+                    store, record = xr.backends.NetCDF4DataStore.open(place, lock=LIBRARY_LOCK), {}
+                    variables, sizes = dict(store.get_variables()), dict(store.get_dimensions())
+                    attributes = store.get_attrs()
+                    for name, item in variables.items():
+                        if item.encoding.get("chunksizes") and item.dtype.kind != "O":
+                            store.ds[name].set_var_chunk_cache(size=0, nelems=1)  # every chunk is read once
+            stored = Stored(place, variables, sizes, attributes, record, told)
+        except HeliosweepError:
+            raise
+        except Exception as error:  # the libraries raise anything for what is damaged
+            kind = "Zarr group" if place.is_dir() else "NetCDF file"
+            raise HeliosweepError(f"{place}: is no {kind}, or damaged: {_said(error)}") from error
+        yield stored
+    finally:
+        if store is not None:
+            with LIBRARY_LOCK:
+                store.close()
+
+
+def plain(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes as strings, numbers and lists of them."""
+    return {name: np.asarray(value).tolist() for name, value in attributes.items()}
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+def file_digest(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file, as hexadecimal digits."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def result_digest(path: Path) -> str:
+    """SHA-256 of a result: of the file, or over the names and bytes of all files of a Zarr group."""
+    if not path.is_dir():
+        return file_digest(path)
+    digest = hashlib.sha256()
+    for name, size in sorted(tree(path).items()):
+        digest.update(name.encode("utf-8", "surrogateescape") + b"\0" + size.to_bytes(8, "little"))
+        with (path / name).open("rb") as file:
+            while piece := file.read(PIECE):
+                digest.update(piece)
+    return digest.hexdigest()
+
+
+def result_bytes(path: Path) -> int:
+    """Size of a result. [bytes]"""
+    return sum(tree(path).values()) if path.is_dir() else path.stat().st_size
+
+
+def tree(path: Path) -> dict[str, int]:
+    """Zarr's own files of a folder and of those in it: relative name with slashes, size. [bytes]."""
+    own = (file for file in path.rglob("*") if _is_own(file.name) and file.is_file())
+    return {file.relative_to(path).as_posix(): file.stat().st_size for file in own}
+
+
+def foreign(path: Path) -> list[str]:
+    """Names of the other files in a Zarr group: of what browses folders, shares or unpacks them, and leaves its own."""
+    others = (file for file in path.rglob("*") if not _is_own(file.name) and file.is_file())
+    return sorted(file.relative_to(path).as_posix() for file in others)
+
+
+def odd(path: Path) -> list[str]:
+    """Names of what stands for chunks or metadata of a Zarr group and is no file: a pipe would be waited for."""
+    there = (entry for entry in path.rglob("*") if _is_own(entry.name) and not entry.is_file() and not entry.is_dir())
+    return sorted(entry.relative_to(path).as_posix() for entry in there)
+
+
+def _is_own(name: str) -> bool:
+    """Whether a file is metadata or a chunk, as ``0.3.0``."""
+    return name in _METADATA or (name.isascii() and name.replace(".", "").isdecimal())
+
+
+def content_digest(path: str | os.PathLike[str], told: Callable[[], object] = lambda: None) -> str:
+    """SHA-256 over names, dimensions, types, attributes and values of a result.
+
+    Equal for results that say the same, whatever library version, format, storage layout or compression wrote them.
+
+    Parameters
+    ----------
+    path : path
+        NetCDF file or Zarr group.
+    told : callable
+        Called after every piece that was read.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    with open_stored(path, told) as stored:
+        digest.update(_canonical(dict(stored.sizes)))
+        digest.update(_canonical(stored.attributes))
+        for name, variable in sorted(stored.variables.items()):
+            text = stored.is_text(name)
+            dtype = "str" if text else np.dtype(variable.dtype.newbyteorder("=").str).str
+            digest.update(_canonical([name, stored.dims(name), dtype]))
+            digest.update(_canonical(plain(variable.attrs)))
+            for index in stored.pieces(name):
+                piece = stored.read(name, index)
+                digest.update(_canonical(piece.tolist()) if text else little_endian(piece))
+                del piece  # before the next one is read
+    return digest.hexdigest()
+
+
+def _canonical(value: object) -> bytes:
+    return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
+
+
+class Places:
+    """Names places of a result.
+
+    Parameters
+    ----------
+    stored : Stored
+        The result; its coordinates are read when they are needed.
+    """
+
+    def __init__(self, stored: Stored) -> None:
+        self._stored = stored
+        self._labels: dict[str, np.ndarray | None] = {}
+
+    def at(self, dims: tuple[str, ...], position: tuple[int, ...]) -> str:
+        """One place, as ``latitude 30 degrees_north, heliostat 17``."""
+        return ", ".join(f"{dim} {self._label(dim, number)}" for dim, number in zip(dims, position, strict=True))
+
+    def within(self, region: Region) -> str:
+        """A region, as ``latitude 30 to 45 degrees_north``; dimensions that it spans whole are left out."""
+        said = []
+        for dim, span in region.items():
+            if span != slice(0, self._stored.sizes[dim]):
+                first, last = self._label(dim, span.start), self._label(dim, span.stop - 1)
+                said.append(f"{dim} {first}" if span.stop - span.start == 1 else f"{dim} {first} to {last}")
+        return ", ".join(said)
+
+    def _label(self, dim: str, number: int) -> str:
+        if dim not in self._labels:
+            try:
+                index = self._stored.index(dim, {})
+                self._labels[dim] = self._stored.read(dim, index) if len(index) == 1 else None
+            except (HeliosweepError, KeyError):
+                self._labels[dim] = None
+        labels = self._labels[dim]
+        return f"[{number}]" if labels is None else value_text(labels[number], self.units(dim))
+
+    def units(self, name: str) -> str:
+        """Units of a variable as they stand behind a number; empty for those without."""
+        units = str(self._stored.variables[name].attrs.get("units", ""))
+        return "" if units == "1" else units
+
+
+def value_text(value: Any, units: str = "") -> str:
+    """One stored value with its unit; times as dates."""
+    if isinstance(value, str):
+        return repr(value)
+    number = value.item() if isinstance(value, np.generic) else value
+    if units.startswith(_SINCE):
+        if not np.isfinite(number) or abs(number) > 9e9:
+            return str(np.datetime64("NaT")) if np.isnan(number) else f"{number!r} s"
+        time = np.datetime64(round(number * 1e3), "ms")
+        return str(time).removesuffix(".000").removesuffix(":00")
+    text = repr(number).removesuffix(".0")
+    return f"{text} {units}" if units else text

@@ -1,0 +1,209 @@
+"""Leaving a result, whole or not at all: `result.nc` or `result.zarr` of a run, and NetCDF files of Zarr results."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
+from heliosweep.files import discard, remove, sync, temporary_name, writing, written_whole
+from heliosweep.grid.regions import Cut, Part, Variable
+from heliosweep.store.checks import sound
+from heliosweep.store.encoding import Skeleton, numbers, slab_digest, slab_rows, slabs_of
+from heliosweep.store.folder import DESCRIPTIONS, FORMATS, RESULTS
+from heliosweep.store.netcdf import Write, netcdf_file
+from heliosweep.store.read import Stored, is_zarr, open_stored, plain
+from heliosweep.store.zarr import zarr_group
+
+if TYPE_CHECKING:
+    from heliosweep.config.blocks import Output
+
+#: Attributes that the writer makes anew.
+_MADE = {"_FillValue", "coordinates"}
+#: Name of an exported file: not that of a result, for the folder holds one, and its manifest names it.
+EXPORT = "export.nc"
+
+
+def publish(
+    slabs: Iterable[tuple[Part, Mapping[str, Any] | xr.Dataset]], skeleton: Skeleton, output: Output, folder: Path
+) -> tuple[Path, dict[str, str]]:
+    """Write the result of a study; it takes the place of one of either format.
+
+    Parameters
+    ----------
+    slabs : iterable of tuple of Part and (xarray.Dataset or mapping of arrays)
+        All slabs in the order of the file, with the values of their variables.
+    skeleton : Skeleton
+        Of the result.
+    output : Output
+        Format and compression.
+    folder : pathlib.Path
+        Result folder.
+
+    Returns
+    -------
+    pathlib.Path
+        The result.
+    dict of str to str
+        SHA-256 of each slab, as `encoding.slab_digest` has it.
+
+    Raises
+    ------
+    HeliosweepError
+        It cannot be written. What stood there before is left as it was then, as after any other error.
+    """
+    path, digests = folder / FORMATS[output.format], {}
+    with _in_place_of_others(path) as temporary:
+        with _writer(temporary, skeleton, output, path) as write:
+            for slab, given in slabs:
+                values = {name: numbers(np.asarray(given[name])) for name in skeleton.of_kind(slab.kind)}
+                write(slab, values)
+                digests[slab.name] = slab_digest(values)
+        if len(digests) != sum(cut.slab_count for cut in skeleton.cuts.values()):
+            raise ValueError(f"{len(digests)} slabs are not the whole result")
+    return path, digests
+
+
+@contextmanager
+def _writer(path: Path, skeleton: Skeleton, output: Output, named: Path) -> Iterator[Write]:
+    level = output.compression_level
+    if output.format == "zarr":
+        with zarr_group(path, skeleton, output.compression, level, named) as write:
+            yield write
+    else:
+        with netcdf_file(path, skeleton, level if output.compression != "none" else 0, named) as write:
+            yield write
+
+
+@contextmanager
+def _in_place_of_others(path: Path) -> Iterator[Path]:
+    """Name to write a result under; it takes its place when it is complete, and those of others are removed."""
+    temporary = temporary_name(path)
+    try:
+        yield temporary
+        with writing(path):
+            for place in (*temporary.rglob("*"), temporary):
+                sync(place)
+            for name in DESCRIPTIONS:
+                path.with_name(name).unlink(missing_ok=True)
+            if temporary.is_dir():  # which replaces nothing
+                remove_result(path)
+            temporary.replace(path)
+            for other in RESULTS:
+                if other != path.name:
+                    remove_result(path.with_name(other))
+            sync(path.parent)
+    finally:
+        discard(temporary)
+
+
+def remove_result(path: Path) -> None:
+    """Remove a result of either format, where there is one: first its name, so that none is half removed."""
+    if path.exists():
+        doomed = temporary_name(path)
+        path.rename(doomed)
+        remove(doomed)
+
+
+def export(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str] | None = None,
+    *,
+    compression: Literal["none", "zlib"] = "none",
+    level: int = 1,
+    force: bool = False,
+) -> Path:
+    """Write a Zarr result as NetCDF, slab by slab.
+
+    Parameters
+    ----------
+    source : path
+        Result folder or its ``result.zarr``.
+    target : path, optional
+        NetCDF file to write; ``export.nc`` beside the Zarr group where left out. Appears whole or not at all.
+    compression : {"none", "zlib"}
+        Of time series, as in a study's ``output:`` block.
+    level : int
+        Of the compression.
+    force : bool
+        Whether an existing file is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file. Its bytes are those of a run of the same study with ``format: netcdf`` and this compression.
+
+    Raises
+    ------
+    StudyError
+        There is no Zarr result, or the target exists.
+    HeliosweepError
+        The result is damaged, or is not what its manifest tells of, or the file cannot be written.
+    """
+    place = Path(source)
+    if place.is_dir() and (place / FORMATS["zarr"]).is_dir():
+        place = place / FORMATS["zarr"]
+    file = Path(target) if target is not None else place.with_name(EXPORT)
+    refusals = {
+        "is a folder; name a file": file.is_dir(),
+        "must end in .nc, as NetCDF files do": file.suffix != ".nc",
+        f"exists already; {FORCE} replaces it": file.exists() and not force,
+        "cannot be written: its folder does not exist": not file.parent.is_dir(),
+    }
+    if not is_zarr(place):
+        raise StudyError(Problem("is no Zarr result, nor a folder with one; nothing to export", file=str(source)))
+    if said := [why for why, wrong in refusals.items() if wrong]:
+        raise StudyError(Problem(said[0], file=str(file)))
+    sound(place, as_written=True)
+    with open_stored(place) as stored:
+        skeleton = _skeleton(stored)
+        level = level if compression != "none" else 0
+        with written_whole(file) as temporary, netcdf_file(temporary, skeleton, level, file) as write:
+            for slab in slabs_of(stored.record["slabs"] or slab_rows(skeleton.cuts), stored.sizes):
+                write(slab, stored.slab(slab))
+    return file
+
+
+def _skeleton(stored: Stored) -> Skeleton:
+    """Everything of a Zarr result but its values, undecoded: what is stored is written."""
+    types, record = stored.record["types"], stored.record
+
+    def typed(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
+        """Attributes as numbers of the types that they were given with."""
+        known = types.get(name, {})
+        return {key: np.asarray(value, known[key]) if key in known else value for key, value in attributes.items()}
+
+    def own(name: str) -> dict[str, Any]:
+        attributes = plain(stored.variables[name].attrs)
+        return typed(name, {key: value for key, value in attributes.items() if key not in _MADE})
+
+    try:
+        coordinates = xr.Dataset(
+            coords={
+                name: xr.Variable(
+                    stored.variables[name].dims, stored.read(name, stored.index(name, {})), own(name), fastpath=True
+                )
+                for name in stored.coordinates
+            }
+        )
+        dtypes = {name: stored.variables[name].dtype.newbyteorder("=") for name in stored.data}
+        variables = {name: Variable(stored.dims(name), own(name), dtypes[name]) for name in stored.data}
+        attributes = typed("", stored.attributes)
+    except (TypeError, ValueError) as error:
+        raise HeliosweepError(f"the attributes are damaged: {error}") from None
+    # Another program wrote the metadata anew, and lost our record: the same values, perhaps in another order.
+    kinds = {one.kind: one for one in variables.values()}
+    cuts: dict[str, Cut] = {kind: _rows_of(stored, kinds[kind].dims) for kind in sorted(kinds)}
+    return Skeleton(stored.sizes, coordinates, variables, attributes, dict(record["storage"]), cuts)
+
+
+def _rows_of(stored: Stored, dims: tuple[str, ...]) -> Cut:
+    """Slabs of one row along the first dimension."""
+    sizes = {dim: stored.sizes[dim] for dim in dims[:1]}
+    return Cut(sizes, dict.fromkeys(sizes, 1), dict.fromkeys(sizes, 1))

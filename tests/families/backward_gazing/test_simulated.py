@@ -1,0 +1,283 @@
+"""Simulated heliostats: from the study file to the numbers, whatever the sweep, the chunks and the scheduler."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heliosweep import api
+from heliosweep.families.backward_gazing.points import KEYS, Point
+from heliosweep.families.backward_gazing.shared import NO_PROFILE, NOT_SEEN, SEEN
+from heliosweep.families.backward_gazing.simulated import compute
+from heliosweep.families.backward_gazing.simulated.variables import variables
+from heliosweep.grid.parameters import Parameters
+from heliosweep.kernels.gazing.geometry import camera_square, scene
+from heliosweep.kernels.gazing.lm import fit_slopes
+from heliosweep.kernels.gazing.mirror import eroded, mirror_grid, themis_8
+from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
+from heliosweep.kernels.sun.profiles import jose
+from heliosweep.kernels.sun.tables import normal_draws
+from heliosweep.store.read import file_digest
+
+from .test_study import study
+
+
+def computed(**blocks: Any) -> Any:
+    return api.build(study(**blocks)).compute()
+
+
+def test_results_are_those_of_the_kernels():
+    result = computed(cameras={"noise": 0.004, "bits": 12, "seed": 5}, method="LM", output={"maps": True})
+    layout = scene((np.radians(30), np.radians(60)), (0.0, np.radians(44)), camera_square(0.24))
+    mirror = mirror_grid(themis_8(), 0.3)
+    canting = np.zeros((8, 2))
+    canting[1:3, 1] = -1e-3, 1e-3
+    place = mirror.pixel_y, mirror.pixel_z
+    found = []
+    for defects, noise in ((canting, 0.004), (0 * canting, 0.0)):
+        images, true = image_set(layout, mirror, jose(), module_spheres(themis_8(), 120.0, defects))
+        images = expose(images, noise, 0.0, 12 if noise else 0, 5) if noise else images
+        found.append((fit_slopes(layout, jose(), images, *place, np.zeros((2, len(place[0])))).slopes, true, images))
+    net = found[0][0] - found[1][0]
+    error = 1e3 * (net - found[0][1] + found[1][1])
+    keep = eroded(mirror, 1)
+    for axis, name in enumerate("xy"):
+        for module in (1, 2, 8):
+            here = keep & (mirror.pixel_module == module - 1)
+            one = result.isel({"slope_method": 0, "referential": 2}).sel(module=module)
+            assert float(one[f"slope_bias_{name}"]) == pytest.approx(error[axis, here].mean(), abs=1e-8)
+            assert float(one[f"slope_rms_{name}"]) == pytest.approx(np.sqrt(np.mean(error[axis, here] ** 2)), abs=1e-8)
+            assert float(one[f"relative_error_{name}"]) == pytest.approx(100 * abs(error[axis, here].mean()), abs=1e-6)
+        slopes = result[f"slope_{name}"].isel({"slope_method": 0, "referential": 0}).to_numpy()
+        np.testing.assert_allclose(slopes.ravel()[mirror.place], 1e3 * net[axis], atol=1e-6)
+    np.testing.assert_array_equal(result["image"].to_numpy().reshape(4, -1)[:, mirror.place], found[0][2])
+    assert np.isnan(result["image"].to_numpy().reshape(4, -1)[:, mirror.module.ravel() == 0]).all()
+
+
+def test_o2_and_lm_need_no_referential():
+    result = computed(defects={"canting": {"2": [0.5, -1]}})
+    for name in ("O2", "LM"):
+        one = result["slope_bias_x"].sel(slope_method=name)
+        assert (one == one.isel(referential=0)).all()
+    a = result["relative_error_x"].sel(slope_method="A", module=2)
+    assert float(a.sel(referential="none")) > 10 > 1 > float(a.sel(referential="exact"))
+
+
+def test_undefected_heliostat():
+    """Fewer than 1e-7 mrad, clean; what noise leaves of a perfect mirror is subtracted too."""
+    result = computed(defects=None, sun_profile=["jose", "noisy"])
+    assert float(np.abs(result["slope_rms_x"]).max()) < 1e-12
+    assert float(np.abs(result["canting_y"]).max()) < 1e-12
+    assert (result["scene_status"] == SEEN).all()
+    assert result["incidence"].to_numpy() == pytest.approx(scene_incidence())
+
+
+def scene_incidence() -> float:
+    layout = scene((np.radians(30), np.radians(60)), (0.0, np.radians(44)), camera_square(0.24))
+    return float(np.degrees(layout.incidence))
+
+
+def test_pointing_and_focal_length_come_back():
+    result = computed(
+        defects={"pointing": [0.2, -0.3], "focal_length": [119, 120], "canting": {"2": [0, -0.5]}}, method="LM"
+    ).isel({"slope_method": 0, "referential": 0})
+    wide = result.sel(true_focal_length=119)
+    assert float(wide["focal_length_estimate"]) == pytest.approx(119, rel=1e-3)
+    assert float(wide["pointing_x"]) == pytest.approx(0.2, abs=2e-3)  # against the heliostat's own sphere
+    assert float(wide["pointing_y"]) == pytest.approx(-0.3, abs=2e-3)
+    fine = result.sel(true_focal_length=120)
+    assert float(fine["pointing_x"]) == pytest.approx(0.2, abs=1e-3)
+    assert float(fine["pointing_y"]) == pytest.approx(-0.3, abs=1e-3)
+    assert float(fine["canting_y"].sel(module=2)) == pytest.approx(-0.5, abs=1e-3)
+    assert float(np.abs(fine["canting_y"].drop_sel(module=2)).max()) < 1e-3
+
+
+def test_camera_noise_is_at_the_bound():
+    """Standard deviation of single pixels within 3 % of the Cramer-Rao bound, canting within its standard error."""
+    result = computed(
+        heliostat={"distance": 120, "pixel": 0.15},
+        cameras={"noise": 0.005, "seed": {"start": 0, "stop": 19, "step": 1}},
+        method="LM",
+    ).isel({"slope_method": 0, "referential": 0})
+    for name in "xy":
+        rms = np.sqrt((result[f"slope_rms_{name}"] ** 2).mean(["camera_seed", "module"]))
+        bound = np.sqrt((result[f"cramer_rao_bound_{name}"] ** 2).mean())
+        assert float(rms / bound) == pytest.approx(1.0, abs=0.03)
+        away = result[f"canting_{name}"] - result[f"canting_{name}"].mean("camera_seed")
+        ratio = away / result[f"canting_{name}_standard_error"]
+        assert float(ratio.std()) == pytest.approx(0.97, abs=0.2)  # of 20 seeds, less their mean
+        pointing = result[f"pointing_{name}"].std("camera_seed", ddof=1)
+        assert float(pointing / result[f"pointing_{name}_standard_error"].mean()) == pytest.approx(1.0, abs=0.45)
+
+
+@pytest.mark.parametrize("level", ["mirror_grid", "camera"])
+def test_images_of_cameras_give_the_same_slopes(level):
+    result = computed(
+        heliostat={"distance": 120, "pixel": 0.1},
+        cameras={"images": level, "bits": 12, "supersampling": 2},
+        method=["A", "LM"],
+        referential="exact",
+        erosion=3,
+    )
+    lm = result.sel(slope_method="LM")
+    assert float(lm["relative_error_y"].max()) < 0.05
+    assert float(lm["slope_rms_y"].max()) < 0.003  # of the levels
+    assert float(result.sel(slope_method="A")["relative_error_x"].max()) < 1.0
+
+
+def test_seeds_matter_only_where_something_is_random():
+    blocks = {"sun_profile": ["jose", "noisy"], "profile_noise": {"seed": [0, 1, 2]}, "method": ["A", "O2"]}
+    result = computed(**blocks)
+    clean, noisy = (result["relative_error_y"].sel(sun_profile=name, module=2) for name in ("jose", "noisy"))
+    assert (clean == clean.isel(profile_seed=0)).all()
+    assert float(noisy.std("profile_seed").min()) > 0.1
+    for ending, percent in (("median", 50), ("low", 5), ("high", 95)):
+        values = result["relative_error_y"].quantile(0.01 * percent, "profile_seed")
+        np.testing.assert_allclose(result[f"relative_error_y_{ending}"], values, rtol=1e-12)
+    alone = computed(**blocks | {"sun_profile": "noisy", "profile_noise": {"seed": 2}})
+    assert "relative_error_y_median" not in alone
+    assert (alone["relative_error_y"] == result.sel(sun_profile="noisy", profile_seed=2)["relative_error_y"]).all()
+
+
+def test_each_image_set_is_made_once(monkeypatch):
+    made = []
+    true = compute.observed
+
+    def counted(point, given):
+        made.append(point)
+        return true(point, given)
+
+    monkeypatch.setattr(compute, "observed", counted)
+    compute._remembered.cache_clear()
+    computed(
+        sun_profile=["jose", "noisy"], profile_noise={"seed": [7, 8, 9]}, defects={"canting": {"1": [0.1, 0]}},
+        execution={"scheduler": "synchronous", "workers": 1},
+    )  # fmt: skip
+    assert sorted(point.sun_profile for point in made)[-3:] == ["noisy"] * 3
+    assert 1 <= len(made) - 3 <= 3  # of the clean sun once in each thread at the most
+
+
+SWEEP: dict[str, Any] = {
+    "cameras": {"noise": 0.01, "seed": [0, 1, 2], "radius": [0.2, 0.3]},
+    "sun_profile": ["jose", "noisy"],
+    "defects": {"canting": {"2": [0, -1]}, "waviness": 0.2, "canting_scale": [0.5, 1]},
+    "output": {"maps": True},
+}
+
+
+def test_same_bytes_whatever_the_scheduler_and_the_chunks(tmp_path):
+    executions = [
+        {"scheduler": "synchronous"},
+        {"scheduler": "threads", "workers": 2, "chunks": {"camera_seed": 1, "camera_radius": 1}},
+        {"scheduler": "threads", "chunks": {"camera_seed": 2, "sun_profile": 2, "canting_scale": 2}},
+        {"scheduler": "processes", "workers": 2},
+    ]
+    digests = set()
+    for number, execution in enumerate(executions):
+        result = api.run(study(**SWEEP, execution=execution), tmp_path / str(number), report=False)
+        digests.add(file_digest(result.path))
+    assert len(digests) == 1
+
+
+def test_heliostat_that_no_camera_sees_is_masked_and_said_so():
+    one = study(defects={"pointing": [8, 0]}, output={"maps": True})
+    result = api.build(one).compute()
+    assert int(result["scene_status"]) == NOT_SEEN
+    assert np.isnan(result["slope_x"]).all()
+    assert set(np.unique(result["mask"])) == {0, 1, 2}
+    assert float(result["usable_fraction"].max()) == 0.0
+    assert float(result["lit_cameras"].max()) == 0.0
+    (said,) = compute.remarks(result)
+    assert said.startswith("no slopes of the heliostat: nowhere do three cameras see the reflected sun, and all")
+
+
+def test_profile_drowned_in_noise():
+    one = study(
+        sun_profile="noisy", profile_noise={"noise": 1.0, "nodes": 5, "seed": {"start": 0, "stop": 9, "step": 1}}
+    )
+    result = api.build(one).compute()
+    status = result["scene_status"].to_numpy()
+    assert set(np.unique(status)) == {SEEN, NO_PROFILE} or NO_PROFILE in status
+    assert any("noise makes the sun no darker at its edge" in line for line in compute.remarks(result))
+
+
+def test_modules_of_the_study():
+    modules = [{"centre": [-1, 0], "size": [1.9, 1.9]}, {"centre": [1, 0], "size": [1.9, 1.9]}]
+    result = computed(
+        heliostat={"distance": 100, "modules": modules, "pixel": 0.2}, defects={"canting": {"2": [0.4, 0]}}, method="LM"
+    )
+    assert result.sizes["module"] == 2
+    assert result["module_y"].values.tolist() == [-1, 1]
+    assert float(result["relative_error_x"].max()) < 0.02
+    assert float(result["distance"]) == 100
+
+
+def test_world_azimuths():
+    result = computed(sun={"azimuth": [30, -90], "elevation": 60}, method="A")
+    assert result["sun_world_azimuth"].values.tolist() == [150, 270]  # south-south-east, west
+    assert float(result["target_world_azimuth"]) == 180  # the target is to the south
+
+
+def test_table_of_the_sun(tmp_path):
+    path = tmp_path / "sun.csv"
+    angle = np.linspace(0, 4.36, 4000)
+    shape = 0.679 + 0.321 * np.sqrt(np.maximum(1 - (angle / 4.36) ** 2.222, 0))
+    path.write_text("angle,brightness\n" + "".join(f"{a},{b}\n" for a, b in zip(angle, shape, strict=True)))
+    sun = {"azimuth": 30, "elevation": 60, "profile": str(path)}
+    both = computed(sun=sun, sun_profile=["jose", "table"], method=["A", "LM"])
+    tables, clean = both.sel(sun_profile="table"), both.sel(sun_profile="jose")
+    np.testing.assert_allclose(tables["slope_bias_x"], clean["slope_bias_x"], atol=3e-4)
+
+
+def test_zip_ties_seeds_to_other_keys():
+    one = study(cameras={"noise": [0.001, 0.002], "seed": [3, 4]}, zip=[["cameras.noise", "cameras.seed"]], method="A")
+    result = api.build(one).compute()
+    assert result.sizes["camera_noise"] == 2
+    assert "relative_error_x_median" not in result  # not the seed alone varies
+
+
+def test_every_variable_is_computed():
+    """No name is misspelt on its way from a point to the variables of the result."""
+    one = study(output={"maps": True})
+    ((_, values),) = Parameters(one).points(*KEYS)
+    assert set(compute.of_point(Point.of(values), compute.inputs(one), with_maps=True)) == set(variables(one))
+
+
+def test_profile_of_lm():
+    """Simulations take the table unless asked otherwise, which changes LM alone; both results say it."""
+    noisy = {"sun_profile": "noisy", "method": ["A", "LM"], "erosion": 0}
+    table, same, smooth = (computed(**noisy, fit_profile=kind) for kind in (None, "table", "smooth"))
+    assert table.drop_attrs(deep=False).identical(same.drop_attrs(deep=False))  # but for the study's id
+    assert table.attrs["profile_of_lm"] == "as it is"
+    assert smooth.attrs["profile_of_lm"] == "smooth fit"
+    for method, equal in (("A", True), ("LM", False)):
+        one, other = (result["slope_bias_y"].sel(slope_method=method).to_numpy() for result in (table, smooth))
+        assert np.array_equal(one, other) == equal
+
+
+@pytest.mark.parametrize("level", ["mirror_grid", "camera"])
+def test_levels_of_cameras(level):
+    """Each camera has a level of its own, drawn by the seed: the same at both kinds of images, whatever is swept."""
+
+    def seen(**cameras):
+        more = {"defects": {}, "method": "LM", "erosion": 3, "heliostat": {"distance": 120, "pixel": 0.15}}
+        return computed(cameras={"images": level, **cameras}, output={"maps": True}, **more)
+
+    swept = seen(gain_noise=[0.0, 0.01, 0.02], seed=[0, 1])
+    plain = seen()
+    gains = (swept["image"] / plain["image"]).median(("y", "z"))
+    spread = (swept["image"] / plain["image"]).std(("y", "z"))
+    assert float(spread.max()) < 1e-12
+    assert np.all(gains.sel(camera_gain_noise=0.0) == 1.0)
+    drawn = normal_draws(1, 4, 4)
+    np.testing.assert_allclose(gains.sel(camera_gain_noise=0.02, camera_seed=1), 1.0 + 0.02 * drawn, rtol=1e-12)
+    alone = seen(gain_noise=0.02, seed=1)
+    np.testing.assert_array_equal(alone["image"], swept["image"].sel(camera_gain_noise=0.02, camera_seed=1))
+    both = seen(gain_noise=0.02, seed=1, gain_error=0.05)
+    np.testing.assert_allclose(both["image"], 1.05 * alone["image"], rtol=1e-12)
+    pointing = swept["pointing_x"].squeeze()
+    one, two = (pointing.sel(camera_gain_noise=noise) for noise in (0.01, 0.02))
+    np.testing.assert_allclose(two, 2.0 * one, rtol=0.2)
+    assert np.all((np.abs(one) > 0.01) & (np.abs(one) < 0.3))  # 0.09 mrad for 1 %

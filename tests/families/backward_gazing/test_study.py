@@ -1,0 +1,171 @@
+"""What a study file of the family may say, and what is said of a bad one."""
+
+from __future__ import annotations
+
+import copy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from heliosweep import api
+from heliosweep.config.load import load
+from heliosweep.config.study import json_schema
+from heliosweep.errors import PlanError, StudyError
+from heliosweep.families.backward_gazing.checks import reserved
+from heliosweep.families.backward_gazing.study import BackwardGazingStudy
+
+from .bad_studies import BAD, BAD_FIELDS, FIELD_LINES, FILES, LINES
+
+REGISTRY = {"backward_gazing": BackwardGazingStudy}
+SMALL: dict[str, Any] = {
+    "family": "backward_gazing",
+    "heliostat": {"distance": 120, "pixel": 0.3},
+    "target": {"azimuth": 0, "elevation": 44},
+    "sun": {"azimuth": 30, "elevation": 60},
+    "defects": {"canting": {"2": [0, -1], "3": [0, 1]}},
+    "erosion": 1,
+}
+
+
+def study(**blocks: Any) -> Any:
+    content = {**copy.deepcopy(SMALL), **blocks}
+    return api.load({key: value for key, value in content.items() if value is not None})
+
+
+def said_of(folder: Path, lines: dict[str, str]) -> list[str]:
+    for name, text in FILES.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "study.yaml").write_text("\n".join([*lines.values(), ""]), encoding="utf-8")
+    with pytest.raises(StudyError) as error:
+        load("study.yaml", REGISTRY)
+    assert error.value.exit_code == 2
+    return [line.removeprefix("study.yaml:") for line in str(error.value).split("\n")]
+
+
+@pytest.mark.parametrize(("block", "text", "said"), BAD, ids=[text[:60] or f"no {block}" for block, text, _ in BAD])
+def test_bad_study(block: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said_of(tmp_path, LINES | {block: text}) == said
+
+
+@pytest.mark.parametrize(("block", "text", "said"), BAD_FIELDS, ids=[text[40:100] for _, text, _ in BAD_FIELDS])
+def test_bad_field(block: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said_of(tmp_path, FIELD_LINES | {block: text}) == said
+
+
+def test_keys_of_canting_are_numbers_in_the_file():
+    lines = dict(LINES)
+    assert "{2:" in lines["defects"]
+    assert study().defects.canting == {"2": (0.0, -1.0), "3": (0.0, 1.0)}
+    assert study(defects={"canting": {"2": ["1 mrad", "0.1 deg"]}}).defects.canting["2"][1] == pytest.approx(1.74532925)
+
+
+def test_resolved_study_loads_to_the_same_study(tmp_path):
+    modules = [{"centre": [-1, 0], "size": [1.9, 1.9]}, {"centre": [1, 0], "size": [1.9, 1.9]}]
+    one = study(
+        heliostat={"distance": [60, 120], "modules": modules, "pixel": 0.2},
+        defects={"canting": {"2": [0, -1]}},
+        method="LM",
+        sun_profile=["jose", "noisy"],
+        profile_noise={"seed": {"start": 0, "stop": 3, "step": 1}},
+        output={"maps": True},
+    )
+    path = tmp_path / "again.yaml"
+    path.write_text(one.to_yaml(), encoding="utf-8")
+    again = load(path, REGISTRY)
+    assert again == one
+    assert again.study_id == one.study_id
+    assert again.method == ("LM",)
+
+
+def test_schema_knows_units_and_the_modules():
+    schema = json_schema(BackwardGazingStudy)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    validator.validate(SMALL)
+    validator.validate({**SMALL, "method": ["A", "LM"], "sun_profile": ["jose", "noisy"]})
+    validator.validate({**SMALL, "images": ["a.npy", {"file": "b.npy", "camera": [0, 1]}]})
+    assert not validator.is_valid({**SMALL, "method": ["B"]})
+    assert not validator.is_valid({**SMALL, "heliostat": {"distance": 120, "modules": [{"centre": [0]}]}})
+    assert schema["$defs"]["Cameras"]["properties"]["radius"]["description"].endswith("[m]")
+
+
+def test_profile_that_rises_is_used_with_a_warning(tmp_path):
+    path = tmp_path / "rising.csv"
+    path.write_text("# measured\nangle,brightness\n0,1\n1,0.95\n2,0.97\n3,0.9\n4.36,0.7\n", encoding="utf-8")
+    sun = {**SMALL["sun"], "profile": str(path)}
+    said = study(sun=sun, sun_profile="table").notes()
+    assert len(said) == 1
+    assert said[0].endswith(
+        "the brightness rises in 1 of 4 steps from the centre to the edge; method A inverts it through the least "
+        "falling curve above it"
+    )
+    before = study(sun=sun, sun_profile="table").study_id
+    assert "is not used" in study(sun=sun).notes()[0]
+    path.write_text("angle,brightness\n0,1\n1,0.96\n2,0.95\n3,0.9\n4.36,0.7\n", encoding="utf-8")
+    assert study(sun=sun, sun_profile="table").notes() == []
+    assert study(sun=sun, sun_profile="table").study_id != before  # the contents count
+
+
+def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
+    path = tmp_path / "foot.csv"
+    path.write_text("x,y\n0,100\n0,0\n", encoding="utf-8")
+    field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
+    blocks: dict[str, Any] = {"heliostat": {"pixel": 0.3}, "target": None, "sun": None}
+    assert [note.partition(":")[0] for note in study(field=field, **blocks).notes()] == [
+        "heliostat 1 (line 3) stands at the foot of the tower"
+    ]
+    assert study(field={**field, "facing": "fixed"}, **blocks).notes() == []
+
+
+def test_columns_of_a_layout_leave_all_names_to_the_result(tmp_path):
+    path = tmp_path / "field.csv"
+    path.write_text("x,y\n0,100\n", encoding="utf-8")
+    field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
+    cameras = {"noise": [0.0, 0.01]}
+    one = study(field=field, cameras=cameras, heliostat={"pixel": 0.3}, target=None, sun=None)
+    result = api.build(one)
+    taken = {str(name) for name in (*result.variables, *result.dims)} - {"x", "y", "z"}
+    assert taken <= reserved(one)
+
+
+def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
+    with pytest.raises(PlanError, match="refused: the smallest part of the work would take"):
+        api.plan(study(heliostat={"distance": 120, "pixel": 0.005}, execution={"memory": "1 GB"}))
+
+
+def test_maps_of_swept_pixels_are_refused():
+    with pytest.raises(StudyError, match=r"output\.maps: must be false where heliostat\.pixel is swept"):
+        study(heliostat={"distance": 120, "pixel": [0.2, 0.3]}, output={"maps": True})
+
+
+def test_validating_imports_no_compiler(tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text("\n".join(LINES.values()), encoding="utf-8")
+    code = (
+        f"import sys, heliosweep; heliosweep.load({str(path)!r}); print(*{{n.partition('.')[0] for n in sys.modules}})"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"numba", "xarray", "dask", "scipy", "matplotlib"} & set(loaded)
+
+
+def test_what_lm_fits_and_levels_of_cameras():
+    """The defaults follow the mode; the profile of LM is no dimension, the cameras' levels may be one."""
+    assert not study().smooth
+    assert study(fit_profile="smooth").smooth
+    measured = {"mode": "measured", "images": list("abcd"), "defects": None}
+    for kind, smooth in ((None, True), ("table", False)):
+        content = {**copy.deepcopy(SMALL), **measured, "fit_profile": kind}
+        one = BackwardGazingStudy.model_validate({key: value for key, value in content.items() if value is not None})
+        assert one.smooth == smooth
+    with pytest.raises(StudyError, match="fit_profile"):
+        study(fit_profile=["table", "smooth"])
+    with pytest.raises(StudyError, match="gain_noise"):
+        study(cameras={"gain_noise": -0.01})
+    dims = study(cameras={"gain_noise": [0, 0.01]}).dimensions()
+    assert [dim.name for dim in dims] == ["camera_gain_noise"]

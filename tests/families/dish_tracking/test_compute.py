@@ -1,0 +1,311 @@
+"""The family: windows on real clocks, the polar night, statistics, the tolerable tilt."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+from pvlib import solarposition
+
+from heliosweep import api
+from heliosweep.errors import StudyError
+from heliosweep.families.dish_tracking.compute import largest_tilt
+from heliosweep.families.dish_tracking.study import Ephemeris
+from heliosweep.families.dish_tracking.windows import windows_of
+from heliosweep.kernels.dish import tracking
+from heliosweep.kernels.dish.windows import UP, WEIGHT, pack_windows
+
+SMALL: dict[str, Any] = {
+    "family": "dish_tracking",
+    "site": {"latitude": 40.13, "longitude": 94.67},
+    "time": {
+        "clock": "civil",
+        "timezone": "+08:00",
+        "dates": ["2021-03-20", "2021-06-21", "2021-06-22", "2021-12-21"],
+        "window": {"start": "07:00", "stop": "21:00", "step": "1 h"},
+        "sampling": "left",
+    },
+    "mount": {"model": "rigid"},
+    "errors": {"axis_tilt": [0.05, 0.1], "axis_tilt_direction": {"start": 0, "stop": 270, "step": 90}},
+    "tolerance": 4,
+}
+
+
+def study(**blocks: Any) -> Any:
+    content = {**copy.deepcopy(SMALL), **blocks}
+    return api.load({key: value for key, value in content.items() if value is not None})
+
+
+def computed(**blocks: Any) -> Any:
+    return api.build(study(**blocks)).compute()
+
+
+def time(**changes: Any) -> dict[str, Any]:
+    return {**SMALL["time"], **changes}
+
+
+def pvlib_sun(latitude: float, longitude: float, stamps: np.ndarray) -> np.ndarray:
+    import pandas as pd
+
+    position = solarposition.spa_python(pd.DatetimeIndex(stamps, tz="UTC"), latitude, longitude, delta_t=None)
+    elevation, azimuth = np.radians(position["elevation"]), np.radians(position["azimuth"])
+    return np.column_stack(
+        [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)]
+    )
+
+
+def test_a_day_is_the_mean_of_the_kernel_s_errors_at_pvlib_s_sun():
+    result = computed()
+    stamps = np.datetime64("2021-06-20T23:00") + np.arange(14) * np.timedelta64(1, "h")
+    windows = pack_windows(pvlib_sun(40.13, 94.67, stamps), np.arange(stamps.size + 1))
+    errors = tracking.window_errors(tracking.RIGID, windows, np.radians(0.1), np.radians(90.0)).mean
+    day = result.sel(date="2021-06-21", axis_tilt=0.1, axis_tilt_direction=90)
+    assert float(day["mean_tracking_error"]) == pytest.approx(errors.mean() * 1e3, abs=1e-7)
+    assert float(day["max_tracking_error"]) == pytest.approx(errors.max() * 1e3, abs=1e-7)
+    assert float(day["effective_tracking_factor"]) == pytest.approx(1 - errors.mean() / 4e-3, abs=1e-7)
+    assert result["effective_tracking_factor"].dims == ("date", "axis_tilt", "axis_tilt_direction")
+
+
+def test_factor_is_linear_in_the_tilt_and_one_without_it():
+    result = computed(errors={"axis_tilt": [0, 0.05, 0.1], "axis_tilt_direction": 30})
+    factor = result["effective_tracking_factor"]
+    np.testing.assert_array_equal(factor.sel(axis_tilt=0), 1.0)
+    np.testing.assert_allclose(1 - factor.sel(axis_tilt=0.1), 2 * (1 - factor.sel(axis_tilt=0.05)), rtol=1e-6)
+
+
+def test_statistics_are_those_of_pandas():
+    result = computed()
+    factor = result["effective_tracking_factor"]
+    series = factor.sel(axis_tilt=0.1, axis_tilt_direction=90).to_series()
+    point = {"axis_tilt": 0.1, "axis_tilt_direction": 90}
+    for name, expected in (
+        ("annual_effective_tracking_factor_mean", series.mean()),
+        ("annual_effective_tracking_factor_std", series.std()),
+        ("effective_tracking_factor_min", series.min()),
+        ("effective_tracking_factor_max", series.max()),
+    ):
+        assert float(result[name].sel(point)) == pytest.approx(expected, rel=1e-12)
+    assert result["date_of_min"].sel(point).values == series.idxmin()
+    assert result["date_of_max"].sel(point).values == series.idxmax()
+    monthly = series.groupby(series.index.strftime("%Y-%m"))
+    assert result["month"].values.tolist() == ["2021-03", "2021-06", "2021-12"]
+    np.testing.assert_allclose(result["monthly_effective_tracking_factor_mean"].sel(point), monthly.mean(), rtol=1e-12)
+    np.testing.assert_allclose(result["monthly_effective_tracking_factor_std"].sel(point), monthly.std(), rtol=1e-9)
+    over = factor.sel(date="2021-06-21", axis_tilt=0.1).to_series()
+    day = result.sel(date="2021-06-21", axis_tilt=0.1)
+    assert float(day["effective_tracking_factor_mean"]) == pytest.approx(over.mean(), rel=1e-12)
+    assert float(day["effective_tracking_factor_std"]) == pytest.approx(over.std(), rel=1e-12)
+    annual = result["annual_effective_tracking_factor_mean"].sel(axis_tilt=0.1).to_series()
+    assert float(result["worst_axis_tilt_direction"].sel(axis_tilt=0.1)) == annual.idxmin()
+
+
+def test_clipped_errors_never_make_the_factor_negative():
+    errors = {"axis_tilt": 0.5, "axis_tilt_direction": [0, 90]}
+    plain, clipped = (computed(errors=errors, clip=clip)["effective_tracking_factor"] for clip in (False, True))
+    assert (plain < 0).any()
+    assert (clipped >= 0).all()
+    assert (clipped >= plain).all()
+
+
+def test_polar_night_is_missing_and_flagged():
+    result = computed(
+        site={"latitude": [40, 80], "longitude": 0},
+        time=time(timezone="+00:00", daylight_only=True, window={"start": "00:00", "stop": "24:00", "step": "1 h"}),
+    )
+    flags = result["window_is_empty"]
+    assert flags.dtype == np.int8
+    assert flags.sel(latitude=80, date="2021-12-21") == 1
+    assert flags.sum() == 1
+    factor = result["effective_tracking_factor"]
+    assert factor.sel(latitude=80, date="2021-12-21").isnull().all()
+    assert factor.isnull().sum() == factor.sel(latitude=80, date="2021-12-21").size
+    assert result["annual_effective_tracking_factor_mean"].notnull().all()
+
+
+def test_sunrise_to_sunset_is_the_sun_s_own_window():
+    window = {"start": "sunrise", "stop": "sunset", "step": "10 min"}
+    block = study(time=time(window=window, sampling="inclusive")).time
+    windows = windows_of(block, Ephemeris(), "+08:00", 40.13, 94.67, 0.0)
+    ends = windows.rows[:, UP][windows.rows[:, WEIGHT] > 0]
+    assert ends.min() > -1e-9  # rises and sets at the geometric horizon, to nanoseconds
+    assert np.sum(np.abs(ends) < 1e-9) == 8
+    daylight = computed(
+        time=time(window={"start": "00:00", "stop": "24:00", "step": "1 min"}, sampling="midpoint", daylight_only=True)
+    )
+    sunlit = computed(time=time(window=window, sampling="midpoint"))
+    np.testing.assert_allclose(sunlit["effective_tracking_factor"], daylight["effective_tracking_factor"], atol=2e-3)
+
+
+def test_sunrise_to_sunset_in_one_word():
+    long, short = (
+        study(time=time(window=window))
+        for window in ({"start": "sunrise", "stop": "sunset", "step": "10 min"}, "sunrise_to_sunset")
+    )
+    assert long.study_id == short.study_id
+
+
+def test_sunrise_to_sunset_on_a_clock_far_from_the_sun_s_and_at_the_pole():
+    window = {"start": "sunrise", "stop": "sunset", "step": "10 min"}
+    here, there = (
+        computed(time=time(window=window, sampling="midpoint", timezone=zone))["effective_tracking_factor"]
+        for zone in ("+06:00", "-06:00")
+    )
+    np.testing.assert_allclose(there, here, atol=3e-3)  # the same sun, dates begin at another hour
+    polar = computed(site={"latitude": 85, "longitude": 0}, time=time(window=window, timezone="+00:00"))
+    assert polar["window_is_empty"].values.tolist() == [0, 0, 0, 1]
+
+
+def test_time_zones_by_name_and_by_offset_agree():
+    by_offset, by_name = (computed(time=time(timezone=zone)) for zone in ("+08:00", "Asia/Shanghai"))
+    np.testing.assert_array_equal(by_offset["effective_tracking_factor"], by_name["effective_tracking_factor"])
+
+
+def test_tolerable_tilt_meets_the_required_factor():
+    required = [0.5, 0.8]
+    result = computed(
+        statistics={"required_factor": required}, errors={"axis_tilt": 0.1, "axis_tilt_direction": [0, 90]}
+    )
+    assert result["tolerable_axis_tilt"].dims == ("required_factor", "axis_tilt_direction")
+    for direction in (0, 90):
+        for factor in required:
+            tilt = float(result["tolerable_axis_tilt"].sel(required_factor=factor, axis_tilt_direction=direction))
+            there = computed(errors={"axis_tilt": tilt, "axis_tilt_direction": direction})
+            assert float(there["effective_tracking_factor_min"]) == pytest.approx(factor, abs=1e-10)
+
+
+def test_largest_tilt():
+    required = np.array([0.5, 0.9])
+    assert largest_tilt(lambda tilt: 1 - tilt / 10, required) == pytest.approx([5, 1], abs=1e-10)
+    assert largest_tilt(lambda tilt: 0.4 - tilt, required).tolist() == [0, 0]
+    assert np.isnan(largest_tilt(lambda tilt: np.full_like(tilt, np.nan), required)).all()
+    assert np.isnan(largest_tilt(lambda tilt: np.ones_like(tilt), required)).all()
+    # A tilt that makes up for an offset: not enough upright, enough between 0.1 and 0.3 deg.
+    assert largest_tilt(lambda tilt: 0.6 - np.abs(tilt - 0.2), required[:1]) == pytest.approx([0.3], abs=1e-10)
+
+
+def test_tolerable_tilt_with_home_offsets_is_where_the_grid_sees_it():
+    errors = {
+        "axis_tilt": 0.1,
+        "axis_tilt_direction": [90, 270],
+        "home_azimuth_offset": 0.1,
+        "home_elevation_offset": 0.1,
+    }
+    blocks = {"mount": {"model": "untilted_home_axes"}}
+    solved = computed(statistics={"required_factor": [0.45]}, errors=errors, **blocks)["tolerable_axis_tilt"]
+    tilts = {"start": 0, "stop": 0.3, "step": 0.005}
+    grid = computed(errors={**errors, "axis_tilt": tilts}, **blocks)["effective_tracking_factor_min"]
+    enough = grid >= 0.45
+    last = grid["axis_tilt"].where(enough).max("axis_tilt").fillna(0.0)
+    assert (abs(solved.isel(required_factor=0) - last) <= 0.005).all()
+
+
+@pytest.mark.parametrize(
+    "group",
+    [
+        ["errors.axis_tilt_direction", "site.latitude"],
+        ["errors.axis_tilt_direction", "tolerance"],
+        ["tolerance", "errors.axis_tilt_direction"],
+        ["errors.axis_tilt", "errors.axis_tilt_direction"],
+        ["errors.axis_tilt", "site.latitude"],
+    ],
+)
+def test_statistics_over_directions_only_where_they_are_swept_alone(group):
+    result = computed(
+        site={"latitude": [30, 40], "longitude": 90},
+        errors={"axis_tilt": [0.05, 0.1], "axis_tilt_direction": [0, 90]},
+        tolerance=[3, 4],
+        zip=[group],
+    )
+    alone = "errors.axis_tilt_direction" not in group
+    assert ("effective_tracking_factor_mean" in result) == alone
+    assert ("worst_axis_tilt_direction" in result) == alone
+
+
+def test_worst_direction_does_not_follow_rounding():
+    result = computed(errors={"axis_tilt": 0.1, "axis_tilt_direction": {"start": 0, "stop": 345, "step": 15}})
+    assert float(result["worst_axis_tilt_direction"]) < 180  # the mount leans the same way 180 deg on
+
+
+def test_sweeps_of_sites_models_and_tied_parameters():
+    sites = [
+        {"name": "a", "latitude": 40, "longitude": 90, "timezone": "+06:00"},
+        {"name": "b", "latitude": -30, "longitude": 0, "timezone": "UTC"},
+    ]
+    result = computed(
+        site=None,
+        sites=sites,
+        time={key: value for key, value in SMALL["time"].items() if key != "timezone"},
+        mount={"model": ["rigid", "untilted_home_axes"]},
+        tolerance=[2, 4],
+        errors={"axis_tilt": [0.05, 0.1], "axis_tilt_direction": [0, 90]},
+        zip=[["errors.axis_tilt", "tolerance"]],
+    )
+    assert result["effective_tracking_factor"].dims == ("site", "date", "model", "axis_tilt", "axis_tilt_direction")
+    single = computed(
+        site={"latitude": -30, "longitude": 0},
+        time=time(timezone="UTC"),
+        mount={"model": "untilted_home_axes"},
+        errors={"axis_tilt": 0.1, "axis_tilt_direction": 90},
+    )
+    np.testing.assert_array_equal(
+        result["effective_tracking_factor"].sel(
+            site="b", model="untilted_home_axes", axis_tilt=0.1, axis_tilt_direction=90
+        ),
+        single["effective_tracking_factor"],
+    )
+
+
+def test_the_tolerance_is_swept_along_a_dimension_that_sel_can_name():
+    result = computed(tolerance=[2, 4])
+    factor = result["effective_tracking_factor"]
+    np.testing.assert_allclose(1 - factor.sel(tracking_tolerance=2), 2 * (1 - factor.sel(tracking_tolerance=4)))
+    assert computed()["tracking_tolerance"] == 4
+
+
+def test_a_tilted_mount_leans_as_its_opposite():
+    """Rigid: direction and direction + 180 deg are the same; home offsets break it, to first order in both signs."""
+    result = computed(errors={"axis_tilt": 0.1, "axis_tilt_direction": [20, 200]})
+    factor = result["effective_tracking_factor"]
+    np.testing.assert_allclose(factor.sel(axis_tilt_direction=20), factor.sel(axis_tilt_direction=200), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ({"tolerance": 0}, "tolerance: must be greater than 0 mrad"),
+        ({"tolerance": -1}, "tolerance: must be greater than 0 mrad"),
+        ({"site": {"latitude": 40}}, r"site\.longitude: is missing"),
+        ({"time": time(timezone="Mars/Base")}, r"time\.timezone: unknown time zone"),
+        ({"time": time(timezone=None) | {}}, r"time\.timezone"),
+        ({"time": time(dates=["2021-02-29"])}, "is not a date of the calendar"),
+        ({"time": time(window={"start": "12:00", "stop": "12:00", "step": "1 h"})}, "must be after the start"),
+        ({"time": time(window={"start": "21:00", "stop": "07:00", "step": "1 h"})}, "must be after the start"),
+        ({"time": time(window={"start": "sunrise", "stop": "21:00", "step": "1 h"})}, "from sunrise to sunset"),
+        ({"errors": {"axis_tilt": 91}}, "must be between 0 and 90 deg"),
+        ({"statistics": {"required_factor": 1}}, "must be less than 1"),
+        ({"errors": {"axis_tilt": 1, "axis_tilt_direction": [0, 360]}}, "the same direction twice"),
+        ({"time": time(dates=["2021-06-22", "2021-06-21"])}, r"time\.dates: must rise"),
+        (
+            {"statistics": {"required_factor": 0.5}, "zip": [["errors.axis_tilt", "tolerance"]], "tolerance": [3, 4]},
+            "cannot be solved for",
+        ),
+    ],
+)
+def test_bad_input_is_said(blocks, message):
+    with pytest.raises(StudyError, match=message):
+        study(**blocks)
+
+
+def test_settings_of_the_sun_are_said_and_count():
+    geometric, apparent = (
+        api.build(study(ephemeris={"elevation": elevation, "delta_t": 69})) for elevation in ("geometric", "apparent")
+    )
+    name = "max_tracking_error"
+    assert (abs(geometric[name] - apparent[name]) > 0).compute().any()
+    family = api.family_of(study())
+    settings = {"elevation": "apparent", "pressure": "900 hPa"}
+    text = family.coordinates(study(ephemeris=settings)).attrs["sun_position"]
+    assert "apparent, at 900 hPa and 12 deg C" in text
+    assert "delta_t by year and month" in text

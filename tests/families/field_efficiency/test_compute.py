@@ -1,0 +1,181 @@
+"""The family: sweeps of every kind, sites, layouts, night, and what its means mean."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pvlib import solarposition
+
+from heliosweep import api
+from heliosweep.kernels.field import efficiency as field
+from heliosweep.kernels.field import packets as mounts
+from heliosweep.kernels.sun import clock as sun
+
+CIVIL = {
+    "clock": "civil",
+    "timezone": "+01:00",
+    "dates": ["2021-06-21"],
+    "window": {"start": "00:00", "stop": "24:00", "step": "2 h"},
+    "sampling": "left",
+}
+
+
+def computed(study: Any) -> Any:
+    return api.build(study).compute()
+
+
+def test_one_point_is_the_kernel_s_sum_over_the_instants(small):
+    study = small(site={"latitude": 40}, tracking="azimuth_elevation")
+    result = computed(study)
+    assert result["optical_efficiency"].dims == ("heliostat",)
+    x, y = result["x"].to_numpy(), result["y"].to_numpy()
+    days, hours = np.repeat(study.time.day_numbers(), 11), np.tile(study.time.solar_hours(), 2)
+    vectors = sun.solar_clock(np.radians(40), sun.declination_cooper(days), hours)
+    z, half = np.full(x.size, 5.0), np.ones(x.size)
+    arguments = (x, y, z, 4.5 * half, 4.0 * half, 60.0, mounts.AZIMUTH_ELEVATION, vectors, 0, x.size)
+    sums, count = field.field_sums(*arguments)
+    assert 0 < count < vectors.shape[0]  # the winter sun is down at 7 h
+    names = ("cosine_efficiency", "shading_efficiency", "blocking_efficiency", "optical_efficiency")
+    for name, total in zip(names, sums.T, strict=True):
+        np.testing.assert_array_equal(result[name], total / count)
+        assert float(result[f"field_{name}"]) == pytest.approx(float(np.mean(total / count)), rel=1e-14)
+
+
+def test_product_of_means_and_mean_of_products_are_both_there_and_differ(small):
+    result = computed(small())
+    product = (
+        result["field_cosine_efficiency"] * result["field_shading_efficiency"] * result["field_blocking_efficiency"]
+    )
+    np.testing.assert_array_equal(result["field_efficiency_factored"], product)
+    assert (abs(result["field_optical_efficiency"] - product) > 1e-6).all()
+
+
+def test_every_scalar_can_be_swept_and_a_sweep_is_the_sum_of_its_points(small):
+    swept = small(
+        site={"latitude": [-20, 35]},
+        heliostat={"width": [6, 9], "height": [5, 8], "pivot_height": [4, 5]},
+        receiver={"height": [50, 60]},
+    )
+    whole = computed(swept)
+    assert dict(whole.sizes) == {
+        "latitude": 2, "tracking": 2, "heliostat_width": 2, "heliostat_height": 2, "pivot_height": 2,
+        "receiver_height": 2, "heliostat": whole.sizes["heliostat"],
+    }  # fmt: skip
+    point = {"latitude": 35, "heliostat_width": 6, "heliostat_height": 8, "pivot_height": 4, "receiver_height": 50}
+    single = computed(
+        small(
+            site={"latitude": 35},
+            tracking="spinning_elevation",
+            heliostat={"width": 6, "height": 8, "pivot_height": 4},
+            receiver={"height": 50},
+        )
+    )
+    for name in single.data_vars:
+        np.testing.assert_array_equal(whole[name].sel(tracking="spinning_elevation", **point), single[name])
+
+
+def test_zip_ties_parameters_on_one_dimension(small):
+    result = computed(
+        small(
+            heliostat={"width": [6, 9], "height": [5, 8], "pivot_height": 5},
+            zip=[["heliostat.width", "heliostat.height"]],
+        )
+    )
+    assert result["field_optical_efficiency"].dims == ("latitude", "tracking", "heliostat_width")
+    assert result["heliostat_height"].dims == ("heliostat_width",)
+
+
+def test_layouts_of_different_length_are_padded(small):
+    result = computed(small(layout={"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": [1, 2]}}))
+    count = result["x"].notnull().sum("heliostat")
+    assert count.values.tolist()[0] < count.values.tolist()[1] == result.sizes["heliostat"]
+    assert (result["optical_efficiency"].notnull().sum("heliostat") == count).all()
+    short = computed(small(layout={"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 1}}))
+    for name in short.data_vars:
+        values = result[name].sel(rings=1)
+        values = values.isel(heliostat=slice(0, int(count[0]))) if "heliostat" in values.dims else values
+        np.testing.assert_array_equal(values, short[name])
+
+
+def test_layout_files_can_be_swept_and_keep_their_columns(small, tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,row,name\n0,50,1,first\n20,50,1,second\n")
+    (tmp_path / "b.csv").write_text("x,y,row,name\n0,60,2,third\n")
+    result = computed(small(layout={"file": [str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]}))
+    assert result["optical_efficiency"].dims == ("latitude", "tracking", "layout", "heliostat")
+    assert result["name"].values.tolist() == [["first", "second"], ["third", ""]]
+
+
+def test_mirror_sizes_from_the_layout_weigh_the_field(small, tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z,width,height\n0,60,0,4,3\n0,90,2,12,10\n")
+    study = small(layout={"file": str(tmp_path / "a.csv")}, heliostat={"pivot_height": 6})
+    result = computed(study)
+    weights = np.array([12.0, 120.0])
+    expected = (result["cosine_efficiency"] * weights).sum("heliostat") / weights.sum()
+    np.testing.assert_allclose(result["field_cosine_efficiency"], expected, rtol=1e-14)
+    assert result["heliostat_width"].values.tolist() == [4, 12]
+
+
+def test_one_heliostat_is_never_shaded(small, tmp_path):
+    (tmp_path / "one.csv").write_text("x,y\n3,60\n")
+    result = computed(small(layout={"file": str(tmp_path / "one.csv")}))
+    np.testing.assert_array_equal(result["shading_efficiency"], 1.0)
+    np.testing.assert_array_equal(result["optical_efficiency"], result["cosine_efficiency"])
+
+
+def test_latitudes_without_sun_are_missing_and_said(small):
+    study = small(site={"latitude": [0, 80]}, time={"clock": "solar", "days": [355], "hours": [11, 12, 13]})
+    assert list(study.notes()) == ["the sun never rises at latitude 80 deg: the result is missing (NaN) there"]
+    result = computed(study)
+    assert result["field_optical_efficiency"].sel(latitude=80).isnull().all()
+    assert result["field_optical_efficiency"].sel(latitude=0).notnull().all()
+
+
+def test_southern_hemisphere_is_the_northern_turned_about(small):
+    """Latitude, declination and field mirrored north to south; a field of closed rings is its own mirror image."""
+    time = {"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 1}}
+    rings = {"radial_stagger": {"clearance": 13, "zones": [{"start": 52, "rings": 2, "pitch": 15}]}}
+    north, south = (
+        computed(small(site={"latitude": sign * 35}, layout=rings, time={**time, "declination": sign * 20.0}))
+        for sign in (1, -1)
+    )
+    places = np.round(np.column_stack([north["x"], north["y"]]), 6) + 0.0
+    rows = {tuple(place): row for row, place in enumerate(places.tolist())}
+    mirrored = [rows[x, -y + 0.0] for x, y in places.tolist()]
+    for name in ("shading_efficiency", "blocking_efficiency", "optical_efficiency"):
+        np.testing.assert_allclose(south[name].isel(heliostat=mirrored), north[name], atol=1e-12)
+
+
+def test_civil_clock_follows_pvlib(small):
+    site = {"latitude": 37.4, "longitude": -6.25, "altitude": 20}
+    result = computed(small(site=site, time=CIVIL, output={"time_series": True}))
+    stamps = result["time"].to_index().tz_localize("UTC")
+    expected = solarposition.spa_python(stamps, 37.4, -6.25, altitude=20, delta_t=None)
+    up = expected["elevation"].to_numpy() > 0
+    night = result["instantaneous_cosine_efficiency"].isnull().all(["tracking", "heliostat"])
+    np.testing.assert_array_equal(~night, up)
+    elevation, azimuth = np.radians(expected["elevation"]), np.radians(expected["azimuth"])
+    s = np.column_stack([np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)])
+    to_target = np.column_stack([-result["x"], -result["y"], np.full(result.sizes["heliostat"], 55.0)])
+    r = to_target / np.linalg.norm(to_target, axis=1, keepdims=True)
+    cosine = np.sqrt((1 + s @ r.T) / 2)
+    shown = result["instantaneous_cosine_efficiency"].sel(tracking="spinning_elevation")
+    np.testing.assert_allclose(shown.values[up], cosine[up], atol=1e-12)
+
+
+def test_named_sites_are_a_dimension(small, tmp_path):
+    sites = [
+        {"name": "Sevilla", "latitude": 37.4, "longitude": -6.25, "timezone": "Europe/Madrid"},
+        {"name": "Dunhuang", "latitude": 40.1, "longitude": 94.7, "timezone": "Asia/Shanghai"},
+    ]
+    time = {key: value for key, value in CIVIL.items() if key != "timezone"}
+    result = computed(small(site=None, sites=sites, time=time))
+    assert result["field_optical_efficiency"].dims == ("site", "tracking")
+    assert result["site"].values.tolist() == ["Sevilla", "Dunhuang"]
+    assert result["latitude"].values.tolist() == [37.4, 40.1]
+    (tmp_path / "sites.csv").write_text(
+        "name,latitude,longitude,timezone\nSevilla,37.4,-6.25,Europe/Madrid\nDunhuang,40.1,94.7,Asia/Shanghai\n"
+    )
+    table = computed(small(site=None, sites={"file": str(tmp_path / "sites.csv")}, time=time))
+    np.testing.assert_array_equal(table["field_optical_efficiency"], result["field_optical_efficiency"])

@@ -1,0 +1,302 @@
+"""Pointing error of a dish on tilted axes."""
+
+import csv
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import ellipe
+
+from heliosweep.grid.spa import sun_vectors
+from heliosweep.kernels import warm
+from heliosweep.kernels.dish.tracking import (
+    RIGID,
+    UNTILTED_HOME_AXES,
+    effective_tracking_factor,
+    sweep,
+    window_errors,
+)
+from heliosweep.kernels.dish.windows import LANES, pack, pack_windows
+from heliosweep.kernels.sun.clock import solar_clock
+from heliosweep.kernels.sun.ephemeris import daily_splines, sun_at_sites
+
+DATA = Path(__file__).parents[2] / "data"
+MODELS = {"rigid": RIGID, "untilted_home_axes": UNTILTED_HOME_AXES}
+both = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
+ANYWHERE = st.tuples(st.floats(-np.pi, np.pi), st.floats(0.0, np.pi / 2))
+DIRECTION = st.floats(-np.pi, 2 * np.pi)
+
+
+def pointing_errors(model, sun, *parameters, **offsets):
+    """Error at each instant, one window for each, for parameters as of `window_errors`."""
+    return window_errors(model, pack_windows(sun, np.arange(len(sun) + 1)), *parameters, **offsets).mean
+
+
+def published(name):
+    with (DATA / name).open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def vector(azimuth, elevation):
+    """Sun vector east, north, up; azimuth from south, positive to the west."""
+    return np.stack(
+        (-np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)), axis=-1
+    )
+
+
+def suns(count, seed=0):
+    """Sun vectors spread evenly over the upper hemisphere."""
+    rng = np.random.default_rng(seed)
+    return vector(rng.uniform(-np.pi, np.pi, count), np.arcsin(rng.uniform(0.0, 1.0, count)))
+
+
+def turned(vectors, axis, angle):
+    """Vectors turned about a unit vector, right-handed."""
+    parallel = np.sum(vectors * axis, axis=-1, keepdims=True) * axis
+    angle = np.asarray(angle)[..., np.newaxis]
+    return vectors * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle) + parallel * (1.0 - np.cos(angle))
+
+
+def chain(model, sun, tilt, direction, home_azimuth=0.0, home_elevation=0.0):
+    """The model word by word, vector by vector, in the frame of the paper (x west, y south, z up)."""
+    s = sun * [-1.0, -1.0, 1.0]
+    psi, b = np.arctan2(s[:, 1], -s[:, 0]), np.arctan2(s[:, 2], np.hypot(s[:, 0], s[:, 1]))
+    u = np.array([np.cos(direction), -np.sin(direction), 0.0])
+    azimuth_axis = turned(np.array([0.0, 0.0, -1.0]), u, tilt)
+    elevation_axis = np.array([0.0, 1.0, 0.0])
+    cosine, sine = np.cos(home_azimuth), np.sin(home_azimuth)
+    focal_axis = np.array([-cosine * np.cos(home_elevation), -sine, cosine * np.sin(home_elevation)])
+    if model == RIGID:
+        elevation_axis, focal_axis = turned(elevation_axis, u, tilt), turned(focal_axis, u, tilt)
+    focus = turned(turned(focal_axis, elevation_axis, b), azimuth_axis, psi)
+    return 2.0 * np.arcsin(np.linalg.norm(focus - s, axis=1) / 2.0)
+
+
+@pytest.mark.parametrize("row", published("dish_tracking_oracle.csv"))
+def test_single_errors_of_an_independent_implementation(row):
+    sun = vector(*np.radians([float(row["sun_azimuth_from_south_positive_west_deg"]), float(row["sun_elevation_deg"])]))
+    tilt, direction = np.radians([float(row["axis_tilt_deg"]), float(row["axis_tilt_direction_deg"])])
+    for name, model in MODELS.items():
+        error = 1e3 * pointing_errors(model, sun[np.newaxis], tilt, direction)
+        assert abs(error[0] - float(row[f"{name}_error_mrad"])) < 1e-9
+
+
+@pytest.mark.parametrize("row", published("dish_tracking_daily_oracle.csv"))
+def test_daily_factors_of_an_independent_implementation(row):
+    minutes = np.arange(24 * 60) + 0.5
+    midnight = np.datetime64(f"2021-{row['month_day_2021']}", "ns") - np.timedelta64(8, "h")
+    sun = sun_vectors(midnight + (minutes * 60e9).astype("timedelta64[ns]"), 40.13, 94.67, 0.0, 69.0)
+    direction = np.radians(float(row["axis_tilt_direction_deg"]))
+    masks = {"daylight": sun[:, 2] > 0.0, "window_7_21": (minutes > 7 * 60) & (minutes < 21 * 60)}
+    for label, mask in masks.items():
+        windows = pack_windows(sun, [0, len(sun)], mask)
+        for name, model in MODELS.items():
+            mean = window_errors(model, windows, np.radians(0.1), direction).mean
+            assert abs(effective_tracking_factor(mean[0], 4e-3) - float(row[f"{label}_{name}"])) < 1e-8
+
+
+@both
+def test_closed_form_equals_the_chain(model):
+    sun = suns(5000)
+    for tilt in np.radians([1e-6, 1e-3, 0.1, 1.0, 5.0]):
+        for direction in np.radians([0.0, 37.0, 90.0, 200.0, 345.0]):
+            closed = pointing_errors(model, sun, tilt, direction)
+            np.testing.assert_allclose(closed, chain(model, sun, tilt, direction), rtol=0, atol=1e-15)
+            compiled_chain = pointing_errors(model, sun, tilt, direction, home_azimuth=1e-200)
+            np.testing.assert_allclose(closed, compiled_chain, rtol=0, atol=1e-15)
+
+
+@both
+def test_large_tilts_take_the_whole_arcsine(model):
+    sun = suns(2000)
+    for tilt in np.radians([6.8, 6.9, 13.7, 13.8, 45.0, 90.0]):
+        closed = pointing_errors(model, sun, tilt, 0.3)
+        # the angle of two unit vectors nearly opposite to each other is not known better
+        tolerance = 1e-15 if tilt < 0.3 else 3e-8
+        np.testing.assert_allclose(closed, chain(model, sun, tilt, 0.3), rtol=0, atol=tolerance)
+
+
+@both
+def test_home_offsets_are_those_of_the_chain(model):
+    sun = suns(2000)
+    for offsets in np.radians([(0.5, 0.0), (0.0, -0.5), (-0.2, 0.3), (20.0, 40.0)]):
+        error = pointing_errors(model, sun, np.radians(0.1), 1.0, *offsets)
+        expected = chain(model, sun, np.radians(0.1), 1.0, *offsets)
+        np.testing.assert_allclose(error, expected, rtol=0, atol=2e-15)
+
+
+@both
+def test_no_tilt_no_error(model):
+    errors = window_errors(model, pack_windows(suns(100), [0, 100]), 0.0, [0.0, 1.0])
+    assert np.all(errors.mean == 0.0)
+    assert np.all(errors.largest == 0.0)
+    assert np.all(effective_tracking_factor(errors.mean, 4e-3) == 1.0)
+
+
+@given(ANYWHERE, DIRECTION, st.floats(0.0, 1.5))
+def test_rigid_error_is_at_most_the_tilt_and_the_same_for_the_opposite_direction(place, direction, tilt):
+    sun = vector(*place)[np.newaxis]
+    error = pointing_errors(RIGID, sun, tilt, direction)[0]
+    assert error <= tilt * (1.0 + 1e-15)
+    assert abs(pointing_errors(RIGID, sun, tilt, direction + np.pi)[0] - error) < 1e-15
+
+
+def test_rigid_sun_in_the_zenith_and_along_the_axis_of_the_lean():
+    directions = np.linspace(0.0, 2 * np.pi, 25)
+    np.testing.assert_allclose(pointing_errors(RIGID, [[0.0, 0.0, 1.0]], 0.01, directions), 0.01, rtol=1e-15)
+    for direction in directions:  # u = (cos, -sin, 0) in west, south, up
+        along = [[-np.cos(direction), np.sin(direction), 0.0]]
+        assert pointing_errors(RIGID, along, 0.01, direction)[0] < 1e-17
+
+
+def test_rigid_window_symmetric_about_noon_does_not_tell_east_from_west():
+    sun = solar_clock(0.7, 0.2, np.arange(8.0, 16.01, 0.5))
+    directions = np.radians(np.arange(0.0, 181.0, 15.0))
+    windows = pack_windows(sun, [0, len(sun)])
+    east, west = (window_errors(RIGID, windows, 0.002, sign * directions).mean for sign in (-1.0, 1.0))
+    np.testing.assert_allclose(east, west, rtol=0, atol=1e-17)
+
+
+@given(ANYWHERE)
+def test_rigid_root_mean_square_and_mean_over_directions(place):
+    tilt, directions = 1e-5, np.linspace(0.0, 2 * np.pi, 4096, endpoint=False)
+    error = pointing_errors(RIGID, vector(*place)[np.newaxis], tilt, directions)
+    elevation = place[1]
+    rms = tilt * np.sqrt((1.0 + np.sin(elevation) ** 2) / 2.0)
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(rms, rel=1e-9)
+    assert np.mean(error) == pytest.approx(tilt * 2 / np.pi * ellipe(np.cos(elevation) ** 2), rel=1e-6)
+
+
+@given(ANYWHERE)
+def test_untilted_mean_over_directions(place):
+    tilt, directions = 1e-5, np.linspace(0.0, 2 * np.pi, 4096, endpoint=False)
+    azimuth, elevation = place
+    error = pointing_errors(UNTILTED_HOME_AXES, vector(*place)[np.newaxis], tilt, directions)
+    largest = 2.0 * tilt * abs(np.sin((np.pi / 2 + azimuth) / 2.0))
+    mean = largest * 2 / np.pi * ellipe(np.cos(elevation) ** 2)
+    assert np.mean(error) == pytest.approx(mean, rel=1e-4, abs=1e-15)
+    assert np.all(error <= largest * (1.0 + 1e-4) + 1e-15)
+
+
+@given(DIRECTION, st.floats(0.0, np.pi / 2), st.floats(0.0, 0.01))
+def test_untilted_is_exact_where_the_home_position_points(direction, elevation, tilt):
+    east = vector(-np.pi / 2, elevation)[np.newaxis]
+    assert pointing_errors(UNTILTED_HOME_AXES, east, tilt, direction)[0] < 4e-16 * max(tilt, 1e-3)
+
+
+@both
+def test_home_offsets_against_the_opposite_direction(model):
+    """Factor (direction, gamma) = factor (direction + 180 deg, -gamma) to first order in tilt and offset."""
+    windows = pack_windows(suns(500), [0, 500])
+    for offsets in ((1e-6, 0.0), (0.0, 1e-6), (2e-6, -1e-6)):
+        one = window_errors(model, windows, 1e-6, 0.4, *offsets).mean
+        other = window_errors(model, windows, 1e-6, 0.4 + np.pi, *(-g for g in offsets)).mean
+        np.testing.assert_allclose(one, other, rtol=1e-5)
+
+
+def plain(model, sun, starts, weights, tilt, direction, offsets, tolerance):
+    """Means, maxima and clipped means of the chain, window by window."""
+    error = chain(model, sun, tilt, direction, *offsets)
+    out = []
+    for first, last in itertools.pairwise(starts):
+        e, w = error[first:last], weights[first:last]
+        if not w.any():
+            out.append((np.nan,) * 3)
+            continue
+        out.append((np.average(e, weights=w), e[w > 0].max(), np.average(np.minimum(e, tolerance), weights=w)))
+    return np.transpose(out)
+
+
+@both
+@pytest.mark.parametrize("count", [1, 3, 4, 8, 9, LANES, LANES + 1, 150])
+def test_windows_of_any_length_and_weight(model, count):
+    rng = np.random.default_rng(count)
+    starts = np.concatenate(([3], 3 + np.cumsum(rng.integers(0, 13, count))))
+    sun = suns(starts[-1] + 5, count)
+    weights = rng.integers(0, 3, len(sun)) * rng.uniform(0.5, 2.0, len(sun))
+    sun[weights == 0.0] = np.nan  # left out, whatever it is
+    windows = pack_windows(sun, starts, weights)
+    tilt, direction = np.array([[0.001], [0.004]]), np.array([0.3, 2.0, 5.0])
+    for offsets in ((0.0, 0.0), (0.002, -0.001)):
+        errors = window_errors(model, windows, tilt, direction, *offsets, tolerance=0.003)
+        assert errors.mean.shape == (2, 3, count)
+        for i, j in np.ndindex(2, 3):
+            expected = plain(model, np.nan_to_num(sun), starts, weights, tilt[i, 0], direction[j], offsets, 0.003)
+            got = [errors.mean[i, j], errors.largest[i, j], errors.clipped[i, j]]
+            np.testing.assert_allclose(got, expected, rtol=0, atol=1e-15)
+
+
+@both
+def test_bits_do_not_depend_on_what_is_computed_together(model):
+    starts = np.arange(0, 2001, 20)
+    sun = suns(2000)
+    tilt, direction, offset, tolerance = np.meshgrid(
+        [0.001, 0.02, 0.3], [0.1, 3.0], [0.0, 0.002], [0.001, 0.01, np.inf], indexing="ij"
+    )
+    together = window_errors(model, pack_windows(sun, starts), tilt, direction, offset, 0.0, tolerance)
+    for first, last in ((0, 1), (5, 8), (9, 15), (5, 30), (70, 100)):
+        some = pack_windows(sun, starts[first : last + 1])
+        for index in np.ndindex(tilt.shape):
+            alone = window_errors(model, some, tilt[index], direction[index], offset[index], 0.0, tolerance[index])
+            for one, all_of_them in zip(alone, together, strict=True):
+                np.testing.assert_array_equal(one, all_of_them[index][first:last])
+
+
+@both
+def test_clipping(model):
+    windows = pack_windows(suns(300), [0, 100, 300])
+    errors = window_errors(model, windows, 0.003, 0.2, tolerance=[1e-9, 1e-3, 1.0, np.inf])
+    assert np.all(np.diff(errors.clipped, axis=0) >= 0.0)
+    np.testing.assert_allclose(errors.clipped[0], 1e-9, rtol=1e-4)
+    np.testing.assert_array_equal(errors.clipped[2:], errors.mean[2:])
+
+
+def test_no_windows_and_windows_without_weight():
+    assert window_errors(RIGID, pack_windows(suns(3), [0]), [0.1, 0.2], 0.0).mean.shape == (2, 0)
+    errors = window_errors(RIGID, pack_windows(suns(4), [0, 2, 2, 4], [1.0, 1.0, 0.0, 0.0]), 0.1, 0.0, tolerance=0.01)
+    for values in errors:
+        np.testing.assert_array_equal(np.isnan(values), [False, True, True])
+
+
+@both
+def test_an_unknown_sun_that_counts_makes_its_window_unknown(model):
+    sun = suns(40)
+    sun[5] = np.nan
+    for offset in (0.0, 0.01):
+        errors = window_errors(model, pack_windows(sun, [0, 20, 40]), [0.01, 1.0], 0.0, offset, tolerance=0.001)
+        for values in errors:
+            np.testing.assert_array_equal(np.isnan(values), [[True, False]] * 2)
+
+
+def test_warm_makes_the_one_signature_ready():
+    warm.warm_dish()
+    sun_vectors(np.array(["2021-06-21"], "datetime64[ns]"), 40.0, 10.0)
+    windows = pack_windows(np.asfortranarray(suns(10)), np.array([0, 3, 10], np.int32), np.ones(10, bool))
+    window_errors(UNTILTED_HOME_AXES, windows, [0.01, 1.0], 0, 1e-3, tolerance=1e-3)
+    for dispatcher in (sweep, pack, sun_at_sites, daily_splines):
+        assert len(dispatcher.signatures) == 1
+    seconds, fresh = warm.warm_dish()
+    assert seconds < 0.1
+    assert not fresh
+
+
+def test_arguments_are_checked():
+    sun = suns(10)
+    windows = pack_windows(sun, [0, 10])
+    for bad in ((sun[:, :2], [0, 10]), (sun, [0, 11]), (sun, [4, 2]), (sun, []), (sun, [-1, 3])):
+        with pytest.raises(ValueError, match=r"sun vectors|windows"):
+            pack_windows(*bad)
+    for weights in (np.ones(9), -np.ones(10), np.full(10, np.nan), np.full(10, np.inf)):
+        with pytest.raises(ValueError, match="weights"):
+            pack_windows(sun, [0, 10], weights)
+    with pytest.raises(ValueError, match="model"):
+        window_errors(2, windows, 0.1, 0.0)
+    for tilt in (-0.1, 2.0, np.nan):
+        with pytest.raises(ValueError, match="tilt"):
+            window_errors(RIGID, windows, tilt, 0.0)
+    for tolerance in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="tolerance"):
+            window_errors(RIGID, windows, 0.1, 0.0, tolerance=tolerance)

@@ -1,0 +1,63 @@
+"""The specification of the field kernels in a few obvious lines: every pair, shapely, no culling."""
+
+import numpy as np
+import shapely
+from shapely.geometry import Polygon
+
+from heliosweep.kernels.field.packets import SPINNING_ELEVATION
+
+SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
+
+
+def unit(vector):
+    return vector / np.linalg.norm(vector)
+
+
+def frame(r, s, tracking):
+    """Frame (u, v, n) of a mirror that sends the sun s to the target r."""
+    n = unit(r + s)
+    if tracking == SPINNING_ELEVATION:
+        u = np.cross(r, s)
+        if np.linalg.norm(u) < 1e-15:
+            u = np.array([-r[1], r[0], 0.0])
+    else:
+        u = np.array([-n[1], n[0], 0.0])
+    u = unit(u) if np.linalg.norm(u) > 1e-15 else np.array([1.0, 0.0, 0.0])
+    return u, np.cross(n, u), n
+
+
+def image(i, j, d, centres, frames, sides):
+    """Part of mirror j in front of the plane of mirror i, projected along d on the square of mirror i."""
+    u, v, n = frames[i]
+    uj, vj, _ = frames[j]
+    offset = centres[j] - centres[i]
+    corners = [offset + a * sides[j, 0] * uj + b * sides[j, 1] * vj for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    front = []
+    for p, q in zip(corners, corners[1:] + corners[:1], strict=True):
+        if p @ n >= 0.0:
+            front.append(p)
+        if (p @ n > 0.0) != (q @ n > 0.0):
+            front.append(p + (q - p) * (p @ n) / (p @ n - q @ n))
+    if len(front) < 3:
+        return Polygon()
+    big_u, big_v = u - d @ u / (d @ n) * n, v - d @ v / (d @ n) * n
+    return Polygon([(p @ big_u / sides[i, 0], p @ big_v / sides[i, 1]) for p in front])
+
+
+def lost(images):
+    """Fraction of the square that a union of images covers."""
+    images = [p for p in images if p.area > 0.0]
+    return shapely.union_all(images).intersection(SQUARE).area / SQUARE.area if images else 0.0
+
+
+def instant(i, mirrors, tracking, s):
+    """Cosine, shading, blocking and optical efficiency of heliostat i at one instant, by trying every pair."""
+    centres = np.stack((mirrors.x, mirrors.y, mirrors.z), axis=1)
+    sides = np.stack((mirrors.half_width, mirrors.half_height), axis=1)
+    frames = [frame(r, s, tracking) for r in mirrors.aim]
+    r = mirrors.aim[i]
+    others = [j for j in range(len(centres)) if j != i]
+    shade = [image(i, j, s, centres, frames, sides) for j in others]
+    block = [image(i, j, r, centres, frames, sides) for j in others if (centres[j] - centres[i]) @ r < mirrors.throw[i]]
+    cosine = np.sqrt((1.0 + r @ s) / 2.0)
+    return np.array([cosine, 1.0 - lost(shade), 1.0 - lost(block), cosine * (1.0 - lost(shade + block))])

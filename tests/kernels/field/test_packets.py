@@ -1,0 +1,72 @@
+"""Packets of similar sun directions."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels.field.packets import packet_order
+from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.vectors import PACKET
+from tests.kernels.field.fields import suns
+
+
+def over_days(days, hours):
+    """Sun vectors at a latitude of 0.5 rad, day after day, with the sun up."""
+    day, hour = np.meshgrid(days, hours, indexing="ij")
+    sun = solar_clock(0.5, declination_cooper(day.ravel()), hour.ravel())
+    return sun[sun[:, 2] > 0.0]
+
+
+@pytest.mark.parametrize("low", [0.0, 3.0])
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 63, 64, 65, 128, 1000, 4097])
+def test_a_permutation_cut_into_packets(count, low):
+    order, first = packet_order(suns(np.random.default_rng(0), count, low))
+    np.testing.assert_array_equal(np.sort(order), np.arange(count))
+    assert (first[0], first[-1]) == (0, count)
+    lanes = np.diff(first)
+    assert np.all((lanes > 0) & (lanes <= PACKET))
+    assert all(np.all(np.diff(order[a:b]) > 0) for a, b in itertools.pairwise(first))
+
+
+def test_packets_are_compact():
+    sun = over_days(np.arange(1, 366), np.linspace(8.0, 16.0, 41))
+    order, first = packet_order(sun)
+    np.testing.assert_array_equal(np.diff(first), [PACKET] * (len(sun) // PACKET) + [len(sun) % PACKET])
+    angles = []
+    for a, b in itertools.pairwise(first):
+        packet = sun[order[a:b]]
+        axis = packet.sum(axis=0) / np.linalg.norm(packet.sum(axis=0))
+        angles.append(np.degrees(np.arccos(np.min(packet @ axis))))
+    assert np.mean(angles) < 6.0
+
+
+@pytest.mark.parametrize(
+    "sun",
+    [
+        over_days(np.arange(1, 366, 40), np.arange(8.0, 17.0)),
+        over_days(np.arange(15, 366, 30), np.arange(4.0, 21.0)),
+        over_days(np.arange(172, 180), np.arange(5.0, 19.0, 0.1))[:512],
+        over_days([80], [6.01, 6.02, 7.0, 12.0, 17.0]),
+    ],
+)
+def test_few_instants_make_small_packets(sun):
+    """The candidates of a heliostat grow with the spread of a packet over the sine of the elevation."""
+    order, first = packet_order(sun)
+    for a, b in itertools.pairwise(first):
+        packet = sun[order[a:b]]
+        assert b - a == 1 or (b - a) * np.ptp(packet, axis=0).max() <= 60.0 * packet[:, 2].min()
+    assert len(first) - 1 < len(sun)
+
+
+def test_what_is_below_the_horizon_or_no_number_is_cut_too():
+    sun = suns(np.random.default_rng(0), 200, -90.0, 90.0)
+    sun[::50] = np.nan
+    order, first = packet_order(sun)
+    np.testing.assert_array_equal(np.sort(order), np.arange(200))
+    assert first[-1] == 200
+
+
+def test_equal_directions_are_ordered_by_index():
+    sun = np.repeat(suns(np.random.default_rng(0), 1), 1000, axis=0)
+    np.testing.assert_array_equal(packet_order(sun)[0], np.arange(1000))

@@ -1,0 +1,103 @@
+"""Unions of images against shapely: thousands of random sets, and sets made of ties."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from heliosweep.kernels.field.polygons import CORNERS, area, cut, gaps, square_area
+from heliosweep.kernels.vectors import PACKET
+from tests.kernels.field.parallelograms import corners, shapely_areas, union_areas
+
+
+def random_shapes(rng, count):
+    centre = rng.uniform(-1.6, 1.6, (count, PACKET, 2))
+    edges = rng.normal(0.0, 0.7, (count, PACKET, 4))
+    return np.concatenate((centre, edges), axis=2)
+
+
+def tied_shapes(rng, count):
+    """Rectangles on a coarse lattice, turned together, then disturbed by next to nothing."""
+    low = rng.integers(-4, 4, (count, PACKET, 2))
+    size = rng.integers(1, 5, (count, PACKET, 2))
+    turn = rng.choice([0.0, 0.0, 0.3, np.pi / 4], (1, PACKET))
+    e, f = np.stack((np.cos(turn), np.sin(turn)), -1), np.stack((-np.sin(turn), np.cos(turn)), -1)
+    centre = (low + size / 2) / 2
+    shapes = np.concatenate(
+        (centre[..., :1] * e + centre[..., 1:] * f, size[..., :1] / 4 * e, size[..., 1:] / 4 * f), axis=2
+    )
+    return shapes + rng.choice([-1, 0, 1], shapes.shape) * 10.0 ** rng.uniform(-17, -12, shapes.shape)
+
+
+@pytest.mark.parametrize("make", [random_shapes, tied_shapes])
+@pytest.mark.parametrize(
+    ("shading", "count"), [(0, 1), (1, 1), (2, 2), (1, 2), (2, 3), (3, 3), (2, 5), (5, 8), (30, 40)]
+)
+def test_unions_against_shapely(make, shading, count):
+    rng = np.random.default_rng(count)
+    for _ in range(6 if count < 10 else 1):
+        shapes = make(rng, count)
+        np.testing.assert_allclose(union_areas(shapes, shading), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
+
+
+def subtracted(shapes, middle, size=2048):
+    """What `gaps` says of parallelograms, shape (m, 6), with scratch for so many numbers."""
+    polygons = np.zeros((len(shapes), CORNERS, 2))
+    polygons[:, :4] = corners(np.asarray(shapes))
+    scratch = np.empty(size), np.empty(size // 8, np.int64)
+    return gaps(polygons.ravel(), np.full(len(shapes), 4), 0, len(shapes), middle, *scratch)
+
+
+def stripes(count):
+    """Thin stripes in two directions, first one then the other."""
+    places, width = (np.arange(count) + 0.5) / count * 2.0 - 1.0, 0.3 / count
+    return [(p, 0.0, width, 0.0, 0.0, 2.0) for p in places] + [(0.0, p, 2.0, 0.0, 0.0, width) for p in places]
+
+
+def test_many_images_that_need_room():
+    """Stripes leave thousands of pieces open; too little room is said, and with enough of it nothing is lost."""
+    shapes, size = stripes(40), 64
+    while not subtracted(shapes, 40, size)[2]:
+        size *= 2
+    assert size > 64
+    before, after, _ = subtracted(shapes, 40, size)
+    np.testing.assert_allclose([before, after], [4.0 * 0.7, 4.0 * 0.49], atol=1e-12)
+
+
+def test_unions_find_the_room_they_need():
+    count = 200  # more pieces than the room that unions begin with
+    shapes = np.repeat(np.array(stripes(count))[:, np.newaxis], PACKET, axis=1)
+    assert not subtracted(shapes[:, 0], count)[2]
+    shaded, blocked, both = union_areas(shapes, count)
+    np.testing.assert_allclose([shaded[3], blocked[3], both[3]], [4.0 * 0.3, 4.0 * 0.3, 4.0 * 0.51], atol=1e-11)
+
+
+def test_a_covered_square_ends_the_search():
+    assert subtracted([(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)] * 3, 1) == (0.0, 0.0, True)
+
+
+@pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-300, 1e-17, 1e-16, 1e-13])
+def test_nearly_level_edges_lose_nothing(tiny):
+    for shape, expected in (
+        ((0.0, 0.0, 0.5, tiny, tiny, 0.5), 1.0),
+        ((1.0, 1.0, 1.0, tiny, tiny, 1.0), 1.0),
+        ((0.0, 0.0, 1.0, tiny, -tiny, 1.0), 4.0),
+        ((0.0, 0.0, tiny, 3.0, 2.0, tiny), 4.0),
+    ):
+        assert abs(square_area(corners(np.array(shape)).ravel(), 0, 4) - expected) < 1e-12
+        shapes = np.tile(np.array(shape), (2, PACKET, 1))
+        assert abs(union_areas(shapes, 1) - expected).max() < 1e-12
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), st.floats(0.0, 6.3))
+def test_cut_parts_add_up(shape, angle):
+    polygon = corners(np.array(shape))
+    room = np.empty(40)
+    room[:8] = polygon.ravel()
+    if area(room, 0, 4) < 0.0:
+        room[:8] = polygon[::-1].ravel()
+    left, right = cut(room, 0, 4, 0.1, 0.2, np.cos(angle), np.sin(angle), 8, 24)
+    assert abs(area(room, 8, left) + area(room, 24, right) - area(room, 0, 4)) < 1e-13
+    assert area(room, 8, left) > -1e-14
+    assert area(room, 24, right) > -1e-14

@@ -1,0 +1,377 @@
+"""Pinhole cameras: rays, edges and levels; their images put back on the mirror; the profile of a sun's disc."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from heliosweep.kernels.gazing.camera_images import camera_set, heliostat, levels
+from heliosweep.kernels.gazing.geometry import EXACT, transfers
+from heliosweep.kernels.gazing.linear import method_a
+from heliosweep.kernels.gazing.lm import fit_slopes
+from heliosweep.kernels.gazing.mirror import Modules, mirror_grid, themis_8
+from heliosweep.kernels.gazing.rectification import (
+    AT_EDGE,
+    AT_LIMB,
+    NOT_A_NUMBER,
+    OUT_OF_FRAME,
+    SATURATED,
+    Pinholes,
+    homography,
+    moved,
+    outline,
+    pinholes,
+    places_of,
+    rectify,
+)
+from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
+from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
+from heliosweep.kernels.sun.tables import disc_profile
+from tests.kernels.gazing import twin
+
+SHAPE, FOCAL = (120, 124), 1600.0
+FLAT = np.zeros((8, 2))
+#: Bright wherever a mirror reflects the sky.
+BRIGHT = jose(limb=0.9999999, radius=1.0)
+
+
+def at_one_pixel(layout, cameras, places, centres):
+    """What each camera sees at single points of its image, as pixel (0, 0) of an image of one pixel."""
+    moved_cameras = Pinholes(cameras.eyes, cameras.axes, cameras.focal, cameras.centre - places)
+    return camera_set(layout, moved_cameras, (1, 1), jose(), centres, 1)[:, 0, 0]
+
+
+def projected(cameras, camera, points):
+    """(u, v) of points in the mirror frame, by NumPy."""
+    right, down, forward = (points - cameras.eyes[camera]) @ cameras.axes[camera].T
+    return cameras.centre[camera] + cameras.focal[camera] * np.array([right, down]) / forward
+
+
+@given(
+    *[st.floats(-3e-3, 3e-3)] * 4,
+    st.floats(60.0, 300.0),
+    st.integers(0, 7),
+    st.floats(-0.49, 0.49),
+    st.floats(-0.49, 0.49),
+)
+def test_rays_meet_the_turned_spheres(c_y, c_z, p_y, p_z, focal_length, row, s, t):
+    layout, modules = twin.paper_scene(), themis_8()
+    canting = np.tile([c_y, c_z], (8, 1)) * np.linspace(-1.0, 1.0, 8)[:, np.newaxis]
+    mirror = heliostat(modules, focal_length, canting, (p_y, p_z))
+    cameras = pinholes(layout, SHAPE, FOCAL, roll=0.3)
+    y, z = modules.centre[row] + modules.size[row] * (s, t)
+    points, normals = twin.surface(
+        np.array([y]), np.array([z]), modules.centre[row], focal_length, canting[row], (p_y, p_z)
+    )
+    expected = twin.images(layout, points, normals)[:, 0]
+    places = np.array([projected(cameras, i, points[0]) for i in range(4)])
+    np.testing.assert_allclose(at_one_pixel(layout, cameras, places, mirror), expected, atol=2e-5)
+
+
+def test_pictures_are_upright():
+    cameras = pinholes(twin.paper_scene(), SHAPE, FOCAL)
+    y, z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    for (u, right, up), (v, beside, above) in places_of(cameras, 120.0, y, z):
+        assert u == pytest.approx(0.5 * (SHAPE[1] - 1), abs=1e-9)
+        assert v == pytest.approx(0.5 * (SHAPE[0] - 1), abs=1e-9)
+        assert right - u > 10.0 > abs(beside - v)
+        assert above - v < -10.0
+        assert abs(up - u) < 5.0
+
+
+def test_a_rolled_camera_turns_the_picture_the_other_way():
+    still, rolled = (
+        places_of(pinholes(twin.paper_scene(), SHAPE, FOCAL, roll=r), 120.0, [1.0], [0.0]) for r in (0, 0.1)
+    )
+    middle = 0.5 * (np.array(SHAPE[::-1]) - 1.0)
+    before, after = (still[0, :, 0] - middle, rolled[0, :, 0] - middle)
+    c, s = math.cos(0.1), math.sin(0.1)
+    np.testing.assert_allclose(after, [c * before[0] + s * before[1], c * before[1] - s * before[0]], rtol=1e-12)
+    assert after[1] < before[1]  # what was on the right goes up: counterclockwise
+
+
+def test_cameras_that_are_none():
+    layout = twin.paper_scene()
+    for focal in (0.0, -5.0, math.inf, math.nan):
+        with pytest.raises(ValueError, match="focal lengths"):
+            pinholes(layout, SHAPE, focal)
+    up = twin.paper_scene(target=(0.0, 90.0), sun=(30.0, 60.0), tilt=math.radians(90.0))
+    level = up._replace(eyes=up.mirror_axes[:, 2] * np.array([[9.0]] * 4))
+    with pytest.raises(ValueError, match="straight up"):
+        pinholes(level, SHAPE, FOCAL)
+    with pytest.raises(ValueError, match="pixels"):
+        camera_set(layout, pinholes(layout, SHAPE, FOCAL), SHAPE, jose(), heliostat(themis_8(), 120.0, FLAT), 0)
+
+
+def area(corners):
+    """Of polygons with corners (..., n, 2)."""
+    x, y = corners[..., 0], corners[..., 1]
+    return 0.5 * np.abs(np.sum(x * np.roll(y, -1, -1) - y * np.roll(x, -1, -1), axis=-1))
+
+
+def test_edges_and_gaps_cover_what_geometry_says():
+    layout, modules = twin.paper_scene(), themis_8()
+    cameras = pinholes(layout, SHAPE, FOCAL)
+    seen = camera_set(layout, cameras, SHAPE, BRIGHT, heliostat(modules, 120.0, FLAT), 5)
+    signs = 0.5 * np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+    corners = modules.centre[:, np.newaxis] + modules.size[:, np.newaxis] * signs
+    places = places_of(cameras, 120.0, corners[..., 0].ravel(), corners[..., 1].ravel())
+    expected = area(np.moveaxis(places.reshape(4, 2, 8, 4), 1, -1)).sum(axis=1)
+    np.testing.assert_allclose(seen.sum(axis=(1, 2)), expected, rtol=4e-4)
+    # A gap of 5 cm is less than a pixel of 7.5 cm: pixels on it are darker, none is dark.
+    column = seen[0, :, np.argmin(seen[0, 40:80].mean(axis=0)[50:70]) + 50]
+    assert 0.2 < column[40:80].min() < 0.7
+
+
+def test_pixels_average_over_their_points():
+    layout, modules = twin.paper_scene(), themis_8()
+    cameras = pinholes(layout, SHAPE, FOCAL)
+    mirror = heliostat(modules, 120.0, twin.paper_canting())
+    fine = Pinholes(cameras.eyes, cameras.axes, 3.0 * cameras.focal, 3.0 * cameras.centre + 1.0)
+    one = camera_set(layout, fine, (3 * SHAPE[0], 3 * SHAPE[1]), jose(), mirror, 1)
+    three = camera_set(layout, cameras, SHAPE, jose(), mirror, 3)
+    np.testing.assert_allclose(three, one.reshape(4, SHAPE[0], 3, SHAPE[1], 3).mean(axis=(2, 4)), atol=1e-9)
+
+
+def test_nearer_modules_hide_farther_ones():
+    """Two modules one behind the other, the front one turned so that it is dark: its brightness counts."""
+    layout = twin.paper_scene()
+    modules = Modules(np.array([[0.0, 0.0], [0.0, 0.0]]), np.array([[2.0, 2.0], [1.0, 1.0]]))
+    mirror = heliostat(modules, 120.0, np.array([[0.0, 0.0], [0.2, 0.0]]))
+    front = mirror._replace(
+        spheres=mirror.spheres + np.array([[0.0] * 4, [2.0, 0.0, 0.0, 0.0]]),
+        pivots=mirror.pivots + np.array([[[0.0] * 3] * 2, [[2.0, 0.0, 0.0]] * 2]),
+    )
+    cameras = pinholes(layout, (41, 41), 1500.0)
+    seen = camera_set(layout, cameras, (41, 41), jose(), front, 1)[0]
+    alone = camera_set(
+        layout, cameras, (41, 41), jose(), heliostat(Modules(*(a[:1] for a in modules)), 120.0, FLAT[:1]), 1
+    )
+    hidden = (seen == 0.0) & (alone[0] > 0.5)
+    assert 60 < hidden.sum() < 200
+
+
+def test_levels():
+    images = np.tile(np.linspace(0.0, 1.2, 5000), (3, 2, 1))
+    clean = levels(images, 3000.0, black=50.0, bits=12)
+    assert clean.min() == 50.0
+    assert clean.max() == 3650.0
+    np.testing.assert_array_equal(clean, np.rint(clean))
+    np.testing.assert_allclose(clean, 50.0 + 3000.0 * images, atol=0.5)
+    assert levels(images, 4000.0, black=50.0, bits=12).max() == 4095.0
+    gained = levels(images, 3000.0, gain_error=[0.0, 0.01, -0.02])
+    np.testing.assert_allclose(gained / 3000.0, images * np.array([1.0, 1.01, 0.98])[:, np.newaxis, np.newaxis])
+    noise = levels(images, 3000.0, noise=0.004, seed=3) / 3000.0 - images
+    np.testing.assert_allclose(noise.std(axis=(1, 2)), 0.004, rtol=0.03)
+    assert abs(np.corrcoef(noise[0].ravel(), noise[1].ravel())[0, 1]) < 0.04
+    np.testing.assert_array_equal(noise[:2], levels(images[:2], 3000.0, noise=0.004, seed=3) / 3000.0 - images[:2])
+    assert np.any(levels(images, 3000.0, noise=0.004, seed=4) != levels(images, 3000.0, noise=0.004, seed=3))
+
+
+@pytest.fixture(scope="module")
+def shot():
+    """Scene, modules, grid, cameras, images and what the mirror's grid would show."""
+    layout, modules = twin.paper_scene(), themis_8()
+    grid, canting, pointing = mirror_grid(modules, 0.05), twin.paper_canting(), (0.2e-3, -0.1e-3)
+    cameras = pinholes(layout, SHAPE, FOCAL)
+    seen = camera_set(layout, cameras, SHAPE, jose(), heliostat(modules, 120.0, canting, pointing), 3)
+    images, slopes = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting, pointing))
+    return layout, modules, grid, cameras, seen, images, slopes
+
+
+def found_slopes(layout, grid, images):
+    start, _ = method_a(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
+    return fit_slopes(layout, jose(), images, grid.pixel_y, grid.pixel_z, start[0]).slopes
+
+
+def test_rectified_images_are_those_of_the_grid(shot):
+    layout, modules, grid, cameras, seen, images, slopes = shot
+    values, flags, noise = rectify(seen, cameras, 120.0, modules, grid)
+    good = flags == 0
+    assert good.mean() > 0.7
+    assert np.abs(values - images)[good].max() < 4e-5
+    assert np.sqrt(np.mean((values - images)[good] ** 2)) < 5e-6
+    assert np.all(np.isnan(values[~good]))
+    assert np.all((noise[good] > 0.4) & (noise[good] <= 1.0 + 1e-12))
+    error = found_slopes(layout, grid, values) - slopes
+    assert np.nanmax(np.abs(error)) < 5e-6  # 0.005 mrad
+    assert np.sqrt(np.nanmean(error**2)) < 1.2e-6
+
+
+def test_noise_of_rectified_images(shot):
+    _, modules, grid, cameras, seen, _, _ = shot
+    rough = np.random.default_rng(7).standard_normal((40, *seen.shape[1:]))
+    sets = [rectify(np.tile(one, (4, 1, 1)), cameras, 120.0, modules, grid) for one in rough]
+    values, (_, flags, noise) = np.array([one[0] for one in sets]), sets[0]
+    good = flags == 0
+    ratio = values.std(axis=0)[good] / noise[good]
+    assert abs(np.sqrt(np.mean(ratio**2)) - 1.0) < 0.02
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
+def test_the_cubic_of_keys_is_exact_for_parabolas(c):
+    layout, modules = twin.paper_scene(), themis_8()
+    grid, cameras = mirror_grid(modules, 0.5), pinholes(layout, SHAPE, FOCAL)
+    v, u = np.indices(SHAPE) / 100.0
+    image = c[0] + c[1] * u + c[2] * v + c[3] * u * u + c[4] * u * v + c[5] * v * v
+    values, flags, _ = rectify(np.tile(image, (4, 1, 1)), cameras, 120.0, modules, grid)
+    u, v = np.moveaxis(places_of(cameras, 120.0, grid.pixel_y, grid.pixel_z), 1, 0) / 100.0
+    expected = c[0] + c[1] * u + c[2] * v + c[3] * u * u + c[4] * u * v + c[5] * v * v
+    np.testing.assert_allclose(values[flags == 0], expected[flags == 0], atol=1e-12)
+
+
+def test_masks_follow_the_sixteen_pixels(shot):
+    _, modules, grid, cameras, seen, _, _ = shot
+    clean = rectify(seen, cameras, 120.0, modules, grid)[1]
+    assert set(np.unique(clean)) == {0, AT_EDGE}
+    spoilt = seen.copy()
+    spoilt[1, 50, 60], spoilt[2, 55, 61] = np.nan, 9.0
+    values, flags, _ = rectify(spoilt, cameras, 120.0, modules, grid, saturation=[1.5, 1.5, 1.5, math.inf])
+    places = places_of(cameras, 120.0, grid.pixel_y, grid.pixel_z)
+    for camera, (row, column), bit in ((1, (50, 60), NOT_A_NUMBER), (2, (55, 61), SATURATED)):
+        u, v = np.floor(places[camera])
+        near = (u - 1 <= column) & (column <= u + 2) & (v - 1 <= row) & (row <= v + 2)
+        assert near.sum() > 20
+        np.testing.assert_array_equal((flags[camera] & bit) > 0, near)
+        assert np.all(np.isnan(values[camera, near]))
+    np.testing.assert_array_equal(flags[[0, 3]], clean[[0, 3]])
+    # A camera that looks elsewhere.
+    away = cameras._replace(centre=cameras.centre + np.array([[80.0, 0.0]]))
+    beside = rectify(seen, away, 120.0, modules, grid)[1]
+    u = places_of(away, 120.0, grid.pixel_y, grid.pixel_z)[:, 0]
+    np.testing.assert_array_equal(beside == OUT_OF_FRAME, ~((u >= 1.0) & (u < SHAPE[1] - 2.0)))
+    assert np.any(beside == OUT_OF_FRAME)
+
+
+def test_pixels_at_edges_hold_no_light_of_others():
+    """With every second module dark, no used value is between dark and bright."""
+    layout, modules = twin.paper_scene(), themis_8()
+    turned = np.where(np.arange(8)[:, np.newaxis] % 2 == 0, 0.0, 0.4) * np.ones(2)
+    cameras, grid = pinholes(layout, SHAPE, FOCAL), mirror_grid(modules, 0.05)
+    shown = jose(limb=0.9999999, radius=0.1)
+    seen = camera_set(layout, cameras, SHAPE, shown, heliostat(modules, 120.0, FLAT), 3)
+    dark = camera_set(layout, cameras, SHAPE, shown, heliostat(modules, 120.0, turned), 3)
+    values, flags, _ = rectify(np.minimum(seen, dark + 0.0), cameras, 120.0, modules, grid)
+    used = values[flags == 0]
+    assert np.all((np.abs(used) < 1e-6) | (np.abs(used - 1.0) < 1e-6))
+    assert 0.4 < np.mean(used > 0.5) < 0.6
+
+
+def test_homographies(shot):
+    rng = np.random.default_rng(3)
+    true = np.array([[1.1, 0.05, 3.0], [-0.04, 0.95, -2.0], [1e-4, -2e-4, 1.0]])
+    points = rng.uniform(0.0, 100.0, (4, 2))
+    for number in (4, 9):
+        points = rng.uniform(0.0, 100.0, (number, 2))
+        found = homography(points, moved(true, points))
+        np.testing.assert_allclose(moved(found, points), moved(true, points), atol=1e-9)
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    with pytest.raises(ValueError, match="one line"):
+        homography(square, square * [1.0, 0.0] + [[0.0, 1.0]])
+    with pytest.raises(ValueError, match="one place"):
+        homography(square, np.ones((4, 2)))
+    with pytest.raises(ValueError, match="same way round"):
+        homography(square, square[::-1])
+    with pytest.raises(ValueError, match="same way round"):
+        homography(square, square[[0, 2, 1, 3]])
+    with pytest.raises(ValueError, match="4 pairs"):
+        homography(square[:3], square[:3])
+    with pytest.raises(ValueError, match="finite"):
+        homography(square, square * math.nan)
+    _, modules, grid, cameras, seen, _, _ = shot
+    corners = np.full((4, 4, 2), np.nan)
+    corners[2] = 5.0
+    with pytest.raises(ValueError, match="image 3"):
+        rectify(seen, cameras, 120.0, modules, grid, corners=corners)
+
+
+def test_marked_corners_take_up_how_cameras_were_pointed():
+    """Cameras turned, shifted and zoomed: the corners alone tell, and the geometry knows the mirror's sag."""
+    layout, modules = twin.paper_scene(), themis_8()
+    grid, canting = mirror_grid(modules, 0.05), twin.paper_canting()
+    true = pinholes(layout, SHAPE, 1500.0, centre=[64.3, 57.1], roll=[0.03, -0.02, 0.01, 0.05])
+    seen = camera_set(layout, true, SHAPE, jose(), heliostat(modules, 120.0, canting), 3)
+    images, slopes = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting))
+    ends = outline(modules)
+    marked = np.moveaxis(places_of(true, 120.0, ends[:, 0], ends[:, 1]), 1, -1)
+    guess = pinholes(layout, SHAPE, 1000.0)
+    values, flags, _ = rectify(seen, guess, 120.0, modules, grid, corners=marked)
+    good = flags == 0
+    assert good.mean() > 0.7
+    assert np.abs(values - images)[good].max() < 1e-4
+    error = found_slopes(layout, grid, values) - slopes
+    assert np.nanmax(np.abs(error)) < 1e-5
+    # A plane's homography from the mirror alone would be off by the sag of 6 cm seen at an angle.
+    flat = homography(ends * [1.0, -1.0], marked[0])
+    middle = moved(flat, np.zeros((1, 2)))[0] - places_of(true, 120.0, [0.0], [0.0])[0, :, 0]
+    assert np.hypot(*middle) > 0.1
+
+
+def wavy_images(rms, pixel=0.01):
+    """Scene, modules, grid, cameras, images with waviness, and what the mirror's grid would show."""
+    layout, modules = twin.paper_scene(), themis_8()
+    fine, grid = mirror_grid(modules, pixel), mirror_grid(modules, 0.05)
+    field = np.full((2, fine.module.size), np.nan)
+    field[:, fine.place] = wavy = waviness(fine, rms, 1.0, 2)
+    coarse = field.reshape(2, *fine.module.shape)[:, 2::5, 2::5].reshape(2, -1)[:, grid.place]  # their centres
+    cameras = pinholes(layout, (240, 248), 3200.0)
+    seen = camera_set(layout, cameras, (240, 248), jose(), heliostat(modules, 120.0, FLAT, wavy=(fine, wavy)), 2)
+    spheres = module_spheres(modules, 120.0, FLAT)
+    return modules, grid, cameras, seen, image_set(layout, grid, jose(), spheres, np.ascontiguousarray(coarse))[0]
+
+
+def test_waviness_up_to_the_edges_of_modules():
+    modules, grid, cameras, seen, images = wavy_images(0.1e-3)
+    values, flags, _ = rectify(seen, cameras, 120.0, modules, grid)
+    error = (values - images)[flags == 0]
+    assert np.sqrt(np.mean(error**2)) < 3e-5  # pixels average over waves
+    assert np.abs(error).max() < 3e-4
+
+
+def test_pixels_at_the_limb_are_left_out():
+    modules, grid, cameras, seen, images = wavy_images(0.3e-3)
+    blind, sharp = (rectify(seen, cameras, 120.0, modules, grid, threshold=t) for t in (-math.inf, 0.3))
+    assert np.abs(blind[0] - images)[blind[1] == 0].max() > 0.2
+    good = sharp[1] == 0
+    assert np.abs(sharp[0] - images)[good].max() < 0.04
+    np.testing.assert_array_equal(blind[1], sharp[1] & ~AT_LIMB)
+    assert 0.0 < np.mean((sharp[1] & AT_LIMB) > 0) < 0.2
+
+
+def sun_image(radius, side, centre, noise, seed=0):
+    fine = 5
+    place = (np.arange(side * fine) + 0.5) / fine - 0.5
+    far = np.hypot(place - centre[0], place[:, np.newaxis] - centre[1])
+    disc = render(jose(), far * (EPS_MAX / radius)).reshape(side, fine, side, fine).mean(axis=(1, 3))
+    return 3000.0 * (disc + noise * np.random.default_rng(seed).standard_normal(disc.shape))
+
+
+@pytest.mark.parametrize(("radius", "tolerance"), [(20.0, 7e-3), (60.0, 4e-3), (140.0, 6e-3)])
+def test_profile_of_a_disc(radius, tolerance):
+    side = int(2 * radius) + 25
+    centre = (0.5 * side + 0.3, 0.5 * side - 1.2)
+    image = sun_image(radius, side, centre, 0.004)
+    image[3, 4], image[side // 2, side // 2] = np.nan, 9e9  # a dead pixel and a hot one
+    found = disc_profile(image)
+    assert found.radius == pytest.approx(radius, rel=1.5e-3)
+    assert found.centre == pytest.approx(centre, abs=0.08)
+    assert found.level == pytest.approx(3000.0, rel=2e-3)
+    expected = render(jose(), np.linspace(0.0, EPS_MAX, len(found.brightness)))
+    np.testing.assert_allclose(found.brightness, expected, atol=tolerance)
+    assert len(found.brightness) == min(round(radius) + 1, 120)
+
+
+def test_images_that_show_no_disc():
+    whole = sun_image(30.0, 90, (45.0, 45.0), 0.0)
+    for image, words in (
+        (np.zeros((50, 50)), "no disc"),
+        (np.full((50, 50), np.nan), "no disc"),
+        (sun_image(8.0, 40, (20.0, 20.0), 0.0), "12 are needed"),
+        (whole[:, 20:], "frame cuts"),
+        (np.where(np.arange(90) > 45, whole, 0.0), "no single round disc"),
+        (np.hstack((whole, whole)), "no single round disc"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            disc_profile(image)

@@ -1,0 +1,218 @@
+"""Frames, the Jacobian and rays of backward gazing."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.gazing.geometry import (
+    EXACT,
+    NONE,
+    ROLL,
+    basis,
+    camera_ray,
+    camera_square,
+    ideal_mirror,
+    jacobian,
+    mirror_offsets,
+    scene,
+    transfers,
+)
+from heliosweep.kernels.gazing.mirror import Modules
+from heliosweep.kernels.gazing.rendering import module_spheres, sphere_point
+from tests.kernels.gazing import twin
+from tests.kernels.gazing.twin import sun_offsets
+
+AZIMUTH, ELEVATION = st.floats(-170.0, 170.0), st.floats(5.0, 85.0)
+
+
+@kernel
+def offsets_at(layout, camera, p_y, p_z, y, z):
+    return sun_offsets(layout, camera, p_y, p_z, y, z)
+
+
+@kernel
+def mirror_at(focal_length, y, z):
+    return ideal_mirror(focal_length, y, z)
+
+
+@kernel
+def sphere_at(spheres, module, y, z):
+    return sphere_point(spheres, module, y, z)
+
+
+@kernel
+def parts_at(layout, camera, p_y, p_z, y, z):
+    x, a, b = ideal_mirror(layout.focal_length, y, z)
+    rx, ry, rz = camera_ray(layout.eyes, camera, x, y, z)
+    return mirror_offsets(a + p_y, b + p_z, rx, ry, rz, layout.sun_y, layout.sun_z)
+
+
+def some_scene(sun, target):
+    layout = twin.paper_scene(sun, target)
+    assume(layout.incidence < 1.4)
+    return layout
+
+
+def test_oracle():
+    """backward_gazing_oracle.csv of the reference data: geometry of the paper's study."""
+    layout = twin.paper_scene()
+    normal = layout.mirror_axes[0]
+    assert np.degrees(layout.incidence) == pytest.approx(12.033088403, rel=1e-9)
+    assert np.degrees(np.arctan2(normal[1], normal[0])) == pytest.approx(12.240491117, rel=1e-9)
+    assert np.degrees(np.arcsin(normal[2])) == pytest.approx(52.92749111, rel=1e-9)
+    expected = [[1.9505707713, -0.294556665], [0.3383229761, 1.9545326126]]
+    np.testing.assert_allclose(jacobian(layout), expected, rtol=1e-9)
+    assert np.linalg.det(jacobian(layout)) == pytest.approx(3.912109473, rel=1e-9)
+    np.testing.assert_allclose(1e3 * layout.gaze[0], [-1.4142135624, 1.3722053756], rtol=1e-9)
+    for camera, angle in ((0, 1.9698418615), (3, 1.9711901985)):
+        v, w = offsets_at(layout, camera, 0.0, 0.0, 0.0, 0.0)[:2]
+        assert 1e3 * np.hypot(v, w) == pytest.approx(angle, rel=1e-9)
+
+
+@given(AZIMUTH, ELEVATION)
+def test_bases_are_rotations(azimuth, elevation):
+    axes = basis(np.radians(azimuth), np.radians(elevation))
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    assert axes[1, 2] == 0.0
+    assert axes[2, 2] > 0.0
+
+
+@given(AZIMUTH, ELEVATION, AZIMUTH, ELEVATION)
+def test_determinant_is_four_cosines_of_the_incidence(sa, sh, ta, th):
+    layout = some_scene((sa, sh), (ta, th))
+    assert np.linalg.det(jacobian(layout)) == pytest.approx(4.0 * np.cos(layout.incidence), rel=1e-12)
+    n, s, r = layout.mirror_axes[0], layout.sun_axes[0], layout.target_axes[0]
+    np.testing.assert_allclose([n @ s, n @ r], np.cos(layout.incidence), rtol=1e-12)
+
+
+@given(AZIMUTH, ELEVATION, AZIMUTH, ELEVATION)
+def test_jacobian_is_differences(sa, sh, ta, th):
+    """W = E R with R the reflected direction of the sun's centre."""
+    layout = some_scene((sa, sh), (ta, th))
+    step, s = 1e-5, layout.sun_axes[0]
+
+    def reflected(p):
+        n = twin.unit(np.array([1.0, *p])) @ layout.mirror_axes
+        return layout.target_axes[1:] @ (2.0 * (n @ s) * n - s)
+
+    columns = [(reflected(step * e) - reflected(-step * e)) / (2.0 * step) for e in np.eye(2)]
+    np.testing.assert_allclose(jacobian(layout), np.stack(columns, axis=1), atol=3e-7)
+
+
+@given(AZIMUTH, ELEVATION, AZIMUTH, ELEVATION)
+def test_transfers(sa, sh, ta, th):
+    layout = some_scene((sa, sh), (ta, th))
+    matrices = transfers(layout)
+    np.testing.assert_array_equal(matrices[NONE], 0.5 * np.eye(2))
+    np.testing.assert_allclose(matrices[EXACT] @ jacobian(layout), np.eye(2), atol=1e-12)
+    turn = layout.target_axes[1:] @ layout.mirror_axes[1:].T
+    assume(abs(np.linalg.det(turn)) > 1e-3)
+    np.testing.assert_allclose(
+        matrices[ROLL] @ turn, np.eye(2) / (2.0 * np.cos(layout.incidence)), atol=1e-10 / abs(np.linalg.det(turn))
+    )
+
+
+@given(st.floats(5.0, 85.0), st.floats(5.0, 85.0), AZIMUTH)
+def test_no_contamination_where_the_sun_stands_in_the_plane_of_the_target(sun, target, azimuth):
+    matrix = jacobian(twin.paper_scene((azimuth, sun), (azimuth, target)))
+    np.testing.assert_allclose([matrix[0, 1], matrix[1, 0]], 0.0, atol=2e-15)
+
+
+def test_contamination_of_the_paper():
+    """The 15 % on X is the sine of the field rotation that method A leaves out."""
+    matrix = 0.5 * jacobian(twin.paper_scene())
+    assert abs(matrix[0, 1]) == pytest.approx(0.147, abs=5e-4)
+
+
+@given(
+    AZIMUTH, ELEVATION, AZIMUTH, ELEVATION,
+    st.floats(-3e-3, 3e-3), st.floats(-3e-3, 3e-3), st.floats(-5.0, 5.0), st.floats(-5.0, 5.0),
+)  # fmt: skip
+def test_offsets_are_those_of_vectors_in_space(sa, sh, ta, th, p_y, p_z, y, z):
+    layout = some_scene((sa, sh), (ta, th))
+    points, normals = twin.series(np.array([y]), np.array([z]), 120.0, (p_y, p_z))
+    for camera in range(4):
+        found = np.array(offsets_at(layout, camera, p_y, p_z, y, z))
+        np.testing.assert_allclose(found[:2], twin.offsets(layout, camera, points, normals)[0], atol=3e-15)
+        np.testing.assert_array_equal(found, parts_at(layout, camera, p_y, p_z, y, z))
+
+
+def test_slopes_of_the_offsets_are_differences():
+    layout, step = twin.paper_scene(), 1e-6
+    for camera in range(4):
+        for y, z, p in ((0.0, 0.0, (0.0, 0.0)), (3.0, -2.5, (1e-3, -2e-3)), (-3.6, 3.6, (-0.02, 0.01))):
+            found = np.array(offsets_at(layout, camera, *p, y, z))[2:].reshape(2, 2)
+            for axis, way in enumerate(np.eye(2) * step):
+                ahead, behind = (np.array(offsets_at(layout, camera, *(p + sign * way), y, z))[:2] for sign in (1, -1))
+                np.testing.assert_allclose((ahead - behind) / (2.0 * step), found[:, axis], atol=1e-9)
+
+
+@given(AZIMUTH)
+def test_turning_everything_about_the_vertical_changes_nothing(turn):
+    before = twin.paper_scene()
+    after = twin.paper_scene((30.0 + turn, 60.0), (turn, 44.0), face=np.radians(turn))
+    np.testing.assert_allclose(after.gaze, before.gaze, atol=1e-16)
+    np.testing.assert_allclose(jacobian(after), jacobian(before), atol=1e-14)
+    for camera in range(4):
+        np.testing.assert_allclose(
+            offsets_at(after, camera, 1e-3, -1e-3, 2.0, 3.0),
+            offsets_at(before, camera, 1e-3, -1e-3, 2.0, 3.0),
+            atol=1e-14,
+        )
+
+
+def test_east_and_west_are_mirror_images():
+    east, west = twin.paper_scene((30.0, 60.0)), twin.paper_scene((-30.0, 60.0))
+    for camera, other in ((0, 1), (2, 3)):
+        one = offsets_at(east, camera, 1e-3, 2e-3, 2.0, 3.0)
+        two = offsets_at(west, other, -1e-3, 2e-3, -2.0, 3.0)
+        np.testing.assert_allclose(one[:2], [-two[0], two[1]], atol=1e-15)
+
+
+def test_ideal_mirror_is_the_series_of_the_sphere():
+    flat = Modules(np.zeros((1, 2)), np.ones((1, 2)))
+    for f in (40.0, 120.0):
+        spheres = module_spheres(flat, f, np.zeros((1, 2)))
+        for y, z in ((0.0, 0.0), (3.6, 3.6), (-2.0, 1.0)):
+            x, a, b = mirror_at(f, y, z)
+            exact_x, exact_a, exact_b = sphere_at(spheres, 0, y, z)
+            r2 = y * y + z * z
+            assert x - exact_x == pytest.approx(-(r2**3) / (512.0 * f**5), rel=1e-2, abs=2e-13)
+            left = 3.0 * r2**2 / (128.0 * f**4) / (2.0 * f)  # of the slopes, for y and z
+            np.testing.assert_allclose([a - exact_a, b - exact_b], [y * left, z * left], rtol=1e-2, atol=3e-17)
+
+
+def test_cameras():
+    square, cross = camera_square(0.24), camera_square(0.24, "cross")
+    np.testing.assert_allclose(np.hypot(*square.T), 0.24)
+    np.testing.assert_allclose(np.hypot(*cross.T), 0.24)
+    assert np.all(np.sign(square) == [[-1, 1], [1, 1], [-1, -1], [1, -1]])
+    layout = twin.paper_scene()
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    tilt = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])  # Eq. 3
+    for place, camera in zip(square, layout.cameras, strict=True):
+        np.testing.assert_allclose(camera, tilt @ [0.0, *place], atol=1e-16)
+    with pytest.raises(ValueError, match="arrangement"):
+        camera_square(0.24, "ring")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"cameras": [[0.0, 0.1], [0.0, 0.2], [0.0, 0.3], [0.0, 0.4]]}, "in one line"),
+        ({"cameras": [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]]}, "in one line"),
+        ({"cameras": [[0.1, 0.1]] * 4}, "in one line"),
+        ({"cameras": [[0.1, 0.1], [0.2, 0.3]]}, "at least 3"),
+        ({"distance": 0.0}, "positive"),
+        ({"focal_length": -1.0}, "positive"),
+        ({"sun": (np.pi, -0.5), "target": (0.0, 0.5)}, "opposite"),
+        ({"target": (0.0, np.radians(-60.0))}, "in one line"),  # seen edge-on: gaze within the plane of the target
+    ],
+)
+def test_scenes_that_are_none(change, message):
+    given = {"sun": (0.5, 1.0), "target": (0.0, 0.8), "cameras": camera_square(0.24)} | change
+    with pytest.raises(ValueError, match=message):
+        scene(**given)

@@ -1,0 +1,83 @@
+"""Modules and pixels of a mirror."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import minimum_filter
+
+from heliosweep.kernels.gazing.mirror import Modules, eroded, maps, mirror_grid, on_modules, themis_8
+
+
+def test_heliostat_of_themis():
+    modules = themis_8()
+    assert modules.size.prod(axis=1).sum() == pytest.approx(51.84)  # more than 50 square metres, says the paper
+    left, right = modules.centre[:4], modules.centre[4:]
+    np.testing.assert_allclose(left[:, 0], -1.825)
+    np.testing.assert_allclose(right[:, 0], 1.825)
+    assert np.all(np.diff(left[:, 1]) < 0.0)
+    np.testing.assert_allclose(modules.centre.mean(axis=0), 0.0, atol=1e-15)
+
+
+def test_pixels_of_themis():
+    grid = mirror_grid(themis_8(), 0.05)
+    assert grid.module.shape == (147, 145)
+    assert np.all(np.bincount(grid.pixel_module) == 72 * 36)
+    assert np.all(np.diff(grid.z) > 0.0)
+    assert grid.module[-1, 0] == 1
+    assert grid.module[0, 0] == 4
+    assert grid.module[-1, -1] == 5
+    assert np.bincount(grid.pixel_module[eroded(grid, 2)]).tolist() == [68 * 32] * 8
+
+
+@given(st.floats(0.02, 0.6), st.integers(0, 4))
+def test_erosion_is_that_of_a_square_neighbourhood(pixel, cells):
+    grid = mirror_grid(themis_8(), pixel)
+    size = 2 * cells + 1
+    expected = np.zeros(grid.module.shape, bool)
+    for number in range(1, 9):
+        expected |= minimum_filter((grid.module == number).astype(int), size, mode="constant") > 0
+    np.testing.assert_array_equal(eroded(grid, cells), expected.ravel()[grid.place])
+
+
+def test_erosion_between_modules_that_touch():
+    grid = mirror_grid(Modules(np.array([[-0.5, 0.0], [0.5, 0.0]]), np.ones((2, 2))), 0.1)
+    assert grid.module.shape == (10, 20)
+    assert np.bincount(grid.pixel_module[eroded(grid, 1)]).tolist() == [64, 64]
+
+
+def test_values_go_back_to_the_grid():
+    grid = mirror_grid(themis_8(), 0.3)
+    full = maps(grid, np.stack([grid.pixel_y, grid.pixel_z, grid.pixel_module + 1.0]))
+    assert full.shape == (3, *grid.module.shape)
+    there = grid.module > 0
+    np.testing.assert_array_equal(full[0][there], np.broadcast_to(grid.y, grid.module.shape)[there])
+    np.testing.assert_array_equal(full[1][there], np.broadcast_to(grid.z[:, None], grid.module.shape)[there])
+    np.testing.assert_array_equal(full[2][there], grid.module[there])
+    assert np.all(np.isnan(full[:, ~there]))
+
+
+def test_modules_off_centre_keep_their_pixels():
+    grid = mirror_grid(Modules(np.array([[5.0, 3.0]]), np.array([[2.0, 1.0]])), 0.25)
+    assert grid.module.shape == (4, 8)
+    assert grid.y.mean() == pytest.approx(5.0)
+    assert np.all(grid.module == 1)
+
+
+@pytest.mark.parametrize(
+    ("centre", "size", "pixel", "message"),
+    [
+        ([[0.0, 0.0], [0.4, 0.0]], [[1.0, 1.0]] * 2, 0.1, "overlap"),
+        ([[0.0, 0.0], [1.0, 0.0]], [[1.0, 1.0], [0.01, 0.01]], 0.3, "no pixel lies on module 2"),
+        ([[0.0, 0.0]], [[1.0, 0.0]], 0.1, "positive"),
+        ([[0.0, 0.0]], [[1.0, 1.0]], 0.0, "positive"),
+        ([[0.0, 0.0]], [[1.0, 1.0]], 1e-6, "too many"),
+    ],
+)
+def test_grids_that_are_none(centre, size, pixel, message):
+    with pytest.raises(ValueError, match=message):
+        mirror_grid(Modules(np.array(centre), np.array(size)), pixel)
+
+
+def test_points_on_modules():
+    assert on_modules(themis_8(), [-2.0, 2.0, 0.0], [3.0, -3.0, 1.0]).tolist() == [1, 8, 0]

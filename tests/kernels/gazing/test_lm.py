@@ -1,0 +1,267 @@
+"""Levenberg-Marquardt: exact on clean images, at the bound on noisy ones, better than the paper's methods on tables."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, scene, transfers
+from heliosweep.kernels.gazing.linear import method_a, slope_bound
+from heliosweep.kernels.gazing.lm import GRADUATION, NOT_CONVERGED, OUTSIDE, UNLIT, fit_slopes, graduated
+from heliosweep.kernels.gazing.mirror import eroded, themis_8
+from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.search import merits, search_slopes
+from heliosweep.kernels.sun.profiles import jose, table_profile
+from heliosweep.kernels.sun.tables import noisy, scaled, smoothed
+from tests.kernels.gazing import twin
+
+LAYOUT = twin.paper_scene()
+SUN, TARGET = (np.radians(30.0), np.radians(60.0)), (0.0, np.radians(44.0))
+FLAT = np.zeros((8, 2))
+
+
+def pictures(grid, profile, canting=FLAT, wavy=None, focal_length=120.0):
+    return image_set(LAYOUT, grid, profile, module_spheres(themis_8(), focal_length, canting), wavy)
+
+
+def start(grid, images, profile):
+    slopes, _ = method_a(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
+    return slopes[EXACT]
+
+
+def fitted(grid, images, profile, **more):
+    first = start(grid, images, profile)
+    return fit_slopes(LAYOUT, profile, images, grid.pixel_y, grid.pixel_z, first, **more)
+
+
+def table_errors(grid, profile, method=fitted):
+    """Errors as the paper's Table 1 states them: (module, axis). [%]"""
+    net = [
+        method(grid, pictures(grid, profile, canting)[0], profile).slopes for canting in (twin.paper_canting(), FLAT)
+    ]
+    keep = eroded(grid, 1)
+    rows = [np.nanmean((net[0] - net[1])[:, keep & (grid.pixel_module == row)], axis=1) for row in (1, 2)]
+    return 1e5 * np.abs(np.array(rows) - twin.paper_canting()[1:3])
+
+
+def by_search(grid, images, profile):
+    return search_slopes(LAYOUT, profile, images, grid.pixel_y, grid.pixel_z, start(grid, images, profile))
+
+
+def test_clean_table_of_the_paper():
+    """At most 0.02 %, where the paper has 0.5; the grid costs a part: a mean over pixels is not one over a module."""
+    grid = twin.paper_grid(0.1)
+    assert np.all(table_errors(grid, jose()) < 0.01)
+    images, true = pictures(grid, jose(), twin.paper_canting())
+    keep = eroded(grid, 1)
+    error = (fitted(grid, images, jose()).slopes - true)[:, keep]
+    assert np.max(np.abs(error)) < 6e-7  # the height that a turned module gains, which the series does not know
+    assert np.max(np.abs(error[:, ~np.isin(grid.pixel_module[keep], (1, 2))])) < 2e-12
+
+
+def test_undefected_mirror():
+    grid = twin.paper_grid(0.2)
+    images, true = pictures(grid, jose())
+    for first in (np.zeros_like(true), np.full_like(true, 3e-4)):
+        found = fit_slopes(LAYOUT, jose(), images, grid.pixel_y, grid.pixel_z, first)
+        assert np.max(np.abs(found.slopes - true)) < 2e-12
+        assert not np.any(found.flags)
+
+
+def test_waviness():
+    """0.3 mrad come back to 1e-9 mrad; the issue asks for 2e-5."""
+    grid = twin.paper_grid(0.1)
+    images, true = pictures(grid, jose(), wavy=waviness(grid, 0.3e-3, 1.0, 0))
+    found = fitted(grid, images, jose())
+    error = np.abs(found.slopes - true)
+    assert np.quantile(error, 0.999) < 2e-12
+    assert np.max(error) < 2e-9  # at the very limb, where the tangent takes the place of the profile
+    assert np.mean(found.evaluations) < 4.0
+
+
+def test_wrong_focal_length():
+    grid = twin.paper_grid(0.2)
+    images, _ = pictures(grid, jose(), focal_length=121.0)
+    slope = np.polyfit(grid.pixel_y, fitted(grid, images, jose()).slopes[0], 1)[0]
+    assert slope == pytest.approx(-(1 / 242 - 1 / 240), rel=3e-4)
+
+
+@pytest.mark.parametrize("fit_gain", [False, True])
+@pytest.mark.parametrize("noise", [0.001, 0.005])
+def test_camera_noise_reaches_the_bound(noise, fit_gain):
+    """Within 1 % of the Cramer-Rao bound, and the deviation that is told is that bound."""
+    grid = twin.paper_grid(0.2)
+    images, true = pictures(grid, jose(), wavy=waviness(grid, 0.2e-3, 1.0, 0))
+    bound = slope_bound(LAYOUT, jose(), grid.pixel_y, grid.pixel_z, true, noise, fit_gain)
+    ratios = []
+    for seed in range(40):
+        found = fitted(grid, expose(images, noise=noise, seed=seed), jose(), fit_gain=fit_gain)
+        ratios.append((found.slopes - true) / bound)
+    assert np.std(ratios, axis=(0, 2)) == pytest.approx(1.0, abs=0.01)
+    exact = fitted(grid, images, jose(), fit_gain=fit_gain)
+    np.testing.assert_allclose(exact.deviation * noise, bound, rtol=1e-6)
+    told = found.deviation * noise / bound  # at the slopes found, not at the true ones
+    assert np.median(told) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("fit_gain", [False, True])
+def test_minimum_of_scipy(fit_gain):
+    grid = twin.paper_grid(0.2)
+    images = expose(pictures(grid, jose(), 0.7 * twin.paper_canting())[0], noise=0.02, seed=1)
+    images[3, :100] = 0.0
+    some = np.arange(0, len(grid.pixel_y), 41)
+    images, y, z = images[:, some], grid.pixel_y[some], grid.pixel_z[some]
+    found = fit_slopes(LAYOUT, jose(), images, y, z, np.zeros((2, len(some))), fit_gain=fit_gain)
+    for k in range(len(some)):
+        lit = images[:, k] >= 0.3
+
+        def rest(p, k=k, lit=lit):
+            value = twin.modelled(LAYOUT, y[k : k + 1], z[k : k + 1], 1e-3 * p[:2].reshape(2, 1))[:, 0]
+            return ((p[2] if fit_gain else 1.0) * value - images[:, k])[lit]
+
+        first = np.array([*(1e3 * found.slopes[:, k] + 0.01), 1.0][: 3 if fit_gain else 2])
+        expected = least_squares(rest, first, xtol=1e-13, ftol=1e-15, gtol=1e-15)
+        assert found.slopes[:, k] == pytest.approx(1e-3 * expected.x[:2], abs=2e-9)
+        assert found.merit[k] == pytest.approx(2.0 * expected.cost, rel=1e-5, abs=1e-12)
+        if fit_gain:
+            assert found.gain[k] == pytest.approx(expected.x[2], abs=1e-6)
+
+
+def test_stationary_to_machine_level():
+    """No slope a ten-thousandth of a microradian away has a smaller sum of squares."""
+    grid = twin.paper_grid(0.2)
+    images = expose(pictures(grid, jose())[0], noise=0.005, seed=0)
+    found, place = fitted(grid, images, jose()), np.array([grid.pixel_y, grid.pixel_z])
+    assert not np.any(found.flags & NOT_CONVERGED)
+
+    def merit(p):
+        return merits(False, LAYOUT, jose(), images, place, 0.3, False, p)
+
+    for way in 1e-7 * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.7]]):
+        up, down = merit(found.slopes + way[:, np.newaxis]), merit(found.slopes - way[:, np.newaxis])
+        bend = up + down - 2.0 * merit(found.slopes)
+        assert np.all(bend > 0.0)
+        assert np.max(np.abs(0.5 * (up - down) / bend)) < 1e-3  # offset of the vertex, in 1e-7 rad
+    np.testing.assert_allclose(found.merit, merit(found.slopes), rtol=1e-9, atol=1e-16)
+
+
+def test_noisy_tables():
+    """Noise of 1.2 % at 120 nodes: better than O2 in the median and in most seeds, and than its own start."""
+    grid = twin.paper_grid(0.2)
+    profiles = [noisy(jose(), 0.012, seed=seed) for seed in range(24)]
+    own = np.array([table_errors(grid, profile) for profile in profiles])
+    search = np.array([table_errors(grid, profile, by_search) for profile in profiles])
+    assert np.median(own) < 1.7
+    assert np.all(np.median(own, axis=0) < 3.0)
+    assert np.median(own.mean(axis=(1, 2))) < 0.7 * np.median(search.mean(axis=(1, 2)))
+    assert np.mean(own.mean(axis=(1, 2)) < search.mean(axis=(1, 2))) > 0.75
+
+
+def test_without_graduation_the_search_sticks_at_its_start():
+    """On X at the 13 % of method A without the field rotation, on Y at the 9 % of its sensitivity to noise."""
+
+    def errors(profile, stages):
+        def method(grid, images, _):
+            first = method_a(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))[0][NONE]
+            return fit_slopes(LAYOUT, stages, images, grid.pixel_y, grid.pixel_z, first)
+
+        return table_errors(twin.paper_grid(0.2), profile, method)
+
+    profiles = [noisy(jose(), 0.012, seed=seed) for seed in range(12)]
+    assert np.all(np.median([errors(profile, [profile]) for profile in profiles], axis=0) > 5.0)
+    assert np.all(np.median([errors(profile, profile) for profile in profiles], axis=0) < 3.0)
+
+
+def test_graduation():
+    profile = noisy(jose(), 0.012)
+    stages = graduated(profile)
+    assert len(stages) == len(GRADUATION) + 2
+    assert stages[0].table.size == 0
+    assert stages[-1] is profile
+    for stage, nodes in zip(stages[1:-1], GRADUATION, strict=True):
+        np.testing.assert_array_equal(stage.table, smoothed(profile, nodes).table)
+    assert len(graduated(jose())) == 1
+
+
+def test_gain():
+    """A gain error of 1 % costs a tenth of the slope, unless a gain is fitted."""
+    grid = twin.paper_grid(0.2)
+    images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
+    images = expose(images, gain_error=0.01)
+    without, free = (fitted(grid, images, jose(), fit_gain=fit_gain) for fit_gain in (False, True))
+    canted = grid.pixel_module == 2
+    assert np.abs(np.mean((without.slopes - true)[1, canted])) > 0.04e-3
+    assert np.max(np.abs(free.slopes - true)) < 1e-6
+    np.testing.assert_allclose(free.gain, 1.01, atol=1e-5)
+    assert np.all(without.gain == 1.0)
+
+
+def test_profile_error():
+    """Each percent of the radius costs percents of the slope."""
+    grid = twin.paper_grid(0.2)
+    images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
+    found = fitted(grid, images, scaled(jose(), 0.01))
+    relative = np.mean((found.slopes - true)[1, grid.pixel_module == 2]) / 0.9e-3
+    assert 0.01 < abs(relative) < 0.06
+
+
+def test_flags():
+    grid = twin.paper_grid(0.2)
+    images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
+    images[:2, 5], images[3, 6], images[:, 8] = 0.2, np.nan, 0.0
+    images[:, 9] = [0.95, 0.95, 0.31, 0.31]
+    found = fit_slopes(LAYOUT, jose(), images, grid.pixel_y, grid.pixel_z, np.full_like(true, np.nan))
+    assert found.flags[5] == found.flags[8] == UNLIT
+    assert np.all(np.isnan(found.slopes[:, [5, 8]]))
+    assert np.all(np.isnan(found.deviation[:, [5, 8]]))
+    assert found.flags[6] == 0  # three cameras are enough
+    assert np.max(np.abs(found.slopes - true)[:, 6]) < 1e-6
+    assert found.flags[9] & OUTSIDE
+    few = fit_slopes(LAYOUT, jose(), images, grid.pixel_y, grid.pixel_z, np.full_like(true, 5e-4), limit=2)
+    assert np.mean(few.flags == NOT_CONVERGED) > 0.9
+
+
+def test_no_direction_is_not_converged():
+    """A table that is flat where all cameras look."""
+    grid = twin.paper_grid(0.2)
+    profile = table_profile(np.array([1.0, 1.0, 1.0, 1.0, 0.5]), 4.36e-3)
+    images, true = pictures(grid, profile)
+    found = fit_slopes(LAYOUT, [profile], images, grid.pixel_y, grid.pixel_z, np.full_like(true, 1e-5))
+    assert np.all(found.flags == NOT_CONVERGED)
+    np.testing.assert_allclose(found.slopes, 1e-5, rtol=1e-9)
+
+
+@pytest.mark.parametrize("profile", [jose(), noisy(jose(), 0.012)], ids=["jose", "noisy"])
+def test_company_changes_no_bit(profile):
+    grid = twin.paper_grid(0.2)
+    images, _ = pictures(grid, profile, twin.paper_canting())
+    first = start(grid, images, profile)
+    whole = fit_slopes(LAYOUT, profile, images, grid.pixel_y, grid.pixel_z, first)
+    some = np.random.default_rng(0).permutation(len(grid.pixel_y))[:37]
+    part = fit_slopes(LAYOUT, profile, images[:, some], grid.pixel_y[some], grid.pixel_z[some], first[:, some])
+    for one, other in zip(part, whole, strict=True):
+        np.testing.assert_array_equal(one, np.asarray(other)[..., some])
+
+
+def test_three_and_five_cameras():
+    grid = twin.paper_grid(0.2)
+    for cameras in (3, 5):
+        turn = 2.0 * np.pi * np.arange(cameras) / cameras
+        layout = scene(SUN, TARGET, 0.24 * np.stack((np.cos(turn), np.sin(turn)), axis=1))
+        images, true = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 0.5 * twin.paper_canting()))
+        found = fit_slopes(layout, jose(), images, grid.pixel_y, grid.pixel_z, np.zeros_like(true))
+        assert np.max(np.abs(found.slopes - true)) < 1e-6
+
+
+@pytest.mark.parametrize("fit_gain", [False, True])
+def test_dark_camera_counts_for_nothing(fit_gain):
+    """The same slopes, deviations and sums as without it."""
+    grid, places = twin.paper_grid(0.2), camera_square(0.24)
+    images = expose(pictures(grid, jose(), 0.5 * twin.paper_canting())[0], noise=0.003, seed=2)
+    images[1] = 0.29
+    found = fitted(grid, images, jose(), fit_gain=fit_gain)
+    three = scene(SUN, TARGET, places[[0, 2, 3]])
+    first = start(grid, images, jose())
+    alone = fit_slopes(three, jose(), images[[0, 2, 3]], grid.pixel_y, grid.pixel_z, first, fit_gain=fit_gain)
+    np.testing.assert_allclose(found.slopes, alone.slopes, atol=1e-12)
+    np.testing.assert_allclose(found.deviation, alone.deviation, rtol=1e-9)
+    np.testing.assert_allclose(found.merit, alone.merit, rtol=1e-9, atol=1e-20)

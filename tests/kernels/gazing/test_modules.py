@@ -1,0 +1,214 @@
+"""Canting, pointing and focal length from slope maps, and whether their standard errors are true."""
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels.gazing.geometry import EXACT, transfers
+from heliosweep.kernels.gazing.linear import method_a
+from heliosweep.kernels.gazing.mirror import Modules, eroded, mirror_grid, themis_8
+from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
+from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
+from heliosweep.kernels.sun.profiles import jose
+from tests.kernels.gazing import twin
+
+FLAT = np.zeros((8, 2))
+MRAD = 1e-3
+POINTING = (0.2 * MRAD, -0.1 * MRAD)
+
+
+def true_slopes(grid, focal_length=120.0, canting=FLAT, pointing=(0.0, 0.0), wavy=None):
+    spheres = module_spheres(themis_8(), focal_length, canting, pointing)
+    return image_set(twin.paper_scene(), grid, jose(), spheres, wavy)[1]
+
+
+def estimates(slopes, grid, use=None, **more):
+    return module_estimates(slopes, grid, themis_8(), eroded(grid, 2) if use is None else use, 120.0, **more)
+
+
+def test_what_is_planted_is_found():
+    grid = twin.paper_grid()
+    found = estimates(true_slopes(grid, canting=0.5 * twin.paper_canting(), pointing=POINTING), grid)
+    np.testing.assert_allclose(found.canting.T, 0.5 * twin.paper_canting(), atol=2e-4 * MRAD)
+    np.testing.assert_allclose(found.pointing, POINTING, atol=1e-4 * MRAD)
+    assert found.focal_length == pytest.approx(120.0, abs=2e-3)
+    assert found.pixels.tolist() == [68 * 32] * 8
+
+
+def test_another_focal_length_cants_the_modules_too():
+    grid = twin.paper_grid()
+    found = estimates(true_slopes(grid, 119.0), grid)
+    assert found.focal_length == pytest.approx(119.0, abs=2e-3)
+    bend = -(0.5 / 119.0 - 0.5 / 120.0)
+    np.testing.assert_allclose(found.canting.T, bend * themis_8().centre, rtol=2e-3)
+    np.testing.assert_allclose(found.pointing, 0.0, atol=1e-12)
+
+
+def test_through_method_a_and_its_own_reference():
+    layout, grid, modules = twin.paper_scene(), twin.paper_grid(), themis_8()
+    maps = []
+    for canting in (0.3 * twin.paper_canting(), FLAT):
+        images, _ = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting))
+        found, _ = method_a(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
+        maps.append(found[0])
+    found = estimates(maps[0], grid, reference=maps[1])
+    np.testing.assert_allclose(found.canting.T, 0.3 * twin.paper_canting(), atol=2e-3 * MRAD)
+
+
+def test_standard_errors_are_those_of_trials():
+    grid, noise = twin.paper_grid(0.1), 0.1 * MRAD
+    slopes = true_slopes(grid, canting=0.5 * twin.paper_canting(), pointing=POINTING)
+    rng = np.random.default_rng(0)
+    canting, pointing, focal = [], [], []
+    for _ in range(200):
+        seen = slopes + noise * rng.standard_normal(slopes.shape)
+        found = estimates(seen, grid, deviation=np.full_like(slopes, noise))
+        canting.append((found.canting - 0.5 * twin.paper_canting().T) / found.canting_error)
+        pointing.append((found.pointing - POINTING) / found.pointing_error)
+        focal.append((found.focal_length - 120.0) / found.focal_length_error)
+    assert 0.93 < np.std(canting) < 1.09  # six of the eight at one place, all with the same pointing taken off
+    assert 0.88 < np.std(pointing) < 1.12
+    assert 0.85 < np.std(focal) < 1.15
+    assert abs(np.mean(focal)) < 0.25
+    assert np.all(found.waviness < 0.45 * noise)  # of 445 degrees of freedom each
+
+
+def some_modules(number):
+    """Two columns, centred."""
+    centre = np.array([[1.1 * (k % 2), 0.8 * (k // 2)] for k in range(number)])
+    return Modules(centre - centre.mean(axis=0), np.tile([1.0, 0.7], (number, 1)))
+
+
+TRIALS = 400
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 8])
+@pytest.mark.parametrize("kind", ["together", "apart", "unequal"])
+def test_stated_errors_are_those_found(number, kind):
+    """Modules at one place or far apart, with noise that is the same or up to three times as large: found standard
+    deviations have a statistical error of 3.5 %."""
+    modules = some_modules(number)
+    grid = mirror_grid(modules, 0.05)
+    use, rng = eroded(grid, 0), np.random.default_rng(number)
+    noise = 0.1 * MRAD * (1.0 + np.arange(number) % 3 if kind == "unequal" else np.ones(number))
+    canting = np.array([rng.permutation(number), rng.permutation(number)]) * (kind != "together") * 0.3 * MRAD
+    made = []
+    for _ in range(TRIALS):
+        pixels = rng.standard_normal((2, grid.pixel_y.size)) * noise[grid.pixel_module]
+        made.append(module_estimates(canting[:, grid.pixel_module] + pixels, grid, modules, use, 120.0))
+    found = [np.std([[*one.pointing, *one.canting.ravel()] for one in made], axis=0)]
+    told = [[*one.pointing_error, *one.canting_error.ravel()] for one in made]
+    stated = np.sqrt(np.mean(np.square(told), axis=0))
+    if number == 1:  # its pointing is all that is seen of it
+        found, stated = [found[0][:2]], stated[:2]
+    ratio = stated / np.array(found)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.15)  # four times the statistical error
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.15 if number < 3 else 0.08)
+
+
+def test_noise_that_differs_within_a_module_counts_where_it_is():
+    """Loud at the sides, as where a camera sees no sun: the slope at the centre knows less of it than curvature."""
+    modules = some_modules(4)
+    grid = mirror_grid(modules, 0.05)
+    away = np.abs(grid.pixel_y - modules.centre[grid.pixel_module, 0])
+    noise, rng = 0.1 * MRAD * np.where(away > 0.3, 4.0, 1.0), np.random.default_rng(3)
+    made = [
+        module_estimates(noise * rng.standard_normal((2, grid.pixel_y.size)), grid, modules, eroded(grid, 0), 120.0)
+        for _ in range(TRIALS)
+    ]
+    for found, stated in (("canting", "canting_error"), ("focal_length", "focal_length_error")):
+        ratio = np.sqrt(np.mean([getattr(one, stated) ** 2 for one in made])) / np.std(
+            [getattr(one, found) for one in made]
+        )
+        assert ratio == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.parametrize("number", [2, 3, 5, 8])
+def test_wrong_focal_length_does_not_move_pointing(number):
+    modules = some_modules(number)
+    grid, canting = mirror_grid(modules, 0.05), np.zeros((number, 2))
+    canting[0] = (-0.4 * MRAD, 0.5 * MRAD) if number > 2 else 0.0
+    for focal_length in (119.0, 120.0):
+        spheres = module_spheres(modules, focal_length, canting, POINTING)
+        slopes = image_set(twin.paper_scene(), grid, jose(), spheres, None)[1]
+        found = module_estimates(slopes, grid, modules, eroded(grid, 0), 120.0)
+        np.testing.assert_allclose(found.pointing, POINTING, atol=2e-4 * MRAD)
+        bend = 0.5 / 120.0 - 0.5 / focal_length
+        np.testing.assert_allclose(found.canting, canting.T + bend * modules.centre.T, atol=5e-4 * MRAD)
+
+
+def test_wrong_focal_length_and_canted_modules_do_not_move_pointing():
+    canting = np.zeros((8, 2))
+    canting[1], canting[2] = (0.3 * MRAD, -1.0 * MRAD), (-0.4 * MRAD, 0.5 * MRAD)
+    grid = twin.paper_grid(0.1)
+    found = estimates(true_slopes(grid, 119.5, canting, (0.1 * MRAD, -0.1 * MRAD)), grid)
+    np.testing.assert_allclose(found.pointing, (0.1 * MRAD, -0.1 * MRAD), atol=5e-4 * MRAD)
+
+
+def test_errors_that_pixels_share_count_by_blocks():
+    """Slopes that are constant over blocks of 0.45 x 0.225 m scatter the canting more than pixels would."""
+    grid, pulls = twin.paper_grid(0.1), []
+    column = np.floor((grid.pixel_y + 3.625) / 0.45).astype(int)
+    row = np.floor((grid.pixel_z + 3.675) / 0.225).astype(int)
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        draws = rng.standard_normal((2, 40, 40)) * 0.1 * MRAD
+        found = estimates(draws[:, row, column], grid)
+        pulls.append(found.canting / found.canting_error)
+    assert 0.6 < np.std(pulls) < 1.6
+
+
+def test_waviness_is_what_the_planes_leave():
+    grid = twin.paper_grid()
+    wavy = waviness(grid, 0.3 * MRAD, 1.0, 0)
+    found = estimates(true_slopes(grid, wavy=wavy), grid)
+    assert np.sqrt(np.mean(found.waviness**2)) == pytest.approx(0.3 * MRAD, rel=0.05)
+    assert np.all(found.canting_error > 0.005 * MRAD)
+
+
+def test_pointing_is_not_moved_by_a_few_bad_modules():
+    grid, canting = twin.paper_grid(0.1), np.zeros((8, 2))
+    canting[:3] = 2.0 * MRAD
+    found = estimates(true_slopes(grid, canting=canting, pointing=POINTING), grid)
+    np.testing.assert_allclose(found.pointing, POINTING, atol=1e-3 * MRAD)
+
+
+def test_modules_that_are_not_seen():
+    grid = twin.paper_grid(0.1)
+    slopes = true_slopes(grid, canting=0.5 * twin.paper_canting())
+    slopes[0, grid.pixel_module == 4] = np.nan
+    use = eroded(grid, 1) & (grid.pixel_module != 6)
+    found = estimates(slopes, grid, use)
+    assert np.flatnonzero(np.isnan(found.canting[1])).tolist() == [4, 6]
+    assert np.flatnonzero(np.isnan(found.canting_error[0])).tolist() == [4, 6]
+    assert found.pixels[[4, 6]].tolist() == [0, 0]
+    assert np.isfinite(found.focal_length)
+    none = estimates(np.full_like(slopes, np.nan), grid)
+    for values in none[:-1]:
+        assert np.all(np.isnan(values))
+
+
+def test_one_module_has_pointing_and_no_canting():
+    one = Modules(np.zeros((1, 2)), np.array([[3.0, 2.0]]))
+    grid = mirror_grid(one, 0.1)
+    images = image_set(twin.paper_scene(), grid, jose(), module_spheres(one, 120.0, [[0.1 * MRAD, 0.2 * MRAD]]))
+    found = module_estimates(images[1], grid, one, eroded(grid, 0), 120.0)
+    np.testing.assert_allclose(found.pointing, [0.1 * MRAD, 0.2 * MRAD], atol=1e-8)
+    assert np.all(found.canting == 0.0)
+
+
+def test_statistics_are_means_over_usable_pixels():
+    grid = twin.paper_grid(0.3)
+    values = np.random.default_rng(2).normal(size=(3, len(grid.place)))
+    values[0, ::7] = np.nan
+    values[2, grid.pixel_module == 5] = np.nan
+    use = eroded(grid, 1)
+    mean, rms, pixels = module_statistics(values, grid.pixel_module, use, 8)
+    for c in range(3):
+        for m in range(8):
+            these = values[c, use & (grid.pixel_module == m)]
+            these = these[np.isfinite(these)]
+            assert pixels[c, m] == these.size
+            if these.size:
+                np.testing.assert_allclose([mean[c, m], rms[c, m]], [these.mean(), np.sqrt(np.mean(these**2))])
+    assert np.isnan(mean[2, 5])
+    assert np.isnan(rms[2, 5])

@@ -1,0 +1,130 @@
+"""The specification of the backward-gazing kernels in a few obvious lines: vectors in the frame R_F, NumPy, one camera
+after another."""
+
+import numpy as np
+
+from heliosweep.kernels.compiled import inline
+from heliosweep.kernels.gazing.geometry import camera_ray, camera_square, ideal_mirror, mirror_offsets, scene
+from heliosweep.kernels.gazing.mirror import mirror_grid, themis_8
+
+LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
+
+
+def paper_scene(sun=(30.0, 60.0), target=(0.0, 44.0), radius=0.24, arrangement="square", **more):
+    """Scene of the study file of the paper; angles in degrees, azimuths from south towards east."""
+    return scene(
+        tuple(np.radians(sun)),
+        tuple(np.radians(target)),
+        camera_square(radius, arrangement),
+        **more,
+    )
+
+
+@inline
+def sun_offsets(layout, camera, p_y, p_z, y, z):
+    """`mirror_offsets` by the kernels for the slopes p relative to the ideal mirror at the pixel (y, z)."""
+    x, a, b = ideal_mirror(layout.focal_length, y, z)
+    return mirror_offsets(a + p_y, b + p_z, *camera_ray(layout.eyes, camera, x, y, z), layout.sun_y, layout.sun_z)
+
+
+def paper_grid(pixel=0.05):
+    return mirror_grid(themis_8(), pixel)
+
+
+def paper_canting():
+    """-1 and +1 mrad about the horizontal axis on modules 2 and 3."""
+    canting = np.zeros((8, 2))
+    canting[1, 1], canting[2, 1] = -1e-3, 1e-3
+    return canting
+
+
+def jose(eps, limb=LIMB, radius=EPS_MAX, power=POWER):
+    u = np.minimum(np.asarray(eps) / radius, 1.0)
+    return np.where(np.asarray(eps) > radius, 0.0, limb + (1.0 - limb) * np.sqrt(1.0 - u**power))
+
+
+def unit(vector):
+    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+
+
+def rodrigues(axis, angle):
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+def turn(slopes):
+    """Rotation that takes the x axis to (1, c_y, c_z)."""
+    length = np.hypot(*slopes)
+    return np.eye(3) if length == 0.0 else rodrigues(np.array([0.0, -slopes[1], slopes[0]]) / length, np.arctan(length))
+
+
+def surface(y, z, centre, focal_length, canting, pointing):
+    """Points and normals, in the mirror frame, of a module: a sphere turned about the module's centre, then whole."""
+    radius, ball = 2.0 * focal_length, np.array([2.0 * focal_length, 0.0, 0.0])
+    pivot = np.array([radius - np.sqrt(radius**2 - centre[0] ** 2 - centre[1] ** 2), *centre])
+    ball = turn(pointing) @ (pivot + turn(canting) @ (ball - pivot))
+    x = ball[0] - np.sqrt(radius**2 - (y - ball[1]) ** 2 - (z - ball[2]) ** 2)
+    points = np.stack((x, y, z), axis=-1)
+    return points, (ball - points) / radius
+
+
+def series(y, z, f, p=(0.0, 0.0)):
+    """Points and normals, in the mirror frame, of the ideal mirror with the slopes p (Eqs. 1 and 2)."""
+    r2 = y**2 + z**2
+    points = np.stack((r2 / (4 * f) + r2**2 / (64 * f**3), y, z), axis=-1)
+    bend = (1 + r2 / (8 * f**2)) / (2 * f)
+    return points, unit(np.stack((np.ones_like(r2), p[0] - y * bend, p[1] - z * bend), axis=-1))
+
+
+def offsets(layout, camera, points, normals):
+    """2nd and 3rd components of B_S S for the rays from a camera (Eqs. 4 and 5)."""
+    origin = -layout.distance * layout.target_axes[0]
+    place, normal = origin + points @ layout.mirror_axes, normals @ layout.mirror_axes
+    ray = unit(layout.cameras[camera] - place)
+    sun = 2.0 * np.sum(normal * ray, axis=-1, keepdims=True) * normal - ray
+    return (sun @ layout.sun_axes.T)[..., 1:]
+
+
+def images(layout, points, normals):
+    """Brightness that each camera sees with the Jose profile of the paper."""
+    return np.stack([jose(np.hypot(*offsets(layout, i, points, normals).T)) for i in range(len(layout.cameras))])
+
+
+def method_a(images, layout, y, z, threshold=0.3):
+    """Departures of the wavefront slopes, by least squares at one pixel after another; Jose profile."""
+    ideal = np.stack(
+        [np.sum(offsets(layout, i, *series(y, z, layout.focal_length)) ** 2, axis=-1) for i in range(len(images))]
+    )
+    out = np.full((2, y.size), np.nan)
+    for k in range(y.size):
+        lit = images[:, k] >= threshold
+        if lit.sum() < 3:
+            continue
+        c = (images[lit, k] - LIMB) / (1.0 - LIMB)
+        square = EPS_MAX**2 * np.maximum(1.0 - c**2, 0.0) ** (2.0 / POWER)
+        matrix = np.column_stack((-2.0 * layout.gaze[lit], np.full(lit.sum(), 1e-3)))
+        out[:, k] = np.linalg.lstsq(matrix, square - ideal[lit, k], rcond=None)[0][:2]
+    return out
+
+
+def modelled(layout, y, z, p):
+    """Brightness of all cameras for slopes p, shape (2, n), at one pixel each; Jose profile."""
+    return images(layout, *series(y, z, layout.focal_length, p))
+
+
+def gauss_newton(images, layout, y, z, start, gain=False, steps=8):
+    """Slopes that fit the images best at each pixel, with a gain where asked; derivatives by differences."""
+    p, step, scale = np.array(start, float), 1e-8, np.ones(y.size)
+    for _ in range(steps):
+        value = modelled(layout, y, z, p)
+        ways = step * np.eye(2)[:, :, np.newaxis]
+        columns = [
+            scale * (modelled(layout, y, z, p + way) - modelled(layout, y, z, p - way)) / (2 * step) for way in ways
+        ]
+        matrix = np.stack([*columns, value] if gain else columns, axis=-1).swapaxes(0, 1)
+        rest = (images - scale * value).T[..., np.newaxis]
+        change = np.linalg.solve(matrix.swapaxes(1, 2) @ matrix, matrix.swapaxes(1, 2) @ rest)[..., 0].T
+        p = p + change[:2]
+        scale = scale + change[2] if gain else scale
+    return p

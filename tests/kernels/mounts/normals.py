@@ -1,0 +1,44 @@
+"""Normals of mirrors: ideal ones by the kernel, and those of mounts with errors by SciPy's rotations."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.mounts.kinematics import offset_normal
+
+
+@kernel
+def _fill(sun, to_target, offset, normals):
+    for i in range(len(normals)):
+        s, d = sun[i], to_target[i]
+        normals[i, 0], normals[i, 1], normals[i, 2] = offset_normal(s[0], s[1], s[2], d[0], d[1], d[2], offset[i])
+
+
+def aim_normals(sun, to_target, offset=0.0):
+    """Normals of mirrors with their centres so far from their pivots; arguments broadcast."""
+    vectors = np.broadcast_arrays(np.asarray(sun, float), to_target, np.asarray(offset, float)[..., np.newaxis])
+    rows = [np.array(each, float, order="C").reshape(-1, 3) for each in vectors]
+    normals = np.empty(rows[0].shape)
+    _fill(rows[0], rows[1], rows[2][:, 0].copy(), normals)
+    return normals.reshape(vectors[0].shape)
+
+
+def normal_and_centre(frame, angles, errors, offsets=(0.0, 0.0, 0.0)):
+    """Normal and mirror centre of mounts at encoder angles, by the chain of rotations; arguments broadcast."""
+    frame, angles, errors = np.asarray(frame, float), np.asarray(angles, float), np.asarray(errors, float)
+    shape = np.broadcast_shapes(frame.shape[:-2], angles.shape[:-1], errors.shape[:-1])
+    frames = np.broadcast_to(frame, (*shape, 3, 3)).reshape(-1, 3, 3)
+    g, a = np.broadcast_to(angles, (*shape, 2)).reshape(-1, 2).T
+    g0, a0, east, north, eta, mu = np.broadcast_to(errors, (*shape, 6)).reshape(-1, 6).T
+    known, none, (r, q, h) = np.isfinite(g + a), np.zeros(len(g)), offsets
+
+    def about(*vector):
+        return Rotation.from_rotvec(np.stack(np.broadcast_arrays(*vector), axis=1))
+
+    tilt, primary = about(east, north, none), about(none, none, np.where(known, -(g + g0), 0.0))
+    secondary = about(none, eta, none) * about(np.where(known, a + a0, 0.0), none, none)
+    normal = (tilt * primary * secondary).apply(np.stack((np.sin(mu), np.cos(mu), none), axis=1))
+    arm = primary.apply(np.array([0.0, q, 0.0]) + secondary.apply([0.0, r, 0.0]))
+    centre = tilt.apply(np.array([0.0, 0.0, h]) + arm) - [0.0, 0.0, h]
+    world = (np.where(known[:, np.newaxis], np.einsum("nij,ni->nj", frames, v), np.nan) for v in (normal, centre))
+    return tuple(v.reshape(*shape, 3) for v in world)

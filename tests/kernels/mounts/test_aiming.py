@@ -1,0 +1,248 @@
+"""Two-axis mounts: frames, forward, inverse, aiming and the Jacobian of the spot."""
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels.mounts.aiming import aim, mount_frames
+from heliosweep.kernels.mounts.kinematics import (
+    AZIMUTH_ELEVATION,
+    ERRORS,
+    POLAR,
+    TARGET_ALIGNED,
+    TERMS,
+    TILT_ROLL,
+    error_terms,
+)
+from heliosweep.kernels.spots.derivatives import PARAMETERS, RESIDUAL, SEEN_ROWS, STATUS, derivative_lanes, seen_rows
+from heliosweep.kernels.spots.least_squares import COLUMNS, SIDES
+from heliosweep.kernels.spots.receiver import BEHIND_FACE, REACHES, face_axes
+from heliosweep.kernels.vectors import PACKET
+from tests.kernels.mounts.normals import aim_normals, normal_and_centre
+
+KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
+OFFSETS = [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.2, 4.0), (-0.3, -0.4, 6.0)]
+
+
+def scene(kind, count, seed=0, spread=5e-3):
+    """Frames, sun vectors, vectors to the target and errors of a field in the north."""
+    rng = np.random.default_rng(seed)
+    to_target = np.stack((rng.uniform(-200, 200, count), -rng.uniform(60, 400, count), rng.uniform(60, 150, count)), 1)
+    sun = rng.normal(size=(count, 3)) + np.array([0.0, -1.0, 0.0])
+    sun[:, 2] = np.abs(sun[:, 2]) + 0.1
+    sun /= np.linalg.norm(sun, axis=1, keepdims=True)
+    return mount_frames(kind, 0.65, 0.3, to_target), sun, to_target, rng.normal(0.0, spread, (count, 6))
+
+
+def miss(sun, to_target, normal, centre):
+    """Distance at which rays from the mirror centre pass the aim point. [m]"""
+    ray = 2.0 * np.sum(sun * normal, axis=-1, keepdims=True) * normal - sun
+    return np.linalg.norm(np.cross(to_target - centre, ray), axis=-1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_frames_are_rotations(kind):
+    frames, _, to_target, _ = scene(kind, 20)
+    np.testing.assert_allclose(frames @ np.swapaxes(frames, 1, 2), np.broadcast_to(np.eye(3), (20, 3, 3)), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(frames), 1.0, atol=1e-15)
+    primary = {
+        AZIMUTH_ELEVATION: np.array([0.0, 0.0, 1.0]),
+        TARGET_ALIGNED: to_target / np.linalg.norm(to_target, axis=1, keepdims=True),
+        POLAR: np.array([0.0, np.cos(0.65), np.sin(0.65)]),
+        TILT_ROLL: np.array([np.sin(0.3), np.cos(0.3), 0.0]),
+    }[kind]
+    np.testing.assert_allclose(frames[:, 2], np.broadcast_to(primary, (20, 3)), atol=1e-15)
+    assert np.all(frames[:, 1, 2] >= 0.0) or kind == POLAR  # zero bore: up as far as it is perpendicular
+
+
+def test_zero_bore_is_north_under_the_aim_point():
+    frame = mount_frames(TARGET_ALIGNED, 0.0, 0.0, [0.0, 0.0, 80.0])
+    np.testing.assert_array_equal(frame, np.eye(3))
+
+
+def angles_to(frames, normals, errors):
+    """Encoder angles at which mounts point along normals: those that send the sun back where it comes from."""
+    return aim(frames, normals, 100.0 * normals, errors)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_inverse_of_forward(kind):
+    frames, _, _, errors = scene(kind, 800)
+    angles = np.random.default_rng(1).uniform([-np.pi, -1.2], [np.pi, 1.2], (800, 2))
+    normal, _ = normal_and_centre(frames, angles, errors)
+    up = normal[:, 2] > 1e-3  # the sun must stand above the horizon
+    turns = (angles_to(frames, normal, errors) - angles + np.pi) % (2.0 * np.pi) - np.pi
+    assert up.sum() > 200
+    np.testing.assert_allclose(turns[up], 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_forward_of_inverse_next_to_the_primary_axis(kind):
+    frames, _, _, errors = scene(kind, 800)
+    away = 10.0 ** np.random.default_rng(2).uniform(-2, 0, 800)
+    angles = np.stack((np.linspace(-3.0, 3.0, 800), 0.5 * np.pi - away), 1)
+    errors[:, 4:] *= 0.1 * away[:, np.newaxis]  # clear of the blind cone
+    normal, _ = normal_and_centre(frames, angles, errors)
+    up = normal[:, 2] > 1e-3
+    again, _ = normal_and_centre(frames, angles_to(frames, normal, errors), errors)
+    assert up.sum() > 200
+    np.testing.assert_allclose(again[up], normal[up], atol=1e-14, rtol=0)
+
+
+def test_blind_cone():
+    errors = np.array([0.0, 0.0, 0.0, 0.0, 2e-3, 3e-3])
+    polar = np.array([0.5e-3, 4.9e-3, 5.1e-3, 0.1])
+    normal = np.stack((np.sin(polar), 0.0 * polar, np.cos(polar)), 1)
+    found = np.isfinite(angles_to(np.eye(3), normal, errors)).all(axis=1)
+    np.testing.assert_array_equal(found, [False, False, True, True])  # half angle 5 mrad
+    up = np.array([0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(angles_to(np.eye(3), up, np.zeros(6)), [0.0, 0.5 * np.pi])
+
+
+def test_first_order_columns():
+    """Right and up parts of the normal's change by each error (azimuth-elevation, no offsets)."""
+    rng, step = np.random.default_rng(3), 1e-5
+    for g, a in rng.uniform([-3.0, 0.1], [3.0, 1.4], (20, 2)):
+        right = np.array([np.cos(g), -np.sin(g), 0.0])
+        up = np.array([-np.sin(a) * np.sin(g), -np.sin(a) * np.cos(g), np.cos(a)])
+        expected = {
+            "azimuth_reference": (np.cos(a), 0.0),
+            "elevation_reference": (0.0, 1.0),
+            "tilt_about_east": (np.sin(a) * np.sin(g), np.cos(g)),
+            "tilt_about_north": (np.sin(a) * np.cos(g), -np.sin(g)),
+            "non_orthogonality": (np.sin(a), 0.0),
+            "collimation": (1.0, 0.0),
+        }
+        errors = step * np.concatenate((np.eye(6), -np.eye(6)))
+        normal, _ = normal_and_centre(np.eye(3), [g, a], errors)
+        slopes = (normal[:6] - normal[6:]) / (2.0 * step)
+        for slope, name in zip(slopes, ERRORS, strict=True):
+            np.testing.assert_allclose((slope @ right, slope @ up), expected[name], atol=1e-9)
+
+
+@pytest.mark.parametrize("offsets", OFFSETS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_aiming_brings_the_beam_to_the_aim_point(kind, offsets):
+    frames, sun, to_target, errors = scene(kind, 500)
+    angles = aim(frames, sun, to_target, errors, offsets)
+    assert np.isfinite(angles).all()
+    assert np.all(np.cos(angles[:, 1] + errors[:, 1]) >= 0.0)
+    normal, centre = normal_and_centre(frames, angles, errors, offsets)
+    assert np.max(miss(sun, to_target, normal, centre)) < 2e-12
+    if offsets[1:] == (0.0, 0.0):
+        perfect, _ = normal_and_centre(frames, aim(frames, sun, to_target, np.zeros(6), offsets), np.zeros(6))
+        np.testing.assert_allclose(perfect, aim_normals(sun, to_target, offsets[0]), atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_large_offsets_converge_or_are_refused(kind):
+    frames, sun, to_target, errors = scene(kind, 500)
+    half = 0.5 * np.min(np.linalg.norm(to_target, axis=1))
+    angles = aim(frames, sun, to_target, errors, (half, 0.0, 5.0))
+    assert np.isfinite(angles).all()
+    normal, centre = normal_and_centre(frames, angles, errors, (half, 0.0, 5.0))
+    assert np.max(miss(sun, to_target, normal, centre)) < 1e-11
+    assert np.isnan(aim(frames, sun, to_target, errors, (2000.0, 0.0, 0.0))).all()
+    # With a large axis offset there is a cone about the primary axis that some lanes are in.
+    angles = aim(frames, sun, to_target, errors, (20.0, 20.0, 5.0))
+    normal, centre = normal_and_centre(frames, angles, errors, (20.0, 20.0, 5.0))
+    aimed = np.isfinite(angles).all(axis=1)
+    assert np.mean(aimed) > 0.98
+    assert np.max(miss(sun, to_target, normal, centre)[aimed]) < 1e-11
+
+
+def test_aiming_does_not_depend_on_the_packet():
+    frames, sun, to_target, errors = scene(TARGET_ALIGNED, 300)
+    offsets = (15.0, 3.0, 5.0)
+    together = aim(frames, sun, to_target, errors, offsets)
+    shuffled = np.random.default_rng(4).permutation(300)
+    np.testing.assert_array_equal(
+        aim(frames[shuffled], sun[shuffled], to_target[shuffled], errors[shuffled], offsets), together[shuffled]
+    )
+    alone = [aim(frames[i], sun[i], to_target[i], errors[i], offsets) for i in range(40)]
+    np.testing.assert_array_equal(alone, together[:40])
+
+
+def test_no_sun_no_angles():
+    sun = np.array([[0.0, -1.0, 0.0], [0.0, 0.6, -0.8], [np.nan, 0.0, 1.0], [0.0, -0.6, 0.8]])
+    angles = aim(np.eye(3), sun, [0.0, -100.0, 100.0], np.zeros(6), (0.5, 0.0, 0.0))
+    np.testing.assert_array_equal(np.isnan(angles).all(axis=1), [True, True, True, False])
+
+
+def evaluated(frame, angles, errors, offsets, sun, to_target, face):
+    """Spots of one mount: y, z and status, shape (3, S), and derivatives (2, 6, S)."""
+    spots, terms = len(angles), np.empty(TERMS)
+    error_terms(errors, terms)
+    blocks = np.empty((-(-spots // PACKET), SIDES, COLUMNS, PACKET))
+    seen = np.empty(len(blocks) * SEEN_ROWS * PACKET)
+    turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(-1, 4)
+    seen_rows(sun, turns, np.zeros((spots, 2)), seen)
+    for first in range(0, spots, PACKET):
+        lanes, lengths = min(PACKET, spots - first), np.array([*offsets, *to_target])
+        derivative_lanes(seen, first, terms, frame.ravel(), face.ravel(), lengths, blocks.reshape(-1), lanes)
+    rows = np.moveaxis(blocks, 0, 2).reshape(SIDES, COLUMNS, -1)[:, :, :spots]
+    return np.array([*rows[:, RESIDUAL], rows[0, STATUS]]), rows[:, :PARAMETERS]
+
+
+def complex_spot(frame, angles, errors, offsets, sun, to_target, face):
+    """Spot for complex errors."""
+
+    def about(axis, angle):
+        cosine, sine = np.cos(angle), np.sin(angle)
+        across = np.cross(np.eye(3), axis)
+        return np.eye(3) + sine * across + (1.0 - cosine) * (across @ across)
+
+    g0, a0, east, north, eta, mu = errors
+    r, q, h = offsets
+    length = np.sqrt(east**2 + north**2)
+    axis = np.array([east, north, 0.0 * east]) / length
+    k = np.array([[0, 0, axis[1]], [0, 0, -axis[0]], [-axis[1], axis[0], 0]])
+    tilt = np.eye(3) + np.sin(length) * k + (1.0 - np.cos(length)) * (k @ k)
+    primary = about([0.0, 0.0, -1.0], angles[0] + g0)
+    secondary = about([0.0, 1.0, 0.0], eta) @ about([1.0, 0.0, 0.0], angles[1] + a0)
+    normal = frame.T @ tilt @ primary @ secondary @ np.array([np.sin(mu), np.cos(mu), 0.0 * mu])
+    arm = primary @ (np.array([0.0, q, 0.0]) + secondary @ np.array([0.0, r, 0.0]))
+    centre = frame.T @ (tilt @ (np.array([0.0, 0.0, h]) + arm) - np.array([0.0, 0.0, h])) - to_target
+    ray = 2.0 * (sun @ normal) * normal - sun
+    point = centre - (face[0] @ centre) / (face[0] @ ray) * ray
+    return face[1:] @ point
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_jacobian_against_complex_steps(kind):
+    frames, sun, to_target, errors = scene(kind, 60)
+    offsets, face = np.array([0.5, 0.3, 4.0]), face_axes(0.2, -0.3)
+    angles, seen = aim(frames, sun, to_target, np.zeros(6), (0.5, 0.3, 4.0)), 0
+    for i in range(60):
+        here = (frames[i], angles[i], errors[i], offsets, sun[i], to_target[i])
+        spots, jacobian = evaluated(
+            frames[i], angles[i : i + 1], errors[i], offsets, sun[i : i + 1], to_target[i], face
+        )
+        y, z, status = spots[:, 0]
+        if status != REACHES:
+            continue
+        seen += 1
+        steps = errors[i] + 1e-30j * np.eye(6)
+        spots = np.array([complex_spot(*here[:2], step, *here[3:], face) for step in steps])
+        np.testing.assert_allclose((y, z), spots[0].real, atol=1e-11)
+        exact = spots.imag.T / 1e-30
+        np.testing.assert_allclose(jacobian[:, :, 0], exact, atol=1e-12 * np.max(np.abs(exact)), rtol=0)
+    assert seen > 40
+
+
+def test_derivatives_do_not_depend_on_how_spots_are_packed():
+    frames, sun, to_target, errors = scene(AZIMUTH_ELEVATION, 150)
+    mount, face = (errors[0], (0.5, 0.3, 4.0)), face_axes(0.2, -0.3)
+    angles = aim(frames[:1], sun, to_target[:1], np.zeros(6), (0.5, 0.3, 4.0))
+    together = evaluated(frames[0], angles, *mount, sun, to_target[0], face)
+    for part in (slice(0, 1), slice(3, 12), slice(60, 130), slice(149, 150)):
+        spots, jacobian = evaluated(frames[0], angles[part], *mount, sun[part], to_target[0], face)
+        np.testing.assert_array_equal(spots, together[0][:, part])
+        np.testing.assert_array_equal(jacobian, together[1][:, :, part])
+
+
+def test_jacobian_where_there_is_no_spot():
+    sun, ahead = np.array([[0.0, -0.6, 0.8]]), np.array([0.0, 100.0, 50.0])  # south of a face that looks north
+    spots, jacobian = evaluated(np.eye(3), np.ones((1, 2)), np.zeros(6), np.zeros(3), sun, ahead, face_axes(0.0, 0.0))
+    assert spots[2] == BEHIND_FACE
+    assert np.isnan(spots[:2]).all()
+    assert np.isnan(jacobian).all()

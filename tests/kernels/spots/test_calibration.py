@@ -1,0 +1,328 @@
+"""Calibration against an independent model of the mount, SciPy's least squares and Monte Carlo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares, root
+from scipy.stats import t as student
+
+from heliosweep.kernels.spots.calibration import CAUCHY, HUBER, SQUARED, Spots, calibrate
+from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, TOO_FEW
+from tests.families.misalignment.mount_twin import Twin, solar_vector
+
+TRUE = np.array([1.5, -0.8, 0.9, -1.2, 0.6, -0.7]) * 1e-3
+#: Equinox and solstices.
+DAYS = (81, 172, 355)
+HOURS = np.arange(8.0, 16.1)
+NEAR = Twin((-16.0, 150.0, 0.0), 143.0, offsets=(0.5, 0.0, 0.0))
+
+
+class Case:
+    """Spots of one heliostat with known errors, again and again with other noise."""
+
+    def __init__(self, twin=NEAR, days=DAYS, hours=HOURS, true=TRUE, noise=0.0, seeds=1):
+        suns = [solar_vector(37.4, day, hour) for day in days for hour in hours]
+        self.twin, self.suns = twin, np.array([sun for sun in suns if sun[2] > 0.02])
+        self.angles = np.array([twin.aim(sun) for sun in self.suns])
+        clean = self.predict(true)
+        rng = np.random.default_rng(1)
+        self.count, self.seeds = len(clean), seeds
+        self.position = clean + noise * rng.standard_normal((seeds, *clean.shape))
+        self.weight = np.ones((seeds, self.count))
+
+    def predict(self, errors):
+        """Spots for errors of shape (..., 6), by the independent model."""
+        pairs, table = zip(self.angles, self.suns, strict=True), np.reshape(errors, (-1, 6))
+        spots = [self.twin.spots(*self.twin.mirror(angles, table), sun)[0] for angles, sun in pairs]
+        return np.stack(spots, axis=1).reshape(*np.shape(errors)[:-1], len(spots), 2)
+
+    def spots(self):
+        first = np.arange(self.seeds + 1) * self.count
+        sun, angles = (np.tile(array, (self.seeds, 1)) for array in (self.suns, self.angles))
+        return Spots(first, sun, angles, self.position.reshape(-1, 2), self.weight.ravel())
+
+    def calibrate(self, spots=None, **options):
+        seeds, twin = self.seeds, self.twin
+        frames, pivots = np.tile(twin.frame, (seeds, 1, 1)), np.tile(twin.pivot - twin.target, (seeds, 1))
+        return calibrate(spots or self.spots(), frames, pivots, twin.axes, np.array(twin.offsets), **options)
+
+
+def truth(parameters):
+    """Errors of which only those that are sought are not zero."""
+    return np.where(np.arange(6) < parameters, TRUE, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["azimuth_elevation", "target_aligned", "polar", "tilt_roll"])
+@pytest.mark.parametrize("parameters", [2, 4, 6])
+def test_clean_spots_give_the_errors_back(kind, parameters):
+    twin = Twin((-60.0, 300.0, 3.0), 143.0, (10.0, -15.0), kind=kind, axis_azimuth=20.0, offsets=(0.5, 0.2, 4.0))
+    found = Case(twin, true=truth(parameters)).calibrate(parameters=parameters)
+    assert found.status[0] == ESTIMATED
+    np.testing.assert_allclose(found.estimate[0, :parameters], TRUE[:parameters], rtol=0, atol=1e-13)
+    assert np.isnan(found.estimate[0, parameters:]).all()
+    assert np.isnan(found.covariance[0, parameters:]).all()
+    assert np.abs(found.residual).max() < 1e-11
+
+
+def test_large_errors_are_found_too():
+    found = Case(true=20 * TRUE).calibrate(parameters=6)
+    np.testing.assert_allclose(found.estimate[0], 20 * TRUE, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize(("days", "condition"), [((81,), 1700), ((81, 172), 378), ((81, 172, 355), 185)])
+def test_condition_numbers_of_one_two_and_three_days(days, condition):
+    # Heliostat 16 m west and 150 m north of the tower, 143 m below the aim point; every hour from 8 to 16.
+    found = Case(days=days).calibrate(parameters=6)
+    assert found.condition[0] == pytest.approx(condition, abs=1)
+    assert found.status[0] == (INDISTINCT if condition > 1000 else ESTIMATED)
+    assert found.least_known[0] == 5  # collimation
+    np.testing.assert_allclose(found.estimate[0], TRUE, rtol=0, atol=1e-12)  # 1e-9 mrad, however ill-conditioned
+    four = Case(days=days, true=truth(4)).calibrate(parameters=4)
+    assert four.condition[0] < 10
+
+
+class Cost:
+    """The cost of one heliostat for SciPy: pairs of residuals whose squares add up to it. Errors in mrad."""
+
+    def __init__(self, case, parameters, loss=SQUARED, scale=1.0, root=1.0):
+        self.case, self.parameters, self.loss, self.scale, self.root = case, parameters, loss, scale, root
+
+    def raw(self, errors):
+        full = np.zeros((*np.shape(errors)[:-1], 6))
+        full[..., : self.parameters] = np.asarray(errors) * 1e-3
+        return (self.case.predict(full) - self.case.position[0]) * np.reshape(self.root, (-1, 1))
+
+    def __call__(self, errors):
+        residuals = self.raw(errors)
+        square = np.sum(residuals**2, axis=-1, keepdims=True) / self.scale**2
+        value = {
+            SQUARED: square,
+            HUBER: np.where(square <= 1, square, 2 * np.sqrt(np.maximum(square, 1)) - 1),
+            CAUCHY: np.log1p(square),
+        }[self.loss]
+        return (residuals * np.sqrt(value / square)).reshape(*residuals.shape[:-2], -1)
+
+    def slope(self, errors):
+        """Derivative of the cost, from residuals by differences of fourth order."""
+        step = 0.2
+        displaced = errors + step * np.multiply.outer([-2.0, -1.0, 1.0, 2.0], np.eye(self.parameters))
+        change = np.tensordot(np.array([1.0, -8.0, 8.0, -1.0]) / (12 * step), self.raw(displaced), axes=1)
+        residuals = self.raw(errors)
+        square = np.sum(residuals**2, axis=-1, keepdims=True) / self.scale**2
+        share = {
+            SQUARED: np.ones_like(square),
+            HUBER: np.where(square <= 1, 1.0, 1 / np.sqrt(square)),
+            CAUCHY: 1 / (1 + square),
+        }[self.loss]
+        return np.sum(change * (share * residuals), axis=(1, 2))
+
+    def solved(self, start):
+        """SciPy's solution [rad]; where the costs of steps are all rounding, by the root of the slope."""
+        near = least_squares(self, start, jac="3-point", method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+        exact = root(self.slope, near, tol=1e-15).x
+        np.testing.assert_allclose(exact, near, rtol=0, atol=1e-4)
+        return exact * 1e-3
+
+
+@pytest.mark.parametrize("parameters", [2, 4, 6])
+def test_least_squares_equals_scipy(parameters):
+    case = Case(true=truth(parameters), noise=0.03)
+    case.weight[:] = np.linspace(0.5, 2.0, case.count)
+    found = case.calibrate(parameters=parameters)
+    theirs = Cost(case, parameters, root=np.sqrt(case.weight[0])).solved(np.zeros(parameters))
+    np.testing.assert_allclose(found.estimate[0, :parameters], theirs, rtol=0, atol=1e-12)
+
+
+def test_errors_that_are_not_sought_are_nothing_whatever_was_fitted_before():
+    few = Case(true=truth(2), noise=1e-3, seeds=3)
+    alone = few.calibrate(parameters=2).estimate
+    for parameters in (6, 4):
+        for _ in range(20):  # scratch that is not written would hold what these leave behind
+            Case(true=TRUE, noise=1e-3, seeds=3).calibrate(parameters=parameters)
+            np.testing.assert_array_equal(few.calibrate(parameters=2).estimate, alone)
+    np.testing.assert_allclose(alone[:, :2], np.broadcast_to(truth(2)[..., :2], alone[:, :2].shape), atol=1e-4)
+
+
+@pytest.mark.parametrize("loss", [HUBER, CAUCHY])
+@pytest.mark.parametrize("parameters", [4, 6])
+def test_robust_losses_equal_scipy(loss, parameters):
+    case = Case(true=truth(parameters), noise=0.03)
+    case.position[0, ::9] += [1.5, -0.7]
+    found = case.calibrate(parameters=parameters, loss=loss, loss_scale=0.08)
+    theirs = Cost(case, parameters, loss, 0.08).solved(0.9e3 * found.estimate[0, :parameters])
+    np.testing.assert_allclose(found.estimate[0, :parameters], theirs, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
+@pytest.mark.parametrize("parameters", [4, 6])
+def test_intervals_cover_the_truth_and_the_covariance_is_that_of_the_draws(loss, parameters):
+    case = Case(true=truth(parameters), noise=0.02, seeds=1000)
+    found = case.calibrate(parameters=parameters, loss=loss, loss_scale=0.05)
+    assert (found.status == ESTIMATED).all()
+    estimate, covariance = found.estimate[:, :parameters], found.covariance[:, :parameters, :parameters]
+    error = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    most = student.ppf(0.975, 2 * case.count - parameters) * error
+    covered = (np.abs(estimate - TRUE[:parameters]) <= most).mean(axis=0)
+    assert ((covered >= 0.93) & (covered <= 0.97)).all()
+    # 1,000 draws know a standard deviation to 2.2 %; correlations are far better known.
+    drawn, stated = np.cov(estimate.T), covariance.mean(axis=0)
+    np.testing.assert_allclose(np.sqrt(np.diag(drawn)), np.sqrt(np.diag(stated)), rtol=0.07)
+    widths = np.sqrt(np.diag(stated))
+    np.testing.assert_allclose(drawn / np.outer(widths, widths), stated / np.outer(widths, widths), rtol=0, atol=0.15)
+
+
+@pytest.mark.parametrize("loss", [HUBER, CAUCHY])
+def test_robust_losses_survive_outliers(loss):
+    case = Case(true=truth(4), noise=0.02, seeds=300)
+    clean = np.std(case.calibrate().estimate[:, :4], axis=0)
+    rng = np.random.default_rng(2)
+    bad = rng.random(case.position.shape[:2]) < 0.1
+    case.position[bad] += rng.uniform(-2.0, 2.0, (np.count_nonzero(bad), 2))
+    spread = {}
+    for kind in (SQUARED, loss):
+        found = case.calibrate(loss=kind, loss_scale=0.05)
+        spread[kind] = np.sqrt(np.mean((found.estimate[:, :4] - TRUE[:4]) ** 2, axis=0))
+    assert (spread[loss] < 1.5 * clean).all()
+    assert (spread[SQUARED] > 10 * clean).all()
+
+
+def test_one_day_with_noise_comes_to_rest_though_it_tells_little():
+    found = Case(days=(81,), noise=0.05, seeds=300).calibrate(parameters=6)
+    assert np.isin(found.status, (ESTIMATED, INDISTINCT)).all()
+
+
+def test_leave_one_out_is_what_leaving_one_out_gives():
+    case = Case(true=truth(4), noise=0.02)
+    found = case.calibrate()
+    for spot in (0, 7, 26):
+        case.weight[:] = 1.0
+        case.weight[0, spot] = 0.0
+        without = case.calibrate()
+        assert without.used[0] == case.count - 1
+        # To first order; the estimate moves the spot's Jacobian by parts per thousand.
+        np.testing.assert_allclose(found.left_out[spot], without.residual[spot], rtol=0.01, atol=1e-5)
+        assert np.array_equal(without.left_out[spot], without.residual[spot])
+
+
+def test_weights_are_inverse_variances_and_their_unit_does_not_matter():
+    case = Case(true=truth(4), noise=0.02)
+    case.weight[:, ::2] = 0.0
+    half = case.calibrate()
+    spots = case.spots()
+    kept = spots.weight > 0
+    number = np.count_nonzero(kept)
+    fewer = Spots(np.array([0, number]), *(array[kept] for array in spots[1:]))
+    same = case.calibrate(fewer)
+    np.testing.assert_allclose(half.estimate, same.estimate, rtol=1e-12)
+    np.testing.assert_allclose(half.covariance, same.covariance, rtol=1e-9)
+    case.weight *= 7.0
+    np.testing.assert_allclose(case.calibrate().covariance, half.covariance, rtol=1e-9)
+
+
+def test_every_heliostat_for_itself():
+    case = Case(noise=0.05, seeds=7)
+    together = case.calibrate(parameters=6)
+    spots, n = case.spots(), case.count
+    for k in range(case.seeds):
+        alone = Case(seeds=1)
+        part = slice(k * n, (k + 1) * n)
+        one = alone.calibrate(Spots(np.array([0, n]), *(array[part] for array in spots[1:])), parameters=6)
+        assert np.array_equal(one.estimate[0], together.estimate[k])
+        assert np.array_equal(one.covariance[0], together.covariance[k])
+        assert np.array_equal(one.left_out, together.left_out[part])
+
+
+def take(spots, keep):
+    """Some spots of a single heliostat."""
+    return Spots(np.array([0, len(keep)]), *(array[keep] for array in spots[1:]))
+
+
+def test_too_few_spots():
+    case = Case(true=truth(6))
+    found = case.calibrate(take(case.spots(), [0, 20]), parameters=6)
+    assert found.status[0] == TOO_FEW
+    assert np.isnan(found.estimate).all()
+    assert found.least_known[0] == -1
+    nothing = case.calibrate(take(case.spots(), []), parameters=2)
+    assert nothing.status[0] == TOO_FEW
+    assert nothing.used[0] == 0
+
+
+def test_as_many_equations_as_errors_leave_no_covariance():
+    case = Case(true=truth(2))
+    found = case.calibrate(take(case.spots(), [3]), parameters=2)
+    assert found.status[0] == ESTIMATED
+    np.testing.assert_allclose(found.estimate[0, :2], TRUE[:2], rtol=0, atol=1e-13)
+    assert np.isnan(found.covariance).all()
+    assert np.isnan(found.left_out).all()
+
+
+@pytest.mark.parametrize("parameters", [4, 6])
+def test_one_instant_over_and_over_tells_nothing_apart(parameters):
+    case = Case(noise=0.02)
+    found = case.calibrate(take(case.spots(), [4] * 30), parameters=parameters)
+    assert found.status[0] == DEPENDENT
+    assert np.isnan(found.estimate).all()
+    assert np.isinf(found.condition).all()
+    assert 0 <= found.least_known[0] < parameters
+    assert case.calibrate(take(case.spots(), [4] * 30), parameters=2).status[0] == ESTIMATED
+
+
+def test_spots_that_are_missing_are_not_used():
+    case = Case(true=truth(4))
+    case.position[0, 5] = np.nan
+    found = case.calibrate()
+    assert found.used[0] == case.count - 1
+    np.testing.assert_allclose(found.estimate[0, :4], TRUE[:4], rtol=0, atol=1e-13)
+    assert np.isnan(found.residual[5]).all()
+    assert np.isfinite(np.delete(found.residual, 5, axis=0)).all()
+
+
+def test_wrong_arguments_are_refused():
+    case = Case()
+    with pytest.raises(ValueError, match="3 parameters"):
+        case.calibrate(parameters=3)
+    with pytest.raises(ValueError, match="scale"):
+        case.calibrate(loss=HUBER, loss_scale=0.0)
+    with pytest.raises(ValueError, match="shape"):
+        case.calibrate(case.spots()._replace(sun=np.ones((2, 3))))
+    with pytest.raises(ValueError, match="rise from 0"):
+        case.calibrate(case.spots()._replace(first=np.array([1, case.count])))
+
+
+@pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
+def test_the_unit_of_weights_does_not_matter_to_any_loss(loss):
+    case = Case(true=truth(4), noise=0.03)
+    case.position[0, ::9] += [1.5, -0.7]
+    case.weight[:] = np.linspace(0.5, 2.0, case.count)
+    weight, plain = case.weight.copy(), case.calibrate(loss=loss, loss_scale=0.08)
+    for unit in (1e-300, 1e-12, 1e-6, 1e6, 1e12, 1e300, 8e307):
+        case.weight = unit * weight
+        found = case.calibrate(loss=loss, loss_scale=0.08)
+        np.testing.assert_allclose(found.estimate, plain.estimate, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-8)
+        assert found.status[0] == plain.status[0] == ESTIMATED
+
+
+@pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
+def test_leave_one_out_of_every_spot_and_loss(loss):
+    case = Case(true=truth(4), noise=0.03)
+    case.position[0, ::9] += [0.3, -0.2]
+    found = case.calibrate(loss=loss, loss_scale=0.08)
+    for spot in range(case.count):
+        case.weight[:] = 1.0
+        case.weight[0, spot] = 0.0
+        moved = case.calibrate(loss=loss, loss_scale=0.08).residual[spot] - found.residual[spot]
+        ours = found.left_out[spot] - found.residual[spot]
+        tolerance = 0.02 if loss == SQUARED else 0.25
+        assert np.hypot(*(ours - moved)) <= tolerance * np.hypot(*moved) + 1e-4
+
+
+@pytest.mark.parametrize("far", [1e6, 1e200])
+def test_impossible_spots_are_never_estimated(far):
+    case = Case(true=truth(4), noise=0.03)
+    case.position[0] = far
+    found = case.calibrate()
+    assert found.status[0] not in (ESTIMATED, INDISTINCT)
+    assert not (np.abs(found.estimate) > 0.5).any()  # the last point, where it is a possible one

@@ -1,0 +1,154 @@
+"""Conic sections of deviation curves."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels.spots.curves import conics
+from heliosweep.kernels.spots.deviation import (
+    AZIMUTH,
+    CANTING,
+    ELEVATION,
+    ENCODER,
+    ENCODER_AZIMUTH,
+    TILT,
+    deviation_spots,
+)
+from heliosweep.kernels.spots.receiver import REACHES
+from tests.kernels.spots.deviations import setting
+from tests.kernels.spots.test_deviation import DATA, KINDS, MORNING, PIVOT, field, sun_at
+
+ROWS = slice(0, 6)
+ECCENTRICITY, FOCUS = 6, slice(7, 9)
+
+
+def powers(y, z):
+    """What the coefficients A to F multiply."""
+    return np.stack([y * y, y * z, z * z, y, z, np.ones_like(y)])
+
+
+def traced(settings, axis, sun, pivots):
+    """Spots of one curve for errors all round."""
+    sizes = np.linspace(-1.5, 1.5, 301)
+    many = type(settings)(*(np.repeat(values, len(sizes)) for values in settings))
+    which = np.zeros(len(sizes), int), np.full(len(sizes), axis)
+    y, z, status = deviation_spots(many, *which, sizes, sun, pivots)[:, :, 0, 0]
+    return y[status == REACHES], z[status == REACHES]
+
+
+def test_values_of_an_independent_implementation():
+    """tests/data/misalignment_oracle.csv, made by another program."""
+    found = conics(setting(), [CANTING], [ELEVATION], MORNING, PIVOT)[:, 0, 0, 0]
+    with (DATA / "misalignment_oracle.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.reader(file) if row[0].startswith("elevation curve")]
+    assert len(rows) == 4
+    for _, name, expected in rows:
+        value = found[ECCENTRICITY] if name == "eccentricity" else found["ABCDEF".index(name)]
+        assert abs(value - float(expected)) < 1e-9
+    assert found[0] == 1.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("axis", [ELEVATION, AZIMUTH])
+def test_spots_lie_on_the_conic(axis, kind):
+    pivots, sun = field(np.random.default_rng(axis), 8)
+    settings = setting(kind=kind, mirror_offset=0.5, face_tilt=-0.2, face_azimuth=0.1)
+    found = conics(settings, [CANTING], [axis], sun, pivots)[:, 0]
+    shapes = set()
+    for h, t in np.ndindex(8, 8):
+        y, z = traced(settings, axis, sun[:, t : t + 1], pivots[:, h : h + 1])
+        terms = found[ROWS, h, t, np.newaxis] * powers(y, z)
+        distance = np.linalg.norm(pivots[0, h] - [0.0, 0.0, 143.0])
+        size = np.abs(found[:3, h, t]).sum() * (distance**2 + y * y + z * z)
+        assert np.max(np.abs(terms.sum(axis=0)) / size) < 1e-12
+        shapes.add(found[ECCENTRICITY, h, t] > 1.0)
+        if np.isinf(found[ECCENTRICITY, h, t]):
+            continue
+        discriminant = found[1, h, t] ** 2 - 4.0 * found[0, h, t] * found[2, h, t]
+        assert (discriminant > 0.0) == (found[ECCENTRICITY, h, t] > 1.0)
+    assert True in shapes
+
+
+@pytest.mark.parametrize("axis", [ELEVATION, AZIMUTH])
+def test_focus_is_that_of_the_branch_that_rays_trace(axis):
+    """Distances to focus and directrix have the ratio of the eccentricity; those of a branch to its focus are least."""
+    pivots, sun = field(np.random.default_rng(7), 6)
+    # a low sun in the north-west and a mirror that looks west: ellipses
+    pivots[0, 3:] = [[150.0, 150.0, 0.0], [200.0, 160.0, 3.0], [120.0, 180.0, 5.0]]
+    sun[0, 3:] = [sun_at(azimuth, 0.15)[0, 0] for azimuth in (-0.9, -0.7, -0.5)]
+    settings = setting(target_height=20.0)
+    found = conics(settings, [CANTING], [axis], sun, pivots)[:, 0]
+    ellipses = 0
+    for h, t in np.ndindex(6, 6):
+        y, z = traced(settings, axis, sun[:, t : t + 1], pivots[:, h : h + 1])
+        near = np.hypot(y, z) < 3e3
+        distance = np.hypot(y - found[7, h, t], z - found[8, h, t])[near]
+        # the distance to a focus is a linear function of the place, only on one branch
+        plane = np.stack([y[near], z[near], np.ones(near.sum())], axis=1)
+        coefficients, *_ = np.linalg.lstsq(plane, distance, rcond=None)
+        assert np.max(np.abs(plane @ coefficients - distance)) < 1e-7
+        assert np.hypot(*coefficients[:2]) == pytest.approx(found[ECCENTRICITY, h, t], rel=1e-6)
+        # and grows away from the directrix; of the other focus it is nearer to none of the points
+        ellipses += found[ECCENTRICITY, h, t] < 1.0
+        a = found[ROWS, h, t]
+        centre = np.linalg.solve([[2 * a[0], a[1]], [a[1], 2 * a[2]]], -a[3:5])
+        other = np.hypot(*(np.stack([y, z]) - (2.0 * centre - found[FOCUS, h, t])[:, np.newaxis]))[near]
+        if found[ECCENTRICITY, h, t] > 1.0:
+            assert np.all(distance < other)
+    assert ellipses > 3 or axis == AZIMUTH
+
+
+def test_hyperbolas_of_figure_7():
+    """Both traces are hyperbolas, foci on opposite sides: places of Sect. 4.2; eccentricities of another program."""
+    eccentricities, sides = [], []
+    for east, azimuth, elevation in ((-16.0, 101.0, 50.0), (-45.0, 260.0, 48.0)):
+        sun = sun_at(np.radians(azimuth), np.radians(elevation))
+        found = conics(setting(), [CANTING], [ELEVATION], sun, [[[east, 150.0, 0.0]]])[:, 0, 0, 0]
+        eccentricities.append(found[ECCENTRICITY])
+        sides.append(np.sign(found[7]))
+    np.testing.assert_allclose(eccentricities, [1.8935, 1.6781], rtol=0, atol=5e-5)
+    assert sides == [1.0, -1.0]
+
+
+def test_sun_perpendicular_to_the_axis_gives_a_straight_line():
+    found = conics(setting(), [CANTING], [ELEVATION], sun_at(np.pi, 0.8), [[[0.0, 150.0, 0.0]]])[:, 0, 0, 0]
+    assert np.isinf(found[ECCENTRICITY])
+    assert np.isnan(found[FOCUS]).all()
+    np.testing.assert_allclose(found[ROWS], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], rtol=0, atol=1e-12)
+
+
+def test_curves_that_are_no_conics_and_mirrors_without_a_spot():
+    def of(source, axis, pivot=(-16.0, 150.0, 0.0), **values):
+        return conics(setting(**values), [source], [axis], MORNING, [[pivot]])
+
+    fixed = of(CANTING, ELEVATION)
+    for source in (ENCODER, TILT):
+        np.testing.assert_array_equal(of(source, ELEVATION), fixed)
+        assert np.isnan(of(source, ELEVATION, mirror_offset=0.5)).all()
+        assert np.isnan(of(source, ENCODER_AZIMUTH)).all()
+    assert np.isnan(of(TILT, AZIMUTH, pedestal_height=5.0)).all()
+    assert np.isnan(of(CANTING, ENCODER_AZIMUTH)).all()
+    assert np.isnan(of(CANTING, ELEVATION, pivot=(30.0, -10.0, 0.0))).all()
+    assert np.isnan(of(CANTING, ELEVATION, pivot=(np.nan, 10.0, 0.0))).all()
+    assert np.isnan(of(CANTING, ELEVATION, mirror_offset=1e4)).all()
+
+
+def test_first_coefficient_that_is_rounding_divides_nothing():
+    """A sun for which A is 0: beside it the other coefficients would be 1e15."""
+    places = [[[-60.0, 150.0, 0.0]]]
+
+    def of(azimuth):
+        return conics(setting(), [CANTING], [ELEVATION], sun_at(azimuth, 0.6), places)[:6, 0, 0, 0]
+
+    azimuths = np.linspace(1.0, 5.0, 401)
+    inverse = np.array([1.0 / of(azimuth)[2] for azimuth in azimuths])
+    at = np.flatnonzero(inverse[1:] * inverse[:-1] < 0.0)
+    i = at[np.argmin(np.abs(inverse[at]) + np.abs(inverse[at + 1]))]
+    low, high = azimuths[i], azimuths[i + 1]
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if (of(middle)[2] > 0.0) == (inverse[i] > 0.0) else (low, middle)
+    worst = max(np.max(np.abs(of(azimuth)[:3])) for azimuth in (low, high))
+    assert worst < 1e12
+    assert min(np.abs(of(azimuth)[0]) for azimuth in (low, high)) < 1e-12

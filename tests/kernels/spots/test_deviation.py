@@ -1,0 +1,275 @@
+"""Deviation curves: spots of mirrors with an error of one axis."""
+
+import csv
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from heliosweep.kernels.mounts.kinematics import (
+    AZIMUTH_ELEVATION,
+    POLAR,
+    TARGET_ALIGNED,
+    TILT_ROLL,
+    primary_axis,
+)
+from heliosweep.kernels.spots.deviation import (
+    AZIMUTH,
+    CANTING,
+    ELEVATION,
+    ENCODER,
+    ENCODER_AZIMUTH,
+    TILT,
+    deviation_curve,
+    deviation_spots,
+)
+from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
+from heliosweep.kernels.sun.clock import solar_clock
+from heliosweep.kernels.vectors import at_angle
+from tests.kernels.spots.deviations import LATITUDE, setting, twin_spots, unit
+
+DATA = Path(__file__).parents[2] / "data"
+SOURCES = {"canting": CANTING, "encoder": ENCODER, "tilt": TILT}
+AXES = {"elevation": ELEVATION, "azimuth": AZIMUTH, "encoder_azimuth": ENCODER_AZIMUTH}
+KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
+ALL = list(itertools.product(SOURCES.values(), AXES.values(), KINDS))
+PIVOT = np.array([[[-16.0, 150.0, 0.0]]])
+MORNING = solar_clock(LATITUDE, np.radians(23.45), np.array([8.0]))[np.newaxis]
+
+
+def field(rng, count):
+    """Pivots north of the tower, and sun vectors at all heights above 0.1."""
+    pivots = np.column_stack([rng.uniform(-200, 200, count), rng.uniform(40, 500, count), rng.uniform(0, 9, count)])
+    sun = unit(np.column_stack([rng.normal(size=count), rng.normal(size=count), rng.uniform(0.2, 2.0, count)]))
+    return pivots[np.newaxis], sun[np.newaxis]
+
+
+def oracle():
+    with (DATA / "misalignment_oracle.csv").open(encoding="utf-8") as file:
+        return [row for row in csv.reader(file) if row[1].startswith("spot_")]
+
+
+@pytest.mark.parametrize("row", oracle(), ids=lambda row: " ".join(row[:2]))
+def test_spots_of_an_independent_implementation(row):
+    """tests/data/misalignment_oracle.csv, made by another program."""
+    name, coordinate, expected = row
+    axis, offset, source = name.split()[0], 0.5 if "r=0.5" in name else 0.0, ENCODER if "pivot" in name else CANTING
+    spot = deviation_spots(setting(mirror_offset=offset), [source], [AXES[axis]], [12e-3], MORNING, PIVOT)
+    assert abs(spot["yz".index(coordinate[5]), 0, 0, 0] - float(expected)) < 1e-9
+
+
+@pytest.mark.parametrize(("source", "axis", "kind"), ALL)
+def test_every_source_axis_and_mount_equals_rotations_of_scipy(source, axis, kind):
+    rng = np.random.default_rng(source + 3 * axis + 9 * kind)
+    pivots, sun = field(rng, 12)
+    points = 7
+    settings = setting(points, kind=kind)._replace(
+        face_azimuth=rng.uniform(-0.5, 0.5, points),
+        face_tilt=rng.uniform(-0.4, 0.2, points),
+        axis_azimuth=rng.uniform(-3.0, 3.0, points),
+        mirror_offset=np.array([0.0, 0.5, -0.3, 2.0, 10.0, 0.5, 1.0]),
+        pedestal_height=np.array([0.0, 0.0, 5.0, 5.0, 7.0, 6.0, 0.0]),
+    )
+    size = np.array([0.0, 12e-3, -12e-3, 0.05, -0.02, 0.3, -0.6])
+    which = np.full(points, source), np.full(points, axis)
+    spots = deviation_spots(settings, *which, size, sun, pivots)
+    expected = twin_spots(settings, *which, size, sun, pivots)
+    np.testing.assert_array_equal(spots[2], expected[2])
+    assert np.any(spots[2] == REACHES)
+    np.testing.assert_array_equal(np.isnan(spots[0]), spots[2] != REACHES)
+    # rays nearly along the plane land far away: errors of their angle grow with the square of the distance
+    scale = 1e-13 * (300.0 + expected[0] ** 2 + expected[1] ** 2)
+    assert np.nanmax(np.abs(spots[:2] - expected[:2]) / scale) < 1.0
+
+
+@pytest.mark.parametrize(("source", "axis", "kind"), ALL)
+def test_no_error_hits_the_aim_point(source, axis, kind):
+    pivots, sun = field(np.random.default_rng(1), 40)
+    settings = setting(1, kind=kind, mirror_offset=0.5, pedestal_height=6.0, face_tilt=-0.2)
+    spots = deviation_spots(settings, [source], [axis], [0.0], sun, pivots)
+    assert np.all(spots[2] == REACHES)
+    assert np.max(np.abs(spots[:2])) < 1e-12
+
+
+@pytest.mark.parametrize("axis", [ELEVATION, AZIMUTH])
+def test_reflected_ray_turns_by_twice_the_error(axis):
+    rng = np.random.default_rng(2)
+    pivots, sun = field(rng, 50)
+    for pivot, s in zip(pivots[0], sun[0], strict=True):
+        to_target = tuple(np.array([0.0, 0.0, 143.0]) - pivot)
+        z, x = primary_axis(AZIMUTH_ELEVATION, 0.0, 0.0, to_target)
+        curve = deviation_curve(CANTING, axis, tuple(s), to_target, z, x, 0.0, 0.0)
+        a, start = np.array(curve.axis), unit(np.array(to_target))
+        for size in rng.uniform(-0.5, 0.5, 5):
+            n = np.array(at_angle(curve.normal, np.cos(size), np.sin(size)))
+            ray = 2.0 * np.sum(s * n) * n - s
+            turned = start * np.cos(2 * size) + np.cross(a, start) * np.sin(2 * size)
+            turned += a * np.sum(a * start) * (1.0 - np.cos(2 * size))
+            assert np.max(np.abs(ray - turned)) < 1e-15
+            assert abs(np.sum(a * ray) + np.sum(a * s)) < 1e-15
+
+
+def test_signs():
+    """Elevation raises the beam; azimuth turns the normal clockwise, the beam to the right for someone in the field."""
+    noon = solar_clock(LATITUDE, 0.0, np.array([12.0]))[np.newaxis]
+    north = np.array([[[0.0, 200.0, 0.0]]])
+    for source in SOURCES.values():
+        up = deviation_spots(setting(), [source], [ELEVATION], [1e-3], noon, north)[:2, 0, 0, 0]
+        assert up[1] > 0.1
+        assert abs(up[0]) < 1e-10
+        for axis in (AZIMUTH, ENCODER_AZIMUTH):
+            across = deviation_spots(setting(), [source], [axis], [1e-3], noon, north)[:2, 0, 0, 0]
+            assert across[0] > 0.1
+
+
+def test_encoder_azimuth_is_to_first_order_the_azimuth_error_times_the_cosine_of_the_elevation():
+    sizes = 1e-6
+    to_target = np.array([16.0, -150.0, 143.0])
+    n = unit(MORNING[0, 0] + unit(to_target))
+    about = {
+        axis: deviation_spots(setting(), [CANTING], [axis], [sizes], MORNING, PIVOT)[:2, 0, 0, 0] for axis in (1, 2)
+    }
+    np.testing.assert_allclose(about[ENCODER_AZIMUTH], about[AZIMUTH] * np.hypot(n[0], n[1]), rtol=1e-4)
+
+
+@pytest.mark.parametrize("axis", [ELEVATION, AZIMUTH])
+def test_small_errors_turn_the_beam_by_twice_the_error_times_the_sine_of_the_half_angle_of_the_cone(axis):
+    """2 eps D sqrt(1 - k^2) across the ray, on a plane that faces the ray."""
+    pivots, sun = field(np.random.default_rng(3), 20)
+    size = 1e-5
+    for h, t in np.ndindex(20, 20):
+        d = np.array([0.0, 0.0, 143.0]) - pivots[0, h]
+        distance = np.linalg.norm(d)
+        n = unit(sun[0, t] + d / distance)
+        e = unit(np.cross(n, [0.0, 0.0, 1.0]))
+        k = np.sum(sun[0, t] * (e if axis == ELEVATION else np.cross(e, n)))
+        facing = setting(face_azimuth=np.arctan2(-d[0], -d[1]), face_tilt=np.arcsin(-d[2] / distance))
+        spot = deviation_spots(facing, [CANTING], [axis], [size], sun[:, t : t + 1], pivots[:, h : h + 1])[:2].ravel()
+        expected = 2.0 * size * distance * np.sqrt(1.0 - k * k)
+        assert np.hypot(*spot) == pytest.approx(expected, rel=3e-5, abs=1e-12)
+
+
+PLACE = st.tuples(st.floats(-400.0, 400.0), st.floats(30.0, 600.0), st.floats(0.0, 10.0))
+ABOVE = st.tuples(st.floats(-np.pi, np.pi), st.floats(0.05, 1.5))
+SIZE = st.floats(-0.05, 0.05)
+WHICH = st.tuples(st.sampled_from(list(SOURCES.values())), st.sampled_from(list(AXES.values())))
+
+
+def sun_at(azimuth, elevation):
+    horizontal = np.cos(elevation)
+    return np.array([[[horizontal * np.sin(azimuth), horizontal * np.cos(azimuth), np.sin(elevation)]]])
+
+
+@given(PLACE, ABOVE, SIZE, WHICH)
+def test_west_is_the_mirror_image_of_east(place, above, size, which):
+    source, axis = which
+    settings = setting(mirror_offset=0.5, pedestal_height=5.0)
+    pivot, sun, image = np.array([[place]]), sun_at(*above), np.array([-1.0, 1.0, 1.0])
+    one = deviation_spots(settings, [source], [axis], [size], sun, pivot).ravel()
+    mirrored = -size if axis != ELEVATION else size
+    other = deviation_spots(settings, [source], [axis], [mirrored], sun * image, pivot * image).ravel()
+    assert one[2] == other[2]
+    if one[2] == REACHES:
+        scale = 1e-12 * (1.0 + (np.hypot(*one[:2]) / 100.0) ** 2)
+        np.testing.assert_allclose(other[:2], one[:2] * [-1.0, 1.0], rtol=0, atol=scale)
+
+
+@given(PLACE, ABOVE, SIZE, WHICH, st.floats(-np.pi, np.pi), st.sampled_from([0, 1, 3]))
+def test_a_world_turned_about_the_vertical_has_the_same_spots(place, above, size, which, angle, kind):
+    source, axis = which
+    turn = np.array([[np.cos(angle), np.sin(angle), 0.0], [-np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    pivot, sun = np.array([[place]]), sun_at(*above)
+    here = setting(mirror_offset=0.5, pedestal_height=5.0, kind=kind, axis_azimuth=0.7)
+    there = here._replace(face_azimuth=here.face_azimuth + angle, axis_azimuth=here.axis_azimuth + angle)
+    one = deviation_spots(here, [source], [axis], [size], sun, pivot).ravel()
+    other = deviation_spots(there, [source], [axis], [size], sun @ turn.T, pivot @ turn.T).ravel()
+    assert one[2] == other[2]
+    if one[2] == REACHES:
+        scale = 1e-11 * (1.0 + (np.hypot(*one[:2]) / 100.0) ** 2)
+        np.testing.assert_allclose(other[:2], one[:2], rtol=0, atol=scale)
+
+
+@pytest.mark.parametrize("axis", AXES.values())
+@pytest.mark.parametrize("source", SOURCES.values())
+def test_normal_along_the_primary_axis(source, axis):
+    """The elevation axis is then east: a bore from the north, raised, leans south; the primary axis turns nothing."""
+    towards = np.array([0.0, -100.0, 100.0])
+    sun = unit(towards * [-1.0, -1.0, 1.0])[np.newaxis, np.newaxis]  # the mirror lies flat
+    settings, pivot = setting(target_height=100.0, mirror_offset=0.0), np.array([[[0.0, 100.0, 0.0]]])
+    spot = deviation_spots(settings, [source], [axis], [1e-3], sun, pivot).ravel()
+    assert spot[2] == REACHES
+    if axis == ELEVATION:
+        assert abs(spot[0]) < 1e-12
+        assert spot[1] == pytest.approx(100.0 * (np.tan(np.pi / 4 - 2e-3) - 1.0), abs=1e-10)
+    elif axis == AZIMUTH:
+        assert spot[0] < -0.1  # to the east: clockwise for a bore that leans north
+    else:
+        assert np.max(np.abs(spot[:2])) < 1e-12
+    along = setting(target_height=100.0, kind=TARGET_ALIGNED)
+    sun = unit(towards)[np.newaxis, np.newaxis]  # the sun behind the target
+    assert np.isfinite(deviation_spots(along, [source], [axis], [1e-3], sun, pivot)).all()
+
+
+def status(pivot=PIVOT[0, 0], sun=MORNING[0, 0], size=0.0, **values):
+    spot = deviation_spots(setting(**values), [ENCODER], [ELEVATION], [size], [[sun]], [[pivot]]).ravel()
+    assert np.isnan(spot[0]) == np.isnan(spot[1]) == (spot[2] != REACHES)
+    return spot[2]
+
+
+def test_bad_places_and_suns_are_flagged():
+    assert status() == REACHES
+    assert status(pivot=[30.0, 0.0, 0.0]) == BEHIND_FACE  # on the plane of the receiver
+    assert status(pivot=[30.0, 0.0, 0.0], mirror_offset=0.5) == BEHIND_FACE  # the mirror alone is before it
+    assert status(pivot=[30.0, -100.0, 0.0]) == BEHIND_FACE
+    assert status(pivot=[30.0, 100.0, 0.0], face_azimuth=np.pi) == BEHIND_FACE
+    assert status(mirror_offset=500.0) == TOO_NEAR
+    assert status(pivot=[0.0, 0.0, 143.0]) == TOO_NEAR
+    assert status(sun=MORNING[0, 0] * [1.0, 1.0, -1.0]) == NO_SUN
+    assert status(sun=[1.0, 0.0, 0.0]) == NO_SUN
+    for sun in ([np.nan, 0.0, 1.0], [0.0, np.nan, 1.0], [0.0, 0.0, np.nan]):
+        assert status(sun=sun) == NO_SUN
+    assert status(pivot=[np.nan, 100.0, 0.0]) != REACHES
+    assert status(size=1.4) == MISSES
+    assert status(size=np.nan) != REACHES
+    opposite = -unit(np.array([0.0, -150.0, -43.0]))
+    assert status(pivot=[0.0, 150.0, 186.0], sun=opposite) == MISSES  # no normal at all
+
+
+def test_arguments_that_do_not_fit():
+    with pytest.raises(ValueError, match="source and axis"):
+        deviation_spots(setting(2), [0], [0], [0.0], MORNING, PIVOT)
+    with pytest.raises(ValueError, match="size"):
+        deviation_spots(setting(2), [0, 0], [0, 0], [0.0], MORNING, PIVOT)
+    with pytest.raises(ValueError, match="sun must have the shape"):
+        deviation_spots(setting(), [0], [0], [0.0], MORNING[0], PIVOT)
+    with pytest.raises(ValueError, match="pivots must have the shape"):
+        deviation_spots(setting(3), [0] * 3, [0] * 3, [0.0] * 3, MORNING, np.ones((2, 4, 3)))
+    with pytest.raises(ValueError, match="axis offset"):
+        deviation_spots(setting(axis_offset=0.1), [0], [0], [0.0], MORNING, PIVOT)
+    with pytest.raises(ValueError, match="every entry"):
+        deviation_spots(setting()._replace(face_tilt=np.zeros(2)), [0], [0], [0.0], MORNING, PIVOT)
+
+
+def test_bits_do_not_depend_on_what_is_computed_together():
+    rng = np.random.default_rng(5)
+    pivots, sun = field(rng, 6)
+    (source, axis), size = np.repeat(rng.integers(0, 3, (2, 10)), 3, axis=1), rng.normal(0, 0.01, 30)
+    settings = setting(30, pedestal_height=4.0)._replace(mirror_offset=np.repeat(rng.integers(0, 2, 10) * 0.5, 3))
+    together = deviation_spots(settings, source, axis, size, sun, pivots)
+    for p in range(30):
+        alone = row_of(settings, p)
+        one = deviation_spots(alone, source[p : p + 1], axis[p : p + 1], size[p : p + 1], sun[:, 2:], pivots[:, 3:])
+        np.testing.assert_array_equal(one[:, 0], together[:, p, 3:, 2:])
+    suns, places = np.repeat(sun, 30, axis=0), np.repeat(pivots, 30, axis=0)
+    suns[::4], places[::5] = suns[::4, ::-1], places[::5, ::-1]
+    each = deviation_spots(settings, source, axis, size, suns, places)
+    np.testing.assert_array_equal(each[:, 1], together[:, 1])
+    np.testing.assert_array_equal(each[:, 4], together[:, 4][..., ::-1])
+    np.testing.assert_array_equal(each[:, 5], together[:, 5][:, ::-1])
+
+
+def row_of(settings, p):
+    return type(settings)(*(values[p : p + 1] for values in settings))

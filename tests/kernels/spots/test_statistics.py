@@ -1,0 +1,203 @@
+"""Statistics of spots: against NumPy over stored spots, and cut in every way."""
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels.mounts.aiming import aim, mount_frames
+from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, TARGET_ALIGNED, TILT_ROLL
+from heliosweep.kernels.spots.mount_spots import mount_spots
+from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, Setting, face_axes
+from heliosweep.kernels.spots.statistics import MOMENTS, percentiles_of, ranks_of, spot_statistics
+from tests.kernels.mounts.normals import normal_and_centre
+from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting, suns
+
+PERCENTILES = np.array([0.0, 5.0, 50.0, 62.5, 95.0, 100.0])
+
+
+def remaining(one, kind, actual, known, sun, places):
+    """Remaining tolerances (H, T, K, 2) by the tangent of half the angle of each edge's equation, in NumPy."""
+    offsets = (one.mirror_offset[0], one.axis_offset[0], one.pedestal_height[0])
+    to_target = np.array([0.0, 0.0, one.target_height[0]]) - places[0]
+    frames = mount_frames(kind, one.latitude[0], one.axis_azimuth[0], to_target)[:, None]
+    angles = aim(frames, sun[0], to_target[:, None], known[0][:, None], offsets)
+    n, centre = normal_and_centre(frames[:, :, None], angles[:, :, None], actual[0][:, None], offsets)
+    s = sun[0][:, None]
+    ray = 2.0 * np.sum(n * s, axis=-1, keepdims=True) * n - s
+    axes = face_axes(one.face_azimuth[0], one.face_tilt[0])
+    px, py, pz = np.moveaxis((centre - to_target[:, None, None]) @ axes.T, -1, 0)
+    elevation = np.cross(n, frames[:, :, None, 2])
+    elevation /= np.linalg.norm(elevation, axis=-1, keepdims=True)
+    result = []
+    for axis in (elevation, np.cross(elevation, n)):
+        along = np.sum(axis * ray, axis=-1, keepdims=True) * axis
+        parts = [v @ axes.T for v in (along, ray - along, np.cross(axis, ray))]
+        tangents = []
+        for side in (-1.0, 1.0):
+            for edge in (
+                (side * one.half_width[0] - py, px, 0.0 * px),
+                (side * one.half_height[0] - pz, 0.0 * px, px),
+            ):
+                # k + a cos 2 e + b sin 2 e = 0 on the plane through the mirror centre and the edge
+                k, a, b = (sum(m * part[..., i] for i, m in enumerate(edge)) for part in parts)
+                root = b * b + a * a - k * k
+                tangents.append(
+                    np.where(root >= 0.0, np.abs(k + a) / (np.abs(b) + np.sqrt(np.maximum(root, 0.0))), np.inf)
+                )
+        result.append(np.arctan(np.min(tangents, axis=0)))
+    return np.stack(result, axis=-1)
+
+
+@pytest.mark.parametrize("samples", [2, 64, 333])
+@pytest.mark.parametrize("kind", KINDS)
+def test_against_stored_spots(kind, samples):
+    one, sun, places = setting([kind]), suns(6), pivots(3)
+    actual, known = errors(1, 3, samples, spread=3e-3), errors(1, 3, seed=3, spread=1e-3)
+    made = spot_statistics(one, actual, known, sun, places, PERCENTILES)
+    y, z, status = mount_spots(one, actual, known, sun, places)
+    whole = (status == REACHES).all(axis=-1)
+    assert np.mean(whole) > 0.6
+    y, z, status = y[whole], z[whole], status[whole]
+    np.testing.assert_array_equal(made["real_fraction"][whole], 1.0)
+    np.testing.assert_allclose(made["mean_y"][whole], y.mean(axis=-1), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(made["mean_z"][whole], z.mean(axis=-1), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(made["variance_y"][whole], y.var(axis=-1, ddof=1), rtol=1e-11)
+    np.testing.assert_allclose(made["variance_z"][whole], z.var(axis=-1, ddof=1), rtol=1e-11)
+    covariance = np.sum((y - y.mean(-1, keepdims=True)) * (z - z.mean(-1, keepdims=True)), axis=-1) / (samples - 1)
+    np.testing.assert_allclose(made["covariance"][whole], covariance, rtol=1e-9, atol=1e-12)
+    inside = (np.abs(y) <= one.half_width[0]) & (np.abs(z) <= one.half_height[0])
+    np.testing.assert_allclose(made["hit_fraction"][whole], inside.mean(axis=-1), rtol=1e-14)
+
+    left = np.where(inside[..., None], remaining(one, kind, actual, known, sun, places)[whole[0]], 0.0)
+    expected = np.moveaxis(np.percentile(left, PERCENTILES, axis=1), 0, 1)
+    np.testing.assert_allclose(made["tolerance"][whole], expected, rtol=1e-9, atol=1e-15)
+
+
+def test_spots_that_miss_do_not_count():
+    """Some samples send the ray away: no part of the means, no hit, no tolerance left."""
+    actual = errors(1, 1, 50, spread=1e-3)
+    actual[..., 10:20, 0] = np.pi
+    one, known, sun, places = setting(axis_offset=0.0), np.zeros((1, 1, 6)), suns(4), pivots(2)
+    made = spot_statistics(one, actual, known, sun, places, [0.0, 10.0, 50.0])
+    rest = spot_statistics(one, np.delete(actual, np.arange(10, 20), axis=2), known, sun, places, [0.0])
+    for name in MOMENTS[:5]:
+        np.testing.assert_allclose(made[name], rest[name], rtol=1e-12)
+    np.testing.assert_array_equal(made["real_fraction"], 0.8)
+    np.testing.assert_allclose(made["hit_fraction"], 0.8 * rest["hit_fraction"], rtol=1e-14)
+    np.testing.assert_array_equal(made["tolerance"][..., :2, :], 0.0)
+    actual[..., 0] = np.pi
+    made = spot_statistics(one, actual, known, sun, places)
+    for name in MOMENTS[:5]:
+        assert np.isnan(made[name]).all()
+    for name in ("real_fraction", "hit_fraction", "tolerance", "status"):
+        np.testing.assert_array_equal(made[name], 0.0)
+
+
+def test_one_sample():
+    one, known, sun, places = setting(), np.zeros((1, 1, 6)), suns(4), pivots(2)
+    actual = errors(1, 2, 1, spread=1e-4)
+    made = spot_statistics(one, actual, known, sun, places)
+    spots = mount_spots(one, actual, known, sun, places)[..., 0]
+    np.testing.assert_array_equal(made["mean_y"], spots[0])
+    np.testing.assert_array_equal(made["mean_z"], spots[1])
+    for name in ("variance_y", "variance_z", "covariance"):
+        assert np.isnan(made[name]).all()
+    np.testing.assert_array_equal(made["tolerance"][..., 0, :], made["tolerance"][..., 2, :])
+
+
+def test_mounts_that_cannot_aim():
+    sun = np.stack(([0.0, -np.sqrt(0.5), np.sqrt(0.5)], [0.0, -0.6, -0.8]))[None]
+    places = np.array([[[0.0, 100.0, 43.0], [0.0, 0.2, 143.0], [60.0, 200.0, 5.0]]])
+    known = np.array([[[0.0, 0.0, 0.0, 0.0, 1e-3, 3e-3]]])
+    made = spot_statistics(setting([TARGET_ALIGNED], axis_offset=0.0), errors(1, 1, 70), known, sun, places)
+    np.testing.assert_array_equal(made["status"][0], [[BLIND_CONE, NO_SUN], [TOO_NEAR, NO_SUN], [REACHES, NO_SUN]])
+    assert np.isnan(made["tolerance"][0, :, 1]).all()
+    np.testing.assert_array_equal(made["tolerance"][0, :2, 0], 0.0)
+    for name in ("hit_fraction", "real_fraction"):
+        np.testing.assert_array_equal(made[name][0, :2, 0], 0.0)
+        assert np.isnan(made[name][0, :, 1]).all()
+    for name in MOMENTS[:5]:
+        np.testing.assert_array_equal(np.isfinite(made[name][0]), [[False, False], [False, False], [True, False]])
+
+
+def test_a_large_mean_costs_no_variance():
+    """A spot a hundred metres off with a spread of a micrometre."""
+    actual = errors(1, 1, 500, spread=1e-9)
+    actual[..., 0] += 0.3
+    one, known, sun, places = setting(axis_offset=0.0), np.zeros((1, 1, 6)), suns(3), pivots(1)
+    made = spot_statistics(one, actual, known, sun, places)
+    y = mount_spots(one, actual, known, sun, places)[0]
+    seen = np.isfinite(y).all(axis=-1)
+    assert seen.any()
+    deviation = y - y[..., :1]  # exact differences
+    np.testing.assert_allclose(made["variance_y"][seen], deviation.var(axis=-1, ddof=1)[seen], rtol=1e-9)
+
+
+def test_no_bit_depends_on_the_cut():
+    kinds = [AZIMUTH_ELEVATION, TARGET_ALIGNED, TILT_ROLL]
+    one, sun, places = setting(kinds), suns(70), pivots(5)
+    actual, known = errors(3, 5, 100), errors(3, 5, seed=3)
+    together = spot_statistics(one, actual, known, sun, places)
+
+    def same(parts, axis):
+        for name, values in together.items():
+            np.testing.assert_array_equal(np.concatenate([part[name] for part in parts], axis), values)
+
+    cuts = [slice(0, 2), slice(2, 3), slice(3, 5)]
+    same([spot_statistics(one, actual[:, c], known[:, c], sun, places[:, c]) for c in cuts], 1)
+    same([spot_statistics(one, actual, known, sun[:, a : a + 13], places) for a in range(0, 70, 13)], 2)
+    rows = ((Setting(*(v[[p]] for v in one)), actual[[p]], known[[p]]) for p in range(3))
+    same([spot_statistics(*row, sun, places) for row in rows], 0)
+    shared = spot_statistics(one, actual[:1, :1], known[:1, :1], sun, places)
+    wide = spot_statistics(
+        one, np.broadcast_to(actual[:1, :1], actual.shape), np.broadcast_to(known[:1, :1], known.shape), sun, places
+    )
+    for name, values in shared.items():
+        np.testing.assert_array_equal(wide[name], values)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 1000])
+def test_percentiles_are_those_of_numpy(count):
+    rng = np.random.default_rng(count)
+    wanted = np.concatenate((rng.uniform(0, 100, 20), [0.0, 50.0, 100.0], np.arange(101)))
+    for angles in (
+        rng.uniform(1e-6, 1.0, count),
+        np.round(rng.uniform(0.0, 1.0, count), 1) + 0.1,
+        np.where(rng.uniform(size=count) < 0.4, 0.0, 0.3),
+        np.full(count, 0.7),
+        np.sort(rng.uniform(0.1, 1.0, count)),
+        np.sort(rng.uniform(0.1, 1.0, count))[::-1].copy(),
+    ):
+        with np.errstate(divide="ignore"):
+            keys = -1.0 / np.tan(angles)
+        made = np.empty(len(wanted))
+        percentiles_of(keys, *ranks_of(wanted, count), np.empty((64, 4), np.int64), made)
+        np.testing.assert_allclose(made, np.percentile(angles, wanted), rtol=1e-13)
+
+
+def test_percentiles_of_infinite_angles():
+    keys = np.array([np.inf, -1.0, np.inf, -np.inf, -1.0])  # angles inf, 45 deg, inf, 0, 45 deg
+    made, wanted = np.empty(7), [0, 12.5, 25, 50, 60, 75, 100]
+    percentiles_of(keys, *ranks_of(wanted, 5), np.empty((64, 4), np.int64), made)
+    quarter = 0.25 * np.pi
+    np.testing.assert_array_equal(made, [0.0, 0.5 * quarter, quarter, quarter, np.inf, np.inf, np.inf])
+
+
+def test_bad_arguments():
+    one, known, sun, places = setting(), np.zeros((1, 1, 6)), suns(2), pivots(1)
+    with pytest.raises(ValueError, match="no sample"):
+        spot_statistics(one, errors(1, 1, 0), known, sun, places)
+    for wrong in (-1.0, 100.5, np.nan):
+        with pytest.raises(ValueError, match="percentiles"):
+            spot_statistics(one, errors(1, 1, 3), known, sun, places, [wrong])
+    assert spot_statistics(one, errors(1, 1, 3), known, sun, places, [])["tolerance"].shape == (1, 1, 2, 0, 2)
+    assert spot_statistics(one, errors(1, 1, 3), known, suns(0), places)["mean_y"].shape == (1, 1, 0)
+
+
+def test_pivots_behind_the_plane_are_flagged():
+    one = setting(face=(0.0, 0.0), axis_offset=0.0)
+    places = np.array([[[100.0, 100.0, 0.0], [100.0, 0.0, 0.0], [100.0, -0.2, 0.0]]])
+    made = spot_statistics(one, errors(1, 1, 20), np.zeros((1, 1, 6)), np.array([[[0.0, 0.6, 0.8]]]), places)
+    np.testing.assert_array_equal(made["status"][0, :, 0], [REACHES, BEHIND_FACE, BEHIND_FACE])
+    np.testing.assert_array_equal(made["real_fraction"][0, :, 0], [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(made["tolerance"][0, 1:], 0.0)
+    assert np.isnan(made["mean_y"][0, 1:]).all()

@@ -1,0 +1,120 @@
+"""Tolerances: where the spot leaves the aperture."""
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
+from heliosweep.kernels.spots.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT, deviation_spots
+from heliosweep.kernels.spots.receiver import REACHES
+from heliosweep.kernels.spots.tolerances import tolerances
+from tests.kernels.spots.deviations import setting
+from tests.kernels.spots.test_deviation import ALL, MORNING, PIVOT, field, sun_at
+
+SIZES = np.linspace(0.0, np.pi, 6001)
+
+
+def spots_at(settings, source, axis, sizes, sun, pivots):
+    """Spots of one mirror and instant for many errors, shape (3, errors)."""
+    many = type(settings)(*(np.repeat(values, len(sizes)) for values in settings))
+    which = np.full(len(sizes), source), np.full(len(sizes), axis)
+    return deviation_spots(many, *which, sizes, sun, pivots)[:, :, 0, 0]
+
+
+def excess(settings, spots):
+    """How far outside the aperture; negative inside. [m]"""
+    return np.maximum(np.abs(spots[0]) - settings.half_width, np.abs(spots[1]) - settings.half_height)
+
+
+@pytest.mark.parametrize(("source", "axis", "kind"), ALL)
+@pytest.mark.parametrize("half", [(4.5, 4.5), (0.4, 3.0), (60.0, 30.0), (900.0, 700.0)])
+def test_lands_on_the_edge_and_never_left_before(source, axis, kind, half):
+    """Scanned in 6,000 steps on both sides of no error, up to half a turn or where the mirror turns off the sun."""
+    pivots, sun = field(np.random.default_rng(kind), 3)
+    for offset, pedestal in ((0.0, 0.0), (0.5, 6.0), (15.0, 0.0)):
+        settings = setting(
+            kind=kind,
+            mirror_offset=offset,
+            pedestal_height=pedestal,
+            half_width=half[0],
+            half_height=half[1],
+            face_tilt=-0.3,
+        )
+        found = tolerances(settings, [source], [axis], sun, pivots)[0]
+        for h, t in np.ndindex(found.shape):
+            one = settings, source, axis
+            place = sun[:, t : t + 1], pivots[:, h : h + 1]
+            tolerance = found[h, t]
+            assert tolerance > 0.0
+            on_edge = False
+            for side in (1.0, -1.0):
+                if tolerance <= np.pi:
+                    spot = spots_at(*one, side * np.array([tolerance]), *place)
+                    far = 1.0 + (np.hypot(*half) / 300.0) ** 2  # metres per radian grow along the plane
+                    on_edge |= bool(np.abs(excess(settings, spot))[0] < 1e-10 * far)
+                scanned = spots_at(*one, side * SIZES, *place)
+                lit = np.logical_and.accumulate(scanned[2] == REACHES)
+                inside = excess(settings, scanned[:, lit & (tolerance - 1e-9 > SIZES)])
+                assert np.all(inside < 0.0)
+            assert on_edge or np.isinf(tolerance)
+
+
+@pytest.mark.parametrize("axis", [ELEVATION, 1])
+def test_march_and_closed_form_agree(axis):
+    """A mirror offset of 1e-16 m moves no spot, and takes the other way."""
+    pivots, sun = field(np.random.default_rng(11), 30)
+    for half in (0.1, 4.5, 50.0):
+        settings = setting(half_width=half, half_height=0.7 * half)
+        closed = tolerances(settings, [ENCODER], [axis], sun, pivots)
+        for source, values in ((ENCODER, {"mirror_offset": 1e-16}), (TILT, {"pedestal_height": 1e-16})):
+            other = settings._replace(**{name: np.array([value]) for name, value in values.items()})
+            marched = tolerances(other, [source], [axis], sun, pivots)
+            finite = np.isfinite(closed) & (closed < 1.0)
+            np.testing.assert_allclose(marched[finite], closed[finite], rtol=0, atol=1e-12)
+            np.testing.assert_array_equal(np.isinf(marched), np.isinf(closed))
+        assert finite.sum() > 400
+
+
+def test_curve_inside_the_aperture_is_never_left():
+    """An ellipse: a low sun in the north-west, and a mirror that looks west on a receiver that looks north."""
+    sun, pivot = sun_at(-0.7, 0.15), np.array([[[200.0, 160.0, 3.0]]])
+    for offset in (0.0, 0.5):
+        settings = setting(target_height=20.0, mirror_offset=offset, half_width=1e3, half_height=1e3)
+        spots = spots_at(settings, ENCODER, ELEVATION, np.linspace(-np.pi, np.pi, 2001), sun, pivot)
+        real = spots[2] == REACHES
+        assert 900 < real.sum() < 1100  # lit through half a turn, and always in front of the plane
+        reach = np.abs(spots[:2, real]).max(axis=1)
+        assert np.all(reach < 800.0)
+        assert np.isinf(tolerances(settings, [ENCODER], [ELEVATION], sun, pivot)).all()
+        for width, height in ((0.99 * reach[0], 1e3), (1e3, 0.99 * reach[1])):
+            smaller = settings._replace(half_width=np.array([width]), half_height=np.array([height]))
+            assert np.isfinite(tolerances(smaller, [ENCODER], [ELEVATION], sun, pivot)).all()
+
+
+def test_small_apertures_and_first_order():
+    """Near the aim point the curve is straight: tolerance = half side / speed of the spot."""
+    pivots, sun = field(np.random.default_rng(5), 10)
+    settings = setting(half_width=1e-4, half_height=1e-4)
+    found = tolerances(settings, [CANTING], [ELEVATION], sun, pivots)[0]
+    speed = np.abs(deviation_spots(settings, [CANTING], [ELEVATION], [1e-8], sun, pivots)[:2, 0] / 1e-8).max(axis=0)
+    np.testing.assert_allclose(found, 1e-4 / speed, rtol=1e-5)
+
+
+def test_primary_axis_along_the_normal_moves_nothing():
+    towards, pivot = np.array([0.0, -1.0, 1.0]) / np.sqrt(2.0), np.array([[[0.0, 100.0, 0.0]]])
+    settings = setting(target_height=100.0, mirror_offset=0.5, kind=TARGET_ALIGNED)
+    behind_the_target = towards[np.newaxis, np.newaxis]
+    assert np.isinf(tolerances(settings, [ENCODER], [ENCODER_AZIMUTH], behind_the_target, pivot)).all()
+    flat = behind_the_target * [-1.0, -1.0, 1.0]
+    settings = setting(target_height=100.0)
+    assert np.isinf(tolerances(settings, [CANTING], [ENCODER_AZIMUTH], flat, pivot)).all()
+
+
+def test_no_tolerance_without_a_spot():
+    sun = np.concatenate([MORNING, MORNING * [1.0, 1.0, -1.0], np.full((1, 1, 3), np.nan)], axis=1)
+    pivots = np.array([[PIVOT[0, 0], [30.0, 0.0, 0.0], [30.0, -50.0, 0.0], [np.nan, 100.0, 0.0]]])
+    for source, axis in ((CANTING, ELEVATION), (ENCODER, ELEVATION), (TILT, ENCODER_AZIMUTH)):
+        found = tolerances(setting(mirror_offset=0.5), [source], [axis], sun, pivots)[0]
+        assert np.isfinite(found[0, 0])
+        rest = np.delete(found.ravel(), [0, found.shape[1]])
+        assert np.isnan(rest).all()  # the mirror of the pivot on the plane may lie in front of it
+    assert np.isnan(tolerances(setting(mirror_offset=400.0), [ENCODER], [0], MORNING, PIVOT)).all()

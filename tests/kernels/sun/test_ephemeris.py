@@ -1,0 +1,119 @@
+"""Sun vectors from daily nodes, against pvlib's SPA at every instant."""
+
+import numpy as np
+import pytest
+from pvlib import spa
+
+from heliosweep.grid.spa import sun_vectors
+from heliosweep.kernels.sun.ephemeris import QUANTITIES, daily_splines, sidereal_time
+
+ARCSECOND = np.radians(1.0 / 3600.0)
+
+
+def by_spa(utc, latitude, longitude, altitude, delta_t):
+    """Sun vectors by pvlib's SPA, geometric elevation."""
+    if delta_t is None:
+        months = utc.astype("datetime64[M]").astype(int)
+        delta_t = spa.calculate_deltat(1970 + months // 12, months % 12 + 1)
+    unix = utc.astype("datetime64[ns]").astype(np.int64) / 1e9
+    place = spa.solar_position_numpy(unix, latitude, longitude, altitude, 1013.25, 12.0, delta_t, 0.5667, 1)
+    elevation, azimuth = np.radians(place[3]), np.radians(place[4])
+    return np.stack(
+        (np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)), axis=-1
+    )
+
+
+def difference(a, b):
+    """Angle between unit vectors, in arcseconds."""
+    return 2.0 * np.arcsin(np.linalg.norm(a - b, axis=-1) / 2.0) / ARCSECOND
+
+
+def at_random(count, seed, first="1950", last="2051"):
+    """Instants spread over the years, in no order."""
+    start, stop = (int(np.datetime64(year, "ns").astype(np.int64)) for year in (first, last))
+    return np.random.default_rng(seed).integers(start, stop, count).view("datetime64[ns]")
+
+
+@pytest.mark.parametrize("latitude", [-90.0, -89.999, -66.0, -23.4, 0.0, 1e-9, 40.13, 78.0, 90.0])
+@pytest.mark.parametrize("delta_t", [None, 69.0])
+def test_within_a_thousandth_of_an_arcsecond_of_the_spa(latitude, delta_t):
+    rng = np.random.default_rng(int(abs(latitude) * 10))
+    utc = at_random(5000, int(abs(latitude)))
+    longitude, altitude = rng.uniform(-180.0, 180.0), rng.uniform(-400.0, 6000.0)
+    vectors = sun_vectors(utc, latitude, longitude, altitude, delta_t)
+    assert difference(vectors, by_spa(utc, latitude, longitude, altitude, delta_t)).max() < 1e-3
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=-1), 1.0, rtol=0, atol=5e-16)
+
+
+def test_all_that_datetime64_can_hold():
+    """Before 1950 and after 2050 too, where delta T leaves the minute."""
+    utc = np.concatenate([at_random(300, year, str(year), str(year + 1)) for year in (1679, 1850, 1902, 2100, 2259)])
+    for utc_of_year in utc.reshape(-1, 300):
+        vectors = sun_vectors(utc_of_year, 31.29, 92.04, 4500.0)
+        assert difference(vectors, by_spa(utc_of_year, 31.29, 92.04, 4500.0, None)).max() < 1e-3
+
+
+@pytest.mark.parametrize("delta_t", [None, 69.0, -80.0, 0.0, 86399.0])
+def test_across_the_new_year(delta_t):
+    utc = np.datetime64("2020-12-31T22:00", "ns") + np.arange(0, 4 * 3600, 7) * np.timedelta64(1, "s")
+    assert difference(sun_vectors(utc, 40.0, 10.0, 0.0, delta_t), by_spa(utc, 40.0, 10.0, 0.0, delta_t)).max() < 1e-3
+
+
+def test_terrestrial_new_year_to_the_nanosecond():
+    """The first instants of a year in terrestrial time, alone in their call, find their splines."""
+    newest = np.datetime64("2021-01-01", "ns") - np.timedelta64(69, "s")
+    for shift in (-300, -1, 0, 1, 300):
+        utc = newest + np.array([shift]) * np.timedelta64(1, "ns")
+        assert difference(sun_vectors(utc, 40.0, 10.0, 0.0, 69.0), by_spa(utc, 40.0, 10.0, 0.0, 69.0)).max() < 1e-3
+
+
+def test_the_month_s_delta_t_changes_at_midnight():
+    utc = np.datetime64("2031-03-01", "ns") + np.array([-1, 0]) * np.timedelta64(1, "ns")
+    assert difference(sun_vectors(utc, 0.0, 0.0), by_spa(utc, 0.0, 0.0, 0.0, None)).max() < 1e-3
+
+
+def test_sites_share_the_instants_and_keep_their_bits():
+    utc = at_random(200, 1, "2019", "2022")
+    latitude, longitude = np.linspace(-60.0, 60.0, 5)[:, np.newaxis], np.array([0.0, 94.67, -150.0])
+    together = sun_vectors(utc, latitude, longitude, [0.0, 100.0, 4000.0], 69.0)
+    assert together.shape == (5, 3, 200, 3)
+    for i, j in np.ndindex(5, 3):
+        alone = sun_vectors(utc, latitude[i, 0], longitude[j], [0.0, 100.0, 4000.0][j], 69.0)
+        np.testing.assert_array_equal(alone, together[i, j])
+    np.testing.assert_array_equal(sun_vectors(utc[17:40], 60.0, 94.67, 100.0, 69.0), together[4, 1, 17:40])
+
+
+def test_no_time_has_no_sun():
+    utc = np.array(["NaT", "2021-06-21T04:00", "NaT"], "datetime64[m]")
+    np.testing.assert_array_equal(np.isnan(sun_vectors(utc, 40.0, [0.0, 10.0])).all(axis=(0, 2)), [True, False, True])
+    assert np.isnan(sun_vectors(utc[:1], 40.0, 0.0)).all()
+    assert sun_vectors(np.array([], "datetime64[ns]"), [1.0, 2.0], 0.0).shape == (2, 0, 3)
+
+
+@pytest.mark.parametrize("delta_t", [86400.0, -1e6, np.nan, np.inf])
+def test_delta_t_of_a_day_is_refused(delta_t):
+    with pytest.raises(ValueError, match="delta_t"):
+        sun_vectors(np.array(["2021-06-21"], "datetime64[ns]"), 0.0, 0.0, 0.0, delta_t)
+
+
+def test_years_that_nanoseconds_cannot_count_are_refused():
+    with pytest.raises(ValueError, match="1678"):
+        sun_vectors(np.array(["3000-01-01"], "datetime64[D]"), 0.0, 0.0)
+
+
+def test_splines_go_through_their_nodes_and_follow_what_is_smooth():
+    days = np.arange(60.0)
+    nodes = np.stack([np.sin(days / (7.0 + k)) for k in range(QUANTITIES)], axis=1)
+    pieces = daily_splines(nodes)
+    ends = np.stack((pieces[:, 0], pieces.sum(axis=1)))
+    np.testing.assert_allclose(ends, (nodes[:-1], nodes[1:]), rtol=0, atol=1e-15)
+    middle = np.einsum("dpk,p->dk", pieces, 0.5 ** np.arange(4))[20:-20]
+    expected = np.stack([np.sin((days[20:39] + 0.5) / (7.0 + k)) for k in range(QUANTITIES)], axis=1)
+    np.testing.assert_allclose(middle, expected, rtol=0, atol=1e-5)
+
+
+def test_sidereal_time_of_meeus():
+    """Meeus, Astronomical Algorithms, examples 12.a and 12.b: 1987 April 10 at 0 h and 19 h 21 min UT."""
+    day = int(np.datetime64("1987-04-10", "D").astype(int))
+    assert sidereal_time(day, 0.0) % 1.0 * 86400 == pytest.approx(13 * 3600 + 10 * 60 + 46.3668, abs=1e-4)
+    assert sidereal_time(day, (19 + 21 / 60) / 24) % 1.0 * 360 == pytest.approx(128.7378734, abs=2e-7)

@@ -1,0 +1,193 @@
+"""Sun profiles: values of the oracle, slopes, inverses, tables."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter1d
+
+from heliosweep.kernels.compiled import PURE_PYTHON
+from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render, tabulated
+from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled, smooth_fit, smoothed
+from tests.kernels.gazing import twin
+from tests.kernels.sun import curves
+from tests.kernels.sun.curves import evaluate, invert
+
+ANGLES = np.concatenate([np.linspace(1e-6, 1.2, 500), [0.9994, 0.9996, 0.99999, 1.00001]]) * EPS_MAX
+
+
+def kinds():
+    clean = jose()
+    table = noisy(clean, 0.012, seed=3)
+    return [clean, table, smooth_fit(table), smoothed(table, 3.0), scaled(clean, 0.02), scaled(table, -0.03)]
+
+
+def test_oracle():
+    """First rows of backward_gazing_oracle.csv of the reference data."""
+    value, slope = evaluate(jose(), [2e-3, EPS_MAX / 2])
+    np.testing.assert_allclose(value, [0.9702108066, 0.963525533], rtol=1e-9)
+    assert slope[0] * 1e-3 == pytest.approx(-0.0347885488, abs=1e-10)  # ten decimals are given
+    assert float(invert(jose(), 0.95)) * 1e3 == pytest.approx(2.487074818, rel=1e-9)
+
+
+def test_jose_is_the_formula():
+    np.testing.assert_allclose(render(jose(), ANGLES), twin.jose(ANGLES), rtol=1e-14)
+    np.testing.assert_allclose(render(jose(0.5, 4.6e-3, 2.0), ANGLES), twin.jose(ANGLES, 0.5, 4.6e-3, 2.0), rtol=1e-13)
+
+
+@pytest.mark.parametrize("profile", kinds())
+def test_slopes_are_differences(profile):
+    step = 1e-10
+    inside = ANGLES / EPS_MAX * profile.radius
+    if profile.table.size:  # not across a node
+        inside = inside[np.abs(inside / profile.step - np.rint(inside / profile.step)) > 1e-4]
+    inside = inside[np.abs(inside - profile.edge) > 2 * step]
+    ahead, behind = (evaluate(profile, inside + sign * step)[0] for sign in (1, -1))
+    value, slope = evaluate(profile, inside)
+    np.testing.assert_allclose((ahead - behind) / (2 * step), slope, rtol=2e-5, atol=2e-5)
+    assert np.all(np.isfinite(value))
+    assert evaluate(profile, 0.0)[1] == 0.0
+
+
+@pytest.mark.parametrize("profile", kinds())
+def test_disc_ends_and_tangent_goes_on(profile):
+    out = profile.radius * np.array([1.0000001, 1.5, 30.0])
+    assert np.all(render(profile, out) == 0.0)
+    value, slope = evaluate(profile, out)
+    np.testing.assert_allclose(slope / profile.edge_slope, np.ones(3), rtol=1e-12)
+    np.testing.assert_allclose(value - profile.edge_value, profile.edge_slope * (out - profile.edge), rtol=1e-9)
+    inside = np.linspace(0.0, 0.9994, 99) * profile.radius
+    np.testing.assert_allclose(render(profile, inside), evaluate(profile, inside)[0], rtol=1e-14)
+    beside = profile.edge * np.array([1 - 1e-9, 1 + 1e-9])
+    assert abs(np.diff(evaluate(profile, beside)[0])[0]) < 3e-9 * abs(profile.edge_slope) * profile.edge
+
+
+@given(st.floats(0.0, 1.3), st.floats(0.0, 0.95), st.floats(1.5, 4.0))
+def test_jose_and_its_inverse(place, limb, power):
+    profile = jose(limb, EPS_MAX, power)
+    angle = place * EPS_MAX
+    value, slope = evaluate(profile, angle)
+    # Brightness is rounded, and near the centre it hardly falls.
+    room = 1e-15 / max(abs(float(slope)), 1e-30) if place > 0 else 1.0
+    assert abs(float(invert(profile, value)) - angle) < 1e-13 * EPS_MAX + 4 * min(room, 2e-4 * EPS_MAX)
+
+
+def test_falling_table_and_its_inverse():
+    table = tabulated(twin.jose(np.linspace(0.0, EPS_MAX, 200)))
+    assert np.all(np.diff(table.table) <= 0.0)
+    angles = np.linspace(0.0, 1.2, 333) * EPS_MAX
+    np.testing.assert_allclose(invert(table, evaluate(table, angles)[0]), angles, atol=1e-13 * EPS_MAX)
+    assert invert(table, 1.5) == 0.0
+    np.testing.assert_allclose(render(table, table.step * np.arange(200)), table.table, rtol=1e-13)
+
+
+def test_rising_tables_have_the_least_envelope():
+    table = noisy(jose(), 0.012, seed=1)
+    assert np.any(np.diff(table.table) > 0.0)
+    assert np.all(np.diff(table.envelope) <= 0.0)
+    assert np.all(table.envelope >= table.table)
+    assert all(table.envelope[k] == table.table[k:].max() for k in range(120))
+    angles = invert(table, np.linspace(0.3, 1.1, 999))
+    assert np.all(np.diff(angles) <= 1e-18)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_tangents_fall_whatever_the_noise(seed):
+    assert noisy(jose(), 0.05, seed=seed).edge_slope < 0.0
+
+
+def test_noise_is_keyed_by_seed_and_node():
+    clean = twin.jose(np.linspace(0.0, EPS_MAX, 50))
+    one, more = noisy(jose(), 0.01, 50, seed=5), noisy(jose(), 0.01, 51, seed=5)
+    np.testing.assert_array_equal(one.table, noisy(jose(), 0.01, 50, seed=5).table)
+    later = more.table - twin.jose(np.linspace(0.0, EPS_MAX, 51))
+    np.testing.assert_allclose(later[:50], one.table - clean, atol=1e-15)
+    assert np.all(noisy(jose(), 0.01, 50, seed=6).table != one.table)
+    draws = normal_draws(7, 1, 100_000)
+    assert abs(draws.mean()) < 0.01
+    assert abs(draws.std() - 1.0) < 0.01
+    assert abs(np.mean(draws**4) - 3.0) < 0.1
+    assert np.all(normal_draws(7, 2, 9) != draws[:9])
+    np.testing.assert_array_equal(normal_draws(7, 1, 9), draws[:9])
+
+
+def test_smoothing_is_a_gaussian_over_the_continued_profile():
+    table = noisy(jose(), 0.012, seed=2)
+    rise = table.edge_slope * table.step
+    whole = np.concatenate([table.table[:0:-1], table.table, table.table[-1] + rise * np.arange(1, 60)])
+    for nodes in (6.0, 3.0, 1.5, 0.7):
+        expected = gaussian_filter1d(whole, nodes, truncate=9.0)[119:239]
+        np.testing.assert_allclose(smoothed(table, nodes).table, expected, atol=1e-6)
+    assert smoothed(table, 0.0) is table
+
+
+def test_smooth_fit_finds_a_jose_profile():
+    fit = smooth_fit(tabulated(twin.jose(np.linspace(0.0, EPS_MAX, 120))))
+    np.testing.assert_allclose(fit[2:6], [0.679, 0.321, 0.0, 0.0], atol=1e-12)
+    angles = np.linspace(0.05, 0.99, 99) * EPS_MAX
+    np.testing.assert_allclose(invert(fit, render(fit, angles)), angles, rtol=1e-4)
+
+
+def test_smooth_fit_is_the_least_squares():
+    table = noisy(jose(), 0.012, seed=4)
+    fit = smooth_fit(table)
+    rest = render(fit, table.step * np.arange(120) * (1 - 1e-15)) - table.table
+    c = np.sqrt(1.0 - np.linspace(0.0, 1.0, 120) ** 2.222)
+    for power in range(4):
+        assert abs(np.sum(rest * c**power)) < 1e-7  # the limb at 1 - 1e-15 is 3e-8 brighter than at 1
+
+
+@pytest.mark.parametrize("profile", kinds()[:3])
+def test_scaled_profiles_are_wider(profile):
+    wide = scaled(profile, 0.1)
+    angles = np.linspace(0.0, 1.2, 200) * EPS_MAX
+    np.testing.assert_allclose(evaluate(wide, 1.1 * angles)[0], evaluate(profile, angles)[0], rtol=1e-11)
+    values = np.linspace(0.4, 0.99, 50)
+    np.testing.assert_allclose(invert(wide, values), 1.1 * invert(profile, values), rtol=1e-12)
+
+
+def test_uneven_angles_are_interpolated():
+    angle = np.array([0.0, 1.0, 1.5, 3.0]) * 1e-3
+    table = tabulated([1.0, 0.9, 0.8, 0.2], angle=angle)
+    assert table.radius == 3e-3
+    np.testing.assert_allclose(render(table, angle), [1.0, 0.9, 0.8, 0.2], rtol=1e-12)
+    even = tabulated([1.0, 0.9, 0.2], angle=[0.0, 1e-3, 2e-3])
+    assert even.table.size == 3
+
+
+@pytest.mark.parametrize(
+    ("values", "angle", "message"),
+    [
+        ([1.0, 0.5], None, "3 finite"),
+        ([1.0, np.nan, 0.5], None, "3 finite"),
+        ([1.0, -0.1, 0.0], None, "negative"),
+        ([0.5, 0.6, 0.7], None, "darker"),
+        ([1.0, 0.9, 0.5], [0.0, 2e-3, 1e-3], "rise from 0"),
+        ([1.0, 0.9, 0.5], [1e-3, 2e-3, 3e-3], "rise from 0"),
+        ([1.0, 0.9, 0.5], [0.0, 2e-3], "as many"),
+    ],
+)
+def test_tables_that_are_none(values, angle, message):
+    with pytest.raises(ValueError, match=message):
+        tabulated(values, angle=angle)
+
+
+def test_parameters_out_of_range():
+    for wrong in ((1.0, EPS_MAX, 2.0), (0.5, 0.0, 2.0), (0.5, EPS_MAX, 0.0), (-0.1, EPS_MAX, 2.0)):
+        with pytest.raises(ValueError, match="Jose"):
+            jose(*wrong)
+    with pytest.raises(ValueError, match="3 nodes"):
+        noisy(jose(), 0.01, 2)
+    with pytest.raises(ValueError, match="only a table"):
+        smoothed(jose(), 1.0)
+    with pytest.raises(ValueError, match="4 nodes"):
+        smooth_fit(jose())
+    with pytest.raises(ValueError, match="positive"):
+        scaled(jose(), -1.0)
+
+
+@pytest.mark.skipif(PURE_PYTHON, reason="nothing is compiled")
+def test_all_kinds_share_one_compiled_kernel():
+    for profile in kinds():
+        evaluate(profile, ANGLES)
+    assert len(curves._evaluate.signatures) == 1

@@ -1,0 +1,155 @@
+"""Executors: all parts come through, three tries each, and nothing that another run would see."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep.errors import HeliosweepError
+from heliosweep.grid.regions import Part
+from heliosweep.runs import executors
+from heliosweep.runs.executors import Outcome, compute_parts, local_pool
+
+LOCAL = ["threads", "synchronous", "processes"]
+
+
+class FakeWork:
+    """Doubles the number of a part; `before` is called first with the number."""
+
+    def __init__(self, before: Callable[[int], object] = lambda number: None) -> None:
+        self.before = before
+
+    def compute(self, part: Part) -> xr.Dataset:
+        start, stop = part.region["a"].start, part.region["a"].stop
+        self.before(start)
+        return xr.Dataset({"double": ("a", 2.0 * np.arange(start, stop))})
+
+
+def parts(count: int) -> Iterator[Part]:
+    return (Part(f"points-{n:05}", "points", {"a": slice(n, n + 1)}) for n in range(count))
+
+
+def compute(name: str, work: Any, numbers: Iterator[Part], workers: int = 2) -> dict[str, Outcome]:
+    with local_pool(name, work, workers) as pool:
+        return {outcome.part.name: outcome for outcome in compute_parts(pool, numbers)}
+
+
+def no_operation(number: int) -> None:
+    pass
+
+
+@pytest.mark.parametrize("name", LOCAL)
+def test_values_of_every_part(name):
+    outcomes = compute(name, FakeWork(no_operation), parts(20))
+    for part in parts(20):
+        values = outcomes.pop(part.name).values
+        assert values is not None
+        assert values["double"].item() == 2.0 * part.region["a"].start
+    assert not outcomes
+
+
+def test_no_more_threads_than_workers_and_none_is_left():
+    threads = set()
+    compute("threads", FakeWork(lambda number: threads.add(threading.current_thread())), parts(60), 3)
+    assert 1 <= len(threads) <= 3
+    assert not threads & set(threading.enumerate())
+
+
+@pytest.mark.parametrize("name", LOCAL[:2])
+def test_a_part_is_tried_three_times_and_the_others_come_through(name):
+    tries: list[int] = []
+
+    def fail(number: int) -> None:
+        tries.append(number)
+        if number == 7 or (number == 0 and tries.count(0) < 3):
+            raise ArithmeticError(f"not {number}")
+
+    outcomes = compute(name, FakeWork(fail), parts(9), 1)
+    assert [number for number in range(9) if outcomes[f"points-{number:05}"].values is None] == [7]
+    assert repr(outcomes["points-00007"].error) == "ArithmeticError('not 7')"
+    assert (tries.count(0), tries.count(7), tries.count(8)) == (3, 3, 1)
+
+
+@pytest.mark.parametrize("name", LOCAL[:2])
+def test_errors_of_the_user_end_the_run_at_once(name):
+    tries = []
+
+    def wrong(number: int) -> None:
+        tries.append(number)
+        raise HeliosweepError("the file is gone")
+
+    with pytest.raises(HeliosweepError, match="the file is gone"):
+        compute(name, FakeWork(wrong), parts(50), 1)
+    assert len(tries) <= 3
+
+
+class Killing:
+    """Kills its process at some parts: always, or the first time only."""
+
+    def __init__(self, folder: Path, once: set[int], always: set[int]) -> None:
+        self.folder, self.once, self.always = folder, once, always
+
+    def __call__(self, number: int) -> None:
+        mark = self.folder / str(number)
+        if number in self.always or (number in self.once and not mark.exists()):
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="signals of POSIX systems")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_dead_worker_processes_are_replaced_and_only_the_part_that_kills_fails(tmp_path, workers):
+    killing = Killing(tmp_path, once={2, 5}, always={3})
+    outcomes = compute("processes", FakeWork(killing), parts(12), workers)
+    assert [n for n in range(12) if outcomes[f"points-{n:05}"].values is None] == [3]
+    assert "a worker process ended before its work was done" in str(outcomes["points-00003"].error)
+
+
+def test_what_was_not_begun_is_not_waited_for():
+    begun: list[int] = []
+
+    def slow(number: int) -> None:
+        begun.append(number)
+        time.sleep(0.2)
+
+    def interrupted() -> Iterator[Part]:
+        yield from parts(2)
+        while not begun:
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        compute("threads", FakeWork(slow), interrupted())
+    assert len(begun) <= 2
+
+
+def test_few_parts_are_taken_ahead():
+    taken = 0
+
+    def counted() -> Iterator[Part]:
+        nonlocal taken
+        for part in parts(1000):
+            taken += 1
+            yield part
+
+    with local_pool("threads", FakeWork(), 2) as pool:  # type: ignore[arg-type]
+        for done, _ in enumerate(compute_parts(pool, counted()), start=1):
+            assert taken <= done + pool.room + 1
+
+
+def test_a_pool_is_looked_after_while_nothing_comes(monkeypatch):
+    monkeypatch.setattr(executors, "LOOK_SECONDS", 0.02)
+    looked = []
+    with local_pool("threads", FakeWork(lambda n: time.sleep(0.3)), 1) as pool:  # type: ignore[arg-type]
+        pool.look = lambda: looked.append(1)  # type: ignore[method-assign]
+        list(compute_parts(pool, parts(1)))
+    assert looked

@@ -1,0 +1,250 @@
+"""Archives of results: unpacked elsewhere they verify, and run again to the same bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import heliosweep
+from heliosweep.cli import main
+from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.runs.verify import verify
+from heliosweep.share.archive import pack_result
+from tests.conftest import STUDIES
+
+#: Shipped studies that name files, by family and mode; and what archives of them must hold.
+WITH_INPUTS = {
+    "chong2012_table2": {"inputs/chong2012.csv", "inputs/chong2012_table2.csv"},
+    "liu2022_table2": {"inputs/liu2022.csv", "inputs/liu2022_table2.csv"},
+    "calibration_measured": {"inputs/heliostats.csv", "inputs/four_heliostats.csv"},
+    "gazing_measured": {"inputs/upper_left.png", "inputs/lower_right.png", "inputs/sun_profile.csv"},
+}
+FILES = {
+    "README.md", "LICENSE", "CITATION.cff", "study.yaml", "manifest.json", "open.ipynb", "ro-crate-metadata.json",
+    "SHA256SUMS", "result.nc",
+}  # fmt: skip
+
+
+def unpacked(archive: Path, folder: Path) -> Path:
+    """Unpack an archive; its one folder."""
+    with zipfile.ZipFile(archive) as zipped:
+        zipped.extractall(folder)
+    (top,) = folder.iterdir()
+    return top
+
+
+def files_of(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def assert_sums(folder: Path) -> None:
+    """As ``sha256sum -c`` does, and that nothing is left out."""
+    listed = dict(line.split("  ", 1)[::-1] for line in (folder / "SHA256SUMS").read_text("utf-8").splitlines())
+    assert set(listed) == files_of(folder) - {"SHA256SUMS"}
+    for name, digest in listed.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest, name
+
+
+def assert_reruns(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In another folder, from there."""
+    monkeypatch.chdir(folder)
+    again = heliosweep.run(heliosweep.load("study.yaml"), "again", report=False)
+    assert again.path.read_bytes() == Path("result.nc").read_bytes()
+    shutil.rmtree("again")
+
+
+@pytest.fixture
+def result(small, tmp_path):
+    """Folder of a small result, with spaces and more in its name."""
+    folder = tmp_path / "ein Ergebnis é"
+    heliosweep.run(small(), folder, report=False)
+    return folder
+
+
+@pytest.mark.parametrize("name", WITH_INPUTS)
+def test_verifies_and_reruns_elsewhere(name, tmp_path, monkeypatch):
+    # The study and its inputs are gone when the archive is unpacked.
+    shutil.copytree(STUDIES, tmp_path / "home" / "studies")
+    study = heliosweep.load(tmp_path / "home" / "studies" / f"{name}.yaml")
+    heliosweep.run(study, tmp_path / "home" / "result", report=False)
+    archive = pack_result(tmp_path / "home" / "result", tmp_path / "archive.zip")
+    study_id = study.study_id
+    shutil.rmtree(tmp_path / "home")
+
+    folder = unpacked(archive, tmp_path / "elsewhere")
+    assert folder.name == f"{study.family}-{study_id}"
+    assert WITH_INPUTS[name] <= files_of(folder)
+    assert_sums(folder)
+    found = verify(folder)
+    assert found.ok, found.text
+    assert heliosweep.load(folder / "study.yaml").study_id == study_id
+    assert_reruns(folder, monkeypatch)
+
+
+def test_holds_what_it_should_and_nothing_of_the_machine(result, tmp_path, monkeypatch):
+    folder = unpacked(pack_result(result), tmp_path / "elsewhere")
+    assert files_of(folder) == FILES
+    assert_sums(folder)
+    for name in FILES - {"result.nc"}:
+        text = (folder / name).read_text("utf-8")
+        assert str(tmp_path) not in text, name
+        assert "ein Ergebnis" not in text, name
+    manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
+    assert not {"command", "scheduler", "workers"} & set(manifest)
+    assert set(manifest["environment"]) <= {"commit", "packages", "python"}
+    assert_reruns(folder, monkeypatch)
+
+
+def test_the_same_bytes_wherever_it_stands(result, tmp_path):
+    moved = tmp_path / "moved"
+    shutil.copytree(result, moved, copy_function=shutil.copyfile)
+    one, two = pack_result(result), pack_result(moved)
+    assert (one.name, two.name) == ("ein Ergebnis é.zip", "moved.zip")
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_can_be_packed_again_from_what_was_unpacked(result, tmp_path):
+    archive = pack_result(result)
+    folder = unpacked(archive, tmp_path / "elsewhere")
+    assert pack_result(folder, tmp_path / "again.zip").read_bytes() == archive.read_bytes()
+
+
+def test_zarr(small, tmp_path):
+    heliosweep.run(small(output={"format": "zarr"}), tmp_path / "result", report=False)
+    folder = unpacked(pack_result(tmp_path / "result"), tmp_path / "elsewhere")
+    assert_sums(folder)
+    found = verify(folder)
+    assert found.ok, found.text
+    with heliosweep.open_result(folder) as one, heliosweep.open_result(tmp_path / "result") as other:
+        assert one.identical(other)
+    metadata = json.loads((folder / "ro-crate-metadata.json").read_text("utf-8"))
+    assert "result.zarr/" in {entity["@id"] for entity in metadata["@graph"]}
+
+
+LAYOUT = "x,y\n0,50\n10,60\n-10,70\n"
+
+
+def test_names_of_inputs(small, tmp_path, monkeypatch):
+    """Spaces, other alphabets, two files of one name, and paths that lead out of the folder."""
+    home = tmp_path / "home"
+    places = [home / "ein Feld für Ωλ.csv", home / "a" / "field.csv", tmp_path / "b" / "Field.csv"]
+    for number, place in enumerate(places):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(f"{LAYOUT}{number + 20},80\n", encoding="utf-8")
+    monkeypatch.chdir(home)
+    study = small(layout={"file": ["ein Feld für Ωλ.csv", "a/field.csv", str(places[2])]})
+    heliosweep.run(study, "result", report=False)
+    archive = pack_result("result")
+    with zipfile.ZipFile(archive) as zipped:
+        names = zipped.namelist()
+    assert all(not name.startswith("/") and ".." not in name.split("/") for name in names)
+    top = f"{study.family}-{study.study_id}/inputs"
+    assert {f"{top}/ein Feld für Ωλ.csv", f"{top}/field.csv", f"{top}/2/Field.csv"} <= set(names)
+    shutil.move(archive, tmp_path / "moved.zip")
+    shutil.rmtree(home)
+    folder = unpacked(tmp_path / "moved.zip", tmp_path / "elsewhere")
+    assert_sums(folder)
+    assert verify(folder).ok
+    assert_reruns(folder, monkeypatch)
+
+
+def test_links_are_packed_as_files(small, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("field.csv").write_text(LAYOUT, encoding="utf-8")
+    Path("link.csv").symlink_to("field.csv")
+    heliosweep.run(small(layout={"file": ["field.csv", "link.csv"]}), "result", report=False)
+    folder = unpacked(pack_result("result"), tmp_path / "elsewhere")
+    assert {name for name in files_of(folder) if name.startswith("inputs")} == {"inputs/field.csv", "inputs/link.csv"}
+    assert_reruns(folder, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["a:b.csv", "back\\slash.csv", "new\nline.csv", "question?.csv", "con.csv"])
+def test_names_that_not_every_system_can_have(small, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(LAYOUT, encoding="utf-8")
+    heliosweep.run(small(layout={"file": name}), "result", report=False)
+    with pytest.raises(HeliosweepError, match="rename the file"):
+        pack_result("result")
+    assert not Path("result.zip").exists()
+
+
+def test_damaged(result):
+    path = result / "result.nc"
+    content = bytearray(path.read_bytes())
+    content[-100] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(HeliosweepError, match="NOT all right"):
+        pack_result(result)
+    assert [place.name for place in result.parent.iterdir()] == [result.name]
+
+
+def test_unfinished(result):
+    (result / "result.nc").unlink()
+    with pytest.raises(HeliosweepError, match="only a whole result"):
+        pack_result(result)
+
+
+def test_inputs_that_are_gone_or_changed(small, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("field.csv").write_text(LAYOUT, encoding="utf-8")
+    heliosweep.run(small(layout={"file": "field.csv"}), "result", report=False)
+    Path("field.csv").write_text(f"{LAYOUT}30,30\n", encoding="utf-8")
+    with pytest.raises(HeliosweepError, match="NOT all right"):
+        pack_result("result")
+    Path("field.csv").unlink()
+    with pytest.raises(HeliosweepError, match=r"field\.csv"):
+        pack_result("result")
+
+
+def test_the_archive_is_not_replaced_unasked(result, tmp_path):
+    archive = pack_result(result)
+    before = archive.read_bytes()
+    archive.write_bytes(b"precious")
+    with pytest.raises(StudyError, match="--force"):
+        pack_result(result)
+    assert archive.read_bytes() == b"precious"
+    assert pack_result(result, force=True).read_bytes() == before
+    with pytest.raises(StudyError, match=r"ends with \.zip"):
+        pack_result(result, tmp_path / "archive.tar")
+    with pytest.raises(StudyError, match="does not exist"):
+        pack_result(result, tmp_path / "nowhere" / "archive.zip")
+
+
+def test_unknown_licences_are_refused(result, capsys):
+    for name, hint in {"FOO": "LicenseRef-NAME", "CC BY 4.0": "did you mean 'CC-BY-4.0'?", "": "SPDX"}.items():
+        assert main(["pack", str(result), "--license", name]) == 2
+        said = capsys.readouterr().err
+        assert "--license: " in said
+        assert hint in said
+    assert not result.with_name(f"{result.name}.zip").exists()
+    assert main(["pack", str(result), "--license", "LicenseRef-Ours"]) == 0
+
+
+@pytest.mark.parametrize("commit", ["0123abc", "0123abc-dirty"])
+def test_changed_sources_are_said(commit, result, caplog):
+    path = result / "manifest.json"
+    manifest = json.loads(path.read_text("utf-8"))
+    manifest["environment"]["commit"] = commit
+    path.write_text(json.dumps(manifest), encoding="utf-8")
+    pack_result(result)
+    assert ("-dirty" in caplog.text) == commit.endswith("-dirty")
+
+
+def test_command_line(result, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(result)
+    target = tmp_path / "archive.zip"
+    assert main(["pack", ".", "-o", str(target), "--license", "CC0-1.0"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == f"{target}\n"
+    folder = unpacked(target, tmp_path / "elsewhere")
+    assert "CC0-1.0" in (folder / "LICENSE").read_text("utf-8")
+    assert "license: CC0-1.0" in (folder / "CITATION.cff").read_text("utf-8")
+    assert main(["pack", ".", "-o", str(target)]) == 2
+    assert main(["pack", str(tmp_path / "nothing")]) == 1
+    assert main(["pack", "."]) == 0  # named like the folder, beside it
+    assert (tmp_path / "ein Ergebnis é.zip").exists()

@@ -1,0 +1,215 @@
+"""What an archive says of itself: crate, citation, licence, README, notebook."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from typing import Any
+
+import pytest
+import yaml
+
+import heliosweep
+from heliosweep.errors import HeliosweepError
+from heliosweep.share.archive import pack_result
+from heliosweep.share.described import Licence
+
+DATASET: dict[str, Any] = {
+    "creators": [
+        {
+            "name": "Doe, Jane",
+            "orcid": "0000-0002-1825-0097",
+            "affiliation": "Institute of the Sun",
+            "email": "jane@example.org",
+        },
+        {"name": "Solar Working Group"},
+    ],
+    "license": "CC-BY-SA-4.0",
+    "doi": "10.5281/zenodo.1234567",
+    "keywords": ["field"],
+}
+
+
+def unpack(small: Any, folder: Any, **blocks: Any) -> Any:
+    heliosweep.run(small(**blocks), folder / "result", report=False)
+    with zipfile.ZipFile(pack_result(folder / "result")) as zipped:
+        zipped.extractall(folder / "elsewhere")
+    (top,) = (folder / "elsewhere").iterdir()
+    return top
+
+
+@pytest.fixture(params=["named", "nameless", "zarr"])
+def folder(request, small, tmp_path):
+    blocks = {"named": {"dataset": DATASET}, "nameless": {}, "zarr": {"output": {"format": "zarr"}}}
+    return unpack(small, tmp_path, **blocks[request.param])
+
+
+def entities(folder: Any) -> dict[str, Any]:
+    crate = json.loads((folder / "ro-crate-metadata.json").read_text("utf-8"))
+    assert crate["@context"][0] == "https://w3id.org/ro/crate/1.1/context"
+    found = {entity["@id"]: entity for entity in crate["@graph"]}
+    assert len(found) == len(crate["@graph"])
+    return found
+
+
+def links(value: Any) -> set[str]:
+    """Every entity that something refers to."""
+    if isinstance(value, dict):
+        return {value["@id"]} if set(value) == {"@id"} else set().union(*map(links, value.values()))
+    return set().union(*map(links, value)) if isinstance(value, list) else set()
+
+
+def test_crate(folder):
+    """What RO-Crate 1.1 demands, and that all that it refers to is there."""
+    found = entities(folder)
+    descriptor, root = found["ro-crate-metadata.json"], found["./"]
+    assert descriptor["conformsTo"] == {"@id": "https://w3id.org/ro/crate/1.1"}
+    assert descriptor["about"] == {"@id": "./"}
+    assert root["@type"] == "Dataset"
+    assert all(root[key] for key in ("name", "description", "datePublished", "license", "author", "publisher"))
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", root["datePublished"])
+    outside = {"https://w3id.org/ro/crate/1.1"}
+    assert set().union(*map(links, found.values())) - outside <= set(found)
+    files = {name for name, entity in found.items() if entity["@type"] == "File"}
+    parts = {part["@id"] for part in root["hasPart"]}
+    assert files <= parts
+    for name in files:
+        path = folder / name
+        assert path.is_file()
+        if name != "SHA256SUMS":
+            assert found[name]["contentSize"] == str(path.stat().st_size)
+            assert len(found[name]["sha256"]) == 64
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert {name for name in there if not name.startswith("result.zarr/")} == files | {"ro-crate-metadata.json"}
+    run = found["#run"]
+    assert run["result"]["@id"] in parts
+    assert run["instrument"] == {"@id": "#heliosweep"}
+    for entity in found.values():
+        # A list of one is not recommended.
+        assert all(len(value) > 1 for value in entity.values() if isinstance(value, list))
+
+
+@pytest.mark.skipif(shutil.which("rocrate-validator") is None, reason="needs roc-validator and the network")
+def test_crate_as_the_validator_sees_it(folder):
+    command = [
+        "rocrate-validator",
+        "-y",
+        "validate",
+        "-p",
+        "ro-crate-1.1",
+        "-l",
+        "REQUIRED",
+        "--no-paging",
+        str(folder),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if "URLError" in done.stdout + done.stderr:
+        pytest.skip("no network")
+    assert done.returncode == 0, done.stdout
+
+
+def test_people_and_licence(small, tmp_path):
+    folder = unpack(small, tmp_path, dataset=DATASET)
+    found = entities(folder)
+    people = [link["@id"] for link in found["./"]["creator"]]
+    assert [found[one]["name"] for one in people] == ["Doe, Jane", "Solar Working Group"]
+    assert people[0] == "https://orcid.org/0000-0002-1825-0097"
+    assert found[found[people[0]]["affiliation"]["@id"]]["name"] == "Institute of the Sun"
+    assert found["./"]["license"] == {"@id": "https://creativecommons.org/licenses/by-sa/4.0/"}
+    assert found["./"]["identifier"] == "https://doi.org/10.5281/zenodo.1234567"
+
+    cff = yaml.safe_load((folder / "CITATION.cff").read_text("utf-8"))
+    assert cff["type"] == "dataset"
+    assert cff["license"] == "CC-BY-SA-4.0"
+    assert cff["doi"] == "10.5281/zenodo.1234567"
+    assert cff["authors"][0]["family-names"] == "Doe"
+    assert cff["authors"][1] == {"name": "Solar Working Group"}
+    notice = (folder / "LICENSE").read_text("utf-8")
+    assert "https://creativecommons.org/licenses/by-sa/4.0/legalcode" in notice
+    assert "Doe, Jane; Solar Working Group (20" in (folder / "README.md").read_text("utf-8")
+
+
+def test_nobody_named_is_said(small, tmp_path, caplog):
+    folder = unpack(small, tmp_path)
+    assert "CC-BY-4.0" in caplog.text
+    assert "dataset.creators" in caplog.text
+    found = entities(folder)
+    assert found[found["./"]["author"]["@id"]]["@type"] == "Organization"
+    cff = yaml.safe_load((folder / "CITATION.cff").read_text("utf-8"))
+    assert {"cff-version", "message", "title", "authors", "date-released"} <= set(cff)
+    assert "doi" not in cff
+
+
+def test_readme(folder):
+    text = (folder / "README.md").read_text("utf-8")
+    with heliosweep.open_result(folder) as data:
+        for name, variable in (*data.data_vars.items(), *data.coords.items()):
+            row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+            assert variable.attrs["long_name"] in row
+            assert row.count(" | ") == 3
+    assert "sha256sum -c SHA256SUMS" in text
+    assert "heliosweep run study.yaml --output again" in text
+
+
+def test_notebook_opens_the_data(folder):
+    notebook = json.loads((folder / "open.ipynb").read_text("utf-8"))
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in notebook["cells"]}) == len(notebook["cells"])
+    with contextlib.suppress(ImportError):
+        nbformat: Any = importlib.import_module("nbformat")
+        nbformat.validate(nbformat.reads(json.dumps(notebook), as_version=4))
+    code = "\n".join("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code")
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "optical_efficiency [1]" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "spdx", "url"),
+    [
+        ("CC-BY-4.0", "CC-BY-4.0", "https://creativecommons.org/licenses/by/4.0/"),
+        ("MIT", "MIT", "https://spdx.org/licenses/MIT.html"),
+        ("LicenseRef-Ours", None, None),
+    ],
+)
+def test_licences(text, spdx, url):
+    licence = Licence(text)
+    assert (licence.spdx, licence.url) == (spdx, url)
+    assert (spdx or text) in licence.notice("Title", "People")
+
+
+def test_large_files_are_streamed_and_fit(tmp_path):
+    """More than memory should hold at once: what is copied is never more than a piece."""
+    from heliosweep.share.archive import writing
+
+    class Source(io.RawIOBase):
+        left = 50 * 2**20
+        most = 0
+
+        def read(self, size: int = -1) -> bytes:
+            Source.most = max(self.most, size)
+            take = min(size, self.left)
+            self.left -= take
+            return bytes(take)
+
+    with writing(tmp_path / "a.zip", "top") as archive:
+        archive.add("large", Source(), 2**32)  # type: ignore[arg-type]
+    assert 0 < Source.most <= 2**20
+    with zipfile.ZipFile(tmp_path / "a.zip") as zipped:
+        assert zipped.testzip() is None
+        assert zipped.getinfo("top/large").file_size == 50 * 2**20
+
+
+def test_nothing_is_left_of_an_archive_that_failed(tmp_path):
+    from heliosweep.share.archive import writing
+
+    with pytest.raises(HeliosweepError, match=r"a\.zip: cannot be written: gone"), writing(tmp_path / "a.zip", "top"):
+        raise OSError("gone")
+    assert list(tmp_path.iterdir()) == []

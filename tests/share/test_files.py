@@ -1,0 +1,85 @@
+"""What is never written over: sources, and what a run has left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from heliosweep import StudyError, run, save, write_csv
+from heliosweep.cli import main
+from heliosweep.share.files import target_file
+
+FIELD = "x,y\n0,60\n15,60\n"
+TMY3 = '724666,"DENVER",CO,-7.0,39.742,-105.179,1829\nDate (MM/DD/YYYY),Time (HH:MM)\n'
+
+
+@pytest.fixture
+def folder(small, tmp_path, monkeypatch) -> Path:
+    """Working directory with two studies, a layout, a weather file and a result."""
+    monkeypatch.chdir(tmp_path)
+    Path("field.csv").write_text(FIELD)
+    Path("denver.csv").write_text(TMY3)
+    save(small(), "tower.yaml")
+    save(small(layout={"file": "field.csv"}), "named.yaml")
+    civil = Path("tower.yaml").read_text().replace("latitude:", "file: denver.csv\n  latitude:")
+    Path("weather.yaml").write_text(civil)
+    run(small(), "D", report=False)
+    run(small(layout={"file": "field.csv"}), "E", report=False)
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("convert tower.yaml tower.yaml", "tower.yaml: must end in .csv"),
+        ("convert field.csv field.csv", "field.csv: is what is read"),
+        ("convert field.csv D/../field.csv", "field.csv: is what is read"),
+        ("convert named.yaml field.csv", "field.csv: is what is read"),
+        ("convert weather.yaml denver.csv", "denver.csv: is what is read"),
+        ("convert tower.yaml D/comparison.csv", "D/comparison.csv: belongs to a result"),
+        ("convert tower.yaml D/figures/a.csv", "D/figures/a.csv: belongs to a result"),
+        ("export D --csv D/manifest.json --variable optical_efficiency", "D/manifest.json: must end in .csv"),
+        ("export D --csv D/comparison.csv --variable optical_efficiency", "D/comparison.csv: belongs to a result"),
+        ("export E --csv field.csv --variable optical_efficiency", "field.csv: is what is read"),
+        ("table E -o field.csv", "field.csv: is what is read"),
+        ("table tower.yaml -o D/result.nc", "D/result.nc: must end in .csv"),
+        ("table tower.yaml -o tower.yaml", "tower.yaml: must end in .csv"),
+        ("table named.yaml -o field.csv", "field.csv: is what is read"),
+    ],
+)
+def test_refused_with_force_also(folder, capsys, command, said):
+    before = contents(folder)
+    assert main([*command.split(), "--force"]) == 2
+    assert said in capsys.readouterr().err
+    assert contents(folder) == before
+
+
+def test_other_names_in_a_result_folder_are_free(folder, small):
+    assert main(["export", "D", "--csv", "D/efficiency.csv", "--variable", "optical_efficiency"]) == 0
+    assert target_file("comparison.csv", False) == Path("comparison.csv")  # no result beside it
+    Path("working").mkdir()
+    assert target_file("working/field.csv", False) == Path("working/field.csv")
+    assert target_file("D/ONE.CSV", False) == Path("D/ONE.CSV")
+
+
+def test_links_to_sources_are_sources(folder):
+    Path("link.csv").symlink_to("field.csv")
+    with pytest.raises(StudyError, match="is what is read"):
+        target_file("link.csv", True, sources=["field.csv"])
+    with pytest.raises(StudyError, match="is what is read"):
+        target_file("field.csv", True, sources=["link.csv"])
+
+
+def test_in_python(folder, small):
+    result = run(small(), "D", report=False)
+    with result.open() as opened, pytest.raises(StudyError, match=r"must end in \.csv"):
+        write_csv(opened, "D/result.nc", "optical_efficiency", force=True)
+    with pytest.raises(StudyError, match="belongs to a result"):
+        save(small(), "D/study.resolved.yaml", force=True)
+    with pytest.raises(StudyError, match="is what is read"):
+        save(small(layout={"file": "field.csv"}), "field.csv", force=True)

@@ -1,0 +1,142 @@
+"""Results as tables and CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from heliosweep import StudyError, build, run, to_frame, write_csv
+from heliosweep.cli import main
+from heliosweep.share import frames
+
+
+def test_a_row_for_each_point(small):
+    result = build(small()).compute()
+    frame = to_frame(result, ["optical_efficiency", "cosine_efficiency"])
+    first = ["latitude", "tracking", "heliostat", "x", "y", "z", "ring", "azimuth"]
+    assert list(frame.columns) == [*first, "optical_efficiency", "cosine_efficiency"]
+    assert len(frame) == result["optical_efficiency"].size
+    indexed = frame.set_index(["latitude", "tracking", "heliostat"]).to_xarray()
+    chosen = result["optical_efficiency"]
+    np.testing.assert_array_equal(indexed["optical_efficiency"].sel(tracking=chosen["tracking"]), chosen)
+    np.testing.assert_array_equal(frame["x"].iloc[:48], result["x"])
+    assert frame.attrs["units"]["x"] == "m"
+    named = to_frame(result, "optical_efficiency", units=True)
+    assert {"latitude [degrees_north]", "x [m]", "ring", "optical_efficiency"} <= set(named.columns)
+
+
+def test_parts_and_single_values(small):
+    result = build(small())
+    part = result.sel(latitude=40, tracking="azimuth_elevation")
+    assert len(to_frame(part, "optical_efficiency")) == 48
+    one = to_frame(part, "field_optical_efficiency")
+    assert one.shape == (1, 1)
+    no_labels = xr.Dataset({"a": ("n", [1.0, 2.0])})
+    assert to_frame(no_labels)["n"].tolist() == [0, 1]
+
+
+def test_what_fits_in_one_table(small):
+    result = build(small())
+    with pytest.raises(
+        StudyError, match=r"choose from those over latitude, tracking, heliostat: cosine_efficiency, .*"
+    ):
+        to_frame(result)
+    with pytest.raises(StudyError, match=r"optical: no such variable; the result has cosine_efficiency"):
+        to_frame(result, "optical")
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        (3, r"variables: must be the name of a variable, or a list of names \(got 3\)"),
+        ([], "variables: is an empty list; name variables, or leave it out for all"),
+        ([3], "3: no such variable; the result has"),
+    ],
+)
+def test_what_are_no_names(small, tmp_path, variables, said):
+    result = build(small())
+    with pytest.raises(StudyError, match=said):
+        to_frame(result, variables)
+    with pytest.raises(StudyError, match=said):
+        write_csv(result, tmp_path / "r.csv", variables)
+
+
+@pytest.mark.parametrize("rows", [1, 7, 48, 100, 10**6])
+def test_csv_piece_by_piece(small, tmp_path, monkeypatch, rows):
+    result = build(small()).compute()
+    monkeypatch.setattr(frames, "ROWS_AT_A_TIME", rows)
+    lengths = []
+    whole = frames._frame
+
+    def counted(*arguments):
+        frame = whole(*arguments)
+        lengths.append(len(frame))
+        return frame
+
+    monkeypatch.setattr(frames, "_frame", counted)
+    path = write_csv(result, tmp_path / "r.csv", "optical_efficiency")
+    assert sum(lengths) == 192
+    assert max(lengths) <= max(rows, 1)
+    pd.testing.assert_frame_equal(
+        pd.read_csv(path),
+        to_frame(result, "optical_efficiency", units=True),
+        check_dtype=False,
+        check_exact=True,
+    )
+
+
+def test_instants_are_written_in_full(small, tmp_path):
+    time: dict[str, object] = {"clock": "civil", "timezone": "+01:00", "dates": "2021-06-21"}
+    time |= {"window": {"start": "11:00", "stop": "12:00", "step": 0.5}}
+    study = small(site={"latitude": 40, "longitude": 0}, time=time, output={"time_series": True})
+    path = write_csv(build(study).compute(), tmp_path / "r.csv", "instantaneous_optical_efficiency")
+    assert pd.to_datetime(pd.read_csv(path)["time"]).unique().tolist() == [
+        pd.Timestamp("2021-06-21 10:00"),
+        pd.Timestamp("2021-06-21 10:30"),
+        pd.Timestamp("2021-06-21 11:00"),
+    ]
+
+
+def test_command(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run(small(), "out", report=False)
+    assert main(["export", "out", "--csv", "r.csv", "--variable", "field_optical_efficiency"]) == 0
+    assert capsys.readouterr().out == "r.csv\n"
+    assert list(pd.read_csv("r.csv").columns) == ["latitude [degrees_north]", "tracking", "field_optical_efficiency"]
+    before = Path("r.csv").read_bytes()
+    assert main(["export", "out", "--csv", "r.csv", "--variable", "optical_efficiency"]) == 2
+    assert Path("r.csv").read_bytes() == before
+    assert main(["export", "out", "--csv", "r.csv", "--variable", "optical_efficiency", "--force"]) == 0
+    assert main(["export", "out", "--csv", "all.csv"]) == 2
+    assert main(["export", "out", "--variable", "optical_efficiency"]) == 2
+    assert main(["export", "out", "--csv", "missing/all.csv", "--variable", "optical_efficiency"]) == 2
+    said = capsys.readouterr().err
+    assert "choose from those over latitude, tracking" in said
+    assert "--variable: is for --csv" in said
+    assert "its folder does not exist" in said
+    assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}
+
+
+def test_zarr_results(small, tmp_path):
+    stored = run(small(output={"format": "zarr"}), tmp_path / "out", report=False)
+    with stored.open() as result:
+        path = write_csv(result, tmp_path / "r.csv", "optical_efficiency")
+        frame = to_frame(result, "optical_efficiency", units=True)
+    pd.testing.assert_frame_equal(pd.read_csv(path), frame, check_dtype=False, check_exact=True)
+    np.testing.assert_array_equal(
+        frame["optical_efficiency"], to_frame(build(small()), "optical_efficiency")["optical_efficiency"]
+    )
+
+
+def test_nothing_is_left_of_a_failed_write(small, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", fail)
+    with pytest.raises(Exception, match="cannot be written: No space left on device"):
+        write_csv(build(small()), tmp_path / "r.csv", "field_optical_efficiency")
+    assert not list(tmp_path.iterdir())

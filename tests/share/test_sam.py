@@ -1,0 +1,191 @@
+"""Efficiency over directions of the sun: the same values as a run, in the forms of SAM and SolarPILOT."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep import StudyError, build, efficiency_table, run, write_table
+from heliosweep.api import open_result
+from heliosweep.cli import main
+from heliosweep.notebook import save
+from heliosweep.share.sam import at_directions
+
+AZIMUTH, ELEVATION = [0, 90, 180, 270, 360], [-5, 0, 20, 60]
+AE = {"tracking": "azimuth_elevation"}
+
+
+@pytest.fixture
+def table(small) -> xr.DataArray:
+    return efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=ELEVATION)
+
+
+def rows(path: Path) -> list[list[str]]:
+    with path.open(newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_values_are_those_of_the_study(small, table):
+    directed = small(site=None, time={"clock": "sun", "azimuth": AZIMUTH, "elevation": ELEVATION})
+    computed = build(directed)["field_optical_efficiency"].sel(AE).transpose("sun_elevation", "sun_azimuth").compute()
+    np.testing.assert_array_equal(table, computed)
+    assert table.sel(sun_elevation=[-5, 0]).isnull().all()
+    np.testing.assert_allclose(table.sel(sun_azimuth=0), table.sel(sun_azimuth=360), rtol=1e-12)
+
+
+def test_the_field_of_any_study(small):
+    study = small(
+        site=None,
+        sites=[{"name": "a", "latitude": 1}, {"name": "b", "latitude": 2}],
+        receiver={"height": [60, 70]},
+        heliostat={"width": [8, 9], "height": 8, "pivot_height": 5},
+        zip=[["receiver.height", "heliostat.width"]],
+    )
+    directed = at_directions(study, 90, [30, 60])
+    assert [dim.name for dim in directed.dimensions()] == ["tracking", "sun_elevation", "receiver_height"]
+    chosen = efficiency_table(directed, {**AE, "receiver_height": "70"})
+    assert chosen.sizes == {"sun_elevation": 2, "sun_azimuth": 1}
+
+
+def test_rows_for_the_tower(table, tmp_path):
+    written = np.array(rows(write_table(table, tmp_path / "t.csv")), dtype=float)
+    assert written.shape == (10, 3)  # nothing below the horizon
+    assert written[:5, 0].tolist() == AZIMUTH
+    assert set(written[:, 1]) == {70, 30}
+    for azimuth, zenith, value in written:
+        expected = table.sel(sun_azimuth=azimuth, sun_elevation=90 - zenith)
+        assert value == pytest.approx(float(expected), abs=1e-9)
+
+
+def test_matrix_for_the_generic_field(table, tmp_path):
+    header, *body = rows(write_table(table, tmp_path / "t.csv", "generic"))
+    assert header == ["", "-180", "-90", "0", "90", "180"]  # south is zero, east negative
+    assert [row[0] for row in body] == ["30", "70", "90", "95"]
+    assert float(body[0][2]) == pytest.approx(float(table.sel(sun_azimuth=90, sun_elevation=60)), abs=1e-9)
+    assert float(body[1][3]) == pytest.approx(float(table.sel(sun_azimuth=180, sun_elevation=20)), abs=1e-9)
+    assert set(body[2][1:] + body[3][1:]) == {"0"}
+
+
+def test_matrix_of_solarpilot(table, tmp_path):
+    header, *body = rows(write_table(table, tmp_path / "t.csv", "solarpilot"))
+    assert header == ["0", "-5", "0", "20", "60"]
+    assert [row[0] for row in body] == ["0", "90", "180", "270", "360"]
+    assert body[1][1:3] == ["0", "0"]
+    assert float(body[1][4]) == pytest.approx(float(table.sel(sun_azimuth=90, sun_elevation=60)), abs=1e-9)
+
+
+def test_azimuths_turn_into_their_range(small, tmp_path):
+    made = efficiency_table(small(), AE, azimuth=[-90, 0, 90], elevation=45)
+    assert [row[0] for row in rows(write_table(made, tmp_path / "t.csv"))] == ["0", "90", "270", "360"]
+    assert rows(write_table(made, tmp_path / "g.csv", "generic"))[0] == ["", "-180", "-90", "90", "180"]
+    assert len(rows(write_table(made, tmp_path / "s.csv", "solarpilot"))) == 4  # as asked
+    end = efficiency_table(small(), AE, azimuth=[90, 360], elevation=45)
+    first, _, last = rows(write_table(end, tmp_path / "e.csv"))
+    assert first[0] == "0"
+    assert first[2] == last[2]
+    twice = efficiency_table(small(), AE, azimuth=[-180, -90, 270], elevation=45)
+    with pytest.raises(StudyError, match="two azimuths are the same direction"):
+        write_table(twice, tmp_path / "n.csv")
+
+
+def test_factor(small, table):
+    less = efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=ELEVATION, factor=0.5)
+    np.testing.assert_allclose(less, table * 0.5)
+    with pytest.raises(StudyError, match="more than 0 and at most 1"):
+        efficiency_table(small(), AE, factor=1.5)
+
+
+@pytest.mark.parametrize(
+    ("select", "said"),
+    [
+        ({}, r"choose one value of tracking \(tracking: spinning_elevation, azimuth_elevation\)"),
+        ({"tracking": "polar"}, r"select.tracking: is not in the result; choose from spinning_elevation"),
+        ({**AE, "clearance": 3}, r"select.clearance: is no dimension of the result; it has"),
+    ],
+)
+def test_what_to_choose(small, select, said):
+    with pytest.raises(StudyError, match=said):
+        efficiency_table(small(), select, azimuth=0, elevation=45)
+
+
+def test_results(small, tmp_path):
+    normal = run(small(), tmp_path / "normal", report=False)
+    with normal.open() as result, pytest.raises(StudyError, match="is not over directions of the sun"):
+        result.heliosweep.efficiency_table(AE)
+    computed = efficiency_table(normal.folder, AE, azimuth=[0, 90], elevation=[30, 60])
+    directed = run(at_directions(small(), [0, 90], [30, 60]), tmp_path / "directed", report=False)
+    read = efficiency_table(directed.folder, AE)
+    np.testing.assert_array_equal(read, computed)
+    with open_result(directed.folder) as result:
+        np.testing.assert_array_equal(result.heliosweep.efficiency_table(AE), read)
+
+
+def test_tied_directions_make_no_table(small):
+    time = {"clock": "sun", "azimuth": [0, 90], "elevation": [30, 60]}
+    study = small(site=None, time=time, zip=[["time.azimuth", "time.elevation"]])
+    with pytest.raises(StudyError, match="the directions are tied"):
+        efficiency_table(study, AE)
+
+
+def test_command(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    save(small(), "study.yaml")
+    angles = ["--azimuth", "0:360:90", "--elevation", "20,60"]
+    asked = ["table", "study.yaml", "-o", "t.csv", *angles, "--select", "tracking=azimuth_elevation"]
+    assert main(asked) == 0
+    assert capsys.readouterr().out == "t.csv\n"
+    assert len(rows(Path("t.csv"))) == 10
+    assert main(asked) == 2
+    assert "t.csv: exists already; --force (force=True in Python) replaces it" in capsys.readouterr().err
+    assert main([*asked, "--force", "--form", "generic", "--factor", "0.9"]) == 0
+    assert main(["table", "study.yaml", "-o", "u.csv", *angles]) == 2
+    assert "choose one value of tracking" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["table", "study.yaml", "-o", "u.csv", "--azimuth", "0:b"])
+    assert not Path("u.csv").exists()
+
+
+@pytest.mark.parametrize("family", ["dish_tracking", "misalignment", "backward_gazing"])
+def test_other_families_are_told(tmp_path, monkeypatch, capsys, family):
+    from heliosweep.families.family import families
+
+    monkeypatch.chdir(tmp_path)
+    Path("other.yaml").write_text(families()[family].example())
+    assert main(["table", "other.yaml", "-o", "t.csv"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"family: {family} takes no 'clock: sun'" in line
+
+
+@pytest.mark.parametrize("key", ["latitude", "site.latitude", "time.hours", "site", "sites"])
+def test_directions_take_the_place_of_the_site(small, key):
+    with pytest.raises(StudyError, match=rf"select\.{key}: directions of the sun take the place of sites and times"):
+        efficiency_table(small(), {**AE, key: 0}, azimuth=0, elevation=45)
+
+
+@pytest.mark.parametrize("key", ["receiver_height", "receiver.height"])
+def test_keys_of_the_study_choose_too(small, key):
+    study = small(receiver={"height": [60, 80]})
+    chosen = efficiency_table(study, {**AE, key: "80"}, azimuth=0, elevation=45)
+    alone = efficiency_table(small(receiver={"height": 80}), AE, azimuth=0, elevation=45)
+    np.testing.assert_array_equal(chosen, alone)
+    with pytest.raises(StudyError, match=r"is not in the result; choose from 60\.0, 80\.0"):
+        efficiency_table(study, {**AE, key: 70}, azimuth=0, elevation=45)
+
+
+@pytest.mark.parametrize("azimuth", ["-180:180:90", "-180,-90,0,90,180"])
+def test_negative_angles_on_the_command_line(small, tmp_path, monkeypatch, azimuth):
+    monkeypatch.chdir(tmp_path)
+    save(small(tracking="azimuth_elevation"), "study.yaml")
+    asked = ["table", "study.yaml", "-o", "t.csv", "--force", "--azimuth", azimuth, "--elevation"]
+    assert main([*asked, "45", "--form", "generic"]) == 0
+    assert rows(Path("t.csv"))[0] == ["", "-180", "-90", "0", "90", "180"]
+    for form in ("tower", "solarpilot"):
+        assert main([*asked, "-5:45:50", "--form", form]) == 0
+        assert [row[0] for row in rows(Path("t.csv"))][-5:] == ["0", "90", "180", "270", "360"]
+    turned = np.array(rows(Path("t.csv"))[1:], dtype=float)[:, 2]
+    expected = efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=45).to_numpy()[0]
+    np.testing.assert_allclose(turned, expected, atol=1e-9)

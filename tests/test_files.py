@@ -1,0 +1,140 @@
+"""Files written whole: names of their own until then, none left of dead processes, and why one was not written."""
+
+from __future__ import annotations
+
+import errno
+import os
+import platform
+import re
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from heliosweep import files
+from heliosweep.errors import HeliosweepError
+from heliosweep.files import remove_leftovers, temporary_name, why_not_written, write_rows, write_whole, written_whole
+
+#: A result that is larger than files may be.
+_SCRIPT = """
+import resource, sys
+from pathlib import Path
+from tests.store.samples import write_netcdf
+import tests.store.samples as samples
+resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, resource.RLIM_INFINITY))
+try:
+    write_netcdf(Path(sys.argv[1]) / "result.nc")
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+
+
+def test_names_are_hidden_and_never_the_same(tmp_path):
+    path = tmp_path / "result.nc"
+    names = [temporary_name(path).name for _ in range(3)]
+    assert len(set(names)) == 3
+    assert all(name.startswith(".result.nc.") and name.endswith(".part") for name in names)
+
+
+def test_only_what_a_dead_process_of_this_machine_left_is_removed(tmp_path):
+    program = (
+        "import sys; from pathlib import Path; from heliosweep.files import temporary_name\n"
+        "print(temporary_name(Path(sys.argv[1])))"
+    )
+    dead = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path / "result.nc")], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    host = platform.node()
+    kept = {
+        temporary_name(tmp_path / "result.nc").name,
+        f".result.nc.{host}.{os.getppid()}-0.part",
+        f".result.nc.another-{host}.999999999-0.part",
+        f".result.nc.{host}.word-0.part",
+        "result.nc",
+    }
+    for name in (*kept, dead):
+        (tmp_path / name).touch()
+    remove_leftovers(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == kept
+
+
+@pytest.fixture
+def free(monkeypatch):
+    """Set the room on the disk."""
+    return lambda size: monkeypatch.setattr(files.shutil, "disk_usage", lambda _: SimpleNamespace(free=size))
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), RuntimeError("NetCDF: HDF error")])
+def test_a_full_disk(tmp_path, free, error):
+    free(4096)
+    assert why_not_written(tmp_path / "a", error) == f"{tmp_path / 'a'}: cannot be written: disk full (4.1 kB free)"
+
+
+def test_what_the_system_says(tmp_path, free):
+    free(10**10)
+    path = tmp_path / "missing" / "a"
+    said = why_not_written(path, OSError(errno.EACCES, "Permission denied"))
+    assert said == f"{path}: cannot be written: Permission denied (10.0 GB free)"
+
+
+def test_a_limit_on_files_that_can_be_the_cause(tmp_path, free, monkeypatch):
+    resource = pytest.importorskip("resource")
+    free(10**10)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (512_000, 512_000))
+    for error in (OSError(errno.EFBIG, "File too large"), RuntimeError("NetCDF: HDF error"), OSError(-101, "HDF")):
+        assert "(10.0 GB free, files of at most 512 kB by ulimit -f)" in why_not_written(tmp_path, error)
+    assert "ulimit" not in why_not_written(tmp_path, OSError(errno.EACCES, "Permission denied"))
+
+
+def test_a_result_larger_than_files_may_be(tmp_path):
+    pytest.importorskip("resource")
+    done = subprocess.run(
+        [sys.executable, "-c", _SCRIPT, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in ("", *sys.path) if path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert re.match(r"HeliosweepError .*result\.nc: cannot be written: .*at most 10\.0 kB by ulimit -f\)", done.stdout)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_takes_the_place_of_another_when_it_is_complete(tmp_path):
+    path = tmp_path / "a.txt"
+    write_whole(path, "one \udc80")
+    assert path.read_bytes() == b"one \\udc80"
+    with written_whole(path) as temporary:
+        temporary.write_bytes(b"two")
+        assert path.read_bytes() == b"one \\udc80"
+    assert path.read_bytes() == b"two"
+    write_rows([("a", "b,c"), (1, 0.1)], path)
+    assert path.read_bytes() == b'a,"b,c"\n1,0.1\n'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("error", "raised", "said"),
+    [
+        (OSError(errno.EIO, "Input/output error"), HeliosweepError, "a.txt: cannot be written: Input/output error ("),
+        (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
+    ],
+)
+def test_nothing_is_left_of_a_file_that_failed(tmp_path, error, raised, said):
+    path = tmp_path / "a.txt"
+    write_whole(path, b"before")
+
+    def fail():
+        with written_whole(path) as temporary:
+            temporary.write_bytes(b"half")
+            raise error
+
+    with pytest.raises(raised, match=re.escape(said)):
+        fail()
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(HeliosweepError, match=r"a\.txt: cannot be written: No such file or directory"):
+        write_whole(tmp_path / "missing" / "a.txt", "")
