@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.files import human_bytes
 from heliosweep.grid.machine import Limits, human_seconds
-from heliosweep.grid.plan import BASE_MEMORY, PART_SECONDS, SLAB_BYTES, Plan, Workload, make_plan
+from heliosweep.grid.plan import BASE_MEMORY, PART_SECONDS, SLAB_BYTES, SLABS_HELD, Plan, Workload, make_plan
 from heliosweep.grid.regions import SERIES_SLAB_BYTES, STORAGE_BYTES, Variable, bytes_of, regions
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
@@ -134,9 +134,10 @@ def test_axes_alone_may_not_fit_the_memory():
 def test_parts_shrink_to_the_memory_or_are_refused():
     work = workload({"a": 1}, heliostats=100_000, evaluations=10**7)
     roomy = planned(work, ROOMY)
-    tight = planned(work, Limits(2, BASE_MEMORY + 3 * 2**20, 2**40))
+    memory = BASE_MEMORY + (SLABS_HELD + 1) * 8 * 100_000  # what is written, and a little more
+    tight = planned(work, Limits(2, memory, 2**40))
     assert tight.cuts["points"].part["heliostat"] < roomy.cuts["points"].part["heliostat"]
-    assert tight.peak_memory <= BASE_MEMORY + 3 * 2**20
+    assert tight.peak_memory <= memory
     with pytest.raises(PlanError, match="smallest part"):
         planned(work, Limits(2, BASE_MEMORY + 1000, 2**40))
 

@@ -12,6 +12,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -132,8 +133,9 @@ def test_its_slabs_are_taken_over(small, tmp_path, result):
     assert finished
     assert finished.holds("points", PLAN)
     assert finished.holds("series", PLAN)
-    assert not finished.holds("series", PLAN._replace(variables={**PLAN.variables, "new": PLAN.variables["power"]}))
-    assert not finished.holds("points", PLAN._replace(cuts={**PLAN.cuts, "points": PLAN.cuts["series"]}))
+    more, cuts = {**PLAN.variables, "new": PLAN.variables["power"]}, {**PLAN.cuts, "points": PLAN.cuts["series"]}
+    assert not finished.holds("series", SimpleNamespace(variables=more, cuts=PLAN.cuts))
+    assert not finished.holds("points", SimpleNamespace(variables=PLAN.variables, cuts=cuts))
     for slab in slabs():
         assert slab_digest(finished.read(slab)) == slab_digest(values(slab))
     finished.manifest["slabs"]["digests"]["points-00001"] = "0" * 64
