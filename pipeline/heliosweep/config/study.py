@@ -7,7 +7,7 @@ import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar, Self, get_args
 
 from pydantic import Field, PrivateAttr
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
@@ -65,12 +65,19 @@ class Study(Block):
     report: Annotated[Report, Field(description="What the report shows")] = Report()
 
     _source: Source = PrivateAttr(default_factory=lambda: Source({}))
+    _given: tuple[tuple[str, Parameter, Any], ...] = PrivateAttr(())
 
     def __eq__(self, other: object) -> bool:
         """Tell whether both studies say the same, wherever they were read from."""
         if type(other) is not type(self):
             return NotImplemented
         return all(getattr(self, key) == getattr(other, key) for key in type(self).model_fields)
+
+    def __copy__(self) -> Self:
+        """Return a copy, of which `model_copy` may change blocks."""
+        copied = super().__copy__()
+        copied._given = ()
+        return copied
 
     def check(self) -> Iterable[Problem]:
         """Yield what is wrong between blocks or with named files; runs when every block is right by itself."""
@@ -103,15 +110,21 @@ class Study(Block):
         """Return the name of the family, as study files have it."""
         return get_args(cls.model_fields["family"].annotation)[0]
 
+    def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
+        """Return dotted key, declaration and value of every parameter that is given, in the order of declaration."""
+        if not self._given:  # kept, for each part of a run asks
+            self._given = tuple(parameters(self))
+        return self._given
+
     def sweeps(self) -> dict[str, Sweep]:
         """Return the swept parameters by dotted key, in the order in which the family declares them."""
-        return {key: value for key, parameter, value in parameters(self) if _is_swept(parameter, value)}
+        return {key: value for key, parameter, value in self.parameters() if _is_swept(parameter, value)}
 
     def dimension_names(self) -> dict[str, str]:
         """Return the name of the dimension that each swept parameter asks for, by dotted key, before `zip`."""
         return {
             key: parameter.dimension or key.rpartition(".")[2]
-            for key, parameter, value in parameters(self)
+            for key, parameter, value in self.parameters()
             if _is_swept(parameter, value)
         }
 
@@ -132,7 +145,7 @@ class Study(Block):
         """Return the names of all files that the study names, by dotted key."""
         return {
             key: value.values() if isinstance(value, Sweep) else (value,)
-            for key, parameter, value in parameters(self)
+            for key, parameter, value in self.parameters()
             if isinstance(parameter, FileName)
         }
 

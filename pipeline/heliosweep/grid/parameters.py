@@ -11,7 +11,7 @@ import xarray as xr
 
 from heliosweep.config.blocks import NamedSite
 from heliosweep.config.sites import site_table
-from heliosweep.config.study import Study, parameters
+from heliosweep.config.study import Study
 from heliosweep.config.values import FileName, Parameter
 
 #: Spelling of units in CF (UDUNITS) where it differs from that of study files, by unit or standard name.
@@ -37,11 +37,12 @@ class Parameters:
     def __init__(self, study: Study, select: Mapping[str, slice] | None = None) -> None:
         self.study = study
         self._select = dict(select or {})
-        self._declared = {key: (parameter, value) for key, parameter, value in parameters(study)}
-        self._dims = {key: dim.name for dim in study.dimensions() for key in dim.sweeps}
+        self._declared = {key: (parameter, value) for key, parameter, value in study.parameters()}
+        dimensions = study.dimensions()
+        self._dims = {key: dim.name for dim in dimensions for key in dim.sweeps}
         self._sites = site_table(study)
         lengths = {"site": len(self._sites)} if self._sites else {}
-        lengths |= {dim.name: len(dim) for dim in study.dimensions()}
+        lengths |= {dim.name: len(dim) for dim in dimensions}
         self.sizes = {dim: len(range(length)[self.part(dim)]) for dim, length in lengths.items()}
 
     @property
