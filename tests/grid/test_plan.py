@@ -13,7 +13,7 @@ from heliosweep.errors import PlanError, StudyError
 from heliosweep.files import human_bytes
 from heliosweep.grid.machine import Limits, human_seconds
 from heliosweep.grid.plan import BASE_MEMORY, PART_SECONDS, SLAB_BYTES, SLABS_HELD, Plan, Workload, make_plan
-from heliosweep.grid.regions import SERIES_SLAB_BYTES, STORAGE_BYTES, Variable, bytes_of, regions
+from heliosweep.grid.regions import SERIES_SLAB_BYTES, STORAGE_BYTES, Variable, bytes_of, parts_by_slab, regions
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
@@ -62,7 +62,7 @@ def test_slabs_and_parts_cover_the_grid_once(sizes, evaluations, workers, chunks
     assert covered((slab.region for slab in slabs), cells)
     assert [part.name for part in parts] == [f"points-{number:05}" for number in range(plan.part_count)]
     assert len(slabs) == plan.cuts["points"].slab_count
-    for slab, inside in plan.parts_by_slab():
+    for slab, inside in parts_by_slab(plan.cuts):
         for part in inside:
             assert all(around.start <= part.region[d].start < part.region[d].stop <= around.stop
                        for d, around in slab.region.items())  # fmt: skip

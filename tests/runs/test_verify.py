@@ -15,7 +15,7 @@ import pytest
 from heliosweep.runs.verify import verify
 from heliosweep.store import checks
 from heliosweep.store.parts import PartStore
-from tests.store.samples import CUTS, SIZES, VALUES, VARIABLES, digests, flip, parts, values, write_folder
+from tests.store.samples import CUTS, SIZES, VALUES, VARIABLES, digests, flip, values, write_folder
 
 KINDS = [("result.nc", "none"), ("result.nc", "zlib"), ("result.zarr", "none"), ("result.zarr", "zstd")]
 
@@ -235,7 +235,7 @@ def test_a_reader_that_hangs_is_ended(plain, monkeypatch):
 @pytest.fixture
 def unfinished(tmp_path) -> Path:
     """Three parts done, one failed, the others left."""
-    first, second, third, fourth, *_ = parts()
+    first, second, third, fourth, *_ = PARTS
     with PartStore.create(tmp_path / "working", {}, CUTS, VARIABLES, SIZES) as store:
         for part in (third, first, second):
             store.commit(part, values(part))
@@ -244,7 +244,7 @@ def unfinished(tmp_path) -> Path:
 
 
 def test_an_unfinished_run(unfinished):
-    done, count = verify(unfinished), len(list(parts()))
+    done, count = verify(unfinished), len(PARTS)
     assert not done.finished
     assert done.found == [f"3 of {count} parts are done, 1 failed, {count - 4} are left to compute"]
     assert done.problems == ["part series-00000: failed: ValueError: no such thing"]

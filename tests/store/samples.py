@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ import xarray as xr
 
 from heliosweep.config.blocks import Output
 from heliosweep.config.study import Study
-from heliosweep.grid.regions import Cut, Part, Variable
+from heliosweep.grid.regions import Cut, Part, Variable, parts_of, slabs
 from heliosweep.store.encoding import Skeleton, slab_digest, slab_rows
 from heliosweep.store.folder import write_manifest
 from heliosweep.store.result import publish
@@ -50,22 +49,10 @@ CUTS = {
     "series": Cut(SIZES, {"latitude": 1, "time": 4, "heliostat": 4}, {"latitude": 1, "time": 4, "heliostat": 2}),
 }
 SKELETON = Skeleton(SIZES, COORDINATES, VARIABLES, ATTRIBUTES, {"time": 2, "heliostat": 4}, CUTS)
+SLABS, PARTS = list(slabs(CUTS)), list(parts_of(CUTS))
 #: Of a plan, what a finished result is held against.
 PLAN: Any = SimpleNamespace(variables=VARIABLES, cuts=CUTS)
 NETCDF, ZARR = Output(), Output.model_validate({"format": "zarr"})
-
-
-def slabs(cuts: Mapping[str, Cut] = CUTS) -> Iterator[Part]:
-    for kind, cut in cuts.items():
-        for number, region in enumerate(cut.slabs()):
-            yield Part(f"{kind}-{number:05}", kind, region)
-
-
-def parts() -> Iterator[Part]:
-    for kind, cut in CUTS.items():
-        regions = (region for slab in cut.slabs() for region in cut.parts(slab))
-        for number, region in enumerate(regions):
-            yield Part(f"{kind}-{number:05}", kind, region)
 
 
 def values(part: Part) -> dict[str, np.ndarray]:
@@ -77,7 +64,7 @@ def values(part: Part) -> dict[str, np.ndarray]:
 
 
 def digests() -> dict[str, str]:
-    return {slab.name: slab_digest(values(slab)) for slab in slabs()}
+    return {slab.name: slab_digest(values(slab)) for slab in SLABS}
 
 
 def write(folder: Path, output: Output = NETCDF, skeleton: Skeleton = SKELETON, **attributes: Any) -> Path:

@@ -21,7 +21,7 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.store import folder as module
 from heliosweep.store.encoding import slab_digest
 from heliosweep.store.folder import Finished, changes, claimed, holder, identity_of, latest_identity, listed
-from tests.store.samples import PLAN, slabs, values, write_folder
+from tests.store.samples import PLAN, SLABS, values, write_folder
 
 MODULE = "heliosweep.families.field_efficiency.compute"
 
@@ -136,11 +136,11 @@ def test_its_slabs_are_taken_over(small, tmp_path, result):
     more, cuts = {**PLAN.variables, "new": PLAN.variables["power"]}, {**PLAN.cuts, "points": PLAN.cuts["series"]}
     assert not finished.holds("series", SimpleNamespace(variables=more, cuts=PLAN.cuts))
     assert not finished.holds("points", SimpleNamespace(variables=PLAN.variables, cuts=cuts))
-    for slab in slabs():
+    for slab in SLABS:
         assert slab_digest(finished.read(slab)) == slab_digest(values(slab))
     finished.manifest["slabs"]["digests"]["points-00001"] = "0" * 64
     with pytest.raises(HeliosweepError, match=r"points-00001 is not what was computed; --force"):
-        finished.read(list(slabs())[1])
+        finished.read(SLABS[1])
 
 
 def test_not_whole(finished):

@@ -21,9 +21,8 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.grid.regions import Cut, Part, Variable
 from heliosweep.store import parts as module
 from heliosweep.store.parts import PartStore, remove
-from tests.store.samples import CUTS, SIZES, VALUES, VARIABLES, flip, parts, values
+from tests.store.samples import CUTS, PARTS, SIZES, VALUES, VARIABLES, flip, values
 
-PARTS = list(parts())
 IDENTITY = {"study": {"a": 1, "b": (1.5, None, "é\ud800")}}
 
 

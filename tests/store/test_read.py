@@ -25,9 +25,9 @@ from tests.store.samples import (
     CUTS,
     NETCDF,
     SIZES,
+    SLABS,
     VARIABLES,
     ZARR,
-    slabs,
     write,
     write_folder,
     write_netcdf,
@@ -57,7 +57,7 @@ def test_pieces_follow_the_order_of_values_and_are_small(axes):
 
 def test_slabs_are_those_of_the_run():
     rows = json.loads(json.dumps(slab_rows(CUTS), sort_keys=True))
-    assert list(slabs_of(rows, SIZES)) == list(slabs())
+    assert list(slabs_of(rows, SIZES)) == SLABS
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,12 @@ from tests.store.samples import (
     CUTS,
     NETCDF,
     SKELETON,
+    SLABS,
     VALUES,
     VARIABLES,
     ZARR,
     compressed,
     digests,
-    slabs,
     values,
     write,
 )
@@ -58,7 +58,7 @@ def opened(path: Path) -> xr.Dataset:
 
 
 def test_values_attributes_and_nothing_else(tmp_path, output):
-    given = ((slab, xr.Dataset({n: xr.DataArray(a) for n, a in values(slab).items()})) for slab in slabs())
+    given = ((slab, xr.Dataset({n: xr.DataArray(a) for n, a in values(slab).items()})) for slab in SLABS)
     path, found = publish(given, SKELETON, output, tmp_path)
     assert found == digests()
     assert [place.name for place in tmp_path.iterdir()] == [path.name]
@@ -134,7 +134,7 @@ def test_what_goes_wrong_leaves_nothing_and_keeps_what_was_there(tmp_path, outpu
     (tmp_path / "manifest.json").write_text("of the earlier one")
 
     def wrong() -> Iterator[tuple[Part, dict[str, np.ndarray]]]:
-        for number, slab in enumerate(slabs()):
+        for number, slab in enumerate(SLABS):
             if number == 3:
                 raise error
             yield slab, values(slab)
@@ -142,7 +142,7 @@ def test_what_goes_wrong_leaves_nothing_and_keeps_what_was_there(tmp_path, outpu
     with pytest.raises(type(error)):
         publish(wrong(), SKELETON, output, tmp_path)
     with pytest.raises(ValueError, match="1 slabs are not the whole result"):
-        publish([(slab, values(slab)) for slab in slabs()][:1], SKELETON, output, tmp_path)
+        publish([(slab, values(slab)) for slab in SLABS][:1], SKELETON, output, tmp_path)
     assert {place.name for place in tmp_path.iterdir()} == {
         "manifest.json",
         f"result.{'nc' if earlier == 'netcdf' else 'zarr'}",

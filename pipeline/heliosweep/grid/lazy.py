@@ -12,7 +12,7 @@ import xarray as xr
 
 from heliosweep.config.sites import with_sites
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Part, Variable, checked, index_of, of_kind, shape_of
+from heliosweep.grid.regions import Part, Variable, checked, index_of, of_kind, parts_by_slab, shape_of
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -93,7 +93,7 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
     shared, computed, finished = (f"{name}-{token}" for name in ("study", "part", "slab"))
     graph: dict[Any, Any] = {shared: (_Given(work),)}
     keys: dict[str, dict[tuple[int, ...], str]] = {}
-    for slab, parts in plan.parts_by_slab():
+    for slab, parts in parts_by_slab(plan.cuts):
         known = list(parts)
         for part in known:
             graph[f"{computed}-{part.name}"] = (_compute, shared, part)

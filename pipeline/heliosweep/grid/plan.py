@@ -11,7 +11,7 @@ from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes
 from heliosweep.grid.machine import Limits, human_lengths, human_seconds
-from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, piece_count, series_cut, slab_lengths
+from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, parts_of, series_cut, slab_lengths, slabs
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY = 388 * 2**20, 100 * 2**20
@@ -147,25 +147,11 @@ class Plan:
 
     def slabs(self) -> Iterator[Part]:
         """Slabs in the order of the file, those without ``time`` first."""
-        for kind, cut in self.cuts.items():
-            for number, region in enumerate(cut.slabs()):
-                yield Part(f"{kind}-{number:05}", kind, region)
+        return slabs(self.cuts)
 
     def parts(self) -> Iterator[Part]:
         """All parts, slab by slab."""
-        return (part for _, parts in self.parts_by_slab() for part in parts)
-
-    def parts_by_slab(self) -> Iterator[tuple[Part, Iterator[Part]]]:
-        """Each slab with its parts."""
-        first = dict.fromkeys(self.cuts, 0)
-        for slab in self.slabs():
-            cut, start = self.cuts[slab.kind], first[slab.kind]
-            first[slab.kind] += piece_count(slab.region, cut.part)
-            yield slab, _numbered(slab.kind, start, cut.parts(slab.region))
-
-
-def _numbered(kind: str, first: int, regions: Iterator[dict[str, slice]]) -> Iterator[Part]:
-    return (Part(f"{kind}-{number:05}", kind, region) for number, region in enumerate(regions, first))
+        return parts_of(self.cuts)
 
 
 def make_plan(
@@ -179,31 +165,12 @@ def make_plan(
 ) -> Plan:
     """Cut a study into slabs and parts and estimate its cost.
 
-    Parameters
-    ----------
-    workload : Workload
-        From the family.
-    variables : mapping of str to Variable
-        Variables of the result, from the family.
-    limits : Limits
-        Workers, memory and disk.
-    chunks : mapping of str to int, optional
-        Lengths of the parts that the user wants; the rest is chosen here.
-    where : {"here", "processes", "elsewhere"}
-        Place of the workers: in this process, processes of this machine, or others with memory of their own.
-    copies : int
-        How often the result is on the disk at the end of a run.
+        `chunks` are lengths of the parts that the user wants; the rest is chosen here. The workers are in this process,
+    processes of this machine, or ``elsewhere``: others with memory of their own. The result is on the disk `copies`
+    times at the end of a run.
 
-    Returns
-    -------
-    Plan
-
-    Raises
-    ------
-    StudyError
-        Where `chunks` names a dimension that the result does not have.
-    PlanError
-        Where the result does not fit the disk or the work does not fit the memory; names the axis to shrink.
+        Raises StudyError where `chunks` names a dimension that the result does not have, and PlanError, which names the
+    axis to shrink, where the result does not fit the disk or the work does not fit the memory.
     """
     asked, most = dict(chunks or {}), dict[str, int]()
     _check_chunks(workload, asked)
@@ -229,10 +196,11 @@ def make_plan(
 
 def _check_chunks(workload: Workload, asked: Mapping[str, int]) -> None:
     known = {*workload.sizes, "time"}
+    has = ", ".join(workload.sizes)
     problems = [
-        Problem(f"unknown dimension{did_you_mean(dim, known)}; the result has {', '.join(workload.sizes)}", key)
+        Problem(f"unknown dimension{did_you_mean(dim, known)}; the result has {has}", f"execution.chunks.{dim}")
         for dim in asked
-        if dim not in known and (key := f"execution.chunks.{dim}")
+        if dim not in known
     ]
     if problems:
         raise StudyError(problems)

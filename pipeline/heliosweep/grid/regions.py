@@ -80,28 +80,11 @@ def index_of(dims: tuple[str, ...], region: Region, within: Region | None = None
 def checked(
     made: xr.Dataset, variables: Mapping[str, Variable], region: Region, sizes: Mapping[str, int]
 ) -> xr.Dataset:
-    """Bring what a family computed into the order, dimensions and types that it has stated.
+    """Bring what a family computed over a region into the order, dimensions and types that it has stated.
 
-    Parameters
-    ----------
-    made : xarray.Dataset
-        From `Family.compute` or `Family.finish`.
-    variables : mapping of str to Variable
-        The variables that it must have.
-    region : Region
-        Where it lies.
-    sizes : mapping of str to int
-        Dimensions of the whole result.
-
-    Returns
-    -------
-    xarray.Dataset
-        Without coordinates and attributes.
-
-    Raises
-    ------
-    ValueError
-        A variable is missing, or has other dimensions, lengths or another type.
+        `made` is from `Family.compute` or `Family.finish`, `variables` are those that it must have, `sizes` the
+    dimensions of the whole result. The answer has neither coordinates nor attributes. Raises ValueError where a
+    variable is missing, or has other dimensions, lengths or another type.
     """
     import xarray as xr
 
@@ -151,10 +134,6 @@ class Cut:
         """Regions of the slabs in the order of the file, last dimension fastest."""
         return regions({dim: slice(0, size) for dim, size in self.sizes.items()}, self.slab)
 
-    def parts(self, slab: Region) -> Iterator[dict[str, slice]]:
-        """Regions of the parts of a slab, last dimension fastest."""
-        return regions(slab, self.part)
-
     @property
     def slab_count(self) -> int:
         """Number of slabs."""
@@ -167,6 +146,35 @@ class Cut:
             sum(piece_count({dim: span}, self.part) for span in _spans(0, size, self.slab[dim]))
             for dim, size in self.sizes.items()
         )
+
+
+def slabs(cuts: Mapping[str, Cut]) -> Iterator[Part]:
+    """Slabs of a result in the order of the file, those without ``time`` first."""
+    for kind, cut in cuts.items():
+        yield from _numbered(kind, cut.slabs())
+
+
+def parts_by_slab(cuts: Mapping[str, Cut]) -> Iterator[tuple[Part, Iterator[Part]]]:
+    """Each slab of a result with its parts, last dimension fastest."""
+    first = dict.fromkeys(cuts, 0)
+    for slab in slabs(cuts):
+        cut, start = cuts[slab.kind], first[slab.kind]
+        first[slab.kind] += piece_count(slab.region, cut.part)
+        yield slab, _numbered(slab.kind, regions(slab.region, cut.part), start)
+
+
+def parts_of(cuts: Mapping[str, Cut]) -> Iterator[Part]:
+    """All parts of a result, slab by slab."""
+    return (part for _, parts in parts_by_slab(cuts) for part in parts)
+
+
+def part_name(kind: str, number: int) -> str:
+    """Name of a slab or part of a kind."""
+    return f"{kind}-{number:05}"
+
+
+def _numbered(kind: str, pieces: Iterator[dict[str, slice]], first: int = 0) -> Iterator[Part]:
+    return (Part(part_name(kind, number), kind, region) for number, region in enumerate(pieces, first))
 
 
 def regions(around: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, slice]]:
@@ -195,19 +203,8 @@ def slab_lengths(
 ) -> dict[str, int]:
     """Lengths of the largest slab that is contiguous in the order of the file: whole from the last dimension on.
 
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Lengths of the dimensions.
-    fits : callable
-        True for lengths of a slab that is not too large.
-    most : mapping of str to int, optional
-        Longest lengths that are allowed.
-
-    Returns
-    -------
-    dict of str to int
-        1 along the dimensions before the one that is cut.
+        `fits` is true for lengths of a slab that is not too large, `most` has the longest lengths that are allowed. The
+    lengths are 1 along the dimensions before the one that is cut.
     """
     slab = dict.fromkeys(sizes, 1)
     for dim, size in reversed(list(sizes.items())):
@@ -225,27 +222,12 @@ def slab_lengths(
 def series_cut(
     parameters: Mapping[str, int], times: int, split: tuple[str, int], value_bytes: int, most: Mapping[str, int]
 ) -> tuple[Cut, dict[str, int]]:
-    """Cut the time series of a study.
+    """Cut of the time series of a study, over its parameters, ``time`` and the dimension along which a point may be
+    cut.
 
-    Parameters
-    ----------
-    parameters : mapping of str to int
-        Swept dimensions.
-    times : int
-        Instants.
-    split : tuple of str and int
-        Name and length of the dimension along which a point may be cut.
-    value_bytes : int
-        Bytes of all series at one instant and place.
-    most : mapping of str to int
-        Longest parts that are allowed.
-
-    Returns
-    -------
-    Cut
-        Over the parameters, ``time`` and the split dimension.
-    dict of str to int
-        Lengths of a storage chunk along ``time`` and the split dimension.
+        `split` is the name and length of that dimension, `value_bytes` the bytes of all series at one instant and
+    place, `most` the longest parts that are allowed. Returned too are the lengths of a storage chunk along ``time`` and
+    the split dimension.
     """
     name, size = split
     instants = min(times, SERIES_INSTANTS)

@@ -20,7 +20,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Cut, Part
+from heliosweep.grid.regions import Cut, Part, parts_by_slab
 from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool
 from heliosweep.runs.progress import Silent, show_progress
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
@@ -303,7 +303,7 @@ class Run:
 
     def _slabs(self, store: PartStore) -> Iterator[tuple[Part, Mapping[str, Any] | xr.Dataset]]:
         """Finished slabs: of the earlier result, or from the parts that are stored."""
-        for slab, pieces in self.plan.parts_by_slab():
+        for slab, pieces in parts_by_slab(self.plan.cuts):
             if self._is_taken(slab.kind):
                 assert self._taken is not None
                 yield slab, self._taken.read(slab)

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.grid.regions import Cut, Part, Variable
+from heliosweep.grid.regions import Cut, Part, Variable, slabs
 
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 
@@ -122,12 +122,13 @@ def slabs_of(rows: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[Part
     HeliosweepError
         They are not of such a result.
     """
+    cuts = {}
     try:
         for kind, lines in rows.items():
             if wrong := [dim for dim, size, _ in lines if sizes.get(dim) != size]:
                 raise ValueError(f"{wrong[0]} has another length")
             slab = {dim: int(length) for dim, _, length in lines}
-            for number, region in enumerate(Cut({dim: sizes[dim] for dim in slab}, slab, slab).slabs()):
-                yield Part(f"{kind}-{number:05}", kind, region)
+            cuts[kind] = Cut({dim: sizes[dim] for dim in slab}, slab, slab)
+        yield from slabs(cuts)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise HeliosweepError(f"the cut into slabs does not fit the result: {error}") from None

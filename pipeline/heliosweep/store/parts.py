@@ -13,15 +13,14 @@ another digest, and is computed again.
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 import os
 import threading
 import time
-from array import array
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
+from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -31,7 +30,7 @@ from pydantic_core import from_json
 from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import discard, sync, temporary_name, writing
 from heliosweep.files import remove as remove_tree
-from heliosweep.grid.regions import Cut, Part, Variable, of_kind, shape_of
+from heliosweep.grid.regions import Cut, Part, Variable, of_kind, part_name, parts_of, shape_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,8 +42,9 @@ DESCRIPTION, VALUES, JOURNAL = "study.json", "values.bin", "journal.jsonl"
 FORMAT = 2
 #: What is written waits for the disk at the latest after this time, or when it is so much. [s, bytes]
 SYNC_SECONDS, SYNC_BYTES = 0.5, 32 * 2**20
-#: Length of a SHA-256. [bytes]
-_DIGEST = 32
+#: Where a part is stored: whether at all, offset and length [bytes] in the file of values, and SHA-256.
+_PLACE = np.dtype([("stored", "?"), ("offset", "i8"), ("bytes", "i8"), ("sha256", "V32")])
+_NOWHERE = False, 0, 0, bytes(32)
 #: No part takes longer. [s]
 _LONG = 1e9
 #: Binary files, where the system knows others.
@@ -82,7 +82,7 @@ class PartStore:
         self.variables = {name: Variable(tuple(dims), {}, np.dtype(dt)) for name, dims, dt in said["variables"]}
         self.failed: dict[str, str] = {}
         self.seconds = 0.0
-        self.done = _Done({kind: cut.part_count for kind, cut in self.cuts.items()})
+        self.done = _Done(self.cuts)
         self._kinds = {kind: of_kind(self.variables, kind) for kind in self.cuts}
         self._lock = threading.RLock()
         self._clock = time.monotonic()
@@ -226,15 +226,9 @@ class PartStore:
             start += sizes[name]
         return values
 
-    def parts(self) -> Iterator[Part]:
-        """All parts, slab by slab."""
-        for kind, cut in self.cuts.items():
-            regions = (region for slab in cut.slabs() for region in cut.parts(slab))
-            yield from (Part(_name(kind, number), kind, region) for number, region in enumerate(regions))
-
     def damaged(self) -> Iterator[Part]:
         """Read the parts that are done, and yield those that are not what was stored."""
-        return (part for part in self.parts() if part.name in self.done and self._content(part.name) is None)
+        return (part for part in parts_of(self.cuts) if part.name in self.done and self._content(part.name) is None)
 
     def drop_damaged(self) -> list[Part]:
         """Count the parts that are `damaged` as not done, and return them. Raises as `commit`."""
@@ -334,12 +328,12 @@ class PartStore:
 
     def _content(self, name: str) -> bytes | None:
         """Bytes of a part that is done; None where they are not what was stored."""
-        offset, length, digest = self.done.get(self.done.index(name))
+        _, offset, length, digest = self.done[name]
         content = b""
         with self._lock, suppress(OSError):
             if self._reading < 0:
                 self._reading = os.open(self.folder / VALUES, os.O_RDONLY | _BINARY)
-            os.lseek(self._reading, max(offset, 0), os.SEEK_SET)
+            os.lseek(self._reading, offset, os.SEEK_SET)
             while piece := os.read(self._reading, length - len(content)):
                 content += piece
         return content if _part_digest(name, content) == digest else None
@@ -358,22 +352,19 @@ class PartStore:
         """Take in a line of the journal, where there are so many bytes of values; pass over what is none."""
         try:
             said = from_json(line)
-            index, seconds = self.done.index(said["part"]), float(said.get("seconds", 0.0))
-            end = 0
+            name, seconds, place, end = said["part"], float(said.get("seconds", 0.0)), _NOWHERE, 0
             if "sha256" in said:
-                offset, digest = said["offset"], bytes.fromhex(said["sha256"])
-                end = offset + said["bytes"]
-                if not 0 <= offset <= end <= size or len(digest) != _DIGEST:
+                place = True, index(said["offset"]), index(said["bytes"]), bytes.fromhex(said["sha256"])
+                end = place[1] + place[2]
+                if not 0 <= place[1] <= end <= size or len(place[3]) != len(_NOWHERE[3]):
                     return
-                self.done.set(index, offset, said["bytes"], digest)
-            else:
-                self.done.set(index)
+            self.done[name] = place
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
             return
         self._values_end = max(self._values_end, end)
-        self.failed.pop(said["part"], None)
+        self.failed.pop(name, None)
         if "failed" in said:
-            self.failed[said["part"]] = str(said["failed"])
+            self.failed[name] = str(said["failed"])
         if 0 <= seconds < _LONG:  # not what a flipped bit has made of it
             self.seconds += seconds
 
@@ -381,45 +372,38 @@ class PartStore:
 class _Done(Collection[str]):
     """Names of the parts that are stored, with their places and digests; in little memory, for there are millions."""
 
-    def __init__(self, counts: Mapping[str, int]) -> None:
-        total = sum(counts.values())
-        self._counts, self._stored = counts, 0
-        self._first = dict(zip(counts, itertools.accumulate([0, *counts.values()]), strict=False))
-        self._offsets, self._lengths = array("q", [-1]) * total, array("q", [0]) * total
-        self._digests = bytearray(_DIGEST * total)
+    def __init__(self, cuts: Mapping[str, Cut]) -> None:
+        self._places = {kind: np.zeros(cut.part_count, _PLACE) for kind, cut in cuts.items()}
 
     def __contains__(self, name: object) -> bool:
         try:
-            return self._offsets[self.index(str(name))] >= 0
+            return self[str(name)][0]
         except (KeyError, ValueError):
             return False
 
     def __iter__(self) -> Iterator[str]:
-        for kind, first in self._first.items():
-            found = (number for number in range(self._counts[kind]) if self._offsets[first + number] >= 0)
-            yield from (_name(kind, number) for number in found)
+        for kind, places in self._places.items():
+            yield from (part_name(kind, number) for number in np.flatnonzero(places["stored"]))
 
     def __len__(self) -> int:
-        return self._stored
+        return sum(int(np.count_nonzero(places["stored"])) for places in self._places.values())
 
-    def index(self, name: str) -> int:
-        """Number of a part among those of all kinds. Raises KeyError or ValueError where there is none."""
+    def __getitem__(self, name: str) -> tuple[bool, int, int, bytes]:
+        """Where a part is stored. Raises KeyError or ValueError where there is no such part."""
+        kind, number = self._at(name)
+        place: tuple[bool, int, int, bytes] = self._places[kind][number].item()
+        return place
+
+    def __setitem__(self, name: str, place: tuple[bool, int, int, bytes]) -> None:
+        kind, number = self._at(name)
+        self._places[kind][number] = place
+
+    def _at(self, name: str) -> tuple[str, int]:
         kind, _, digits = name.partition("-")
         number = int(digits)
-        if not 0 <= number < self._counts[kind] or name != _name(kind, number):
+        if not 0 <= number < len(self._places[kind]) or name != part_name(kind, number):
             raise KeyError(name)
-        return self._first[kind] + number
-
-    def get(self, index: int) -> tuple[int, int, bytes]:
-        """Offset, length and digest of a part."""
-        digest = self._digests[index * _DIGEST : (index + 1) * _DIGEST]
-        return self._offsets[index], self._lengths[index], bytes(digest)
-
-    def set(self, index: int, offset: int = -1, length: int = 0, digest: bytes = bytes(_DIGEST)) -> None:
-        """Note where a part is; without arguments: nowhere."""
-        self._stored += (offset >= 0) - (self._offsets[index] >= 0)
-        self._offsets[index], self._lengths[index] = offset, length
-        self._digests[index * _DIGEST : (index + 1) * _DIGEST] = digest
+        return kind, number
 
 
 def remove(folder: Path) -> None:
@@ -453,10 +437,6 @@ def _part_digest(name: str, content: bytes) -> bytes:
 
 def _digest_of(said: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
-
-
-def _name(kind: str, number: int) -> str:
-    return f"{kind}-{number:05}"
 
 
 def _is_file(path: Path) -> bool:
