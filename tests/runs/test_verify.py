@@ -15,7 +15,7 @@ import pytest
 from heliosweep.runs.verify import verify
 from heliosweep.store import checks
 from heliosweep.store.parts import PartStore
-from tests.store.samples import CUTS, SIZES, VALUES, VARIABLES, digests, flip, values, write_folder
+from tests.store.samples import CUTS, PARTS, SIZES, VALUES, VARIABLES, digests, flip, values, write_folder
 
 KINDS = [("result.nc", "none"), ("result.nc", "zlib"), ("result.zarr", "none"), ("result.zarr", "zstd")]
 
