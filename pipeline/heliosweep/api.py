@@ -149,7 +149,7 @@ def build(study: Study | Source) -> xr.Dataset:
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
     from heliosweep.grid.lazy import Work
-    from heliosweep.store.attributes import attributes_of
+    from heliosweep.store.manifest import attributes_of
 
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
@@ -287,10 +287,9 @@ def run(
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
     == "__main__":``. Where another process runs the same study, this one waits for it.
     """
-    from heliosweep.runs.folder import check_contents, is_tidy, made
     from heliosweep.runs.run import Run
     from heliosweep.runs.signals import uninterrupted
-    from heliosweep.store.folder import claimed
+    from heliosweep.store.folder import check_contents, claimed, is_tidy, made
 
     asked = _loaded(study)
     asked = asked.model_copy(update={"execution": asked.execution.resolved()})
@@ -416,7 +415,7 @@ def _check_published(study: Study) -> None:
 
 def _say_what_changed(study: Study, folder: Path) -> None:
     """Tell a user who edited a study why it is another one now."""
-    from heliosweep.store.folder import latest_identity, listed
+    from heliosweep.store.manifest import latest_identity, listed
 
     if folder.exists():
         return

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.grid import spa as fast_sun
+from heliosweep.grid import sun as fast_sun
 from heliosweep.kernels.dish import tracking
 from heliosweep.kernels.dish import tracking as pointing
 from heliosweep.kernels.dish.tracking import RIGID, UNTILTED_HOME_AXES, window_errors

@@ -35,7 +35,7 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.families.family import families
 from heliosweep.grid import plan, regions
 from heliosweep.runs.verify import verify
-from heliosweep.store.folder import Finished
+from heliosweep.store.manifest import Finished
 from heliosweep.store.parts import PartStore
 from tests.conftest import ROOT, SMALL
 

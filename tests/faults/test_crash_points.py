@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from heliosweep.store.folder import Finished
+from heliosweep.store.manifest import Finished
 from tests.faults.kills import TINY, Nursery, content_of, done_parts, leftovers, write_study
 
 pytestmark = pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="looks at /proc")  # noqa: PTH112

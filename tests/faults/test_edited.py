@@ -13,7 +13,7 @@ from heliosweep import api
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families.family import Family
-from heliosweep.store import code_versions
+from heliosweep.store import manifest
 from tests.faults.kills import content_of, leftovers
 from tests.faults.stopped import SERIES, STUDY, Runs, after_parts, runs  # noqa: F401
 
@@ -104,8 +104,8 @@ def test_unfinished_parts_of_another_study_outlive_a_look_at_a_finished_one(runs
 
 @pytest.fixture
 def other_code(monkeypatch) -> None:
-    known = code_versions.code_versions
-    monkeypatch.setattr(code_versions, "code_versions", lambda module: {**known(module), "numpy": "1.0"})
+    known = manifest.code_versions
+    monkeypatch.setattr(manifest, "code_versions", lambda module: {**known(module), "numpy": "1.0"})
 
 
 def test_parts_of_other_code_are_never_mixed(runs: Runs, tmp_path, request):  # noqa: F811

@@ -17,7 +17,7 @@ from heliosweep import api
 from heliosweep.errors import HeliosweepError
 from heliosweep.runs.status import result_folders, status_lines, status_of
 from heliosweep.runs.verify import verify
-from heliosweep.store.folder import Finished
+from heliosweep.store.manifest import Finished
 from tests.faults.kills import content_of
 from tests.faults.mutations import places_of
 from tests.faults.stopped import STUDY, ZARR, Runs, runs  # noqa: F401

@@ -32,7 +32,7 @@ def field() -> Named:
 
 def dish() -> Named:
     """Sun vectors, and errors of windows at small and at large tilts."""
-    from heliosweep.grid.spa import sun_vectors
+    from heliosweep.grid.sun import sun_vectors
     from heliosweep.kernels.dish.tracking import RIGID, UNTILTED_HOME_AXES, window_errors
     from heliosweep.kernels.dish.windows import pack_windows
 

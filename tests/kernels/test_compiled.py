@@ -154,7 +154,7 @@ PLAIN = {
         "print(field_series(x, y, side, side, side, 50., 0, s, 0, 3).ravel().tolist())"
     ),
     "dish": (
-        "from heliosweep.grid.spa import sun_vectors\n"
+        "from heliosweep.grid.sun import sun_vectors\n"
         "from heliosweep.kernels.dish.tracking import window_errors\n"
         "from heliosweep.kernels.dish.windows import pack_windows\n"
         "utc = np.datetime64('2021-06-21T01:00', 'ns') + np.arange(9) * np.timedelta64(1, 'h')\n"

@@ -23,9 +23,8 @@ from heliosweep.config.execution import Execution
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import families
 from heliosweep.grid.lazy import Work
-from heliosweep.runs import cluster, versions
+from heliosweep.runs import cluster
 from heliosweep.runs.executors import compute_parts
-from heliosweep.store import code_versions
 from tests.conftest import SMALL
 from tests.runs.clusters import FakeWork, Pool, check, free_port, outcomes, parts, pool, scheduler_and_workers
 
@@ -152,15 +151,15 @@ def test_dead_workers_are_replaced_and_only_the_part_that_kills_fails(tmp_path):
 
 
 def test_a_worker_of_another_version(local, monkeypatch):
-    own = code_versions.code_versions(FakeWork.module)
+    own = cluster.code_versions(FakeWork.module)
     said = f"of the local cluster would compute with other versions: numpy {own['numpy']} instead of 1.0;"
-    versions.versions.cache_clear()
+    cluster.versions.cache_clear()
     try:
-        monkeypatch.setattr(code_versions, "code_versions", lambda module: {**own, "numpy": "1.0"})
+        monkeypatch.setattr(cluster, "code_versions", lambda module: {**own, "numpy": "1.0"})
         with pytest.raises(HeliosweepError, match=said):
-            versions.check_workers(local.client, "the local cluster", FakeWork.module)
+            cluster.check_workers(local.client, "the local cluster", FakeWork.module)
     finally:
-        versions.versions.cache_clear()
+        cluster.versions.cache_clear()
 
 
 def test_nothing_of_it_is_open_to_others(local):

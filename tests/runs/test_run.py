@@ -1,15 +1,17 @@
-"""One run: folders tried out before anything is computed, parts in words."""
+"""One run: folders tried out before anything is computed, parts in words, progress."""
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import pytest
 
 from heliosweep import api
 from heliosweep.grid.regions import Part
-from heliosweep.runs.folder import made
+from heliosweep.runs import status
 from heliosweep.runs.run import place_of
+from heliosweep.store.folder import made
 
 
 def test_a_folder_that_stays_empty_goes(tmp_path):
@@ -48,3 +50,25 @@ def test_words_for_the_place_of_a_part(small):
         "latitude 0.0 to 20.0, tracking azimuth_elevation, heliostat 3 to 6"
     )
     assert place_of(Part("points-00000", "points", {}), coordinates) == "all"
+
+
+def test_lines_without_a_terminal(monkeypatch):
+    stream = io.StringIO()
+    monkeypatch.setattr(status, "LINE_SECONDS", -1.0)
+    with status.show_progress("study", 4, stream) as advance:
+        for _ in range(4):
+            advance()
+    lines = stream.getvalue().splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith("study: 25 %, about ")
+
+
+def test_bar_on_a_terminal():
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Terminal()
+    with status.show_progress("mirrors [/bold] of [m]", 4, stream) as advance:
+        advance()
+    assert "mirrors [/bold] of [m]" in stream.getvalue()

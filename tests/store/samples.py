@@ -16,7 +16,7 @@ from heliosweep.config.blocks import Output
 from heliosweep.config.study import Study
 from heliosweep.grid.regions import Cut, Part, Variable, parts_of, slabs
 from heliosweep.store.encoding import Skeleton, slab_digest, slab_rows
-from heliosweep.store.folder import write_manifest
+from heliosweep.store.manifest import write_manifest
 from heliosweep.store.result import publish
 
 SIZES = {"latitude": 3, "time": 10, "heliostat": 7}

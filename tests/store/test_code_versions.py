@@ -4,7 +4,7 @@ from importlib import metadata
 
 import pytest
 
-from heliosweep.store import code_versions as codes
+from heliosweep.store import manifest as codes
 
 MODULE = "heliosweep.families.dish_tracking.compute"
 

@@ -20,7 +20,8 @@ import pytest
 from heliosweep.errors import HeliosweepError
 from heliosweep.store import folder as module
 from heliosweep.store.encoding import slab_digest
-from heliosweep.store.folder import Finished, changes, claimed, holder, identity_of, latest_identity, listed
+from heliosweep.store.folder import claimed, holder
+from heliosweep.store.manifest import Finished, changes, identity_of, latest_identity, listed
 from tests.store.samples import PLAN, SLABS, values, write_folder
 
 MODULE = "heliosweep.families.field_efficiency.compute"

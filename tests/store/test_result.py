@@ -16,7 +16,7 @@ import xarray as xr
 from heliosweep.config.blocks import Output
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.regions import Cut, Part
-from heliosweep.store import netcdf
+from heliosweep.store import formats
 from heliosweep.store.encoding import slab_digest
 from heliosweep.store.result import publish, remove_result
 from tests.store.samples import (
@@ -182,7 +182,7 @@ def test_a_write_that_fails_in_the_library_says_why(tmp_path, monkeypatch, free,
     def fail(*_: object) -> None:
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr(netcdf, "_write_chunks", fail)
+    monkeypatch.setattr(formats, "_write_chunks", fail)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": free}))
     with pytest.raises(HeliosweepError, match=rf"{tmp_path}/result\.nc: cannot be written: {cause}"):
         write(tmp_path, compressed(NETCDF, "zlib"))

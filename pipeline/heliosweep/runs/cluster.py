@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import logging
 import os
 import pickle
@@ -14,6 +15,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,12 +25,15 @@ from heliosweep.config.execution import QUEUES
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.regions import Part
+from heliosweep.kernels import compiled
 from heliosweep.runs.executors import WorkerDied, forking_context
 from heliosweep.runs.jobs import WORKER_SETTINGS, free_dashboard, job_queue
 from heliosweep.runs.signals import TidyStack, interruptions_blocked
-from heliosweep.runs.versions import check_workers, versions_token
+from heliosweep.store.manifest import code_versions
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from heliosweep.config.execution import Execution
 
 log = logging.getLogger("heliosweep")
@@ -330,3 +335,40 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in levels.items():
             logger.setLevel(level)
+
+
+@cache
+def versions(module: str) -> dict[str, str]:
+    """Versions in this process of everything that the numbers of a module depend on."""
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    return {"python": python, **code_versions(module), "kernels": "plain" if compiled.PURE_PYTHON else "compiled"}
+
+
+@cache
+def versions_token(module: str) -> str:
+    """Digest of `versions`."""
+    return hashlib.sha256(repr(sorted(versions(module).items())).encode()).hexdigest()[:16]
+
+
+def check_workers(client: Client, where: str, module: str) -> None:
+    """Ask the workers of a cluster for their versions of what the numbers of a module depend on.
+
+    `where` is what the cluster is called in messages. Raises HeliosweepError where a worker has other versions than
+    this process, with which numbers may change, or cannot run heliosweep.
+    """
+    own = versions(module)
+    for worker, answer in client.run(versions, module, on_error="return").items():
+        if isinstance(answer, OSError):
+            continue  # it left
+        if isinstance(answer, Exception):
+            raise HeliosweepError(
+                f"worker {worker} of {where} cannot run heliosweep ({type(answer).__name__}: {answer}); "
+                "install the same version there"
+            )
+        other = [name for name in {**own, **answer} if own.get(name) != answer.get(name)]
+        if other:
+            told = ", ".join(f"{name} {answer.get(name, 'missing')} instead of {own.get(name)}" for name in other)
+            raise HeliosweepError(
+                f"worker {worker} of {where} would compute with other versions: {told}; numbers could differ. "
+                "Install the same versions there and start its workers again"
+            )

@@ -22,12 +22,11 @@ from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Cut, Part, parts_by_slab
 from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool
-from heliosweep.runs.progress import Silent, show_progress
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
+from heliosweep.runs.status import show_progress
 from heliosweep.store import parts
-from heliosweep.store.attributes import attributes_of
 from heliosweep.store.encoding import Skeleton, slab_rows
-from heliosweep.store.folder import Finished, identity_of, listed, write_manifest
+from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, write_manifest
 from heliosweep.store.parts import PartStore
 from heliosweep.store.read import open_result
 from heliosweep.store.result import publish
@@ -274,8 +273,8 @@ class Run:
         plan, failed, missing = self.plan, dict[str, str](), self._missing()
         count = sum(cut.part_count for kind, cut in plan.cuts.items() if not self._is_taken(kind)) - len(store.done)
         with TidyStack() as stack:
-            display = show_progress(self.study.title or self.study.family, count) if show else nullcontext(Silent())
-            progress = stack.enter_context(display)
+            display = show_progress(self.study.title or self.study.family, count) if show else nullcontext(lambda: None)
+            advance = stack.enter_context(display)
             # This thread waits for parts, so that an interruption reaches it; another one stores them meanwhile.
             storing = stack.enter_context(ThreadPoolExecutor(1))
             scratch = stack.enter_context(tempfile.TemporaryDirectory(dir=store.folder, ignore_cleanup_errors=True))
@@ -286,7 +285,7 @@ class Run:
                 raise_if_interrupted()
                 if pending:
                     pending.result()
-                progress.advance()
+                advance()
                 if outcome.values is None:
                     why = f"{type(outcome.error).__name__}: {outcome.error}".rstrip(": ")
                     failed[outcome.part.name] = f"{place_of(outcome.part, self.coordinates)}: {why}"

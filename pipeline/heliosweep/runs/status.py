@@ -1,11 +1,16 @@
-"""States of studies, and plans, in words: what is done, what failed, how long the rest will take."""
+"""States of studies and plans in words, and the progress of a run: a bar, or lines where there is no terminal."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import TextIO
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
@@ -15,6 +20,8 @@ from heliosweep.grid.plan import Plan
 from heliosweep.store import parts
 from heliosweep.store.folder import MANIFEST, RESULTS, holder, read_manifest
 
+#: Without a terminal: a line of progress at most so often. [s]
+LINE_SECONDS = 10.0
 #: Failed parts that are listed.
 _LISTED = 5
 #: Of why one failed, so much is told. [characters]
@@ -138,3 +145,43 @@ def plan_text(study: Study, plan: Plan, folder: Path) -> str:
     }
     width = max(map(len, rows))
     return "\n".join(f"{name:{width}}  {value}" for name, value in rows.items())
+
+
+@contextmanager
+def show_progress(title: str, total: int, stream: TextIO | None = None) -> Iterator[Callable[[], object]]:
+    """Show the progress of `total` parts on `stream` (standard error) while the context lasts.
+
+    Yields what is to be called when one is done. On a terminal there is a bar, elsewhere a line now and then.
+    """
+    stream = stream or sys.stderr
+    if not stream.isatty():
+        yield _lines(title, total, stream)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(file=stream), transient=True) as bar:
+        yield partial(bar.advance, bar.add_task(title, total=total))
+
+
+def _lines(title: str, total: int, stream: TextIO) -> Callable[[], object]:
+    start = last = time.monotonic()
+    done = 0
+
+    def advance() -> None:
+        nonlocal done, last
+        done, now = done + 1, time.monotonic()
+        if now >= last + LINE_SECONDS and done < total:
+            last, left = now, (now - start) / done * (total - done)
+            share = 100 * done / total
+            print(f"{title}: {share:.0f} %, about {human_seconds(left)} left", file=stream, flush=True)
+
+    return advance

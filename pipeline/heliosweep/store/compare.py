@@ -15,7 +15,7 @@ import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
 from heliosweep.store.checks import sound
-from heliosweep.store.folder import changes
+from heliosweep.store.manifest import changes
 from heliosweep.store.read import Index, Places, Stored, open_stored, plain, tree, value_text
 
 #: Longest text of an attribute that is shown whole.

@@ -1,4 +1,4 @@
-"""A result folder: the names in it, the claim of a run on it, and the manifest that tells of its result."""
+"""A result folder: the names in it, the claim of a run on it, what it must not replace, and reading its manifest."""
 
 from __future__ import annotations
 
@@ -8,29 +8,20 @@ import logging
 import multiprocessing
 import os
 import platform
-import subprocess
-import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from heliosweep.errors import FORCE, HeliosweepError
-from heliosweep.files import sync, write_whole
-from heliosweep.store.encoding import slab_digest, slab_rows
-from heliosweep.store.parts import WORKING, PartStore
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
+from heliosweep.files import remove_leftovers, temporary_name
+from heliosweep.store.parts import DESCRIPTION, JOURNAL, VALUES, WORKING
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from heliosweep.config.study import Study
-    from heliosweep.grid.plan import Plan
-    from heliosweep.grid.regions import Part
 
 log = logging.getLogger("heliosweep")
 
@@ -38,6 +29,8 @@ log = logging.getLogger("heliosweep")
 FORMATS = {"netcdf": "result.nc", "zarr": "result.zarr"}
 RESULTS = tuple(FORMATS.values())
 MANIFEST = "manifest.json"
+#: File by which a Zarr group is known.
+CONSOLIDATED = ".zmetadata"
 #: Files beside a result that describe it, and go when another one takes its place.
 DESCRIPTIONS = (MANIFEST, "study.resolved.yaml", "report.html", "comparison.csv")
 #: The claimed file of a folder.
@@ -52,10 +45,6 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 _DEEP = 100
 #: Of what stands there instead, so much is told. [characters]
 _LONG = 200
-#: Packages whose versions can touch the numbers or the bytes.
-_PACKAGES = ("heliosweep", "numpy", "numba", "llvmlite", "xarray", "dask", "pandas", "netCDF4", "pvlib", "matplotlib")
-#: Global attributes that follow from the study and the code, which are compared by themselves.
-_FOLLOWING = ("study", "study_id", "id", "history", "source")
 
 
 @contextmanager
@@ -140,6 +129,11 @@ def _who(path: Path) -> str:
         return f"process {said['process']} on {said['host']}"
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return "another process"
+
+
+def is_zarr(path: Path) -> bool:
+    """True for what looks like a Zarr group with consolidated metadata."""
+    return (path / CONSOLIDATED).is_file()
 
 
 class Record(BaseModel):
@@ -260,221 +254,93 @@ def read_manifest(folder: Path, shape: type[Record] = Manifest) -> dict[str, Any
         raise HeliosweepError(f"{MANIFEST}: is damaged: {error}") from None
 
 
-def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
-    """Write ``manifest.json``, as sorted, indented JSON, and the resolved study, for good.
+@contextmanager
+def made(folder: Path) -> Iterator[None]:
+    """Make the result folder and try it out; where nothing comes into it, remove what was made.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Result folder.
-    study : Study
-        The study.
-    result : pathlib.Path
-        Its result.
-    content : mapping
-        What the manifest says besides the result and the environment.
-
-    Raises
-    ------
-    HeliosweepError
-        They cannot be written.
+    Raises StudyError where it cannot be written.
     """
-    from heliosweep.store.read import content_digest, result_bytes, result_digest
-
-    said = {
-        "file": result.name,
-        "bytes": result_bytes(result),
-        "sha256": result_digest(result),
-        "content_digest": content_digest(result),
-    }
-    command = [Path(sys.argv[0]).name, *sys.argv[1:]]
-    record = {"command": command, "environment": _environment(), "result": said, **content}
-    write_whole(folder / "study.resolved.yaml", study.to_yaml(folder))
-    write_whole(folder / MANIFEST, json.dumps(record, indent=2, sort_keys=True, ensure_ascii=False) + "\n")
-    sync(folder)
-
-
-def _environment() -> dict[str, Any]:
-    """Versions and machine of this process."""
-    return {
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "processors": os.cpu_count(),
-        "packages": {name: _version(name) for name in _PACKAGES},
-        "commit": _commit(),
-    }
-
-
-def _version(name: str) -> str | None:
+    created: list[Path] = []
     try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _commit() -> str | None:
-    """Commit of the source tree that heliosweep was imported from, with ``-dirty`` where it was changed since."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() or None if done.returncode == 0 else None
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A finished result as its manifest describes it.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Result folder.
-    manifest : mapping
-        Content of ``manifest.json``.
-    """
-
-    folder: Path
-    manifest: Mapping[str, Any]
-
-    @classmethod
-    def find(cls, folder: Path) -> Finished | None:
-        """The finished result of a folder; None where there is none, or one that no manifest describes."""
-        with suppress(HeliosweepError):
-            manifest = read_manifest(folder)
-            found = cls(folder, manifest)
-            if manifest.get("identity") and manifest.get("slabs") and found.path.exists():
-                return found
-        return None
-
-    @property
-    def path(self) -> Path:
-        """The result."""
-        return self.folder / self.manifest["result"]["file"]
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """What it belongs to, as `identity_of` says it."""
-        return self.manifest["identity"]
-
-    def holds(self, kind: str, plan: Plan) -> bool:
-        """True where it has the variables of one kind, in slabs that are cut as those of a plan."""
-        slabs, names = self.manifest["slabs"], {name for name, one in plan.variables.items() if one.kind == kind}
-        return slabs["cut"].get(kind) == slab_rows(plan.cuts)[kind] and names <= {*slabs["variables"]}
-
-    def read(self, slab: Part) -> dict[str, np.ndarray]:
-        """Values of a slab as they are stored, with times as seconds.
-
-        Raises
-        ------
-        HeliosweepError
-            They are not what was computed.
-        """
-        from heliosweep.store.read import open_stored
-
-        with open_stored(self.path) as stored:
-            values = stored.slab(slab)
-        if slab_digest(values) != self.manifest["slabs"]["digests"].get(slab.name):
-            raise HeliosweepError(f"{self.path}: {slab.name} is not what was computed; {FORCE} computes it anew")
-        return values
-
-    def is_whole(self) -> bool:
-        """Whether its bytes are those that the manifest tells of."""
-        from heliosweep.store.read import result_digest
-
         try:
-            return result_digest(self.path) == self.manifest["result"]["sha256"]
-        except OSError:
-            return False
+            try:
+                _make(folder, created)
+            except (FileExistsError, FileNotFoundError):  # another run left nothing, and took the folder with it
+                _make(folder, created)
+            remove_leftovers(folder)
+        except OSError as error:
+            problem = f"cannot write there: {error.strerror}; name another folder with --output"
+            raise StudyError(Problem(problem, file=str(folder))) from None
+        yield
+    except BaseException:
+        for place in reversed(created):
+            with suppress(OSError):  # something is in it
+                place.rmdir()
+        raise
 
-    def changes(self, identity: Mapping[str, Any], key: str) -> str:
-        """What of one aspect (``study``, ``code``, ``output``, ``attributes``) is different in another identity."""
-        return listed(self.identity.get(key), identity[key])
+
+def _make(folder: Path, created: list[Path]) -> None:
+    for place in (*reversed(folder.parents), folder):
+        if not place.is_dir():
+            place.mkdir(exist_ok=True)
+            created.append(place)
+    probe = temporary_name(folder / "result.nc")
+    probe.touch()
+    probe.unlink()
 
 
-def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dict[str, Any]:
-    """What the bytes of a study's result depend on.
+def is_tidy(folder: Path) -> bool:
+    """True where no run is at work in a folder, and none that was killed has left anything but its result."""
+    names = (WORKING, LOCK)
+    return not any((folder / name).exists() for name in names) and not any(folder.glob(".*.part"))
 
-    Parameters
-    ----------
-    study : Study
-        The study.
-    attributes : mapping
-        Global attributes of its result.
-    module : str
-        Module that its numbers come from.
 
-    Returns
-    -------
-    dict
-        ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored
-        and how; ``attributes``: the words that go with it.
+def check_contents(folder: Path, study: Study, force: bool) -> None:
+    """Make sure that a run replaces nothing in its folder that no run has left, nor files that the study reads.
+
+    With `force` the user agrees to lose single files of the names that a run writes. Raises StudyError where something
+    would be lost.
     """
-    from heliosweep.store.code_versions import code_versions
-
-    return {
-        "study_id": study.study_id,
-        "study": study.canonical(),
-        "code": code_versions(module),
-        "output": study.output.model_dump(),
-        "attributes": {name: value for name, value in attributes.items() if name not in _FOLLOWING},
-    }
-
-
-def latest_identity(folders: Iterable[Path]) -> tuple[Path, dict[str, Any]] | None:
-    """Of several result folders the one that was written last, finished or not, and what it belongs to."""
-    found: list[tuple[float, Path, dict[str, Any]]] = []
-    for folder in folders:
-        with suppress(OSError, HeliosweepError):
-            finished = Finished.find(folder)
-            identity = finished.identity if finished else PartStore.open(folder / WORKING).identity
-            found.append((folder.stat().st_mtime, folder, identity))
-    return max(found, key=lambda entry: entry[0])[1:] if found else None
+    for name in (*DESCRIPTIONS, RESULTS[0], LOCK):
+        if (folder / name).is_dir():
+            raise StudyError(Problem(f"is a folder, where {name} shall stand", file=str(folder / name)))
+    if (folder / WORKING).exists() and not _is_working_store(folder / WORKING):
+        _refuse(folder / WORKING, "is none of heliosweep's, and parts of the run would stand there; move it away")
+    for path in _inputs(study):
+        for name in (*DESCRIPTIONS, *RESULTS, WORKING, LOCK):
+            if path == (target := (folder / name).resolve()) or target in path.parents:
+                _refuse(folder / name, "is read by the study, and the run would replace it")
+    if (folder / WORKING).exists() or _is_manifest(folder / MANIFEST):
+        return
+    foreign = [name for name in (*RESULTS, *DESCRIPTIONS) if (folder / name).exists()]
+    for name in foreign:
+        if (folder / name).is_dir() and not is_zarr(folder / name):
+            _refuse(folder / name, "is none of heliosweep's, and the run would replace it; move it away")
+    if foreign and not force:
+        _refuse(folder, f"holds {', '.join(foreign)} without a manifest of heliosweep; {FORCE} replaces what is there")
 
 
-def changes(before: Any, after: Any, key: str = "") -> list[str]:
-    """What is different between two pieces of plain data, one line for each key.
-
-    Parameters
-    ----------
-    before, after : mapping, list or scalar
-        As from JSON.
-    key : str
-        Dotted key of what is compared.
-
-    Returns
-    -------
-    list of str
-        As ``receiver.height: 60 -> 70``; empty where nothing is different.
-    """
-    if isinstance(before, Mapping) and isinstance(after, Mapping):
-        keys = [*after, *(name for name in before if name not in after)]
-        return [
-            line
-            for name in keys
-            for line in changes(before.get(name), after.get(name), f"{key}.{name}" if key else str(name))
-        ]
-    if _plain(before) == _plain(after):
-        return []
-    return [f"{key}: {_words(before)} -> {_words(after)}"]
+def _refuse(path: Path, why: str) -> None:
+    raise StudyError(Problem(f"{why}, or name another folder with --output", file=str(path)))
 
 
-def listed(before: Any, after: Any, most: int = 3) -> str:
-    """The first `changes`, in one line."""
-    lines = changes(before, after)
-    more = f", and {len(lines) - most} more" if len(lines) > most else ""
-    return "; ".join(lines[:most]) + more
+def _inputs(study: Study) -> set[Path]:
+    """The study file and all files that it names, links followed."""
+    paths = {study.resolve(name) for names in study.files().values() for name in names}
+    if study.source.path:
+        paths.add(Path(study.source.path))
+    return {path.resolve() for path in paths}
 
 
-def _plain(value: Any) -> Any:
-    """Tuples as lists, as JSON has them."""
-    if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+def _is_working_store(path: Path) -> bool:
+    """True for a folder that holds what a run has left, damaged or not."""
+    return path.is_dir() and any((path / name).exists() for name in (DESCRIPTION, JOURNAL, VALUES))
 
 
-def _words(value: Any) -> str:
-    if value is None:
-        return "not given"
-    text = ", ".join(f"{n} {_words(e)}" for n, e in value.items()) if isinstance(value, Mapping) else str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+def _is_manifest(path: Path) -> bool:
+    """True for a manifest that a run has left."""
+    try:
+        found = read_json(path)
+        return "study_id" in found and "result" in found
+    except (OSError, ValueError, TypeError):
+        return False

@@ -20,10 +20,9 @@ import xarray as xr
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.grid.regions import Part, Region
 from heliosweep.store.encoding import little_endian
-from heliosweep.store.folder import RESULTS, read_manifest
-from heliosweep.store.netcdf import LIBRARY_LOCK
+from heliosweep.store.folder import RESULTS, is_zarr, read_manifest
+from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
 from heliosweep.store.parts import WORKING
-from heliosweep.store.zarr import CONSOLIDATED, read_metadata
 
 #: Values read at a time, about. [bytes]
 PIECE = 16 * 2**20
@@ -37,13 +36,8 @@ _SINCE = "seconds since 1970-01-01"
 Index = tuple[slice, ...]
 
 
-def is_zarr(path: Path) -> bool:
-    """Whether a path looks like a Zarr group with consolidated metadata."""
-    return (path / CONSOLIDATED).is_file()
-
-
 def is_netcdf(path: Path) -> bool:
-    """Whether a file begins as NetCDF files do; the library says other things of others, one time or another."""
+    """True for a file that begins as NetCDF files do; the library says other things of others, one time or another."""
     if not path.is_file():  # a pipe would be waited for
         return False
     with path.open("rb") as file:
@@ -152,7 +146,7 @@ class Stored:
         return tuple(map(str, self.variables[name].dims))
 
     def is_text(self, name: str) -> bool:
-        """Whether the values of a variable are strings."""
+        """True where the values of a variable are strings."""
         return self.variables[name].dtype.kind in "OTU"
 
     def read(self, name: str, index: Index) -> np.ndarray:
@@ -314,7 +308,7 @@ def odd(path: Path) -> list[str]:
 
 
 def _is_own(name: str) -> bool:
-    """Whether a file is metadata or a chunk, as ``0.3.0``."""
+    """True for a file that is metadata or a chunk, as ``0.3.0``."""
     return name in _METADATA or (name.isascii() and name.replace(".", "").isdecimal())
 
 

@@ -16,10 +16,9 @@ from heliosweep.files import discard, remove, sync, temporary_name, writing, wri
 from heliosweep.grid.regions import Cut, Part, Variable
 from heliosweep.store.checks import sound
 from heliosweep.store.encoding import Skeleton, numbers, slab_digest, slab_rows, slabs_of
-from heliosweep.store.folder import DESCRIPTIONS, FORMATS, RESULTS
-from heliosweep.store.netcdf import Write, netcdf_file
-from heliosweep.store.read import Stored, is_zarr, open_stored, plain
-from heliosweep.store.zarr import zarr_group
+from heliosweep.store.folder import DESCRIPTIONS, FORMATS, RESULTS, is_zarr
+from heliosweep.store.formats import Write, netcdf_file, zarr_group
+from heliosweep.store.read import Stored, open_stored, plain
 
 if TYPE_CHECKING:
     from heliosweep.config.blocks import Output

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ellipe
 
-from heliosweep.grid.spa import sun_vectors
+from heliosweep.grid.sun import sun_vectors
 from heliosweep.kernels import warm
 from heliosweep.kernels.dish.tracking import (
     RIGID,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pvlib import spa
 
-from heliosweep.grid.spa import sun_vectors
+from heliosweep.grid.sun import sun_vectors
 from heliosweep.kernels.sun.ephemeris import QUANTITIES, daily_splines, sidereal_time
 
 ARCSECOND = np.radians(1.0 / 3600.0)

@@ -10,10 +10,9 @@ import xarray as xr
 
 from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, FIELD_MEANS, SERIES
 from heliosweep.grid.clock import instant_count
-from heliosweep.grid.layout_axis import LayoutAxis, longest, mirror_size
+from heliosweep.grid.layout_axis import LayoutAxis, longest, mirror_size, weighted_mean
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
-from heliosweep.grid.statistics import weighted_mean
 from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.warm import warm_field

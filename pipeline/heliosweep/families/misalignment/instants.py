@@ -14,7 +14,7 @@ from heliosweep.config.times import CivilTime, SolarTime
 from heliosweep.config.zones import parse_timezone, to_utc
 from heliosweep.grid.clock import DATE, Instants, solar_instants, window_count, window_positions
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import PLACE, sun_attributes, sun_vectors
+from heliosweep.grid.sun import PLACE, sun_at, sun_attributes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -115,7 +115,7 @@ def sun_of(parameters: Parameters, instants: DayHours) -> NDArray[np.float64]:
     found = np.empty((*shape, instants.count, 3))
     for index in np.ndindex(shape):
         here = instants.flat.at_sites(index[list(parameters.sizes).index("site")]) if "site" in dims else instants.flat
-        found[index] = sun_vectors(here, [None if column is None else float(column[index]) for column in columns])
+        found[index] = sun_at(here, [None if column is None else float(column[index]) for column in columns])
     if any(length > 1 for length in shape):
         found = np.array(np.broadcast_to(found, (*parameters.sizes.values(), instants.count, 3)))
     return found.reshape(-1, instants.count, 3)

@@ -67,7 +67,7 @@ def _read_cached(
     measured = read_spots(path, count, names)
     if not measured.timed or longitude is None:
         return measured
-    from heliosweep.grid.spa import sun_vectors
+    from heliosweep.grid.sun import sun_vectors
 
     return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
 

@@ -1,0 +1,309 @@
+"""What a result says of itself: global attributes, what it belongs to, and the manifest in its folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib import metadata
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from heliosweep import __version__
+from heliosweep.config.study import Study
+from heliosweep.errors import FORCE, HeliosweepError
+from heliosweep.files import sync, write_whole
+from heliosweep.grid.parameters import Parameters
+from heliosweep.sources import numbers_digest
+from heliosweep.store.encoding import slab_digest, slab_rows
+from heliosweep.store.folder import MANIFEST, read_manifest
+from heliosweep.store.parts import WORKING, PartStore
+from heliosweep.store.read import content_digest, open_stored, result_bytes, result_digest
+
+if TYPE_CHECKING:
+    from heliosweep.grid.plan import Plan
+    from heliosweep.grid.regions import Part
+
+#: What every result can be found by.
+_KEYWORDS = ("concentrating solar power", "solar tracking")
+#: Keys of a site, what ACDD calls the axis, and its units.
+_EXTENT = (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east"))
+#: Packages whose versions can touch the numbers or the bytes.
+_PACKAGES = ("heliosweep", "numpy", "numba", "llvmlite", "xarray", "dask", "pandas", "netCDF4", "pvlib", "matplotlib")
+#: Global attributes that follow from the study and the code, which are compared by themselves.
+_FOLLOWING = ("study", "study_id", "id", "history", "source")
+#: How values are stored.
+_ENCODING = "heliosweep.store.encoding"
+#: Packages that numbers go through; xarray and dask only carry them.
+_LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "astropy", "pillow", "tzdata")
+
+
+def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]:
+    """Global attributes of a study's result, by CF-1.11 and ACDD-1.3, and nothing that differs from run to run.
+
+    No clock time, host, user or path is told; those are in the manifest. `coordinates` are those of the family, whose
+    attributes belong to the result.
+    """
+    given = study.dataset.keywords if study.dataset else ()
+    return {
+        "Conventions": "CF-1.11, ACDD-1.3",
+        "title": study.title or family.title,
+        "summary": " ".join((study.description or family.title).split()),
+        "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *family.keywords, *given))),
+        "source": f"heliosweep {__version__}, family {study.family}",
+        "history": f"computed by heliosweep {__version__} from study {study.study_id}",
+        "processing_level": "computed from a model",
+        "references": "; ".join([*family.references, *study.references]),
+        "standard_name_vocabulary": "CF Standard Name Table v90",
+        "comment": (
+            "Each dimension is a key of the study that was swept, or what a model ranges over; the attribute study "
+            "holds all keys, files by the SHA-256 of what they say. Missing values are NaN."
+        ),
+        **dict(_people(study)),
+        **dict(_where(study)),
+        **dict(_when(study)),
+        "product_version": __version__,
+        "naming_authority": "heliosweep",
+        "id": study.study_id,
+        "study_id": study.study_id,
+        "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
+        **coordinates.attrs,
+    }
+
+
+def _people(study: Study) -> Iterator[tuple[str, str]]:
+    """Who made the data set, and how it may be used, where the study says so."""
+    said = study.dataset
+    if said is None:
+        return
+    if said.creators:
+        # ACDD separates several by commas, of which names may have one.
+        yield "creator_name", "; ".join(creator.name for creator in said.creators)
+    for name, key in (("creator_email", "email"), ("creator_institution", "affiliation")):
+        if found := [text for creator in said.creators if (text := getattr(creator, key))]:
+            yield name, "; ".join(dict.fromkeys(found))
+    if found := [creator.orcid for creator in said.creators if creator.orcid]:
+        yield "creator_url", " ".join(f"https://orcid.org/{orcid}" for orcid in found)
+    if said.license:
+        yield "license", said.license
+    if said.doi:
+        yield "metadata_link", f"https://doi.org/{said.doi}"
+
+
+def _where(study: Study) -> Iterator[tuple[str, Any]]:
+    """Extent of the sites."""
+    if getattr(study, "site", None) is None and getattr(study, "sites", None) is None:
+        return
+    grid = Parameters(study)
+    for key, axis, units in _EXTENT:
+        values = grid.parameter(key).to_numpy().astype(float) if grid.has(key) else np.array(np.nan)
+        if np.isfinite(values).any():
+            yield f"geospatial_{axis}_min", float(np.nanmin(values))
+            yield f"geospatial_{axis}_max", float(np.nanmax(values))
+            yield f"geospatial_{axis}_units", units
+
+
+def _when(study: Study) -> Iterator[tuple[str, str]]:
+    """Dates that are looked at, of a study on the civil clock; the solar clock has none."""
+    time: Any = getattr(study, "time", None)
+    if not hasattr(time, "date_list"):
+        return
+    dates = sorted(time.date_list())
+    yield "time_coverage_start", dates[0].isoformat()
+    yield "time_coverage_end", dates[-1].isoformat()
+    yield "time_coverage_duration", f"P{(dates[-1] - dates[0]).days + 1}D"
+    if len(dates) > 1:
+        yield "time_coverage_resolution", f"P{min((after - before).days for before, after in pairwise(dates))}D"
+
+
+@cache
+def code_versions(*modules: str) -> dict[str, str]:
+    """Version of everything that can change a number that these modules of a family compute.
+
+    ``heliosweep`` is the digest of their code and of all that they import from this package and their own; the others
+    are versions of libraries.
+    """
+    digest = numbers_digest(*modules, _ENCODING)
+    return {"heliosweep": digest[:16], **{name: _version(name) or "missing" for name in _LIBRARIES}}
+
+
+def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
+    """Write ``manifest.json``, as sorted, indented JSON, and the resolved study, for good.
+
+        `content` is what the manifest says besides the result and the environment. Raises HeliosweepError where they
+    cannot be written.
+    """
+    said = {
+        "file": result.name,
+        "bytes": result_bytes(result),
+        "sha256": result_digest(result),
+        "content_digest": content_digest(result),
+    }
+    command = [Path(sys.argv[0]).name, *sys.argv[1:]]
+    record = {"command": command, "environment": _environment(), "result": said, **content}
+    write_whole(folder / "study.resolved.yaml", study.to_yaml(folder))
+    write_whole(folder / MANIFEST, json.dumps(record, indent=2, sort_keys=True, ensure_ascii=False) + "\n")
+    sync(folder)
+
+
+def _environment() -> dict[str, Any]:
+    """Versions and machine of this process."""
+    return {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processors": os.cpu_count(),
+        "packages": {name: _version(name) for name in _PACKAGES},
+        "commit": _commit(),
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _commit() -> str | None:
+    """Commit of the source tree that heliosweep was imported from, with ``-dirty`` where it was changed since."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() or None if done.returncode == 0 else None
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished result as its manifest describes it.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Result folder.
+    manifest : mapping
+        Content of ``manifest.json``.
+    """
+
+    folder: Path
+    manifest: Mapping[str, Any]
+
+    @classmethod
+    def find(cls, folder: Path) -> Finished | None:
+        """The finished result of a folder; None where there is none, or one that no manifest describes."""
+        with suppress(HeliosweepError):
+            manifest = read_manifest(folder)
+            found = cls(folder, manifest)
+            if manifest.get("identity") and manifest.get("slabs") and found.path.exists():
+                return found
+        return None
+
+    @property
+    def path(self) -> Path:
+        """The result."""
+        return self.folder / self.manifest["result"]["file"]
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What it belongs to, as `identity_of` says it."""
+        return self.manifest["identity"]
+
+    def holds(self, kind: str, plan: Plan) -> bool:
+        """True where it has the variables of one kind, in slabs that are cut as those of a plan."""
+        slabs, names = self.manifest["slabs"], {name for name, one in plan.variables.items() if one.kind == kind}
+        return slabs["cut"].get(kind) == slab_rows(plan.cuts)[kind] and names <= {*slabs["variables"]}
+
+    def read(self, slab: Part) -> dict[str, np.ndarray]:
+        """Values of a slab as they are stored, with times as seconds. Raises HeliosweepError for others than were
+        computed.
+        """
+        with open_stored(self.path) as stored:
+            values = stored.slab(slab)
+        if slab_digest(values) != self.manifest["slabs"]["digests"].get(slab.name):
+            raise HeliosweepError(f"{self.path}: {slab.name} is not what was computed; {FORCE} computes it anew")
+        return values
+
+    def is_whole(self) -> bool:
+        """Whether its bytes are those that the manifest tells of."""
+        try:
+            return result_digest(self.path) == self.manifest["result"]["sha256"]
+        except OSError:
+            return False
+
+    def changes(self, identity: Mapping[str, Any], key: str) -> str:
+        """What of one aspect (``study``, ``code``, ``output``, ``attributes``) is different in another identity."""
+        return listed(self.identity.get(key), identity[key])
+
+
+def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dict[str, Any]:
+    """What the bytes of a study's result depend on, from its global attributes and the module that its numbers come
+    from.
+
+        ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and
+    how; ``attributes``: the words that go with it.
+    """
+    return {
+        "study_id": study.study_id,
+        "study": study.canonical(),
+        "code": code_versions(module),
+        "output": study.output.model_dump(),
+        "attributes": {name: value for name, value in attributes.items() if name not in _FOLLOWING},
+    }
+
+
+def latest_identity(folders: Iterable[Path]) -> tuple[Path, dict[str, Any]] | None:
+    """Of several result folders the one that was written last, finished or not, and what it belongs to."""
+    found: list[tuple[float, Path, dict[str, Any]]] = []
+    for folder in folders:
+        with suppress(OSError, HeliosweepError):
+            finished = Finished.find(folder)
+            identity = finished.identity if finished else PartStore.open(folder / WORKING).identity
+            found.append((folder.stat().st_mtime, folder, identity))
+    return max(found, key=lambda entry: entry[0])[1:] if found else None
+
+
+def changes(before: Any, after: Any, key: str = "") -> list[str]:
+    """What is different between two pieces of plain data as from JSON, one line for each key, as ``receiver.height: 60
+    -> 70``.
+    """
+    if isinstance(before, Mapping) and isinstance(after, Mapping):
+        keys = [*after, *(name for name in before if name not in after)]
+        return [
+            line
+            for name in keys
+            for line in changes(before.get(name), after.get(name), f"{key}.{name}" if key else str(name))
+        ]
+    if _plain(before) == _plain(after):
+        return []
+    return [f"{key}: {_words(before)} -> {_words(after)}"]
+
+
+def listed(before: Any, after: Any, most: int = 3) -> str:
+    """The first `changes`, in one line."""
+    lines = changes(before, after)
+    more = f", and {len(lines) - most} more" if len(lines) > most else ""
+    return "; ".join(lines[:most]) + more
+
+
+def _plain(value: Any) -> Any:
+    """Tuples as lists, as JSON has them."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(entry) for name, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return "not given"
+    text = ", ".join(f"{n} {_words(e)}" for n, e in value.items()) if isinstance(value, Mapping) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
