@@ -83,15 +83,8 @@ def instant_count(time: SolarTime | CivilTime | SunDirections) -> int:
 def solar_instants(time: SolarTime) -> Instants:
     """Every hour of every day on the solar clock, day by day.
 
-    Parameters
-    ----------
-    time : SolarTime
-        Days (or declinations) and hours, already sampled as the study says.
-
-    Returns
-    -------
-    Instants
-        With ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], along ``time``.
+        Labelled with ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], along ``time``: sampled as the study
+    says.
     """
     hours = time.solar_hours()
     declinations = time.declinations()
@@ -119,24 +112,14 @@ def direction_instant() -> Instants:
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
-    """Every step of every date's window on the civil clock, in universal time.
+    """Every step of every date's window on the civil clock, in universal time, for the time zones of the sites.
 
-    A window opens and closes on the wall clock and is cut in equal steps of elapsed time, so that the day of a
+        A window opens and closes on the wall clock and is cut in equal steps of elapsed time, so that the day of a
     daylight-saving change is an hour shorter or longer where the window holds the change. What opens or closes in an
     hour that is left out does so at the change; in one that occurs twice, at its first occurrence.
 
-    Parameters
-    ----------
-    time : CivilTime
-        Dates, window and sampling.
-    timezones : list of str
-        One per site: an offset such as ``+08:00`` or an IANA name.
-
-    Returns
-    -------
-    Instants
-        With ``utc`` along ``time``, rising, each instant once, where all sites share them; along (``site``, ``time``)
-        otherwise, where sites with fewer instants are padded with NaT.
+        ``utc`` is along ``time``, rising, each instant once, where all sites share them; along (``site``, ``time``)
+    otherwise, where sites with fewer instants are padded with NaT.
     """
     rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
     attrs = {"long_name": "universal time"}
@@ -150,20 +133,7 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
 
 @lru_cache(maxsize=16)
 def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]]:
-    """Instants of the window of every date, in universal time.
-
-    Parameters
-    ----------
-    time : CivilTime
-        Dates, window and sampling.
-    timezone : str
-        An offset such as ``+08:00`` or an IANA name; whose clock the window is on.
-
-    Returns
-    -------
-    list of ndarray of datetime64[ns]
-        One array per date, in the order of the study.
-    """
+    """Instants of the window of each date in a time zone, in universal time and in the order of the study."""
     zone = parse_timezone(timezone)
     start, stop, step = time.window_seconds()
     pieces = []

@@ -23,19 +23,10 @@ MARGIN = 7.0
 
 
 def dark_latitudes(study: Study) -> tuple[NDArray[np.float64], bool]:
-    """Latitudes at which the sun is down at every instant of a study.
+    """Latitudes at which the sun surely never rises in a study [deg], and whether these are all latitudes of the study.
 
-    Parameters
-    ----------
-    study : Study
-        With ``site`` or ``sites``, and ``time``; on the civil clock with longitudes and time zones.
-
-    Returns
-    -------
-    latitudes : ndarray
-        Those at which the sun surely never rises; on the civil clock there may be others. [deg]
-    everywhere : bool
-        Whether these are all latitudes of the study.
+        The study has ``site`` or ``sites``, and ``time``; on the civil clock with longitudes and time zones, and there
+    may be other dark ones there.
     """
     single: Any = getattr(study, "site", None)
     sites = [single] if single is not None else site_table(study)

@@ -118,10 +118,7 @@ def _column_attributes(name: str) -> dict[str, str]:
 def longest(study: Study, key: str = "layout") -> int:
     """Heliostats of the longest layout of a study, of the block with this key.
 
-    Raises
-    ------
-    PlanError
-        Where the study sweeps over too many layouts; names the longest of their axes.
+    Raises PlanError where the study sweeps over too many layouts; names the longest of their axes.
     """
     generator = attrgetter(key)(study).radial_stagger
     heliostats = None if generator is None else generator.heliostats

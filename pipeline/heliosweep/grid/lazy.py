@@ -21,23 +21,8 @@ if TYPE_CHECKING:
 class Work:
     """All that computing a region of a study takes; small enough to be sent to other processes once.
 
-    Parameters
-    ----------
-    family : heliosweep.families.family.Family
-        Of the study.
-    study : Study
-        The study.
-    variables : mapping of str to Variable
-        Variables of its result.
-    sizes : mapping of str to int
-        Dimensions of its result.
-
-    Attributes
-    ----------
-    inputs : object
-        What is read from files.
-    module : str
-        Module that the numbers come from.
+        Made from the family of the study, and the variables and dimensions of its result. `inputs` is what is read from
+    files, `module` the one that the numbers come from.
     """
 
     def __init__(self, family: Any, study: Study, variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> None:
@@ -70,21 +55,9 @@ class Work:
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Lazy result of a study.
+    """Lazy result of a study: each variable a dask array, a chunk for each slab of the plan.
 
-    Parameters
-    ----------
-    work : Work
-        The study.
-    plan : Plan
-        How it is cut.
-    coordinates : xarray.Dataset
-        Coordinates of the whole result; its attributes become those of the result.
-
-    Returns
-    -------
-    xarray.Dataset
-        Each variable a dask array, a chunk for each slab.
+    `coordinates` are those of the whole result; their attributes become those of the result.
     """
     import dask.array as da
     from dask.highlevelgraph import HighLevelGraph

@@ -40,19 +40,9 @@ class Limits:
 def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
     """What the machine offers, where the study asks for nothing else.
 
-    Parameters
-    ----------
-    workers : int, optional
-        Asked for by the user; otherwise the processors that this process may use, its control group considered.
-    memory : int, optional
-        Asked for by the user; otherwise 80 % of what is available now, or of what its control groups and the limits
-        of the process (``ulimit -v``, ``-d``) leave. [bytes]
-    folder : path
-        Where the result will be written; the nearest existing parent tells the free disk.
-
-    Returns
-    -------
-    Limits
+        Workers are the processors that this process may use, its control group considered; memory [bytes] is 80 % of
+    what is available now, or of what its control groups and the limits of the process (``ulimit -v``, ``-d``) leave;
+    disk is what is free where the result will be written, at the nearest existing parent of `folder`.
     """
     workers = workers or _processors()
     available = [psutil.virtual_memory().available, *_group_memory(), *_process_memory(workers)]

@@ -36,14 +36,8 @@ def sun_attributes(
 ) -> dict[str, str]:
     """What a result says of its sun and its sampling, as global attributes.
 
-    Parameters
-    ----------
-    time : SolarTime, CivilTime or SunDirections
-        The study's ``time`` block.
-    delta_t : float, optional
-        Terrestrial minus universal time; by year and month where left out. [s]
-    elevation : str
-        Geometric, or apparent and in which air.
+        From the study's ``time`` block; terrestrial minus universal time `delta_t` [s], by year and month where left
+    out; and whether the elevation is geometric, or apparent and in which air.
     """
     if isinstance(time, SunDirections):
         return {"sun_position": "directions as given, azimuth from north, clockwise, and geometric elevation"}
@@ -61,20 +55,11 @@ def sun_attributes(
 
 
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
-    """Unit vectors towards the sun at one place.
+    """Unit vectors towards the sun at one place, shape (time, 3): east, north, up; NaN where instants are padded. [1]
 
-    Parameters
-    ----------
-    instants : Instants
-        Of the study; on the civil clock those of the place's own time zone.
-    place : sequence of float
-        Values of `PLACE`, None where the study gives none: latitude and longitude, positive north and east [deg], and
-        altitude [m]; for given directions azimuth, from north, clockwise, and elevation [deg].
-
-    Returns
-    -------
-    ndarray, shape (time, 3)
-        East, north, up; NaN where instants are padded. [1]
+        The instants are those of the study, on the civil clock of the place's own time zone. `place` has the values of
+    `PLACE`, None where the study gives none: latitude and longitude, positive north and east [deg], and altitude [m];
+    for given directions azimuth, from north, clockwise, and elevation [deg].
     """
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
     labels = {name: label.to_numpy() for name, label in instants.labels.items()}

@@ -56,10 +56,7 @@ _COMM_SETTINGS = {
 def worker_count(execution: Execution) -> int | None:
     """Number of workers of a cluster that is not of this machine, for the plan; None where they are its own.
 
-    Raises
-    ------
-    StudyError
-        Where a scheduler is given by its address and cannot be reached.
+    Raises StudyError where a scheduler is given by its address and cannot be reached.
     """
     if "://" in execution.scheduler:
         return execution.workers or max(1, _reachable_threads(execution.scheduler))
@@ -72,27 +69,9 @@ def worker_count(execution: Execution) -> int | None:
 def cluster_pool(execution: Execution, work: Work, workers: int, folder: Path) -> Iterator[_Cluster]:
     """Connect to the cluster that a study asks for, or start it, and leave it at the end.
 
-    Parameters
-    ----------
-    execution : Execution
-        With a `scheduler` that is ``distributed``, an address or a job queue.
-    work : Work
-        What the workers compute.
-    workers : int
-        How many to start.
-    folder : pathlib.Path
-        Where schedulers and workers of this machine may write.
-
-    Yields
-    ------
-    Pool
-
-    Raises
-    ------
-    StudyError
-        Where the scheduler cannot be reached, or the job queue not be used.
-    HeliosweepError
-        Where workers do not start, or run other versions than this process.
+        The scheduler is ``distributed``, an address or a job queue; so many workers are started. Schedulers and workers
+    of this machine may write to `folder`. Raises StudyError where the scheduler cannot be reached, or the job queue not
+    be used, and HeliosweepError where workers do not start, or run other versions than this process.
     """
     import dask
 

@@ -66,25 +66,11 @@ class Pool(Protocol):
 
 
 def compute_parts(pool: Pool, parts: Iterator[Part]) -> Iterator[Outcome]:
-    """Compute parts on the workers of a pool.
+    """Compute parts on the workers of a pool; they are taken as there is room, and come back in any order.
 
-    Parameters
-    ----------
-    pool : Pool
-        The workers.
-    parts : iterator of Part
-        Taken as there is room.
-
-    Yields
-    ------
-    Outcome
-        In any order. A part is tried three times. Parts that were at work when a worker died are tried again alone, at
-        the end, so that the one that kills workers is known and the others come through.
-
-    Raises
-    ------
-    HeliosweepError
-        What the user has to mend: it would befall all parts.
+        A part is tried three times. Parts that were at work when a worker died are tried again alone, at the end, so
+    that the one that kills workers is known and the others come through. Raises HeliosweepError for what the user has
+    to mend: it would befall all parts.
     """
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
     flight: dict[Any, tuple[Part, int]] = {}
@@ -133,21 +119,7 @@ def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
 
 @contextmanager
 def local_pool(scheduler: str, work: Work, workers: int) -> Iterator[Pool]:
-    """Start workers of this machine, and stop them at the end.
-
-    Parameters
-    ----------
-    scheduler : {"synchronous", "threads", "processes"}
-        Which ones.
-    work : Work
-        What they compute.
-    workers : int
-        How many.
-
-    Yields
-    ------
-    Pool
-    """
+    """Start workers of this machine (``synchronous``, ``threads`` or ``processes``), and stop them at the end."""
     if scheduler == "synchronous":
         yield _Local(_InTurn(), work, 1)
     elif scheduler == "threads":

@@ -53,27 +53,11 @@ _PROJECT = ("sge", "lsf", "oar")
 
 @contextmanager
 def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
-    """Submit the jobs that hold so many workers, and cancel them at the end.
+    """Submit the jobs of a queue that hold so many workers, one a core, and cancel them at the end.
 
-    Parameters
-    ----------
-    execution : Execution
-        With the name of a job queue as `scheduler`.
-    workers : int
-        How many workers, one a core.
-    folder : pathlib.Path
-        Where a scheduler, and workers of this machine, may write.
-
-    Yields
-    ------
-    cluster : dask_jobqueue.JobQueueCluster
-    look_after : callable
-        To be called now and then: submits jobs again that ended, and raises HeliosweepError where the queue refuses.
-
-    Raises
-    ------
-    StudyError
-        Where dask-jobqueue or the queue's commands are not installed.
+        A scheduler, and workers of this machine, may write to `folder`. Yields the cluster, and what is to be called
+    now and then: it submits jobs again that ended, and raises HeliosweepError where the queue refuses. Raises
+    StudyError where dask-jobqueue or the queue's commands are not installed.
     """
     job = execution.job or Job()
     jobs = -(-workers // job.cores)

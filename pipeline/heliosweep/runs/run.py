@@ -46,29 +46,10 @@ _LISTED = 10
 
 
 class Run:
-    """One run of a study.
+    """One run of a study in a result folder that it has claimed; `planned` makes the plan, where one is needed.
 
-    Parameters
-    ----------
-    family : Family
-        Of the study.
-    study : Study
-        Checked study.
-    folder : pathlib.Path
-        Result folder, claimed by this run.
-    planned : callable
-        Makes the plan, where one is needed.
-
-    Attributes
-    ----------
-    study_id : str
-        Of the study and its files as they are when the run begins.
-    seconds : dict of str to float
-        Time spent in each stage. [s]
-    stage : str
-        The stage that runs, or ran last.
-    store : PartStore or None
-        What is computed so far.
+        `study_id` is that of the study and its files as they are when the run begins, `seconds` the time spent in each
+    stage, `stage` the one that runs, or ran last, `store` what is computed so far.
     """
 
     def __init__(self, family: Family, study: Study, folder: Path, planned: Callable[[], Plan]) -> None:
@@ -119,10 +100,8 @@ class Run:
     def work(self) -> Work:
         """What computes regions, with everything that is read from files.
 
-        Raises
-        ------
-        HeliosweepError
-            A file was edited since the run began: what would be computed belongs to no study.
+                Raises HeliosweepError where a file was edited since the run began: what would be computed belongs to no
+        study.
         """
         plan = self.plan
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)
@@ -131,19 +110,10 @@ class Run:
         return work
 
     def result(self, *, force: bool, progress: bool) -> Path:
-        """Leave the result in the folder, from what is there and what is computed now.
+        """Leave the result in the folder, with its manifest and resolved study, from what is there and what is
+        computed.
 
-        Parameters
-        ----------
-        force : bool
-            Whether to compute all of it, whatever is there.
-        progress : bool
-            Whether to show progress on standard error.
-
-        Returns
-        -------
-        pathlib.Path
-            The result, with its manifest and resolved study beside it.
+                With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
         """
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete

@@ -47,21 +47,10 @@ _READER = [sys.executable, "-P", "-m", "heliosweep.store.checks"]
 
 
 def check(path: Path, manifest: Mapping[str, Any] | None, told: Callable[[], object] = lambda: None) -> list[str]:
-    """Compare what a result holds with its manifest, slab by slab.
+    """What is wrong with a result: what it holds is compared with its manifest, slab by slab.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The result.
-    manifest : mapping, optional
-        Its manifest; None to learn only whether everything in the result can be read.
-    told : callable
-        Called after every piece that was read.
-
-    Returns
-    -------
-    list of str
-        What is wrong.
+        Without a manifest, whether everything in the result can be read. `told` is called after every piece that was
+    read.
     """
     try:
         if path.is_dir() and (strange := odd(path)):
@@ -152,26 +141,11 @@ def main() -> int:
 
 
 def sound(*paths: str | os.PathLike[str], as_written: bool = False) -> tuple[Path, ...]:
-    """Make sure that results can be read in this process, side by side.
+    """Make sure that results can be read in this process, side by side, and return where they are.
 
-    Parameters
-    ----------
-    *paths : path
-        Result folders, NetCDF files or Zarr groups.
-    as_written : bool
-        True to refuse also a result whose manifest tells of other values or attributes.
-
-    Returns
-    -------
-    tuple of pathlib.Path
-        Their results.
-
-    Raises
-    ------
-    StudyError
-        A path that holds no result.
-    HeliosweepError
-        A result that is damaged; says what can be done.
+        `paths` are result folders, NetCDF files or Zarr groups. With `as_written` a result is refused too whose
+    manifest tells of other values or attributes. Raises StudyError for a path that holds no result, HeliosweepError for
+    a damaged one; says what can be done.
     """
     places = tuple(locate(path) for path in paths)
     with ThreadPoolExecutor(len(places)) as pool:

@@ -85,17 +85,9 @@ def encode(coordinate: xr.DataArray) -> tuple[np.ndarray, dict[str, Any]]:
 
 
 def slab_digest(values: Mapping[str, np.ndarray]) -> str:
-    """SHA-256 over the values of a slab, whatever the format of the file that holds them.
+    """SHA-256 over the values of a slab by variable, whatever the format of the file that holds them.
 
-    Parameters
-    ----------
-    values : mapping of str to numpy.ndarray
-        Values of each variable; times count as what is stored for them.
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
+    Times count as what is stored for them.
     """
     digest = hashlib.sha256()
     for name in sorted(values):
@@ -117,10 +109,7 @@ def slab_rows(cuts: Mapping[str, Cut]) -> dict[str, list[list[Any]]]:
 def slabs_of(rows: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[Part]:
     """Slabs of a result of these dimensions from `slab_rows`, in the order of the file.
 
-    Raises
-    ------
-    HeliosweepError
-        They are not of such a result.
+    Raises HeliosweepError where they are not of such a result.
     """
     cuts = {}
     try:

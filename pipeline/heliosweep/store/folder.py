@@ -49,19 +49,10 @@ _LONG = 200
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Hold a result folder against other runs, and wait while another one holds it.
+    """Hold an existing result folder against other runs, and wait while another one holds it.
 
-    The system lets go of the claim when the process ends, so a killed run leaves none.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Existing folder.
-
-    Raises
-    ------
-    HeliosweepError
-        In a worker process that only begins.
+        The system lets go of the claim when the process ends, so a killed run leaves none. Raises HeliosweepError in a
+    worker process that only begins.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         # Waiting would never end: the process that waits for this one to start holds the folder.
@@ -193,12 +184,7 @@ class Manifest(Record):
 def read_json(path: Path) -> Any:
     """Content of a file.
 
-    Raises
-    ------
-    OSError
-        It cannot be read.
-    ValueError
-        It is no JSON, or nested deeper than anything that a run writes.
+    Raises OSError where it cannot be read, ValueError where it is no JSON, or nested deeper than any run writes.
     """
     if path.is_fifo():  # would be waited for
         raise ValueError("it is a pipe and no file")
@@ -219,13 +205,7 @@ def _entries(item: Any) -> Any:
 
 
 def check(content: Any, shape: type[Record]) -> dict[str, Any]:
-    """Return what was read if it has a shape.
-
-    Raises
-    ------
-    ValueError
-        It has not; says what is wrong first.
-    """
+    """Return what was read if it has a shape; else raise ValueError, which says what is wrong first."""
     try:
         shape.model_validate(content)
     except ValidationError as error:
@@ -239,10 +219,7 @@ def check(content: Any, shape: type[Record]) -> dict[str, Any]:
 def read_manifest(folder: Path, shape: type[Record] = Manifest) -> dict[str, Any]:
     """The manifest of a result folder.
 
-    Raises
-    ------
-    HeliosweepError
-        There is none, or it is damaged; says what is wrong.
+    Raises HeliosweepError where there is none, or it is damaged; says what is wrong.
     """
     try:
         return check(read_json(folder / MANIFEST), shape)

@@ -185,15 +185,7 @@ def _commit() -> str | None:
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished result as its manifest describes it.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Result folder.
-    manifest : mapping
-        Content of ``manifest.json``.
-    """
+    """The finished result of a folder as its manifest describes it."""
 
     folder: Path
     manifest: Mapping[str, Any]

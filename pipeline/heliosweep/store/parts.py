@@ -104,23 +104,9 @@ class PartStore:
     ) -> Self:
         """Make an empty store, whole or not at all.
 
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Where it shall stand.
-        identity : mapping
-            What its parts belong to: plain data.
-        cuts : mapping of str to Cut
-            How the result is cut, by kind of part.
-        variables : mapping of str to Variable
-            Variables of the result; those that are `finished` from others are not stored.
-        sizes : mapping of str to int
-            Dimensions of the result.
-
-        Raises
-        ------
-        HeliosweepError
-            It cannot be written.
+                `identity` is what its parts belong to, as plain data; `cuts` tells, by kind of part, how the result of
+        these dimensions is cut. Of its variables those that are `finished` from others are not stored. Raises
+        HeliosweepError where it cannot be written.
         """
         said = {
             "format": FORMAT,
@@ -150,10 +136,8 @@ class PartStore:
     def open(cls, folder: Path) -> Self:
         """Open a store; nothing in it is changed before something is committed.
 
-        Raises
-        ------
-        HeliosweepError
-            The folder holds none of this version, or its description is damaged; says what to do.
+                Raises HeliosweepError where the folder holds none of this version, or its description is damaged; says
+        what to do.
         """
         what = "is no working store"
         try:
@@ -176,19 +160,10 @@ class PartStore:
         return sum(cut.part_count for cut in self.cuts.values())
 
     def commit(self, part: Part, values: Mapping[str, Any] | xr.Dataset) -> None:
-        """Store a part. When this returns, it outlives this process.
+        """Store a part: its variables by name, in the order of their dimensions; then it outlives this process.
 
-        Parameters
-        ----------
-        part : Part
-            Which one.
-        values : mapping of str to ndarray, or xarray.Dataset
-            Its variables, in the order of their dimensions.
-
-        Raises
-        ------
-        HeliosweepError
-            It cannot be written, as on a full disk; what was stored before is still there.
+                Raises HeliosweepError where it cannot be written, as on a full disk; what was stored before is still
+        there.
         """
         pieces = []
         for name, variable in self._kinds[part.kind].items():
@@ -209,13 +184,7 @@ class PartStore:
             self._write(part, b"", failed=why.encode(errors="backslashreplace").decode())
 
     def read(self, part: Part) -> dict[str, np.ndarray]:
-        """Values of a part that is done.
-
-        Raises
-        ------
-        HeliosweepError
-            They are not what was stored.
-        """
+        """Values of a part that is done. Raises HeliosweepError where they are not what was stored."""
         content, start, values = self._content(part.name), 0, {}
         shapes = {name: shape_of(one, part.region, self.sizes) for name, one in self._kinds[part.kind].items()}
         sizes = {name: math.prod(shape) * self.variables[name].dtype.itemsize for name, shape in shapes.items()}
@@ -407,13 +376,7 @@ class _Done(Collection[str]):
 
 
 def remove(folder: Path) -> None:
-    """Remove a working store, damaged or not: first its name, so that none is half removed.
-
-    Raises
-    ------
-    HeliosweepError
-        It cannot be removed.
-    """
+    """Remove a working store, damaged or not: first its name, so that none is half removed. Raises HeliosweepError."""
     with writing(folder):
         if folder.exists():
             doomed = temporary_name(folder)

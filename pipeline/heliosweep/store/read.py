@@ -47,10 +47,7 @@ def is_netcdf(path: Path) -> bool:
 def locate(path: str | os.PathLike[str]) -> Path:
     """Find the result that a path means: a NetCDF file, a Zarr group, or a folder with one of them.
 
-    Raises
-    ------
-    StudyError
-        There is none.
+    Raises StudyError where there is none.
     """
     place = Path(path)
     if not place.exists():
@@ -150,13 +147,7 @@ class Stored:
         return self.variables[name].dtype.kind in "OTU"
 
     def read(self, name: str, index: Index) -> np.ndarray:
-        """Values of a region, as stored.
-
-        Raises
-        ------
-        HeliosweepError
-            They cannot be read.
-        """
+        """Values of a region, as stored. Raises HeliosweepError where they cannot be read."""
         try:
             values = np.asarray(self.variables[name][index].to_numpy(), dtype=object if self.is_text(name) else None)
         except Exception as error:  # the libraries raise anything for what is damaged
@@ -209,19 +200,9 @@ class Stored:
 
 @contextmanager
 def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambda: None) -> Iterator[Stored]:
-    """Open a result as it is stored.
+    """Open a result, or that of a folder, as it is stored; `told` is called after every reading of values.
 
-    Parameters
-    ----------
-    path : path
-        The result, or its folder.
-    told : callable
-        Called after every reading of values.
-
-    Raises
-    ------
-    HeliosweepError
-        It is no result, or damaged.
+    Raises HeliosweepError where it is no result, or damaged.
     """
     place = locate(path)
     store = None
@@ -313,21 +294,10 @@ def _is_own(name: str) -> bool:
 
 
 def content_digest(path: str | os.PathLike[str], told: Callable[[], object] = lambda: None) -> str:
-    """SHA-256 over names, dimensions, types, attributes and values of a result.
+    """SHA-256 over names, dimensions, types, attributes and values of a NetCDF file or Zarr group.
 
-    Equal for results that say the same, whatever library version, format, storage layout or compression wrote them.
-
-    Parameters
-    ----------
-    path : path
-        NetCDF file or Zarr group.
-    told : callable
-        Called after every piece that was read.
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
+        Equal for results that say the same, whatever library version, format, storage layout or compression wrote them.
+    `told` is called after every piece that was read.
     """
     digest = hashlib.sha256()
     with open_stored(path, told) as stored:
@@ -350,13 +320,7 @@ def _canonical(value: object) -> bytes:
 
 
 class Places:
-    """Names places of a result.
-
-    Parameters
-    ----------
-    stored : Stored
-        The result; its coordinates are read when they are needed.
-    """
+    """Names places of a stored result; its coordinates are read when they are needed."""
 
     def __init__(self, stored: Stored) -> None:
         self._stored = stored

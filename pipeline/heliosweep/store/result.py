@@ -34,28 +34,10 @@ def publish(
 ) -> tuple[Path, dict[str, str]]:
     """Write the result of a study; it takes the place of one of either format.
 
-    Parameters
-    ----------
-    slabs : iterable of tuple of Part and (xarray.Dataset or mapping of arrays)
-        All slabs in the order of the file, with the values of their variables.
-    skeleton : Skeleton
-        Of the result.
-    output : Output
-        Format and compression.
-    folder : pathlib.Path
-        Result folder.
-
-    Returns
-    -------
-    pathlib.Path
-        The result.
-    dict of str to str
-        SHA-256 of each slab, as `encoding.slab_digest` has it.
-
-    Raises
-    ------
-    HeliosweepError
-        It cannot be written. What stood there before is left as it was then, as after any other error.
+        `slabs` are all slabs in the order of the file, with the values of their variables; `output` says format and
+    compression. Returned are the path of the result and the SHA-256 of each slab, as `encoding.slab_digest` has it.
+    Raises HeliosweepError where it cannot be written. What stood there before is left as it was then, as after any
+    other error.
     """
     path, digests = folder / FORMATS[output.format], {}
     with _in_place_of_others(path) as temporary:
