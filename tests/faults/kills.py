@@ -359,7 +359,7 @@ def _child(
 
         return submitting
 
-    for pool in (executors._Local, executors._Processes, cluster._Cluster):
+    for pool in (executors.Pool, executors._Processes, cluster._Cluster):
         setattr(pool, "submit", noted(pool.submit))  # noqa: B010  (a method)
     if setup:
         exec(setup, {"arguments": arguments})

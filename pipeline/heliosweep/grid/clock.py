@@ -83,7 +83,7 @@ def instant_count(time: SolarTime | CivilTime | SunDirections) -> int:
 def solar_instants(time: SolarTime) -> Instants:
     """Every hour of every day on the solar clock, day by day.
 
-        Labelled with ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], along ``time``: sampled as the study
+    Labelled with ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], along ``time``: sampled as the study
     says.
     """
     hours = time.solar_hours()
@@ -114,11 +114,11 @@ def direction_instant() -> Instants:
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     """Every step of every date's window on the civil clock, in universal time, for the time zones of the sites.
 
-        A window opens and closes on the wall clock and is cut in equal steps of elapsed time, so that the day of a
+    A window opens and closes on the wall clock and is cut in equal steps of elapsed time, so that the day of a
     daylight-saving change is an hour shorter or longer where the window holds the change. What opens or closes in an
     hour that is left out does so at the change; in one that occurs twice, at its first occurrence.
 
-        ``utc`` is along ``time``, rising, each instant once, where all sites share them; along (``site``, ``time``)
+    ``utc`` is along ``time``, rising, each instant once, where all sites share them; along (``site``, ``time``)
     otherwise, where sites with fewer instants are padded with NaT.
     """
     rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]

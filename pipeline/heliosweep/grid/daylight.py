@@ -25,8 +25,8 @@ MARGIN = 7.0
 def dark_latitudes(study: Study) -> tuple[NDArray[np.float64], bool]:
     """Latitudes at which the sun surely never rises in a study [deg], and whether these are all latitudes of the study.
 
-        The study has ``site`` or ``sites``, and ``time``; on the civil clock with longitudes and time zones, and there
-    may be other dark ones there.
+    The study has ``site`` or ``sites``, and ``time``; on the civil clock with longitudes and time zones, and there may
+    be other dark ones there.
     """
     single: Any = getattr(study, "site", None)
     sites = [single] if single is not None else site_table(study)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Work:
     """All that computing a region of a study takes; small enough to be sent to other processes once.
 
-        Made from the family of the study, and the variables and dimensions of its result. `inputs` is what is read from
+    Made from the family of the study, and the variables and dimensions of its result. `inputs` is what is read from
     files, `module` the one that the numbers come from.
     """
 

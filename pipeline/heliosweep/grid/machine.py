@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,9 +40,9 @@ class Limits:
 def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
     """What the machine offers, where the study asks for nothing else.
 
-        Workers are the processors that this process may use, its control group considered; memory [bytes] is 80 % of
-    what is available now, or of what its control groups and the limits of the process (``ulimit -v``, ``-d``) leave;
-    disk is what is free where the result will be written, at the nearest existing parent of `folder`.
+    Workers are the processors that this process may use, its control group considered; memory [bytes] is 80 % of what
+    is available now, or of what its control groups and the limits of the process (``ulimit -v``, ``-d``) leave; disk is
+    what is free where the result will be written, at the nearest existing parent of `folder`.
     """
     workers = workers or _processors()
     available = [psutil.virtual_memory().available, *_group_memory(), *_process_memory(workers)]
@@ -125,11 +125,6 @@ def _free_disk(folder: Path) -> int:
         with suppress(OSError, ValueError):
             return shutil.disk_usage(place).free
     return 0
-
-
-def human_lengths(sizes: Mapping[str, int]) -> str:
-    """Lengths of dimensions in words, for instance ``site 25, heliostat 317``."""
-    return ", ".join(f"{dim} {length:,}" for dim, length in sizes.items())
 
 
 def human_seconds(seconds: float) -> str:

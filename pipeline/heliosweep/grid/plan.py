@@ -10,7 +10,7 @@ from typing import Literal
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes
-from heliosweep.grid.machine import Limits, human_lengths, human_seconds
+from heliosweep.grid.machine import Limits, human_seconds
 from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, parts_of, series_cut, slab_lengths, slabs
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
@@ -132,7 +132,7 @@ class Plan:
         """Size and cost of the study in words, by the name of each quantity."""
         work = self.workload
         return {
-            "dimensions": human_lengths(work.sizes) or "none",
+            "dimensions": ", ".join(f"{dim} {length:,}" for dim, length in work.sizes.items()) or "none",
             "points": f"{work.points:,} parameter combinations",
             "evaluations": f"{work.points * work.evaluations:,} {work.unit}",
             "peak memory": f"about {human_bytes(self.peak_memory)}",
@@ -165,11 +165,11 @@ def make_plan(
 ) -> Plan:
     """Cut a study into slabs and parts and estimate its cost.
 
-        `chunks` are lengths of the parts that the user wants; the rest is chosen here. The workers are in this process,
+    `chunks` are lengths of the parts that the user wants; the rest is chosen here. The workers are in this process,
     processes of this machine, or ``elsewhere``: others with memory of their own. The result is on the disk `copies`
     times at the end of a run.
 
-        Raises StudyError where `chunks` names a dimension that the result does not have, and PlanError, which names the
+    Raises StudyError where `chunks` names a dimension that the result does not have, and PlanError, which names the
     axis to shrink, where the result does not fit the disk or the work does not fit the memory.
     """
     asked, most = dict(chunks or {}), dict[str, int]()

@@ -82,9 +82,9 @@ def checked(
 ) -> xr.Dataset:
     """Bring what a family computed over a region into the order, dimensions and types that it has stated.
 
-        `made` is from `Family.compute` or `Family.finish`, `variables` are those that it must have, `sizes` the
-    dimensions of the whole result. The answer has neither coordinates nor attributes. Raises ValueError where a
-    variable is missing, or has other dimensions, lengths or another type.
+    `made` is from `Family.compute` or `Family.finish`, `variables` are those that it must have, `sizes` the dimensions
+    of the whole result. The answer has neither coordinates nor attributes. Raises ValueError where a variable is
+    missing, or has other dimensions, lengths or another type.
     """
     import xarray as xr
 
@@ -203,7 +203,7 @@ def slab_lengths(
 ) -> dict[str, int]:
     """Lengths of the largest slab that is contiguous in the order of the file: whole from the last dimension on.
 
-        `fits` is true for lengths of a slab that is not too large, `most` has the longest lengths that are allowed. The
+    `fits` is true for lengths of a slab that is not too large, `most` has the longest lengths that are allowed. The
     lengths are 1 along the dimensions before the one that is cut.
     """
     slab = dict.fromkeys(sizes, 1)
@@ -225,9 +225,9 @@ def series_cut(
     """Cut of the time series of a study, over its parameters, ``time`` and the dimension along which a point may be
     cut.
 
-        `split` is the name and length of that dimension, `value_bytes` the bytes of all series at one instant and
-    place, `most` the longest parts that are allowed. Returned too are the lengths of a storage chunk along ``time`` and
-    the split dimension.
+    `split` is the name and length of that dimension, `value_bytes` the bytes of all series at one instant and place,
+    `most` the longest parts that are allowed. Returned too are the lengths of a storage chunk along ``time`` and the
+    split dimension.
     """
     name, size = split
     instants = min(times, SERIES_INSTANTS)

@@ -36,8 +36,8 @@ def sun_attributes(
 ) -> dict[str, str]:
     """What a result says of its sun and its sampling, as global attributes.
 
-        From the study's ``time`` block; terrestrial minus universal time `delta_t` [s], by year and month where left
-    out; and whether the elevation is geometric, or apparent and in which air.
+    From the study's ``time`` block; terrestrial minus universal time `delta_t` [s], by year and month where left out;
+    and whether the elevation is geometric, or apparent and in which air.
     """
     if isinstance(time, SunDirections):
         return {"sun_position": "directions as given, azimuth from north, clockwise, and geometric elevation"}
@@ -57,7 +57,7 @@ def sun_attributes(
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     """Unit vectors towards the sun at one place, shape (time, 3): east, north, up; NaN where instants are padded. [1]
 
-        The instants are those of the study, on the civil clock of the place's own time zone. `place` has the values of
+    The instants are those of the study, on the civil clock of the place's own time zone. `place` has the values of
     `PLACE`, None where the study gives none: latitude and longitude, positive north and east [deg], and altitude [m];
     for given directions azimuth, from north, clockwise, and elevation [deg].
     """

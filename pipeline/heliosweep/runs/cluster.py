@@ -26,7 +26,7 @@ from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyErr
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.regions import Part
 from heliosweep.kernels import compiled
-from heliosweep.runs.executors import WorkerDied, forking_context
+from heliosweep.runs.executors import Pool, WorkerDied, forking_context
 from heliosweep.runs.jobs import WORKER_SETTINGS, free_dashboard, job_queue
 from heliosweep.runs.signals import TidyStack, interruptions_blocked
 from heliosweep.store.manifest import code_versions
@@ -69,9 +69,9 @@ def worker_count(execution: Execution) -> int | None:
 def cluster_pool(execution: Execution, work: Work, workers: int, folder: Path) -> Iterator[_Cluster]:
     """Connect to the cluster that a study asks for, or start it, and leave it at the end.
 
-        The scheduler is ``distributed``, an address or a job queue; so many workers are started. Schedulers and workers
-    of this machine may write to `folder`. Raises StudyError where the scheduler cannot be reached, or the job queue not
-    be used, and HeliosweepError where workers do not start, or run other versions than this process.
+    The scheduler is ``distributed``, an address or a job queue; so many workers are started. Schedulers and workers of
+    this machine may write to `folder`. Raises StudyError where the scheduler cannot be reached, or the job queue not be
+    used, and HeliosweepError where workers do not start, or run other versions than this process.
     """
     import dask
 
@@ -93,7 +93,7 @@ def cluster_pool(execution: Execution, work: Work, workers: int, folder: Path) -
             yield _Cluster(stack.enter_context(_client(cluster)), "the local cluster", work, workers)
 
 
-class _Cluster:
+class _Cluster(Pool):
     """Workers behind a client of dask.distributed.
 
     What is computed is sent to the scheduler once, as the argument of a task, so that it survives any worker.
@@ -102,7 +102,8 @@ class _Cluster:
     def __init__(
         self, client: Any, where: str, work: Work, workers: int, look_after: Callable[[], None] = lambda: None
     ) -> None:
-        self._client, self._where, self._workers, self._look_after = client, where, workers, look_after
+        super().__init__(None, work, 2 + PARTS_PER_WORKER * workers)
+        self._client, self._where, self._look_after = client, where, look_after
         self._module = work.module
         self._token = versions_token(self._module)
         self._told_idle, self._counted = False, 0.0
@@ -110,11 +111,6 @@ class _Cluster:
         check_workers(client, where, self._module)
         self._run, self._number = uuid.uuid4().hex, 0
         self._work = client.submit(pickle.loads, pickle.dumps(work), key=f"study-{self._run}")
-
-    @property
-    def room(self) -> int:
-        """Parts that may be handed out at a time."""
-        return 2 + PARTS_PER_WORKER * self._workers
 
     def submit(self, part: Part) -> Any:
         """Hand out a part, by a name of its own: an earlier one stands for the failure of an earlier try."""
@@ -159,7 +155,7 @@ class _Cluster:
         if time.monotonic() - self._counted < 1.0:
             return
         try:
-            self._workers = max(self._workers, sum(self._client.nthreads().values()))
+            self.room = max(self.room, 2 + PARTS_PER_WORKER * sum(self._client.nthreads().values()))
         except (OSError, CancelledError, asyncio.CancelledError):
             raise self._lost() from None
         self._counted = time.monotonic()

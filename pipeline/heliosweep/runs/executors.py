@@ -14,7 +14,7 @@ from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExec
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
@@ -48,29 +48,46 @@ class WorkerDied(Exception):
         self.times = times
 
 
-class Pool(Protocol):
-    """Workers that compute parts."""
+class Pool:
+    """Workers that compute parts: here those of an executor of this process; without one, the thread that asks.
 
-    @property
-    def room(self) -> int:
-        """Parts that may be handed out at a time."""
+    `room` is how many parts may be handed out at a time.
+    """
+
+    def __init__(self, executor: Executor | None, work: Work, room: int) -> None:
+        self._executor, self._work, self.room = executor, work, room
 
     def submit(self, part: Part) -> Any:
         """Hand out a part; a future as of `concurrent.futures`."""
+        if self._executor:
+            return self._executor.submit(self._work.compute, part)
+        future: Future[xr.Dataset] = Future()
+        try:
+            future.set_result(self._work.compute(part))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
     def result(self, future: Any) -> xr.Dataset:
         """Values of a part that is done. Raises WorkerDied, RunInterrupted, or what computing raised."""
+        values: xr.Dataset = future.result()
+        return values
 
     def look(self) -> None:
-        """Look after the workers while nothing comes from them; may raise."""
+        """Look after the workers while nothing comes from them; threads and processes need no care. May raise."""
+
+    def close(self) -> None:
+        """End the workers; what they have not begun is not waited for."""
+        if self._executor:
+            self._executor.shutdown(cancel_futures=True)
 
 
 def compute_parts(pool: Pool, parts: Iterator[Part]) -> Iterator[Outcome]:
     """Compute parts on the workers of a pool; they are taken as there is room, and come back in any order.
 
-        A part is tried three times. Parts that were at work when a worker died are tried again alone, at the end, so
-    that the one that kills workers is known and the others come through. Raises HeliosweepError for what the user has
-    to mend: it would befall all parts.
+    A part is tried three times. Parts that were at work when a worker died are tried again alone, at the end, so that
+    the one that kills workers is known and the others come through. Raises HeliosweepError for what the user has to
+    mend: it would befall all parts.
     """
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
     flight: dict[Any, tuple[Part, int]] = {}
@@ -121,49 +138,24 @@ def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
 def local_pool(scheduler: str, work: Work, workers: int) -> Iterator[Pool]:
     """Start workers of this machine (``synchronous``, ``threads`` or ``processes``), and stop them at the end."""
     if scheduler == "synchronous":
-        yield _Local(_InTurn(), work, 1)
-    elif scheduler == "threads":
-        with _ended(ThreadPoolExecutor(workers)) as threads:
-            yield _Local(threads, work, workers + 2)
-    else:
-        with _Processes(work, workers) as processes:
-            yield processes
+        yield Pool(None, work, 1)
+        return
+    threads = scheduler == "threads"
+    pool = Pool(ThreadPoolExecutor(workers), work, workers + 2) if threads else _Processes(work, workers)
+    try:
+        yield pool
+    finally:
+        pool.close()
 
 
-class _InTurn(Executor):
-    """Computes at once, in the thread that asks."""
-
-    def submit(self, function: Any, /, *arguments: Any, **keywords: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        try:
-            future.set_result(function(*arguments, **keywords))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-class _Local:
-    """Workers in this process."""
-
-    def __init__(self, executor: Executor, work: Work, room: int) -> None:
-        self._executor, self._work, self.room = executor, work, room
-
-    def submit(self, part: Part) -> Future[xr.Dataset]:
-        return self._executor.submit(self._work.compute, part)
-
-    def result(self, future: Future[xr.Dataset]) -> xr.Dataset:
-        return future.result()
-
-    def look(self) -> None:
-        """Threads need no care."""
-
-
-class _Processes:
+class _Processes(Pool):
     """Worker processes of this machine."""
 
+    _executor: ProcessPoolExecutor
+
     def __init__(self, work: Work, workers: int) -> None:
-        self._data, self._count, self.room = pickle.dumps(work), workers, workers + 2
-        self._executor = self._begun()
+        self._data, self._count = pickle.dumps(work), workers
+        super().__init__(self._begun(), work, workers + 2)
 
     def _begun(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._count, forking_context(), _receive, (self._data,))
@@ -184,15 +176,6 @@ class _Processes:
                 "a worker process ended before its work was done; a script that runs a study with processes must do "
                 'so below `if __name__ == "__main__":`, and there must be memory enough for every worker'
             ) from None
-
-    def look(self) -> None:
-        """The executor notices by itself that a process died."""
-
-    def __enter__(self) -> _Processes:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown(cancel_futures=True)
 
 
 def forking_context() -> BaseContext:
@@ -232,12 +215,3 @@ def _end_with_parent() -> None:
 
 def _compute(part: Part) -> xr.Dataset:
     return _received.compute(part)
-
-
-@contextmanager
-def _ended(executor: Executor) -> Iterator[Executor]:
-    """Shut an executor down at the end; what it has not begun is not waited for."""
-    try:
-        yield executor
-    finally:
-        executor.shutdown(cancel_futures=True)

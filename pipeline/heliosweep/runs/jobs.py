@@ -55,9 +55,9 @@ _PROJECT = ("sge", "lsf", "oar")
 def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
     """Submit the jobs of a queue that hold so many workers, one a core, and cancel them at the end.
 
-        A scheduler, and workers of this machine, may write to `folder`. Yields the cluster, and what is to be called
-    now and then: it submits jobs again that ended, and raises HeliosweepError where the queue refuses. Raises
-    StudyError where dask-jobqueue or the queue's commands are not installed.
+    A scheduler, and workers of this machine, may write to `folder`. Yields the cluster, and what is to be called now
+    and then: it submits jobs again that ended, and raises HeliosweepError where the queue refuses. Raises StudyError
+    where dask-jobqueue or the queue's commands are not installed.
     """
     job = execution.job or Job()
     jobs = -(-workers // job.cores)
@@ -83,22 +83,17 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
         stack.callback(_close, cluster)
         log.info("dashboard: %s", cluster.dashboard_link)
         cluster.scale(jobs=jobs)
-        yield cluster, _Keeper(cluster, jobs, refusals).look_after
+        renewal = time.monotonic() + RENEWAL_SECONDS
 
+        def look_after() -> None:
+            nonlocal renewal
+            if refusals:
+                raise HeliosweepError(f"the job queue refused a job: {refusals[0]}")
+            if time.monotonic() >= renewal:
+                renewal = time.monotonic() + RENEWAL_SECONDS
+                cluster.scale(jobs=jobs)  # submits those again that are gone
 
-class _Keeper:
-    """Keeps the number of jobs."""
-
-    def __init__(self, cluster: Any, jobs: int, refusals: list[str]) -> None:
-        self._cluster, self._jobs, self._refusals = cluster, jobs, refusals
-        self._next = time.monotonic() + RENEWAL_SECONDS
-
-    def look_after(self) -> None:
-        if self._refusals:
-            raise HeliosweepError(f"the job queue refused a job: {self._refusals[0]}")
-        if time.monotonic() >= self._next:
-            self._next = time.monotonic() + RENEWAL_SECONDS
-            self._cluster.scale(jobs=self._jobs)  # submits those again that are gone
+        yield cluster, look_after
 
 
 def _classes(name: str, refusals: list[str]) -> tuple[Any, Any]:

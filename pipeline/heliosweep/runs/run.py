@@ -20,7 +20,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Cut, Part, parts_by_slab
+from heliosweep.grid.regions import Part, parts_by_slab
 from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
@@ -48,7 +48,7 @@ _LISTED = 10
 class Run:
     """One run of a study in a result folder that it has claimed; `planned` makes the plan, where one is needed.
 
-        `study_id` is that of the study and its files as they are when the run begins, `seconds` the time spent in each
+    `study_id` is that of the study and its files as they are when the run begins, `seconds` the time spent in each
     stage, `stage` the one that runs, or ran last, `store` what is computed so far.
     """
 
@@ -85,13 +85,6 @@ class Run:
         return attributes_of(self.family, self.study, self.coordinates)
 
     @cached_property
-    def skeleton(self) -> Skeleton:
-        """Everything of the result but its values."""
-        plan = self.plan
-        sizes = plan.workload.sizes
-        return Skeleton(sizes, self.coordinates, plan.variables, self.attributes, cuts=plan.cuts, storage=plan.storage)
-
-    @cached_property
     def identity(self) -> dict[str, Any]:
         """What the result belongs to."""
         return identity_of(self.study, self.attributes, self.family.numbers_from(self.study))
@@ -100,8 +93,7 @@ class Run:
     def work(self) -> Work:
         """What computes regions, with everything that is read from files.
 
-                Raises HeliosweepError where a file was edited since the run began: what would be computed belongs to no
-        study.
+        Raises HeliosweepError where a file was edited since the run began: what would be computed belongs to no study.
         """
         plan = self.plan
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)
@@ -113,7 +105,7 @@ class Run:
         """Leave the result in the folder, with its manifest and resolved study, from what is there and what is
         computed.
 
-                With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
+        With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
         """
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete
@@ -122,13 +114,15 @@ class Run:
         _ = self.plan  # what does not fit is refused here, before anything is expanded
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
-        if any(True for _ in self._missing()):
+        if any(True for _ in self._missing(self.store)):
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
             with self.timed("compute"):
                 self._compute(self.store, progress)
         with self.timed("publish"):
-            path, digests = publish(self._slabs(self.store), self.skeleton, self.study.output, self.folder)
+            plan, sizes = self.plan, self.plan.workload.sizes
+            skeleton = Skeleton(sizes, self.coordinates, plan.variables, self.attributes, plan.storage, plan.cuts)
+            path, digests = publish(self._slabs(self.store), skeleton, self.study.output, self.folder)
         with self.timed("record"):
             self._record(path, digests)
             self.store.remove()
@@ -200,47 +194,31 @@ class Run:
             said = {**self.identity, "forced": force}
             return PartStore.create(place, said, plan.cuts, plan.variables, plan.workload.sizes)
         store = PartStore.open(place)
-        self._refuse_to_mix(store.identity, place)
-        self._go_on_as_cut(store.cuts, place)
+        for key, what in (("study", "another study"), ("code", "other code")):
+            if differences := listed(store.identity.get(key), self.identity[key]):
+                raise _mixed(place, f"{what} ({differences})")
+        if slab_rows(store.cuts) != slab_rows(plan.cuts):
+            raise _mixed(place, "other variables")
+        # Another machine or other chunks may have cut the slabs into other parts.
+        self.plan = replace(plan, cuts=store.cuts)
         log.info("goes on: %d of %d parts are done, and are checked first", len(store.done), self.plan.part_count)
         damaged = store.drop_damaged()
         if damaged:
             log.warning("%d parts were damaged on the disk and are computed anew: %s", len(damaged), damaged[0].name)
         return store
 
-    def _go_on_as_cut(self, cuts: dict[str, Cut], place: Path) -> None:
-        """Take over the parts of an unfinished run, which another machine or other chunks may have cut differently."""
-        now = {kind: (dict(cut.sizes), dict(cut.slab)) for kind, cut in self.plan.cuts.items()}
-        if now != {kind: (dict(cut.sizes), dict(cut.slab)) for kind, cut in cuts.items()}:
-            raise HeliosweepError(
-                f"{place}: holds parts of a run with other variables, and parts of two are never mixed: {FORCE} "
-                "removes them and starts anew, --output names another folder"
-            )
-        self.plan = replace(self.plan, cuts=cuts)
-        self.__dict__.pop("skeleton", None)
-
-    def _refuse_to_mix(self, found: dict[str, Any], place: Path) -> None:
-        kinds = {"study": "another study", "code": "other code"}
-        for key, what in kinds.items():
-            if differences := listed(found.get(key), self.identity[key]):
-                raise HeliosweepError(
-                    f"{place}: holds parts of a run with {what} ({differences}), and parts of two are never "
-                    f"mixed: {FORCE} removes them and starts anew, --output names another folder"
-                )
-
     def _is_taken(self, kind: str) -> bool:
         """True where the earlier result holds all variables of a kind; a time series may be wanted only now."""
         return self._taken is not None and self._taken.holds(kind, self.plan)
 
-    def _missing(self) -> Iterator[Part]:
+    def _missing(self, store: PartStore) -> Iterator[Part]:
         """Parts that no run has computed."""
-        assert self.store is not None
         kinds = {kind for kind in self.plan.cuts if not self._is_taken(kind)}
-        return (part for part in self.plan.parts() if part.kind in kinds and part.name not in self.store.done)
+        return (part for part in self.plan.parts() if part.kind in kinds and part.name not in store.done)
 
     def _compute(self, store: PartStore, show: bool) -> None:
         """Compute and store the parts that are missing."""
-        plan, failed, missing = self.plan, dict[str, str](), self._missing()
+        plan, failed, missing = self.plan, dict[str, str](), self._missing(store)
         count = sum(cut.part_count for kind, cut in plan.cuts.items() if not self._is_taken(kind)) - len(store.done)
         with TidyStack() as stack:
             display = show_progress(self.study.title or self.study.family, count) if show else nullcontext(lambda: None)
@@ -314,6 +292,13 @@ class Run:
                 "seconds": self.seconds,
             },
         )
+
+
+def _mixed(place: Path, what: str) -> HeliosweepError:
+    return HeliosweepError(
+        f"{place}: holds parts of a run with {what}, and parts of two are never mixed: {FORCE} removes them and starts "
+        "anew, --output names another folder"
+    )
 
 
 def _pool(execution: Execution, work: Work, workers: int, scratch: Path) -> AbstractContextManager[Pool]:

@@ -49,8 +49,7 @@ _READER = [sys.executable, "-P", "-m", "heliosweep.store.checks"]
 def check(path: Path, manifest: Mapping[str, Any] | None, told: Callable[[], object] = lambda: None) -> list[str]:
     """What is wrong with a result: what it holds is compared with its manifest, slab by slab.
 
-        Without a manifest, whether everything in the result can be read. `told` is called after every piece that was
-    read.
+    Without a manifest, whether everything in the result can be read. `told` is called after every piece that was read.
     """
     try:
         if path.is_dir() and (strange := odd(path)):
@@ -143,9 +142,9 @@ def main() -> int:
 def sound(*paths: str | os.PathLike[str], as_written: bool = False) -> tuple[Path, ...]:
     """Make sure that results can be read in this process, side by side, and return where they are.
 
-        `paths` are result folders, NetCDF files or Zarr groups. With `as_written` a result is refused too whose
-    manifest tells of other values or attributes. Raises StudyError for a path that holds no result, HeliosweepError for
-    a damaged one; says what can be done.
+    `paths` are result folders, NetCDF files or Zarr groups. With `as_written` a result is refused too whose manifest
+    tells of other values or attributes. Raises StudyError for a path that holds no result, HeliosweepError for a
+    damaged one; says what can be done.
     """
     places = tuple(locate(path) for path in paths)
     with ThreadPoolExecutor(len(places)) as pool:

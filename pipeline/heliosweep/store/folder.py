@@ -51,7 +51,7 @@ _LONG = 200
 def claimed(folder: Path) -> Iterator[None]:
     """Hold an existing result folder against other runs, and wait while another one holds it.
 
-        The system lets go of the claim when the process ends, so a killed run leaves none. Raises HeliosweepError in a
+    The system lets go of the claim when the process ends, so a killed run leaves none. Raises HeliosweepError in a
     worker process that only begins.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):

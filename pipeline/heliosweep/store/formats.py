@@ -84,8 +84,8 @@ LIBRARY_LOCK = _LibraryLock()
 def netcdf_file(path: Path, skeleton: Skeleton, level: int, named: Path) -> Iterator[Write]:
     """Write a NetCDF file, with time series deflated at a level (0 for none); it is complete when the context is left.
 
-        `named` is the name of the file in messages. Raises HeliosweepError where it cannot be written; says how much
-    room there is.
+    `named` is the name of the file in messages. Raises HeliosweepError where it cannot be written; says how much room
+    there is.
     """
     with _library(named):
         file = netCDF4.Dataset(path, "w", format="NETCDF4")
@@ -271,7 +271,7 @@ def _consolidate(path: Path, names: list[str], record: Mapping[str, Any]) -> Non
 def read_metadata(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Content of each metadata file of a group by its name, and what `zarr_group` has noted beside.
 
-        That is ``sizes``, ``types``, ``variables``, ``slabs`` and ``storage`` as they were written; empty where another
+    That is ``sizes``, ``types``, ``variables``, ``slabs`` and ``storage`` as they were written; empty where another
     program consolidated. Raises HeliosweepError where the metadata are damaged, or name codecs that heliosweep does not
     write.
     """

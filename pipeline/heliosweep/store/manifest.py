@@ -139,8 +139,8 @@ def code_versions(*modules: str) -> dict[str, str]:
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
     """Write ``manifest.json``, as sorted, indented JSON, and the resolved study, for good.
 
-        `content` is what the manifest says besides the result and the environment. Raises HeliosweepError where they
-    cannot be written.
+    `content` is what the manifest says besides the result and the environment. Raises HeliosweepError where they cannot
+    be written.
     """
     said = {
         "file": result.name,
@@ -241,8 +241,8 @@ def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dic
     """What the bytes of a study's result depend on, from its global attributes and the module that its numbers come
     from.
 
-        ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and
-    how; ``attributes``: the words that go with it.
+    ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
+    ``attributes``: the words that go with it.
     """
     return {
         "study_id": study.study_id,

@@ -104,9 +104,9 @@ class PartStore:
     ) -> Self:
         """Make an empty store, whole or not at all.
 
-                `identity` is what its parts belong to, as plain data; `cuts` tells, by kind of part, how the result of
-        these dimensions is cut. Of its variables those that are `finished` from others are not stored. Raises
-        HeliosweepError where it cannot be written.
+        `identity` is what its parts belong to, as plain data; `cuts` tells, by kind of part, how the result of these
+        dimensions is cut. Of its variables those that are `finished` from others are not stored. Raises HeliosweepError
+        where it cannot be written.
         """
         said = {
             "format": FORMAT,
@@ -136,8 +136,8 @@ class PartStore:
     def open(cls, folder: Path) -> Self:
         """Open a store; nothing in it is changed before something is committed.
 
-                Raises HeliosweepError where the folder holds none of this version, or its description is damaged; says
-        what to do.
+        Raises HeliosweepError where the folder holds none of this version, or its description is damaged; says what to
+        do.
         """
         what = "is no working store"
         try:
@@ -162,8 +162,7 @@ class PartStore:
     def commit(self, part: Part, values: Mapping[str, Any] | xr.Dataset) -> None:
         """Store a part: its variables by name, in the order of their dimensions; then it outlives this process.
 
-                Raises HeliosweepError where it cannot be written, as on a full disk; what was stored before is still
-        there.
+        Raises HeliosweepError where it cannot be written, as on a full disk; what was stored before is still there.
         """
         pieces = []
         for name, variable in self._kinds[part.kind].items():

@@ -296,7 +296,7 @@ def _is_own(name: str) -> bool:
 def content_digest(path: str | os.PathLike[str], told: Callable[[], object] = lambda: None) -> str:
     """SHA-256 over names, dimensions, types, attributes and values of a NetCDF file or Zarr group.
 
-        Equal for results that say the same, whatever library version, format, storage layout or compression wrote them.
+    Equal for results that say the same, whatever library version, format, storage layout or compression wrote them.
     `told` is called after every piece that was read.
     """
     digest = hashlib.sha256()

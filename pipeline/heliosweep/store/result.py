@@ -34,7 +34,7 @@ def publish(
 ) -> tuple[Path, dict[str, str]]:
     """Write the result of a study; it takes the place of one of either format.
 
-        `slabs` are all slabs in the order of the file, with the values of their variables; `output` says format and
+    `slabs` are all slabs in the order of the file, with the values of their variables; `output` says format and
     compression. Returned are the path of the result and the SHA-256 of each slab, as `encoding.slab_digest` has it.
     Raises HeliosweepError where it cannot be written. What stood there before is left as it was then, as after any
     other error.
