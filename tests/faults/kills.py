@@ -268,7 +268,7 @@ def done_parts(folder: Path) -> dict[str, bytes]:
         done = PartStore.open(folder / "working").done
     except HeliosweepError:
         return {}
-    return {name: done.get(done.index(name))[2] for name in done}
+    return {name: done[name][-1] for name in done}
 
 
 def content_of(folder: Path) -> dict[str, bytes]:

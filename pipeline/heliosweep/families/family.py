@@ -96,16 +96,14 @@ class Family:
 
     def prepare(self, study: Any) -> tuple[float, bool]:
         """Load or compile the kernels that a study calls, if any; seconds it took, and whether some were compiled."""
-        found = getattr(self.module("compute", self.mode(study)), "prepare", None)
-        return (0.0, False) if found is None else found(study)
+        return getattr(self.module("compute", self.mode(study)), "prepare", lambda _: (0.0, False))(study)
 
     def inputs(self, study: Any) -> Any:
         """Everything that `compute` takes from files: layouts, tables, images; None where the module does not say.
 
         Read once, and sent to every worker.
         """
-        found = getattr(self.module("compute", self.mode(study)), "inputs", None)
-        return None if found is None else found(study)
+        return getattr(self.module("compute", self.mode(study)), "inputs", lambda _: None)(study)
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
         """Values over a region of the result.

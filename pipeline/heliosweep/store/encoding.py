@@ -20,20 +20,9 @@ _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "
 class Skeleton:
     """Everything of a result but its values.
 
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Dimensions, in the order of the result.
-    coordinates : xarray.Dataset
-        Coordinate variables, in memory.
-    variables : mapping of str to Variable
-        Data variables, in the order of the result.
-    attributes : mapping
-        Global attributes, strings and numbers.
-    storage : mapping of str to int
-        Lengths of a storage chunk of compressed time series in a NetCDF file.
-    cuts : mapping of str to Cut
-        How it is cut into slabs, which are written at a time.
+    `sizes` are its dimensions and `variables` the data variables, both in the order of the result; `coordinates` are in
+    memory, global `attributes` strings and numbers; `storage` has the lengths of a storage chunk of compressed time
+    series in a NetCDF file; `cuts` say how it is cut into slabs, which are written at a time.
     """
 
     sizes: Mapping[str, int]

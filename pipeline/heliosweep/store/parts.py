@@ -52,26 +52,11 @@ _BINARY = getattr(os, "O_BINARY", 0)
 
 
 class PartStore:
-    """Parts of a result that is not finished.
+    """Parts of a result that is not finished; made by `create` or `open`. The methods may be called from any thread.
 
-    Made by `create` or `open`. The methods may be called from any thread.
-
-    Attributes
-    ----------
-    folder : pathlib.Path
-        The folder.
-    identity : dict
-        What the parts belong to, as it was given to `create`.
-    cuts : dict of str to Cut
-        How the result is cut, by kind of part.
-    variables : dict of str to Variable
-        What is stored of the parts: names, dimensions and types.
-    done : collection of str
-        Names of the parts that are stored.
-    failed : dict of str to str
-        Reasons by name of the parts that failed and are not stored.
-    seconds : float
-        Time in which parts were computed and stored, pauses between runs left out. [s]
+    `identity` is what the parts belong to, `cuts` how the result is cut, by kind of part, `variables` what is stored of
+    the parts; `done` has the names of the parts that are stored, `failed` the reasons why others are not. `seconds` is
+    the time in which parts were computed and stored, pauses between runs left out. [s]
     """
 
     def __init__(self, folder: Path, said: Mapping[str, Any]) -> None:

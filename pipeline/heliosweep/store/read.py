@@ -74,24 +74,10 @@ def manifest_of(place: Path) -> dict[str, Any]:
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a result; safe also while other threads run studies.
+    """Open a result folder, or its ``result.nc`` or ``result.zarr``; safe also while other threads run studies.
 
-    Parameters
-    ----------
-    path : path
-        A result folder, or its ``result.nc`` or ``result.zarr``.
-
-    Returns
-    -------
-    xarray.Dataset
-        Lazily read; close it, or use it as a context manager.
-
-    Raises
-    ------
-    StudyError
-        A folder without a result, or a file that is none.
-    HeliosweepError
-        A Zarr group that is damaged.
+    It is read lazily. Raises StudyError for a folder without a result, or a file that is none, and HeliosweepError for
+    a Zarr group that is damaged.
     """
     place = locate(path)
     if place.is_dir():
@@ -109,20 +95,9 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
 class Stored:
     """A result as it is stored.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file or Zarr group.
-    variables : mapping of str to xarray.Variable
-        Coordinates and data, undecoded, in the order of the result.
-    sizes : mapping of str to int
-        Dimensions, in the order of the result.
-    attributes : mapping
-        Global attributes.
-    record : mapping
-        What a Zarr group holds besides (see `zarr.read_metadata`).
-    told : callable
-        Called after every reading.
+    `variables` are coordinates and data, undecoded, in the order of the result, as `sizes` are; `attributes` the global
+    ones; `record` is what a Zarr group holds besides (see `formats.read_metadata`). `told` is called after every
+    reading.
     """
 
     def __init__(
