@@ -86,7 +86,7 @@ def _begun_or_ended(nursery: Nursery, place: Path) -> bool:
 
 
 class Nursery:
-    """Forks a child for each run; a context manager."""
+    """Forks a child for each run, which says in `folder` what it does; a context manager."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -99,22 +99,34 @@ class Nursery:
             stdout=subprocess.PIPE,
             text=True,
         )
-        self._log = folder / "child.log"
-        self._begun = folder / "begun.log"
-        self._pid = 0
+        self._pid, self._running = 0, False
 
     def start(self, arguments: list[str], **faults: Any) -> int:
         """Begin a run; `faults` as in `_child`. Returns its process, which leads a group of its own."""
         for path in (self._log, self._begun, Path(f"{self._begun}.touched")):
             path.unlink(missing_ok=True)
         self._say({"arguments": arguments, "log": str(self._log), "begun": str(self._begun), **faults})
-        self._pid = int(self._hear())
+        self._pid, self._running = int(self._hear()), True
         return self._pid
 
     def end(self) -> Outcome:
         """Wait for the run."""
-        code = int(self._hear())
+        code, self._running = int(self._hear()), False
         return Outcome(code, self.log(), _lines(self._begun), _lines(Path(f"{self._begun}.touched")))
+
+    def clear(self) -> None:
+        """End a run that a test has left."""
+        if self._running:
+            self.signal()
+            self.end()
+
+    @property
+    def _log(self) -> Path:
+        return self.folder / "child.log"
+
+    @property
+    def _begun(self) -> Path:
+        return self.folder / "begun.log"
 
     def run(self, arguments: list[str], **faults: Any) -> Outcome:
         """Run to the end."""

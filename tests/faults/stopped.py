@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -58,12 +57,6 @@ class Runs:
         done = list(done_parts(folder))
         assert len(done) == parts
         return done
-
-
-@pytest.fixture
-def runs(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> Runs:
-    caplog.set_level(logging.INFO, "heliosweep")
-    return Runs(monkeypatch)
 
 
 def after_parts(patch: pytest.MonkeyPatch, parts: int, then: Callable[[], object]) -> None:

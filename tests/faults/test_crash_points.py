@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -56,9 +56,8 @@ class Crashes:
 
 
 @pytest.fixture(params=list(OUTPUTS))
-def crashes(request, tmp_path) -> Iterator[Crashes]:
-    with Nursery(tmp_path) as started:
-        yield Crashes(started, request.param)
+def crashes(request, nursery) -> Crashes:
+    return Crashes(nursery, request.param)
 
 
 def check_kills(crashes: Crashes, every: bool) -> None:

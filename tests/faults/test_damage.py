@@ -14,11 +14,11 @@ from heliosweep.runs import run as runtime
 from heliosweep.runs.verify import verify
 from heliosweep.store.parts import PartStore
 from tests.faults.kills import content_of, done_parts, leftovers
-from tests.faults.stopped import DAMAGES, PARTS, STUDY, ZARR, Runs, flip, interrupt, runs  # noqa: F401
+from tests.faults.stopped import DAMAGES, PARTS, STUDY, ZARR, Runs, flip, interrupt
 
 
 @pytest.fixture
-def expected(runs: Runs, tmp_path) -> dict[str, bytes]:  # noqa: F811
+def expected(runs: Runs, tmp_path) -> dict[str, bytes]:
     runs.run(STUDY, tmp_path / "peace")
     return content_of(tmp_path / "peace")
 
@@ -30,7 +30,7 @@ def flip_part(folder: Path, part: int) -> None:
 
 
 @pytest.mark.parametrize("study", [STUDY, ZARR], ids=["netcdf", "zarr"])
-def test_a_damaged_part_is_computed_anew(runs, tmp_path, caplog, study):  # noqa: F811
+def test_a_damaged_part_is_computed_anew(runs, tmp_path, caplog, study):
     runs.run(study, tmp_path / "peace")
     assert runs.stop(study, tmp_path / "out", 3) == PARTS[:3]
     flip_part(tmp_path / "out", 1)
@@ -42,7 +42,7 @@ def test_a_damaged_part_is_computed_anew(runs, tmp_path, caplog, study):  # noqa
 
 @pytest.mark.parametrize("damage", list(DAMAGES))
 @pytest.mark.parametrize("name", ["study.json", "values.bin", "journal.jsonl"])
-def test_a_damaged_store(runs, expected, tmp_path, name, damage):  # noqa: F811
+def test_a_damaged_store(runs, expected, tmp_path, name, damage):
     """Its description is trusted whole or not at all; of the others, what is right is taken."""
     runs.stop(STUDY, tmp_path / "out", 3)
     path = tmp_path / "out/working" / name
@@ -70,7 +70,7 @@ def test_a_damaged_store(runs, expected, tmp_path, name, damage):  # noqa: F811
     ],
     ids=["torn", "twice", "another part"],
 )
-def test_a_damaged_journal(runs, expected, tmp_path, edit, again):  # noqa: F811
+def test_a_damaged_journal(runs, expected, tmp_path, edit, again):
     runs.stop(STUDY, tmp_path / "out", 3)
     path = tmp_path / "out/working/journal.jsonl"
     path.write_bytes(edit(path.read_bytes()))
@@ -80,7 +80,7 @@ def test_a_damaged_journal(runs, expected, tmp_path, edit, again):  # noqa: F811
 
 @pytest.mark.parametrize("damage", list(DAMAGES))
 @pytest.mark.parametrize("name", ["result.nc", "manifest.json"])
-def test_a_damaged_result_is_computed_anew(runs, expected, tmp_path, name, damage):  # noqa: F811
+def test_a_damaged_result_is_computed_anew(runs, expected, tmp_path, name, damage):
     shutil.copytree(tmp_path / "peace", tmp_path / "out")
     path = tmp_path / "out" / name
     if name == "manifest.json" and damage == "flipped":
@@ -103,7 +103,7 @@ def test_a_damaged_result_is_computed_anew(runs, expected, tmp_path, name, damag
 
 
 @pytest.mark.parametrize("study", [STUDY, ZARR], ids=["netcdf", "zarr"])
-def test_a_part_damaged_before_it_is_published(runs, tmp_path, monkeypatch, study):  # noqa: F811
+def test_a_part_damaged_before_it_is_published(runs, tmp_path, monkeypatch, study):
     """Found when it is read again, for the digest of every part is checked then too."""
     runs.run(study, tmp_path / "peace")
 
@@ -121,7 +121,7 @@ def test_a_part_damaged_before_it_is_published(runs, tmp_path, monkeypatch, stud
     assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
 
 
-def test_killed_between_the_manifest_and_the_end(runs, expected, tmp_path, monkeypatch):  # noqa: F811
+def test_killed_between_the_manifest_and_the_end(runs, expected, tmp_path, monkeypatch):
     """The parts that are still there belong to a result that is complete; they go with the next run."""
     with monkeypatch.context() as patch:
         patch.setattr(PartStore, "remove", interrupt)

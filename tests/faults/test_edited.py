@@ -15,7 +15,7 @@ from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families.family import Family
 from heliosweep.store import manifest
 from tests.faults.kills import content_of, leftovers
-from tests.faults.stopped import SERIES, STUDY, Runs, after_parts, runs  # noqa: F401
+from tests.faults.stopped import SERIES, STUDY, Runs, after_parts
 
 
 def write(path: Path, content: Any) -> Path:
@@ -23,7 +23,7 @@ def write(path: Path, content: Any) -> Path:
     return path
 
 
-def test_a_study_file_edited_during_the_run(runs: Runs, tmp_path, monkeypatch, caplog):  # noqa: F811
+def test_a_study_file_edited_during_the_run(runs: Runs, tmp_path, monkeypatch, caplog):
     """The run goes on with what it read; the edit is another study, and the next run says what changed."""
     monkeypatch.chdir(tmp_path)
     path = write(tmp_path / "study.yaml", STUDY)
@@ -51,7 +51,7 @@ def in_layout(folder: Path) -> Path:
     return write(folder / "study.yaml", {**STUDY, "layout": {"file": "layout.csv"}})
 
 
-def test_a_layout_edited_during_the_run(runs: Runs, tmp_path, layout, monkeypatch):  # noqa: F811
+def test_a_layout_edited_during_the_run(runs: Runs, tmp_path, layout, monkeypatch):
     """It is read once, at the start: the result is that of the study as it was then, and complete for it alone."""
     study, text = api.load(in_layout(tmp_path)), layout.read_text()
     runs.run(study, tmp_path / "peace")
@@ -66,7 +66,7 @@ def test_a_layout_edited_during_the_run(runs: Runs, tmp_path, layout, monkeypatc
     assert runs.run(api.load(tmp_path / "study.yaml"), tmp_path / "out") == []
 
 
-def test_a_layout_edited_while_the_run_starts(runs: Runs, tmp_path, layout, monkeypatch):  # noqa: F811
+def test_a_layout_edited_while_the_run_starts(runs: Runs, tmp_path, layout, monkeypatch):
     study, text = api.load(in_layout(tmp_path)), layout.read_text()
 
     def edited(family: Family, of: Study) -> object:
@@ -82,7 +82,7 @@ def test_a_layout_edited_while_the_run_starts(runs: Runs, tmp_path, layout, monk
     assert not (tmp_path / "out").exists()
 
 
-def test_another_study_in_an_unfinished_folder(runs: Runs, tmp_path):  # noqa: F811
+def test_another_study_in_an_unfinished_folder(runs: Runs, tmp_path):
     runs.stop(STUDY, tmp_path / "out")
     other = {**STUDY, "receiver": {"height": 61}}
     with pytest.raises(HeliosweepError, match=r"another study \(receiver\.height: 60\.0 -> 61\.0\).*--force"):
@@ -94,7 +94,7 @@ def test_another_study_in_an_unfinished_folder(runs: Runs, tmp_path):  # noqa: F
     assert not leftovers(tmp_path / "out")
 
 
-def test_unfinished_parts_of_another_study_outlive_a_look_at_a_finished_one(runs: Runs, tmp_path):  # noqa: F811
+def test_unfinished_parts_of_another_study_outlive_a_look_at_a_finished_one(runs: Runs, tmp_path):
     runs.run(STUDY, tmp_path / "out")
     other = {**STUDY, "receiver": {"height": 61}}
     runs.stop(other, tmp_path / "out", force=True)
@@ -108,7 +108,7 @@ def other_code(monkeypatch) -> None:
     monkeypatch.setattr(manifest, "code_versions", lambda module: {**known(module), "numpy": "1.0"})
 
 
-def test_parts_of_other_code_are_never_mixed(runs: Runs, tmp_path, request):  # noqa: F811
+def test_parts_of_other_code_are_never_mixed(runs: Runs, tmp_path, request):
     runs.stop(STUDY, tmp_path / "out")
     request.getfixturevalue("other_code")
     with pytest.raises(HeliosweepError, match=r"other code \(numpy: .* -> 1\.0\).*--force"):
@@ -116,7 +116,7 @@ def test_parts_of_other_code_are_never_mixed(runs: Runs, tmp_path, request):  # 
     assert len(runs.run(STUDY, tmp_path / "out", force=True)) == 4
 
 
-def test_a_result_of_other_code_is_computed_anew(runs: Runs, tmp_path, request, caplog):  # noqa: F811
+def test_a_result_of_other_code_is_computed_anew(runs: Runs, tmp_path, request, caplog):
     runs.run(STUDY, tmp_path / "out")
     request.getfixturevalue("other_code")
     assert len(runs.run(STUDY, tmp_path / "out")) == 4
@@ -133,7 +133,7 @@ def test_a_result_of_other_code_is_computed_anew(runs: Runs, tmp_path, request, 
         {"output": {"time_series": True, "format": "zarr", "compression": "zstd"}},
     ],
 )
-def test_other_words_and_formats_take_the_numbers_over(runs: Runs, tmp_path, blocks):  # noqa: F811
+def test_other_words_and_formats_take_the_numbers_over(runs: Runs, tmp_path, blocks):
     runs.run({**SERIES, **blocks}, tmp_path / "peace")
     runs.run(SERIES, tmp_path / "out")
     assert runs.run({**SERIES, **blocks}, tmp_path / "out") == []

@@ -12,11 +12,11 @@ from heliosweep.runs.executors import TRIES
 from heliosweep.runs.run import HOPELESS
 from heliosweep.store.parts import PartStore
 from tests.faults.kills import content_of
-from tests.faults.stopped import PARTS, STUDY, Runs, runs  # noqa: F401
+from tests.faults.stopped import PARTS, STUDY, Runs
 
 
 @pytest.fixture
-def failing(runs: Runs, monkeypatch) -> set[str]:  # noqa: F811
+def failing(runs: Runs, monkeypatch) -> set[str]:
     """Names of parts to fail."""
     names: set[str] = set()
     compute = Work.compute
@@ -29,7 +29,7 @@ def failing(runs: Runs, monkeypatch) -> set[str]:  # noqa: F811
     return names
 
 
-def test_one_part_fails(runs: Runs, tmp_path, failing):  # noqa: F811
+def test_one_part_fails(runs: Runs, tmp_path, failing):
     runs.run(STUDY, tmp_path / "peace")
     failing.add(PARTS[1])
     with pytest.raises(HeliosweepError) as error:
@@ -48,7 +48,7 @@ def test_one_part_fails(runs: Runs, tmp_path, failing):  # noqa: F811
     assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
 
 
-def test_all_parts_fail(runs: Runs, tmp_path, failing):  # noqa: F811
+def test_all_parts_fail(runs: Runs, tmp_path, failing):
     """After some of them it is clear that the others would fail too; what is known of the failures is kept."""
     failing.update(PARTS)
     with pytest.raises(HeliosweepError, match=r"3 of 4 parts failed, each 3 times \(none is done\)"):

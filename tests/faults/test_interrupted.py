@@ -6,15 +6,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 
 import pytest
 
 from heliosweep import api
 from heliosweep.errors import RunInterrupted
 from heliosweep.runs import run as runtime
-from tests.faults.kills import STUDIES, Nursery, Outcome, content_of, done_parts, leftovers, wait_for, write_study
-from tests.faults.stopped import STUDY, Runs, interrupt, runs  # noqa: F401
+from heliosweep.store.parts import PartStore
+from tests.faults.kills import STUDIES, content_of, done_parts, leftovers, wait_for, write_study
+from tests.faults.stopped import STUDY, Runs, interrupt
 
 #: Slows a run down where it shall be stopped.
 SLOW_WRITING = """
@@ -30,18 +30,17 @@ run.prepare_kernels = lambda *_: time.sleep(30)
 """
 
 
-@pytest.fixture(scope="module")
-def nursery(tmp_path_factory) -> Iterator[Nursery]:
-    if not hasattr(signal, "SIGHUP"):
-        pytest.skip("signals of POSIX systems")
-    with Nursery(tmp_path_factory.mktemp("nursery")) as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def peace(nursery) -> Outcome:
+@pytest.fixture
+def command(nursery) -> list[str]:
+    """Runs a study of many parts, into the folder that is named next."""
     study = write_study(nursery.folder, STUDIES["field"])
-    return nursery.run(["run", str(study), "-q", "--no-report", "--output", str(nursery.folder / "peace")])
+    return ["run", str(study), "-q", "--no-report", "--output"]
+
+
+@pytest.fixture(scope="module")
+def peace() -> dict[str, bytes]:
+    """Content of a run of that study in peace, once there was one."""
+    return {}
 
 
 @pytest.mark.parametrize(
@@ -53,11 +52,15 @@ def peace(nursery) -> Outcome:
         ("publishing", "SIGINT", [0.5, 0.05]),
     ],
 )
-def test_signals(nursery, peace, tmp_path, when, number, pauses):
-    total = len(peace.begun)
+def test_signals(nursery, command, peace, tmp_path, when, number, pauses):
     place = tmp_path / "new/out"
-    command = ["run", str(nursery.folder / "study.yaml"), "-q", "--no-report", "--output", str(place)]
+    if not peace:
+        assert nursery.run([*command, str(tmp_path / "peace")]).code == 0
+        peace |= content_of(tmp_path / "peace")
+    command = [*command, str(place)]
     nursery.start(command, setup=SLOW_WRITING)
+    wait_for(lambda: done_parts(place))
+    total = PartStore.open(place / "working").part_count
     if when == "computing":
         wait_for(lambda: len(done_parts(place)) >= 5)
     else:
@@ -75,20 +78,19 @@ def test_signals(nursery, peace, tmp_path, when, number, pauses):
     again = nursery.run(command)
     assert again.code == 0
     assert not set(again.begun) & set(done)
-    assert content_of(place) == content_of(nursery.folder / "peace")
+    assert content_of(place) == peace
     assert not leftovers(place)
 
 
-def test_signal_before_anything_is_done(nursery, peace, tmp_path):
-    command = ["run", str(nursery.folder / "study.yaml"), "-q", "--no-report", "--output", str(tmp_path / "new/out")]
-    nursery.start(command, setup=SLOW_KERNELS)
+def test_signal_before_anything_is_done(nursery, command, tmp_path):
+    nursery.start([*command, str(tmp_path / "new/out")], setup=SLOW_KERNELS)
     wait_for(lambda: (tmp_path / "new/out/working").exists())
     time.sleep(0.2)
     nursery.signal(signal.SIGTERM, "process")
     outcome = nursery.end()
     assert outcome.code == 4
     assert outcome.errors == "interrupted: nothing was computed yet; run the same command again to go on\n"
-    assert not list(tmp_path.iterdir())
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,7 @@ def test_signal_before_anything_is_done(nursery, peace, tmp_path):
         ("write_manifest", "4 of 4 parts are done and kept", {"working", "result.nc"}),
     ],
 )
-def test_the_message_says_what_was_left(runs: Runs, tmp_path, monkeypatch, where, message, left):  # noqa: F811
+def test_the_message_says_what_was_left(runs: Runs, tmp_path, monkeypatch, where, message, left):
     with monkeypatch.context() as patch:
         patch.setattr(runtime, where, interrupt)
         with pytest.raises(RunInterrupted, match=message):

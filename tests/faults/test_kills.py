@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-
 import pytest
 
-from tests.faults.kills import STUDIES, Nursery, kill_and_resume
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as POSIX systems do")
-
-
-@pytest.fixture
-def nursery(tmp_path) -> Iterator[Nursery]:
-    with Nursery(tmp_path) as started:
-        yield started
+from tests.faults.kills import STUDIES, kill_and_resume
 
 
 @pytest.mark.parametrize(("name", "kills"), [("field", 6), ("processes-zarr", 3), ("cluster", 3)])

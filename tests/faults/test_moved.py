@@ -9,14 +9,14 @@ import time
 from pathlib import Path
 
 from tests.faults.kills import content_of, leftovers
-from tests.faults.stopped import STUDY, Runs, runs  # noqa: F401
+from tests.faults.stopped import STUDY, Runs
 
 
 def everything(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_backwards_within_a_run(runs: Runs, tmp_path, monkeypatch):  # noqa: F811
+def test_backwards_within_a_run(runs: Runs, tmp_path, monkeypatch):
     runs.run(STUDY, tmp_path / "peace")
     now = itertools.count(2e9, -3600)
     with monkeypatch.context() as patch:
@@ -25,7 +25,7 @@ def test_backwards_within_a_run(runs: Runs, tmp_path, monkeypatch):  # noqa: F81
     assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
 
 
-def test_backwards_between_runs(runs: Runs, tmp_path):  # noqa: F811
+def test_backwards_between_runs(runs: Runs, tmp_path):
     runs.run(STUDY, tmp_path / "peace")
     runs.stop(STUDY, tmp_path / "out")
     for again in (2, 0):
@@ -35,7 +35,7 @@ def test_backwards_between_runs(runs: Runs, tmp_path):  # noqa: F811
         assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
 
 
-def test_an_unfinished_folder_is_copied(runs: Runs, tmp_path):  # noqa: F811
+def test_an_unfinished_folder_is_copied(runs: Runs, tmp_path):
     """Also while a run is at work: the copy holds its claim, and files with its name."""
     runs.stop(STUDY, tmp_path / "here")
     before = everything(tmp_path / "here")
@@ -49,7 +49,7 @@ def test_an_unfinished_folder_is_copied(runs: Runs, tmp_path):  # noqa: F811
     assert not leftovers(tmp_path / "far/away")
 
 
-def test_a_finished_folder_is_copied(runs: Runs, tmp_path, caplog):  # noqa: F811
+def test_a_finished_folder_is_copied(runs: Runs, tmp_path, caplog):
     runs.run(STUDY, tmp_path / "here")
     before = everything(tmp_path / "here")
     shutil.copytree(tmp_path / "here", tmp_path / "there")

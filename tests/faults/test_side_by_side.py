@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
-
-import pytest
 
 from tests.faults.kills import STUDIES, Nursery, content_of, done_parts, leftovers, wait_for, write_study
 
@@ -59,16 +56,15 @@ heliosweep.run(heliosweep.load(study), "out", report=False)
     assert not (tmp_path / "out/result.nc").exists()
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-def test_two_processes(tmp_path):
+def test_two_processes(nursery, tmp_path):
     """The second says whom it waits for, then finds the result, or takes over what a killed one has done."""
     study = write_study(tmp_path, STUDIES["field"])
     command = ["run", str(study), "-q", "--no-report", "--output", str(tmp_path / "out")]
-    (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
+    first = nursery
     slow = "import time\nfrom heliosweep.store.parts import PartStore\nc = PartStore.commit\n"
     slow += "PartStore.commit = lambda *said: (time.sleep(0.02), c(*said))"
-    with Nursery(tmp_path / "a") as first, Nursery(tmp_path / "b") as second:
+    with Nursery(tmp_path / "b") as second:
         pid = first.start(command, setup=slow)
         wait_for(lambda: len(done_parts(tmp_path / "out")) > 3)
         assert json.loads((tmp_path / "out/.heliosweep.lock").read_text())["process"] == pid

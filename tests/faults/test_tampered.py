@@ -20,7 +20,7 @@ from heliosweep.runs.verify import verify
 from heliosweep.store.manifest import Finished
 from tests.faults.kills import content_of
 from tests.faults.mutations import places_of
-from tests.faults.stopped import STUDY, ZARR, Runs, runs  # noqa: F401
+from tests.faults.stopped import STUDY, ZARR, Runs
 from tests.store.samples import write_folder
 from tests.store.test_parts import BAD_LINES
 
@@ -36,14 +36,14 @@ VALUES: list[Any] = [
 
 
 @pytest.fixture
-def stopped(runs: Runs, tmp_path) -> Path:  # noqa: F811
+def stopped(runs: Runs, tmp_path) -> Path:
     """A folder in which two of four parts are done."""
     runs.stop(STUDY, tmp_path / "stopped")
     return tmp_path / "stopped"
 
 
 @pytest.fixture
-def finished(runs: Runs, tmp_path) -> Path:  # noqa: F811
+def finished(runs: Runs, tmp_path) -> Path:
     runs.run(ZARR, tmp_path / "finished")
     return tmp_path / "finished"
 
@@ -55,7 +55,7 @@ def change(path: Path, **keys: Any) -> None:
 
 
 @pytest.mark.parametrize("keys", [{"cuts": {}}, {"variables": []}, {"identity": 5}, {"format": "1"}], ids=str)
-def test_a_store_that_is_described_wrongly(runs, stopped, keys):  # noqa: F811
+def test_a_store_that_is_described_wrongly(runs, stopped, keys):
     change(stopped / STORE, **keys)
     assert status_of(stopped).state == "damaged"
     assert not verify(stopped).ok
@@ -83,7 +83,7 @@ def test_a_manifest_of_another_file(finished, key, value):
     assert any(f"manifest.json: is damaged: result.{key}" in problem for problem in verify(finished).problems)
 
 
-def test_a_journal_of_other_parts(runs, stopped, caplog):  # noqa: F811
+def test_a_journal_of_other_parts(runs, stopped, caplog):
     before = status_of(stopped)
     with (stopped / JOURNAL).open("ab") as file:
         file.write(b"\n".join([*BAD_LINES, b""]).replace(b"points-00001", b"points-00009"))
@@ -125,7 +125,7 @@ def test_one_bad_folder_does_not_hide_the_others(stopped, finished, tmp_path, mo
     assert status_of(finished).state
 
 
-def test_files_in_a_group_that_are_none_of_it(runs, finished):  # noqa: F811
+def test_files_in_a_group_that_are_none_of_it(runs, finished):
     for name in (".DS_Store", "mean/.nfs0001", "desktop.ini", "spring/Thumbs.db", "0 (copy)"):
         (finished / "result.zarr" / name).parent.mkdir(exist_ok=True)
         (finished / "result.zarr" / name).touch()
@@ -200,7 +200,7 @@ def test_any_change_is_told_or_does_no_harm(stopped, finished):
     fuzz(finished, [MANIFEST], 80, 2, look)
 
 
-def run_again(runs: Runs, study: dict[str, Any], expected: dict[str, bytes]) -> Callable[[Path], None]:  # noqa: F811
+def run_again(runs: Runs, study: dict[str, Any], expected: dict[str, bytes]) -> Callable[[Path], None]:
     def check(folder: Path) -> None:
         refused = ""
         try:
@@ -218,7 +218,7 @@ def run_again(runs: Runs, study: dict[str, Any], expected: dict[str, bytes]) -> 
     return check
 
 
-def fuzz_runs(runs: Runs, stopped: Path, finished: Path, count: int, seed: int) -> None:  # noqa: F811
+def fuzz_runs(runs: Runs, stopped: Path, finished: Path, count: int, seed: int) -> None:
     shutil.copytree(stopped, stopped.with_name("peace"))
     runs.run(STUDY, stopped.with_name("peace"))
     expected = content_of(stopped.with_name("peace"))
@@ -226,12 +226,12 @@ def fuzz_runs(runs: Runs, stopped: Path, finished: Path, count: int, seed: int) 
     fuzz(finished, [MANIFEST], count, seed + 1, run_again(runs, ZARR, content_of(finished)))
 
 
-def test_a_run_after_any_change(runs, stopped, finished):  # noqa: F811
+def test_a_run_after_any_change(runs, stopped, finished):
     fuzz_runs(runs, stopped, finished, 8, 3)
 
 
 @pytest.mark.long
-def test_a_run_after_many_changes(runs, stopped, finished):  # noqa: F811
+def test_a_run_after_many_changes(runs, stopped, finished):
     fuzz(stopped, [STORE, JOURNAL], 1000, 5, look)
     fuzz(finished, [MANIFEST], 1000, 6, look)
     fuzz_runs(runs, stopped, finished, 200, 7)

@@ -28,6 +28,8 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     from compliance_checker import runner
 
+    runner.CheckSuite.load_all_available_checkers()
+
 DATASET = {
     "creators": [
         {
@@ -84,7 +86,6 @@ NO_DATES = r"^time_coverage_\w+ not present|^Could not find .*time_coverage"
 def findings(path: Any, test: str) -> Iterator[str]:
     """Messages of every check that is not passed whole."""
     suite = runner.CheckSuite()
-    suite.load_all_available_checkers()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         dataset = suite.load_dataset(str(path))

@@ -11,7 +11,7 @@ import pytest
 from heliosweep import api
 from heliosweep.errors import RunInterrupted, StudyError
 from tests.faults.kills import content_of
-from tests.faults.stopped import PARTS, STUDY, Runs, after_parts, interrupt, runs  # noqa: F401
+from tests.faults.stopped import PARTS, STUDY, Runs, after_parts, interrupt
 
 OURS = ["result.nc", "manifest.json", "study.resolved.yaml", "report.html", "comparison.csv"]
 
@@ -75,7 +75,7 @@ def test_the_result_of_another_study_is_replaced_when_asked(small, tmp_path):
     assert run(other, tmp_path, force=True) != first
 
 
-def test_a_forced_run_that_was_interrupted_goes_on(runs: Runs, tmp_path, caplog):  # noqa: F811
+def test_a_forced_run_that_was_interrupted_goes_on(runs: Runs, tmp_path, caplog):
     runs.run(STUDY, tmp_path)
     first = content_of(tmp_path)
     with runs.monkeypatch.context() as patch:
@@ -102,7 +102,7 @@ def test_a_forced_run_that_was_interrupted_goes_on(runs: Runs, tmp_path, caplog)
         ({"execution": {"scheduler": "synchronous", "chunks": {"heliostat": 20, "latitude": 1}}}, {}),
     ],
 )
-def test_an_interrupted_run_goes_on_with_another_format_or_cut(runs: Runs, tmp_path, before, after):  # noqa: F811
+def test_an_interrupted_run_goes_on_with_another_format_or_cut(runs: Runs, tmp_path, before, after):
     runs.run({**STUDY, **after}, tmp_path / "peace")
     total = 4 if "chunks" not in str(before) else 12
     done = runs.stop(
