@@ -80,37 +80,34 @@ class Parameters:
         KeyError
             Where the study gives the key no value.
         """
-        if key not in self._declared:
-            return self._site_parameter(key)
-        declaration, value = self._declared[key]
-        attrs = coordinate_attributes(declaration, key)
-        if key not in self._dims:
-            return xr.DataArray(value, attrs=attrs)
-        dim = self._dims[key]
-        values = value[self.part(dim)]
-        if isinstance(declaration, FileName):
-            values = tuple(PurePath(name).name for name in values)  # no result tells where its files were
-        names = isinstance(values, tuple)
-        return xr.DataArray(np.array(values, dtype=object if names else float), dims=dim, attrs=attrs)
+        dims, values = self._column(key)
+        known = self._declared.get(key)
+        declaration = known[0] if known else NamedSite.parameter(key.removeprefix("site."))
+        assert declaration is not None
+        return xr.DataArray(values, dims=dims or None, attrs=coordinate_attributes(declaration, key))
 
-    def _site_parameter(self, key: str) -> xr.DataArray:
-        """Latitude, longitude or altitude of each named site, along ``site``."""
+    def _column(self, key: str) -> tuple[tuple[str, ...], Any]:
+        """Dimension of a key, if it has one, and its values; those of sites are along ``site``. Raises KeyError."""
+        if key in self._dims:
+            values = self._declared[key][1][self.part(self._dims[key])]
+            if isinstance(self._declared[key][0], FileName):
+                values = tuple(PurePath(name).name for name in values)  # no result tells where its files were
+            return (self._dims[key],), np.array(values, dtype=object if isinstance(values, tuple) else float)
+        if key in self._declared:
+            return (), self._declared[key][1]
         block, _, name = key.partition(".")
         if block != "site" or not self._sites:
             raise KeyError(key)
-        declaration = NamedSite.parameter(name)
-        assert declaration is not None
-        values = [float("nan") if (value := getattr(site, name)) is None else value for site in self._sites]
-        return xr.DataArray(values[self.part("site")], dims="site", attrs=coordinate_attributes(declaration, key))
+        given = (getattr(site, name) for site in self._sites[self.part("site")])
+        return ("site",), np.array([np.nan if value is None else value for value in given])
 
     def values(self, key: str) -> np.ndarray | None:
         """Values of one key at every point of the region, over all swept dimensions; None where it has no value."""
         if not self.has(key):
             return None
-        array = self.parameter(key)
-        index = tuple(slice(None) if dim in array.dims else np.newaxis for dim in self.sizes)
-        order = [dim for dim in self.sizes if dim in array.dims]
-        return np.broadcast_to(array.transpose(*order).to_numpy()[(*index, ...)], tuple(self.sizes.values()))
+        dims, values = self._column(key)
+        index = tuple(slice(None) if dim in dims else np.newaxis for dim in self.sizes)
+        return np.broadcast_to(xr.Variable(dims, values).to_numpy()[(*index, ...)], tuple(self.sizes.values()))
 
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
         """Every point of the region in the order of the result: its index within it, and the values of some keys."""

@@ -92,13 +92,10 @@ def checked(
     for name, variable in variables.items():
         if name not in made:
             raise ValueError(f"the family did not compute {name!r}")
-        array = made[name].transpose(*variable.dims)
-        if array.shape != shape_of(variable, region, sizes) or array.dtype != variable.dtype:
-            raise ValueError(
-                f"{name}: {array.dtype} of shape {array.shape}, not {variable.dtype} of shape "
-                f"{shape_of(variable, region, sizes)}"
-            )
-        arrays[name] = (variable.dims, np.ascontiguousarray(array.to_numpy()).reshape(array.shape))
+        array, shape = made.variables[name].transpose(*variable.dims), shape_of(variable, region, sizes)
+        if array.shape != shape or array.dtype != variable.dtype:
+            raise ValueError(f"{name}: {array.dtype} of shape {array.shape}, not {variable.dtype} of shape {shape}")
+        arrays[name] = (variable.dims, np.ascontiguousarray(array.to_numpy()).reshape(shape))
     return xr.Dataset(arrays)
 
 
