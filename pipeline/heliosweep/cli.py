@@ -37,18 +37,7 @@ _BETWEEN_COLLECTIONS = 100_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Command line without the program's name; that of this process where left out.
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
+    """Run one command, by default that of this process, and return its exit code."""
     _print_anything()
     if arguments is None:
         gc.set_threshold(_BETWEEN_COLLECTIONS)

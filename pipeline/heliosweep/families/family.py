@@ -178,14 +178,8 @@ def _call(
 class Found(Mapping[str, T]):
     """Something of every family by name, imported when it is first asked for.
 
-    What cannot be imported is left out, with a warning.
-
-    Parameters
-    ----------
-    entries : mapping of str to EntryPoint
-        Where each family is.
-    part : callable
-        What is wanted of a family.
+    `entries` say where each family is, `part` what is wanted of it. What cannot be imported is left out, with a
+    warning.
     """
 
     def __init__(self, entries: Mapping[str, metadata.EntryPoint], part: Callable[[Family], T]) -> None:

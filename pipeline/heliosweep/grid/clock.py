@@ -28,15 +28,10 @@ DATE = {
 
 @dataclass(frozen=True)
 class Instants:
-    """The instants of a study, labelled.
+    """The instants of a study, labelled along ``time``, on the clock ``solar``, ``civil`` or ``sun``.
 
-    Parameters
-    ----------
-    labels : dict of str to xarray.DataArray
-        Coordinates along ``time``: ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions ``site``
-        and ``time`` where the sites' clocks differ); the one ``instant`` of each direction of the sun.
-    clock : {"solar", "civil", "sun"}
-        The clock they are given on.
+    The labels are ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions ``site`` and ``time`` where the
+    sites' clocks differ), or the one ``instant`` of each direction of the sun.
     """
 
     labels: dict[str, xr.DataArray]

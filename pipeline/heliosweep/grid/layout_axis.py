@@ -26,21 +26,9 @@ MAX_LAYOUTS, MAX_MADE = 100_000, 5_000
 
 
 class LayoutAxis:
-    """All layouts of a study; shorter ones are padded at their end.
+    """All layouts of a study, which the block with this key names; shorter ones are padded at their end.
 
-    Parameters
-    ----------
-    study : Study
-        Study with a block that names layouts.
-    key : str
-        Key of the block.
-
-    Attributes
-    ----------
-    dims : tuple of str
-        Swept dimensions that choose a layout.
-    size : int
-        Heliostats of the longest layout.
+    `dims` are the swept dimensions that choose a layout, `size` the heliostats of the longest.
     """
 
     def __init__(self, study: Study, key: str = "layout") -> None:

@@ -128,14 +128,7 @@ class Parameters:
     def coordinates(self, keys: Sequence[str] = ()) -> dict[str, xr.DataArray]:
         """Every swept key, and those of `keys` that are given, as coordinates named as the family declares.
 
-        Parameters
-        ----------
-        keys : sequence of str
-            Dotted keys that become scalar coordinates where they are not swept.
-
-        Returns
-        -------
-        dict of str to xarray.DataArray
+        Keys that are not swept become scalar coordinates.
         """
         wanted = [*(key for key in keys if self.has(key) and key not in self._dims), *self._dims]
         named = {}

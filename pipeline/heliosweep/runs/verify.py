@@ -18,20 +18,10 @@ from heliosweep.store.read import foreign, result_bytes, result_digest
 
 @dataclass
 class Verification:
-    """What was found in a result folder.
+    """What was found in a result folder, `finished` or with only parts of a result.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The folder.
-    finished : bool
-        True where it holds a result, False where it holds only parts of one.
-    found : list of str
-        What is as it should be.
-    problems : list of str
-        What is damaged or missing.
-    notes : list of str
-        What is worth knowing and does not touch the numbers.
+    `found` is as it should be, `problems` are what is damaged or missing, `notes` what is worth knowing and does not
+    touch the numbers.
     """
 
     folder: Path
@@ -61,15 +51,7 @@ class Verification:
 def verify(folder: str | os.PathLike[str]) -> Verification:
     """Check a result folder, finished or not; nothing in it is changed.
 
-    Parameters
-    ----------
-    folder : path
-        Result folder.
-
-    Returns
-    -------
-    Verification
-        Damage of any kind is told in it, and never raised.
+    Damage of any kind is told in what is returned, and never raised.
     """
     place = Path(folder)
     verification = Verification(place)

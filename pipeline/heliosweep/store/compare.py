@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -18,6 +18,7 @@ from heliosweep.store.checks import sound
 from heliosweep.store.manifest import changes
 from heliosweep.store.read import Index, Places, Stored, open_stored, plain, tree, value_text
 
+Position: TypeAlias = tuple[int, ...]
 #: Longest text of an attribute that is shown whole.
 _LONGEST = 60
 #: Attribute that holds the study as JSON.
@@ -26,18 +27,10 @@ _STUDY = "study"
 
 @dataclass
 class Comparison:
-    """What is different between two results.
+    """What is different between two results; `same_bytes` where they are the same to the last bit.
 
-    Parameters
-    ----------
-    a, b : pathlib.Path
-        The results.
-    same_bytes : bool
-        Whether they are the same to the last bit.
-    differences : list of str
-        One line each; empty where they mean the same.
-    notes : list of str
-        What is different and does not count, as values within the tolerances.
+    `differences` has one line each, none where they mean the same; `notes` what is different and does not count, as
+    values within the tolerances.
     """
 
     a: Path
@@ -75,24 +68,12 @@ def compare(
 ) -> Comparison:
     """Tell two results apart: dimensions, variables, types, attributes and values.
 
-    Parameters
-    ----------
-    a, b : path
-        Result folders, NetCDF files or Zarr groups, of any kind each.
-    rtol, atol : float
-        Values count as the same that differ by at most ``atol + rtol * larger magnitude``.
+    They are result folders, NetCDF files or Zarr groups, of any kind each. Values count as the same that differ by at
+    most ``atol + rtol * larger magnitude``. NaN is the same as NaN; the order of variables and attributes, storage and
+    compression do not count.
 
-    Returns
-    -------
-    Comparison
-        NaN is the same as NaN; the order of variables and attributes, storage and compression do not count.
-
-    Raises
-    ------
-    StudyError
-        A path that holds no result, or a tolerance that is none.
-    HeliosweepError
-        A result that is damaged.
+    Raises StudyError for a path that holds no result, or a tolerance that is none, HeliosweepError for a damaged
+    result.
     """
     if not (rtol >= 0 and atol >= 0):
         raise StudyError(Problem("tolerances must not be negative"))
@@ -175,7 +156,7 @@ class _Comparer:
             different = np.asarray(one != two, dtype=bool)
             if not count and different.any():
                 at = _first(different)
-                first = f"{one[at]!r} in A, {two[at]!r} in B{self._at(variable, index, at)}"
+                first = f"{one[at]!r} in A, {two[at]!r} in B{self._at(variable, _position(index, at))}"
             count += int(different.sum())
         if count:
             self._say(f"{name}: {_of(count, variable)} differ, first {first}")
@@ -186,8 +167,8 @@ class _Comparer:
             tally.add(self.a.read(name, index), self.b.read(name, index), index)
         for only, (count, place) in tally.nans.items():
             if count:
-                where = self._at(variable, place, (0,) * len(place))
-                self._say(f"{name}: {_of(count, variable)} are NaN in {only} alone, first{where or ' the only one'}")
+                where = self._at(variable, place) or " the only one"
+                self._say(f"{name}: {_of(count, variable)} are NaN in {only} alone, first{where}")
         if tally.count:
             self._say(f"{name}: {_of(tally.count, variable)} differ{self._largest(name, tally)}")
         if tally.within:
@@ -199,14 +180,13 @@ class _Comparer:
         (size, one, two, place), (relative, *_, other) = tally.absolute, tally.relative
         values = f"{value_text(one, units)} in A, {value_text(two, units)} in B"
         length = f"{size:.6g} {'s' if ' since ' in units else units}".rstrip()
-        text = f"; largest difference {length}: {values}{self._at(variable, place, (0,) * len(place))}"
+        text = f"; largest difference {length}: {values}{self._at(variable, place)}"
         if np.isfinite(relative) and " since " not in units:
-            elsewhere = self._at(variable, other, (0,) * len(other)) if other != place else ""
-            text += f"; largest relative difference {relative:.3g}{elsewhere}"
+            text += f"; largest relative difference {relative:.3g}"
+            text += self._at(variable, other) if other != place else ""
         return text
 
-    def _at(self, variable: xr.Variable, index: Index, at: tuple[int, ...]) -> str:
-        position = tuple(span.start + step for span, step in zip(index, at, strict=True))
+    def _at(self, variable: xr.Variable, position: Position) -> str:
         return f" at {self.places.at(tuple(map(str, variable.dims)), position)}" if position else ""
 
 
@@ -216,10 +196,9 @@ class _Tally:
     def __init__(self, rtol: float, atol: float) -> None:
         self.rtol, self.atol = rtol, atol
         self.count = self.within = 0
-        self.nans: dict[str, tuple[int, Index]] = {"A": (0, ()), "B": (0, ())}
-        nothing = (-1.0, np.float64(0), np.float64(0), ())
-        self.absolute: tuple[float, Any, Any, Index] = nothing
-        self.relative: tuple[float, Any, Any, Index] = nothing
+        self.nans: dict[str, tuple[int, Position]] = {"A": (0, ()), "B": (0, ())}
+        self.absolute: tuple[float, Any, Any, Position] = (-1.0, 0.0, 0.0, ())
+        self.relative = self.absolute
 
     def add(self, a: np.ndarray, b: np.ndarray, index: Index) -> None:
         """Take in one piece of both."""
@@ -231,7 +210,7 @@ class _Tally:
             for only, alone in (("A", nan_a & ~nan_b), ("B", nan_b & ~nan_a)):
                 count, place = self.nans[only]
                 if new := int(alone.sum()):
-                    self.nans[only] = count + new, place if count else _place(index, _first(alone))
+                    self.nans[only] = count + new, place if count else _position(index, _first(alone))
             different &= ~(nan_a | nan_b)
             if not different.any():
                 return
@@ -249,15 +228,16 @@ class _Tally:
         for key, values in (("absolute", size), ("relative", relative)):
             largest = int(np.argmax(values))
             if values[largest] > getattr(self, key)[0]:
-                place = _place(index, tuple(int(axis[largest]) for axis in at))
+                place = _position(index, tuple(int(axis[largest]) for axis in at))
                 setattr(self, key, (float(values[largest]), one[largest], two[largest], place))
 
 
-def _place(index: Index, at: tuple[int, ...]) -> Index:
-    return tuple(slice(span.start + step, span.start + step + 1) for span, step in zip(index, at, strict=False))
+def _position(index: Index, at: Position) -> Position:
+    """Position in the whole result of one in a piece of it; values without dimensions have none."""
+    return tuple(span.start + step for span, step in zip(index, at, strict=False))
 
 
-def _first(mask: np.ndarray) -> tuple[int, ...]:
+def _first(mask: np.ndarray) -> Position:
     return tuple(int(axis) for axis in np.unravel_index(int(mask.argmax()), mask.shape))
 
 

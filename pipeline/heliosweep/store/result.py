@@ -100,32 +100,14 @@ def export(
     level: int = 1,
     force: bool = False,
 ) -> Path:
-    """Write a Zarr result as NetCDF, slab by slab.
+    """Write a Zarr result, or that of a folder, as NetCDF, slab by slab; return the file.
 
-    Parameters
-    ----------
-    source : path
-        Result folder or its ``result.zarr``.
-    target : path, optional
-        NetCDF file to write; ``export.nc`` beside the Zarr group where left out. Appears whole or not at all.
-    compression : {"none", "zlib"}
-        Of time series, as in a study's ``output:`` block.
-    level : int
-        Of the compression.
-    force : bool
-        Whether an existing file is replaced.
+    It is ``export.nc`` beside the Zarr group where no `target` is named, appears whole or not at all, and replaces
+    another one with `force` only. Compressed are time series, as in a study's ``output:`` block. The bytes are those of
+    a run of the same study with ``format: netcdf`` and this compression.
 
-    Returns
-    -------
-    pathlib.Path
-        The file. Its bytes are those of a run of the same study with ``format: netcdf`` and this compression.
-
-    Raises
-    ------
-    StudyError
-        There is no Zarr result, or the target exists.
-    HeliosweepError
-        The result is damaged, or is not what its manifest tells of, or the file cannot be written.
+    Raises StudyError where there is no Zarr result, or the target exists, and HeliosweepError where the result is
+    damaged, or is not what its manifest tells of, or the file cannot be written.
     """
     place = Path(source)
     if place.is_dir() and (place / FORMATS["zarr"]).is_dir():
