@@ -53,12 +53,12 @@ class Pool:
     """A cluster that may compute several works, one after the other."""
 
     def __init__(self, started: Any) -> None:
-        self.client, self._where, self._workers = started._client, started._where, started._workers
-        self._look_after = started._look_after
+        self.client, self._rest = started._client, (started._where, started._look_after)
 
     @contextmanager
     def computing(self, work: Any) -> Iterator[Any]:
-        yield cluster._Cluster(self.client, self._where, work, self._workers, self._look_after)
+        where, look_after = self._rest
+        yield cluster._Cluster(self.client, where, work, 1, look_after)
 
 
 @contextmanager
