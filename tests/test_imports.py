@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -38,10 +39,14 @@ ORDER = [
 HEAVY = {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}
 
 
-def imported(path: Path) -> set[str]:
-    """Modules of heliosweep that a file imports, wherever in it."""
+def imported(path: Path, for_types: bool = True) -> set[str]:
+    """Names of heliosweep that a file imports, wherever in it, also those that are for type checkers alone."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and not for_types and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body = []
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -60,6 +65,16 @@ def test_imports_go_one_way(path):
             continue
         assert layer != "kernels" or other == "sources", f"kernels import {name}"
         assert ORDER.index(other) < ORDER.index(layer), f"{layer} imports {name}"
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    paths = {".".join(("heliosweep", *path.relative_to(PACKAGE).with_suffix("").parts)): path
+             for path in PACKAGE.rglob("*.py")}  # fmt: skip
+    graph = {
+        module: {name if name in paths else name.rpartition(".")[0] for name in imported(path, for_types=False)}
+        for module, path in paths.items()
+    }
+    list(TopologicalSorter(graph).static_order())
 
 
 @pytest.mark.parametrize("module", ["heliosweep", "heliosweep.cli", "heliosweep.api", "heliosweep.families.family"])
