@@ -1,6 +1,6 @@
 """Whatever a study file holds, it can be planned or is refused where it is wrong, quickly and in little memory.
 
-``make faults`` tries thousands of mutated files, ``make test`` some hundreds.
+``make faults`` tries thousands of mutated files, ``make test`` some of them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from tests.faults.mutations import (
 from tests.report.test_page import Page
 
 #: How many mutated files are tried by `make test` and by `make faults`; every which one of them is also run.
-QUICK, LONG, RUN_EVERY = 300, 12_000, 20
+QUICK, LONG, RUN_EVERY = 150, 12_000, 20
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ values = st.recursive(
     max_leaves=6,
 )
 keys = st.sampled_from([*KEYS, *SMALL, "sites", "zip", "execution", "output", "report", "references"])
-relaxed = settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
+relaxed = settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 @given(content=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode(errors="surrogatepass")))
