@@ -336,7 +336,7 @@ class _Done(Collection[str]):
 
     def __iter__(self) -> Iterator[str]:
         for kind, places in self._places.items():
-            yield from (part_name(kind, number) for number in np.flatnonzero(places["stored"]))
+            yield from (part_name(kind, int(number)) for number in np.flatnonzero(places["stored"]))
 
     def __len__(self) -> int:
         return sum(int(np.count_nonzero(places["stored"])) for places in self._places.values())
