@@ -132,3 +132,33 @@ def test_what_was_parsed_is_remembered_on_disk_and_a_torn_memory_is_of_no_accoun
     assert first[0] == second[0] == third[0]
     assert first[1] != "0" == second[1]
     assert third[1] == first[1]
+
+
+MODULE = "heliosweep.families.dish_tracking.compute"
+
+
+@pytest.fixture
+def _forget():
+    sources.code_versions.cache_clear()
+    yield
+    sources.code_versions.cache_clear()
+
+
+def test_libraries_are_named():
+    versions = sources.code_versions(MODULE)
+    assert versions["numpy"] == sources.version_of("numpy")
+    assert all(isinstance(version, str) for version in versions.values())
+    assert "missing" not in versions.values()
+
+
+@pytest.mark.usefixtures("_forget")
+def test_another_library(monkeypatch):
+    before = sources.code_versions(MODULE)
+    sources.code_versions.cache_clear()
+    monkeypatch.setattr(sources, "version_of", lambda name: "1.0")
+    assert sources.code_versions(MODULE) != before
+
+
+def test_each_family_has_its_own():
+    names = [f"heliosweep.families.{name}.compute" for name in ("dish_tracking", "field_efficiency")]
+    assert len({sources.code_versions(name)["heliosweep"] for name in names}) == 2

@@ -12,19 +12,43 @@ import json
 import os
 from contextlib import suppress
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-__all__ = ["numbers_digest"]
+__all__ = ["code_versions", "numbers_digest", "version_of"]
 
 _PACKAGE = "heliosweep"
 _WORDS = ("accessor", "api", "cli", "config.faults", "errors", "notebook", "plots", "report", "runs", "share", "store")
 """Modules and folders of the package on which no number depends, unless they are asked for by name."""
 _KEPT = 2000
 """Files whose code is remembered."""
+_ENCODING = "heliosweep.store.encoding"
+"""How values are stored."""
+_LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "astropy", "pillow", "tzdata")
+"""Packages that numbers go through; xarray and dask only carry them."""
 
 _Imports = list[list[str]]
 """Of each import the modules that it could mean, the most likely first; relative ones begin with dots."""
+
+
+@cache
+def code_versions(*modules: str) -> dict[str, str]:
+    """Version of everything that can change a number that these modules of a family compute.
+
+    ``heliosweep`` is the digest of their code and of all that they import from this package and their own; the others
+    are versions of libraries.
+    """
+    digest = numbers_digest(*modules, _ENCODING)
+    return {"heliosweep": digest[:16], **{name: version_of(name) or "missing" for name in _LIBRARIES}}
+
+
+def version_of(library: str) -> str | None:
+    """Version of an installed library; None where there is none."""
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def numbers_digest(*modules: str, root: Path | None = None) -> str:

@@ -29,7 +29,7 @@ from heliosweep.kernels import compiled
 from heliosweep.runs.executors import Pool, WorkerDied, forking_context
 from heliosweep.runs.jobs import WORKER_SETTINGS, free_dashboard, job_queue
 from heliosweep.runs.signals import TidyStack, interruptions_blocked
-from heliosweep.store.manifest import code_versions
+from heliosweep.sources import code_versions
 
 if TYPE_CHECKING:
     from distributed import Client

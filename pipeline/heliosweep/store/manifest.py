@@ -10,8 +10,6 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
-from importlib import metadata
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +21,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
-from heliosweep.sources import numbers_digest
+from heliosweep.sources import code_versions, version_of
 from heliosweep.store.encoding import slab_digest, slab_rows
 from heliosweep.store.folder import MANIFEST, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
@@ -41,10 +39,6 @@ _EXTENT = (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", 
 _PACKAGES = ("heliosweep", "numpy", "numba", "llvmlite", "xarray", "dask", "pandas", "netCDF4", "pvlib", "matplotlib")
 #: Global attributes that follow from the study and the code, which are compared by themselves.
 _FOLLOWING = ("study", "study_id", "id", "history", "source")
-#: How values are stored.
-_ENCODING = "heliosweep.store.encoding"
-#: Packages that numbers go through; xarray and dask only carry them.
-_LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "astropy", "pillow", "tzdata")
 
 
 def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]:
@@ -125,17 +119,6 @@ def _when(study: Study) -> Iterator[tuple[str, str]]:
         yield "time_coverage_resolution", f"P{min((after - before).days for before, after in pairwise(dates))}D"
 
 
-@cache
-def code_versions(*modules: str) -> dict[str, str]:
-    """Version of everything that can change a number that these modules of a family compute.
-
-    ``heliosweep`` is the digest of their code and of all that they import from this package and their own; the others
-    are versions of libraries.
-    """
-    digest = numbers_digest(*modules, _ENCODING)
-    return {"heliosweep": digest[:16], **{name: _version(name) or "missing" for name in _LIBRARIES}}
-
-
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
     """Write ``manifest.json``, as sorted, indented JSON, and the resolved study, for good.
 
@@ -161,16 +144,9 @@ def _environment() -> dict[str, Any]:
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
-        "packages": {name: _version(name) for name in _PACKAGES},
+        "packages": {name: version_of(name) for name in _PACKAGES},
         "commit": _commit(),
     }
-
-
-def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _commit() -> str | None:
