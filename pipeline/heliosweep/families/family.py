@@ -183,24 +183,22 @@ class Found(Mapping[str, T]):
     """
 
     def __init__(self, entries: Mapping[str, metadata.EntryPoint], part: Callable[[Family], T]) -> None:
-        self._entries = entries
-        self._part = part
-        self._loaded: dict[str, T] = {}
-        self._broken: set[str] = set()
+        self._entries, self._part = entries, part
+        self._loaded: dict[str, T | None] = {}
 
     def __getitem__(self, name: str) -> T:
         """Return that of one family. Raises KeyError."""
         if name not in self._loaded:
-            if name in self._broken:
-                raise KeyError(name)
             entry = self._entries[name]
             try:
                 self._loaded[name] = self._part(entry.load())
             except Exception as error:  # whatever another package does must not stop the other families
-                self._broken.add(name)
+                self._loaded[name] = None
                 log.warning("the family %r cannot be loaded from %s: %r", name, entry.value, error)
-                raise KeyError(name) from error
-        return self._loaded[name]
+        found = self._loaded[name]
+        if found is None:
+            raise KeyError(name)
+        return found
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names of the families that can be loaded; loads them all."""
