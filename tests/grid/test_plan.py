@@ -14,6 +14,7 @@ from heliosweep.files import human_bytes
 from heliosweep.grid.machine import Limits, human_seconds
 from heliosweep.grid.plan import BASE_MEMORY, PART_SECONDS, SLAB_BYTES, SLABS_HELD, Plan, Workload, make_plan
 from heliosweep.grid.regions import SERIES_SLAB_BYTES, STORAGE_BYTES, Variable, bytes_of, parts_by_slab, regions
+from heliosweep.grid.regions import slabs as all_slabs
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
@@ -56,7 +57,7 @@ def covered(regions, shape: dict[str, int]) -> bool:
 def test_slabs_and_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
     work = workload({"a": 2, "b": 3, **sizes}, 40, 0, evaluations)
     plan = planned(work, Limits(workers, 2**36, 2**50), chunks)
-    parts, slabs = list(plan.parts()), list(plan.slabs())
+    parts, slabs = list(plan.parts()), list(all_slabs(plan.cuts))
     cells = {**work.parameters, "heliostat": 40}
     assert covered((part.region for part in parts), cells)
     assert covered((slab.region for slab in slabs), cells)

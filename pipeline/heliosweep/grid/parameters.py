@@ -19,19 +19,9 @@ CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_
 
 
 class Parameters:
-    """Values of every key of a study over a region of its result.
+    """Values of every key of a study over a region of its result: `select`, in which a dimension not named is whole.
 
-    Parameters
-    ----------
-    study : Study
-        Checked study.
-    select : mapping of str to slice, optional
-        Part of each dimension; a dimension not named is whole.
-
-    Attributes
-    ----------
-    sizes : dict of str to int
-        Length of each swept dimension within the slab, in the order of the result.
+    `sizes` has the length of each swept dimension within the region, in the order of the result.
     """
 
     def __init__(self, study: Study, select: Mapping[str, slice] | None = None) -> None:

@@ -11,7 +11,7 @@ from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes
 from heliosweep.grid.machine import Limits, human_seconds
-from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, parts_of, series_cut, slab_lengths, slabs
+from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, parts_of, series_cut, slab_lengths
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY = 388 * 2**20, 100 * 2**20
@@ -144,10 +144,6 @@ class Plan:
     def part_count(self) -> int:
         """Number of parts in the whole study."""
         return sum(cut.part_count for cut in self.cuts.values())
-
-    def slabs(self) -> Iterator[Part]:
-        """Slabs in the order of the file, those without ``time`` first."""
-        return slabs(self.cuts)
 
     def parts(self) -> Iterator[Part]:
         """All parts, slab by slab."""

@@ -83,12 +83,7 @@ PLACE = ("site.latitude", "site.longitude", "site.altitude", "time.azimuth", "ti
 class Suns:
     """Sun vectors at the points of a region, made once for points at the same place that follow each other.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        The region; where it has ``time``, of those instants only.
-    most : int, optional
-        Evenly picked instants at the most.
+    Where the region has ``time``, of those instants only; with `most`, of so many evenly picked instants.
     """
 
     def __init__(self, parameters: Parameters, most: int | None = None) -> None:
@@ -125,26 +120,12 @@ def sun_vectors(
 ) -> NDArray[np.float64]:
     """Unit vectors towards the sun, geometric (without refraction), for all sites at the same instants.
 
-    Parameters
-    ----------
-    utc : array_like of datetime64, shape (T,)
-        Universal time; NaT gives NaN.
-    latitude, longitude : array_like
-        Of the sites, positive north and east; the sites' arguments broadcast. [deg]
-    altitude : array_like
-        Above sea level. [m]
-    delta_t : float, optional
-        Terrestrial minus universal time; by default as pvlib estimates it for the month of each instant. [s]
+    Universal times, of which NaT gives NaN; latitudes and longitudes, positive north and east [deg], and altitudes
+    above sea level [m] broadcast. Terrestrial minus universal time `delta_t` [s] is by default as pvlib estimates it
+    for the month of each instant. Of shape (*sites, T, 3): east, north, up. [1]
 
-    Returns
-    -------
-    ndarray, shape (*sites, T, 3)
-        East, north, up. [1]
-
-    Raises
-    ------
-    ValueError
-        If `delta_t` is not finite or a day or more, or an instant beyond what nanoseconds can count (1678 to 2261).
+    Raises ValueError if `delta_t` is not finite or a day or more, or for an instant beyond what nanoseconds can count
+    (1678 to 2261).
     """
     stamps = np.array(utc, "datetime64[ns]", order="C")  # a copy: read-only stamps would be compiled for anew
     given = np.asarray(utc, "datetime64")
