@@ -312,11 +312,14 @@ def _nurse() -> None:
 
     for name in ("matplotlib.pyplot", "zarr", "heliosweep.cli", "heliosweep.report.page", "heliosweep.runs.run"):
         import_module(name)
-    for content in STUDIES.values():  # load all that is loaded late, but start no thread: none outlives a fork
-        study = api.load(content)
-        api.family_of(study).prepare(study)
+    ready: set[str] = set()
     for line in sys.stdin:
         order = json.loads(line)
+        name = order["arguments"][1]
+        if name not in ready:  # load all that is loaded late, but start no thread: none outlives a fork
+            study = api.load(name)
+            api.family_of(study).prepare(study)
+            ready.add(name)
         pid = os.fork()
         if not pid:
             os.setsid()
