@@ -134,9 +134,12 @@ def test_its_slabs_are_taken_over(small, tmp_path, result):
     assert finished
     assert finished.holds("points", PLAN)
     assert finished.holds("series", PLAN)
-    more, cuts = {**PLAN.variables, "new": PLAN.variables["power"]}, {**PLAN.cuts, "points": PLAN.cuts["series"]}
-    assert not finished.holds("series", SimpleNamespace(variables=more, cuts=PLAN.cuts))
-    assert not finished.holds("points", SimpleNamespace(variables=PLAN.variables, cuts=cuts))
+    others: list[Any] = [
+        SimpleNamespace(variables={**PLAN.variables, "new": PLAN.variables["power"]}, cuts=PLAN.cuts),
+        SimpleNamespace(variables=PLAN.variables, cuts={**PLAN.cuts, "points": PLAN.cuts["series"]}),
+    ]
+    assert not finished.holds("series", others[0])
+    assert not finished.holds("points", others[1])
     for slab in SLABS:
         assert slab_digest(finished.read(slab)) == slab_digest(values(slab))
     finished.manifest["slabs"]["digests"]["points-00001"] = "0" * 64
