@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.forms import read_sweep
-from heliosweep.config.sweep import Geometric, Listed, Range
+from heliosweep.config.sweep import Geometric, Listed, Range, read_sweep
 
 
 def sweep(raw: Any) -> Any:
