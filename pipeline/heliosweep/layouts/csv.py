@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +85,7 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     lines = table_lines(table_text(Path(path), name))
     form = _solarpilot_form(lines[1])
     if form is not None:
-        return _read_solarpilot(name, lines, form, reserved)
+        return _read_solarpilot(name, lines, *form, reserved)
     needs = "a header with the columns x and y, and one row for each heliostat"
     return layout_of(Table(name, lines, rows="heliostats", most_rows=MAX_HELIOSTATS, needs=needs), reserved)
 
@@ -114,69 +113,41 @@ def write_csv(layout: Layout, path: str | Path) -> None:
     write_rows(itertools.chain([columns], rows), Path(path))
 
 
-@dataclass(frozen=True)
-class _Form:
-    """Form of a table of SolarPILOT.
+def _solarpilot_form(lines: Sequence[str]) -> tuple[str, int | None] | None:
+    """Return what separates fields of a table of SolarPILOT, and which line is its header; None for any other table.
 
-    Parameters
-    ----------
-    separator : str
-        Between fields.
-    header : int or None
-        Position of the header among the lines that hold something; None where there is none.
+    `lines` are those that hold something. A layout has no header: None stands for it.
     """
-
-    separator: str
-    header: int | None
-
-
-def _solarpilot_form(lines: Sequence[str]) -> _Form | None:
-    """Return how a table of SolarPILOT is written, by the lines that hold something; None for any other."""
     for position, line in enumerate(lines[: _MOST_PREAMBLE + 1]):
         separator = "," if "," in line else "\t"
         fields = _fields(line, separator)
         plain = [_letters(field) for field in fields]
         meant = [_TITLES.get(title) for title in plain]
         if {"x", "y"} <= set(meant) and not {"x", "y"} & set(plain):
-            return _Form(separator, position)
+            return separator, position
         if position == 0 and _is_row(fields):
-            return _Form(separator, None)
+            return separator, None
         if not plain[0].startswith(_PREAMBLE):
             return None
     return None
 
 
-def _read_solarpilot(name: str, lines: tuple[list[int], list[str]], form: _Form, reserved: Collection[str]) -> Layout:
+def _read_solarpilot(
+    name: str, lines: tuple[list[int], list[str]], separator: str, header: int | None, reserved: Collection[str]
+) -> Layout:
     """Read a table of SolarPILOT: a layout, the export of a simulation, or what its Python interface gives.
 
     Columns of a layout get the names of `SOLARPILOT_COLUMNS`, others theirs in small letters. A column that is nowhere
     given (``NULL``) is left out, as is the template where all share one. Sizes of templates become ``width`` and
-    ``height``.
-
-    Parameters
-    ----------
-    name : str
-        Name of the file.
-    lines : tuple of list
-        Numbers and text of the lines that hold something.
-    form : _Form
-        From `_solarpilot_form`.
-    reserved : collection of str
-        Names that columns get another name for.
-
-    Raises
-    ------
-    StudyError
-        With all that is wrong.
+    ``height``. Raises StudyError with all that is wrong.
     """
-    first = form.header or 0
-    numbers, texts = lines[0][first:], lines[1][first:]
+    numbers, texts = (part[header or 0 :] for part in lines)
     sizes: dict[int, tuple[float, float]] = {}
     while len(texts) > 1 and (size := _SIZE.fullmatch(texts[-1].strip())):
         sizes[int(size[1])] = _side(size[2], name, numbers[-1]), _side(size[3], name, numbers[-1])
         del numbers[-1], texts[-1]
-    cells = [_fields(text, form.separator) for text in texts]
-    if form.header is None:
+    cells = [_fields(text, separator) for text in texts]
+    if header is None:
         width = max(map(len, cells))
         # A row may end where nothing more is given. Header and lines stay one to one: it stands on the first line.
         cells = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in cells]
@@ -184,23 +155,21 @@ def _read_solarpilot(name: str, lines: tuple[list[int], list[str]], form: _Form,
     else:
         cells[0] = [_TITLES.get(_letters(title)) or _variable(title) for title in cells[0]]
     cells[0] = [f"solarpilot_{key}" if key in reserved and key not in ("x", "y", "z") else key for key in cells[0]]
-    table = Table(name, (numbers, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=form.separator)
+    table = Table(name, (numbers, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=separator)
     layout = layout_of(table, unknown="NULL")
     columns = {key: values for key, values in layout.columns.items() if not _is_unknown(values)}
-    template = columns.get("template")
-    if template is not None and template.dtype.kind != "i":
+    template = columns.get("template", np.zeros(len(layout), np.int64))
+    if template.dtype.kind != "i":
         table.add("template must be a whole number", 0, "template")
         table.finish()
+    if missing := [number for number in np.unique(template).tolist() if sizes and number not in sizes]:
+        table.add(f"gives no mirror size for template {missing[0]}, but sizes for others")
+        table.finish()
     if sizes:
-        numbers_of = np.zeros(len(layout), np.int64) if template is None else template
-        missing = [int(number) for number in np.unique(numbers_of) if int(number) not in sizes]
-        if missing:
-            table.add(f"gives no mirror size for template {missing[0]}, but sizes for others")
-            table.finish()
-        sides = np.array([sizes[int(number)] for number in numbers_of])
+        sides = np.array([sizes[number] for number in template.tolist()])
         columns |= {"width": sides[:, 0], "height": sides[:, 1]}
-    if template is not None and (template == template[0]).all():
-        del columns["template"]
+    if (template == template[0]).all():
+        columns.pop("template", None)
     for group in _GROUPS:
         there = [key for key in group if key in columns]
         if there and len(there) < len(group):
@@ -243,12 +212,11 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
         If the file cannot be written.
     """
     numbers, sizes = _templates(layout)
-    count = len(layout)
     groups = [all(key in layout.columns for key in group) for group in _GROUPS]
     last = max((place + 1 for place, there in enumerate(groups) if there), default=0)
-    columns: list[list[Any]] = [numbers.tolist(), layout.x.tolist(), layout.y.tolist(), layout.z.tolist()]
+    columns: list[list[Any]] = [values.tolist() for values in (numbers, layout.x, layout.y, layout.z)]
     for group, there in zip(_GROUPS[:last], groups, strict=False):
-        columns += [_written(layout.columns[key]) if there else ["NULL"] * count for key in group]
+        columns += [_written(layout.columns[key]) if there else ["NULL"] * len(layout) for key in group]
 
     def rows() -> Iterator[Sequence[Any]]:
         yield from zip(*columns, strict=True)
@@ -260,12 +228,9 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
 
 def _templates(layout: Layout) -> tuple[NDArray[np.int64], dict[int, tuple[float, float]]]:
     """Return the template of every heliostat, and the mirror size of each template where sizes are known."""
-    count = len(layout)
-    given = layout.columns.get("template")
-    sides = [layout.columns.get(side) for side in ("width", "height")]
-    width, height = sides
+    given, width, height = (layout.columns.get(key) for key in ("template", "width", "height"))
     if width is None or height is None:
-        return np.zeros(count, np.int64) if given is None else given, {}
+        return np.zeros(len(layout), np.int64) if given is None else given, {}
     pairs = list(zip(width.astype(float).tolist(), height.astype(float).tolist(), strict=True))
     if given is None:
         order = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
