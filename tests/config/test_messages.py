@@ -104,14 +104,14 @@ def test_huge_integer() -> None:
 def test_problems_that_are_not_listed_come_last_and_are_counted() -> None:
     # As from a table of another file: numbers of lines, and at the end how many more there are.
     listed = [Problem("is wrong", file="spots.csv", line=line) for line in (7, 2)]
-    error = _refusal([Problem("and 1,980 more problems", file="spots.csv"), *listed])
+    error = _refusal([Problem("and 1,980 more problems", file="spots.csv", unlisted=1980), *listed])
     assert [problem.line for problem in error.problems] == [2, 7, None]
     assert error.count == 1982
 
 
 def test_the_cut_of_a_flood_counts_what_others_had_cut() -> None:
     problems = [Problem("is wrong", file="a.csv", line=line) for line in range(1, MAX_PROBLEMS + 6)]
-    error = _refusal([*problems, Problem("and 20 more problems", file="a.csv")])
+    error = _refusal([*problems, Problem("and 20 more problems", file="a.csv", unlisted=20)])
     assert error.problems[-1].message == "and at least 25 more problems"
     assert error.count == MAX_PROBLEMS + 25
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.config.tables import HEADER, Table, numbers
-from heliosweep.errors import Problem
+from heliosweep.errors import Problem, listed
 
 MAX_HELIOSTATS = 1_000_000
 """Largest layout that is read or generated: ten times the largest field imaginable, still small in memory."""
@@ -307,10 +307,9 @@ def _repeated(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[n
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
     """Return a problem for each of the first rows, and one that counts the rest."""
-    problems = []
-    for row, message in zip(rows[:MAX_LISTED], messages, strict=False):
-        line = None if layout.lines is None else int(layout.lines[row])
-        problems.append(Problem(f"heliostat {row} {message}", file=layout.name, line=line))
-    if len(rows) > MAX_LISTED:
-        problems.append(Problem(f"and {len(rows) - MAX_LISTED:,} more of this kind", file=layout.name))
-    return problems
+    lines = (None if layout.lines is None else int(layout.lines[row]) for row in rows)
+    problems = (
+        Problem(f"heliostat {row} {message}", file=layout.name, line=line)
+        for row, line, message in zip(rows, lines, messages, strict=True)
+    )
+    return listed(problems, MAX_LISTED, len(rows), "more of this kind")
