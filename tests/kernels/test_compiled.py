@@ -132,7 +132,7 @@ def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(mo
 def test_each_family_warms_its_own_kernels():
     program = (
         "import sys; from heliosweep.kernels.warm import warm_dish; warm_dish()\n"
-        "print('heliosweep.kernels.dish.tracking' in sys.modules, 'heliosweep.kernels.field.efficiency' in sys.modules)"
+        "print('heliosweep.kernels.dish' in sys.modules, 'heliosweep.kernels.field.efficiency' in sys.modules)"
     )
     assert run(program).split() == ["True", "False"]
 
@@ -155,8 +155,8 @@ PLAIN = {
     ),
     "dish": (
         "from heliosweep.grid.spa import sun_vectors\n"
-        "from heliosweep.kernels.dish.tracking import window_errors\n"
-        "from heliosweep.kernels.dish.windows import pack_windows\n"
+        "from heliosweep.kernels.dish import window_errors\n"
+        "from heliosweep.kernels.dish import pack_windows\n"
         "utc = np.datetime64('2021-06-21T01:00', 'ns') + np.arange(9) * np.timedelta64(1, 'h')\n"
         "windows = pack_windows(sun_vectors(utc, 40.0, 95.0), [0, 4, 9])\n"
         "for model in (0, 1):\n"

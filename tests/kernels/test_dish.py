@@ -12,18 +12,20 @@ from scipy.special import ellipe
 
 from heliosweep.grid.spa import sun_vectors
 from heliosweep.kernels import warm
-from heliosweep.kernels.dish.tracking import (
+from heliosweep.kernels.dish import (
+    LANES,
     RIGID,
     UNTILTED_HOME_AXES,
     effective_tracking_factor,
+    pack,
+    pack_windows,
     sweep,
     window_errors,
 )
-from heliosweep.kernels.dish.windows import LANES, pack, pack_windows
 from heliosweep.kernels.sun.clock import solar_clock
 from heliosweep.kernels.sun.ephemeris import daily_splines, sun_at_sites
 
-DATA = Path(__file__).parents[2] / "data"
+DATA = Path(__file__).parents[1] / "data"
 MODELS = {"rigid": RIGID, "untilted_home_axes": UNTILTED_HOME_AXES}
 both = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 ANYWHERE = st.tuples(st.floats(-np.pi, np.pi), st.floats(0.0, np.pi / 2))
