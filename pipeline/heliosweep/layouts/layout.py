@@ -97,21 +97,10 @@ class Layout:
 
 
 def layout_of(table: Table, reserved: Collection[str] = (), unknown: str | None = None) -> Layout:
-    """Return the layout that a table holds: ``x`` and ``y``, ``z`` and any others.
+    """Return the layout that a table holds, ``x`` and ``y``, ``z`` and any others; its rows are still to be checked.
 
-    Parameters
-    ----------
-    table : Table
-        Its header and its rows are still to be checked.
-    reserved : collection of str
-        Names that other columns must not have.
-    unknown : str, optional
-        What stands in a cell of which nothing is known; it becomes NaN.
-
-    Raises
-    ------
-    StudyError
-        With everything that is wrong.
+    Other columns must not have `reserved` names. Cells with the text `unknown` become NaN. Raises StudyError with
+    everything that is wrong.
     """
     _check_names(table, reserved)
     table.check_rows()

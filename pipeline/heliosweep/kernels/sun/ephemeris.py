@@ -36,17 +36,9 @@ _EQUATORIAL_RADIUS = 6378140.0
 
 
 def sidereal_time(day: Any, fraction: Any) -> Any:
-    """Mean sidereal time at Greenwich.
+    """Mean sidereal time at Greenwich, whole turns not removed. [turn]
 
-    Parameters
-    ----------
-    day, fraction : int or ndarray, float or ndarray
-        Days since 1970-01-01 0 h UT, and the fraction of the day past them. [d]
-
-    Returns
-    -------
-    float or ndarray
-        Whole turns not removed. [turn]
+    `day` and `fraction`, numbers or arrays, are the days since 1970-01-01 0 h UT and the fraction of the day past them.
     """
     days = (day - _J2000) + fraction
     centuries = days / 36525.0
@@ -62,15 +54,8 @@ _sidereal_time = inline(sidereal_time)
 def daily_splines(nodes: Floats) -> Floats:
     """Cubic splines through nodes a day apart, straight (second derivative zero) at both ends.
 
-    Parameters
-    ----------
-    nodes : ndarray, shape (N, QUANTITIES)
-        Values at day 0, 1, ... N - 1.
-
-    Returns
-    -------
-    ndarray, shape (N - 1, 4, QUANTITIES)
-        Coefficients of the powers 0 to 3 of the fraction of the day, for each day.
+    `nodes` are the values at day 0, 1, ... N - 1, shape (N, QUANTITIES). Returned are the coefficients of the powers 0
+    to 3 of the fraction of the day, for each day, shape (N - 1, 4, QUANTITIES).
     """
     count = len(nodes)
     bend = np.zeros((count, QUANTITIES))  # a sixth of the second derivative
