@@ -24,7 +24,7 @@ def messages(layout: Layout, width: ArrayLike = 10, height: ArrayLike = 10) -> t
     return [str(problem) for problem in problems], [str(warning) for warning in warnings]
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(2, 400),
