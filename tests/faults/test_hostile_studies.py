@@ -38,7 +38,7 @@ from tests.faults.mutations import (
 from tests.report.test_page import Page
 
 #: How many mutated files are tried by `make test` and by `make faults`; every which one of them is also run.
-QUICK, LONG, RUN_EVERY = 300, 12_000, 20
+QUICK, LONG, RUN_EVERY = 160, 12_000, 20
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ values = st.recursive(
     max_leaves=6,
 )
 keys = st.sampled_from([*KEYS, *SMALL, "sites", "zip", "execution", "output", "report", "references"])
-relaxed = settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
+relaxed = settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 @given(content=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode(errors="surrogatepass")))
