@@ -111,31 +111,31 @@ class Job(Block):
 
 
 _SCHEDULER = Scheduler("Where the work runs", _LOCAL | QUEUES, sweep=False)
-_WORKERS = Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
-_MEMORY = Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False)
 _CHUNKS = Field(description="Sizes of chunks along named dimensions; by default chosen by the plan")
 _Chunks = dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]]
-_JOB = Field(description="What each job asks the job queue for; job queues only")
 
 
 class Profile(Block):
     """Keys of the block `execution` for one machine."""
 
     scheduler: Annotated[str | None, _SCHEDULER] = None
-    workers: Annotated[int | None, _WORKERS] = None
-    memory: Annotated[int | None, _MEMORY] = None
+    workers: Annotated[
+        int | None,
+        Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False),
+    ] = None
+    memory: Annotated[
+        int | None,
+        Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False),
+    ] = None
     chunks: Annotated[_Chunks | None, _CHUNKS] = None
-    job: Annotated[Job | None, _JOB] = None
+    job: Annotated[Job | None, Field(description="What each job asks the job queue for; job queues only")] = None
 
 
-class Execution(Block):
+class Execution(Profile):
     """Engine and machine of a run; no number of the result depends on them."""
 
     scheduler: Annotated[str, _SCHEDULER] = "threads"
-    workers: Annotated[int | None, _WORKERS] = None
-    memory: Annotated[int | None, _MEMORY] = None
     chunks: Annotated[_Chunks, _CHUNKS] = Field(default_factory=dict)
-    job: Annotated[Job | None, _JOB] = None
     profile: Annotated[str | None, Text("Which of the profiles is used")] = None
     profiles: Annotated[
         dict[str, Profile],
