@@ -141,7 +141,7 @@ def _read_solarpilot(
     given (``NULL``) is left out, as is the template where all share one. Sizes of templates become ``width`` and
     ``height``. Raises StudyError with all that is wrong.
     """
-    numbers, texts = (part[header or 0 :] for part in lines)
+    numbers, texts = lines[0][header or 0 :], lines[1][header or 0 :]
     sizes: dict[int, tuple[float, float]] = {}
     while len(texts) > 1 and (size := _SIZE.fullmatch(texts[-1].strip())):
         sizes[int(size[1])] = _side(size[2], name, numbers[-1]), _side(size[3], name, numbers[-1])
