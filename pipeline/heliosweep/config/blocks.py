@@ -83,10 +83,7 @@ class SiteFile(Block):
 
     file: Annotated[
         str,
-        FileName(
-            "CSV table of sites, columns name, latitude and optional longitude, altitude, timezone",
-            sweep=False,
-        ),
+        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone", sweep=False),
     ]
 
 
@@ -114,9 +111,7 @@ Sites = Annotated[
     Annotated[tuple[NamedSite, ...], Field(min_length=1), AfterValidator(_distinct), Tag("list")]
     | Annotated[SiteFile, Tag("table")],
     Discriminator(
-        _sites_form,
-        custom_error_type="fault",
-        custom_error_message="must be a list of named sites or {file: NAME.csv}",
+        _sites_form, custom_error_type="fault", custom_error_message="must be a list of named sites or {file: NAME.csv}"
     ),
     Field(description="Several named sites: a list, or a CSV table"),
 ]
@@ -193,17 +188,11 @@ class RadialStagger(Block):
     ]
     inner_radius: Annotated[
         float | Sweep | None,
-        Quantity(
-            "Radius of the first ring; may be left out with zones",
-            "m",
-            gt=0,
-            title="radius of the first ring",
-        ),
+        Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
     ] = None
     rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
     heliostats: Annotated[
-        int | Sweep | None,
-        Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count"),
+        int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
     ] = None
     zones: Annotated[
         tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
@@ -225,10 +214,7 @@ class Layout(Block):
 
     file: Annotated[
         str | Sweep | None,
-        FileName(
-            "CSV table of heliostats, columns x and y and optional z, in m, any others kept",
-            dimension="layout",
-        ),
+        FileName("CSV table of heliostats, columns x and y and optional z, in m, any others kept", dimension="layout"),
     ] = None
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
 
@@ -343,9 +329,7 @@ class Dataset(Block):
     doi: Annotated[
         str | None,
         Text(
-            "DOI of the published data set, as 10.5281/zenodo.1234567",
-            form=_bare_doi,
-            schema=pattern(rf"\s*{_DOI}\s*"),
+            "DOI of the published data set, as 10.5281/zenodo.1234567", form=_bare_doi, schema=pattern(rf"\s*{_DOI}\s*")
         ),
     ] = None
     keywords: Annotated[

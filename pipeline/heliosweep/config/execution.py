@@ -120,8 +120,7 @@ class Profile(Block):
 
     scheduler: Annotated[str | None, _SCHEDULER] = None
     workers: Annotated[
-        int | None,
-        Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False),
+        int | None, Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
     ] = None
     memory: Annotated[
         int | None,
