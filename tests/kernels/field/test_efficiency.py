@@ -2,6 +2,7 @@
 
 import csv
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from heliosweep.kernels.field.efficiency import aimed, field_series, field_sums,
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, packet_order
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
-from tests.kernels.field.fields import DATA, chong2012, directions, scattered, suns
+from tests.kernels.field.fields import DATA, Field, Floats, chong2012, directions, scattered, suns
 from tests.kernels.field.oracles import frame, instant
 
 METHODS = pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
@@ -57,7 +58,7 @@ def spoke():
     "made",  # spacings below, about and above the limit of the bounding spheres
     [row(), spoke(), *(random_field(spacing, seed) for spacing in (6.0, 9.0, 16.0) for seed in (1, 2))],
 )
-def test_fields_against_the_twin(tracking, made):
+def test_fields_against_the_twin(tracking, made: tuple[Field, Floats, Sequence[int]]):
     field, sun, tests = made
     out = field_series(*field, tracking, sun, 0, len(field[0]))[:, :, tests]
     expected = [[instant(i, aimed(*field), tracking, s) for i in tests] for s in sun]
