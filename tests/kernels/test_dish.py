@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ellipe
 
@@ -162,6 +162,7 @@ def test_rigid_window_symmetric_about_noon_does_not_tell_east_from_west():
     np.testing.assert_allclose(east, west, rtol=0, atol=1e-17)
 
 
+@settings(max_examples=30)
 @given(ANYWHERE)
 def test_rigid_root_mean_square_and_mean_over_directions(place):
     tilt, directions = 1e-5, np.linspace(0.0, 2 * np.pi, 4096, endpoint=False)
@@ -172,6 +173,7 @@ def test_rigid_root_mean_square_and_mean_over_directions(place):
     assert np.mean(error) == pytest.approx(tilt * 2 / np.pi * ellipe(np.cos(elevation) ** 2), rel=1e-6)
 
 
+@settings(max_examples=30)
 @given(ANYWHERE)
 def test_untilted_mean_over_directions(place):
     tilt, directions = 1e-5, np.linspace(0.0, 2 * np.pi, 4096, endpoint=False)

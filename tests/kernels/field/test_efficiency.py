@@ -30,8 +30,8 @@ def series_aimed(mirrors, tracking, sun):
 # --- against the plain twin ------------------------------------------------------------------------------------------
 
 
-def random_field(spacing, seed):
-    rng = np.random.default_rng(seed)
+def random_field(spacing):
+    rng = np.random.default_rng(1)
     return scattered(rng, 14, spacing), np.concatenate((suns(rng, 4, 1.0, 25.0), suns(rng, 4))), range(14)
 
 
@@ -56,7 +56,7 @@ def spoke():
 @METHODS
 @pytest.mark.parametrize(
     "made",  # spacings below, about and above the limit of the bounding spheres
-    [row(), spoke(), *(random_field(spacing, seed) for spacing in (6.0, 9.0, 16.0) for seed in (1, 2))],
+    [row(), spoke(), *(random_field(spacing) for spacing in (6.0, 9.0, 16.0))],
 )
 def test_fields_against_the_twin(tracking, made: tuple[Field, Floats, Sequence[int]]):
     field, sun, tests = made
