@@ -67,24 +67,9 @@ class Windows(NamedTuple):
 def pack_windows(sun: ArrayLike, starts: ArrayLike, weights: ArrayLike | None = None) -> Windows:
     """Pack the instants of all windows for `window_errors`.
 
-    Parameters
-    ----------
-    sun : array_like, shape (T, 3)
-        Unit vectors to the sun: east, north, up. [1]
-    starts : array_like of int, shape (W + 1,)
-        Window w holds the instants starts[w] .. starts[w + 1] - 1.
-    weights : array_like, shape (T,), optional
-        Weight of each instant, 1 by default; instants of weight zero do not count, whatever their vectors. [1]
-
-    Returns
-    -------
-    Windows
-        The vectors of the instants that count.
-
-    Raises
-    ------
-    ValueError
-        If the windows are no part of the instants or a weight is negative or not finite.
+    `sun` are unit vectors to the sun: east, north, up, shape (T, 3). [1] Window w holds the instants starts[w] to
+    starts[w + 1] - 1. `weights`, shape (T,), are 1 by default [1]; instants of weight zero do not count, whatever their
+    vectors. Raises ValueError where the windows are no part of the instants, or a weight is negative or not finite.
     """
     vectors = np.ascontiguousarray(sun, np.float64)
     bounds = np.ascontiguousarray(starts, np.int64)

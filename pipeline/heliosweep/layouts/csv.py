@@ -57,29 +57,14 @@ _SIZE = re.compile(r"template (\d{1,9}): (\S+) m x (\S+) m")
 def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None = None) -> Layout:
     """Read a layout from a CSV file.
 
-    The first row names the columns: ``x`` and ``y``, metres east and north of the tower's base, ``z``, metres
-    above it (0 if left out), and any others, which are kept as integers, numbers or text. Rows stay in order.
-    Empty lines and lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark.
-    Tables of SolarPILOT are known by their header, or by having none, and read as the notes of this module say.
+    The first row names the columns: ``x`` and ``y``, metres east and north of the tower's base, ``z``, metres above it
+    (0 if left out), and any others, which are kept as integers, numbers or text. Rows stay in order. Empty lines and
+    lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark. Tables of SolarPILOT are
+    known by their header, or by having none, and read as the notes of this module say.
 
-    Parameters
-    ----------
-    path : str or Path
-        File to read.
-    reserved : collection of str, optional
-        Names that other columns must not have, since the result uses them.
-    name : str, optional
-        Name of the file in messages and in the layout; `path` by default.
-
-    Returns
-    -------
-    Layout
-        The heliostats, with the line of each.
-
-    Raises
-    ------
-    StudyError
-        If the file cannot be read or is no such table; all bad rows at once, with file, line and column.
+    Other columns must not have `reserved` names, since the result uses them. `name` is what messages and the layout
+    call the file; `path` by default. Raises StudyError if the file cannot be read or is no such table: all bad rows at
+    once, with file, line and column.
     """
     name = str(path) if name is None else name
     lines = table_lines(table_text(Path(path), name))
@@ -91,22 +76,11 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
-    """Write a layout so that `read_csv` gives back the same numbers, to the last bit.
+    """Write a layout so that `read_csv` gives back the same numbers, to the last bit; an existing file is replaced.
 
     The file appears under its name only when it is complete. Text that reads as a number comes back as one; numbers
-    that are not known (NaN), as SolarPILOT's tables may have them, cannot be read back.
-
-    Parameters
-    ----------
-    layout : Layout
-        The heliostats.
-    path : str or Path
-        File to write; an existing one is replaced.
-
-    Raises
-    ------
-    HeliosweepError
-        If the file cannot be written; nothing is left behind.
+    that are not known (NaN), as SolarPILOT's tables may have them, cannot be read back. Raises HeliosweepError if the
+    file cannot be written; nothing is left behind.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
     rows = zip(*(values.tolist() for values in columns.values()), strict=True)
@@ -195,21 +169,9 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
     """Write a layout that SolarPILOT takes as user-defined, and that `read_csv` gives back to the last bit.
 
     Written are the positions, what is known of `SOLARPILOT_COLUMNS`, and the mirror sizes (``width``, ``height``), for
-    each of which there is a template; further columns have no place in the table. A file of this name is replaced.
-
-    Parameters
-    ----------
-    layout : Layout
-        The heliostats.
-    path : str or Path
-        File to write; appears under its name when it is complete.
-
-    Raises
-    ------
-    StudyError
-        If heliostats of one template have mirrors of different sizes.
-    HeliosweepError
-        If the file cannot be written.
+    each of which there is a template; further columns have no place in the table. A file of this name is replaced when
+    the new one is complete. Raises StudyError if heliostats of one template have mirrors of different sizes, and
+    HeliosweepError if the file cannot be written.
     """
     numbers, sizes = _templates(layout)
     groups = [all(key in layout.columns for key in group) for group in _GROUPS]

@@ -158,22 +158,14 @@ def _texts(table: Table, key: str, texts: list[str]) -> NDArray:
 def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> list[tuple[int, int, float]]:
     """Find the heliostats that stand closer to another one than a limit.
 
-    Each heliostat is paired with the neighbour that comes nearest in terms of the limit, so that answer and
-    time grow with the number of heliostats even if all of them coincide. With one limit for all, the list is
-    empty exactly if no pair is below it. In a cube of the largest limit that holds more than 16 heliostats, a
-    partner may be a near one, not the nearest; with several limits, pairs may then be missed.
+    Each heliostat is paired with the neighbour that comes nearest in terms of the limit, so that answer and time grow
+    with the number of heliostats even if all of them coincide. With one limit for all, the list is empty exactly if no
+    pair is below it. In a cube of the largest limit that holds more than 16 heliostats, a partner may be a near one,
+    not the nearest; with several limits, pairs may then be missed.
 
-    Parameters
-    ----------
-    x, y, z : array_like, shape (heliostat,)
-        Positions, finite. [m]
-    limit : float or array_like, shape (heliostat,)
-        Distance between centres from which on a pair is clear; for unequal heliostats the mean of both. [m]
-
-    Returns
-    -------
-    list of (int, int, float)
-        Rows of each pair, the lower first, and their distance [m]; the closest pair first.
+    `x`, `y` and `z` are finite positions, shape (heliostat,) [m], and `limit` the distance between centres from which
+    on a pair is clear; for unequal heliostats the mean of both [m]. Returned are the rows of each pair, the lower
+    first, and their distance [m]; the closest pair first.
     """
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
     radius = np.broadcast_to(np.asarray(limit, float) / 2, len(points))
@@ -222,22 +214,12 @@ def _compressed(cell: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[list[Problem], list[Problem]]:
-    """Check that the heliostats of a layout can stand and turn where they are.
+    """Check that the heliostats of a layout can stand and turn where they are; returns problems, and warnings.
 
-    Parameters
-    ----------
-    layout : Layout
-        Where the heliostats stand.
-    width, height : float or array_like, shape (heliostat,)
-        Sides of the mirrors; of a sweep, the largest. [m]
-
-    Returns
-    -------
-    problems : list of Problem
-        What makes the layout useless: no heliostats, coordinates that are not numbers or off any field, two
-        heliostats on one place, centres closer than the shorter side of the mirrors.
-    warnings : list of Problem
-        One warning if centres are closer than the diagonal, at which mirrors may touch in some postures.
+    `width` and `height` are the sides of the mirrors, shape (heliostat,) or one for all; of a sweep, the largest. [m]
+    Problems make the layout useless: no heliostats, coordinates that are not numbers or off any field, two heliostats
+    on one place, centres closer than the shorter side of the mirrors. There is one warning if centres are closer than
+    the diagonal, at which mirrors may touch in some postures.
     """
     if not len(layout):
         return [Problem("the layout has no heliostats", file=layout.name)], []

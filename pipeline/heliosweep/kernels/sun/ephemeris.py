@@ -87,25 +87,13 @@ def sun_at_sites(
     sites: Floats,
     sun: Floats,
 ) -> None:
-    """Unit vectors to the sun, without refraction, for all sites at all instants.
+    """Write unit vectors to the sun, without refraction, for all sites at all instants, to `sun`.
 
-    Parameters
-    ----------
-    utc : ndarray of int64, shape (T,)
-        Nanoseconds since 1970-01-01 0 h UT; the smallest integer stands for no time.
-    delta_t : ndarray
-        Terrestrial minus universal time of each day from `first_day` on. [s]
-    first_day : int
-        Days since 1970.
-    pieces : ndarray, shape (days, 4, QUANTITIES)
-        From `daily_splines`, in days of terrestrial time, from day `first_piece` on; right ascensions less the
-        equation of the equinoxes.
-    first_piece : int
-        Days since 1970.
-    sites : ndarray, shape (S, 3)
-        Geographic latitude and longitude, positive north and east [rad], and altitude [m].
-    sun : ndarray, shape (S, T, 3)
-        Receives east, north, up; NaN at no time. [1]
+    `utc` are nanoseconds since 1970-01-01 0 h UT, shape (T,); the smallest integer stands for no time. `delta_t` is
+    terrestrial minus universal time of each day from `first_day` (days since 1970) on. [s] `pieces` come from
+    `daily_splines`, in days of terrestrial time from day `first_piece` (days since 1970) on; right ascensions less the
+    equation of the equinoxes. `sites` are geographic latitude and longitude, positive north and east [rad], and
+    altitude [m], shape (S, 3). `sun`, shape (S, T, 3), receives east, north, up [1]; NaN at no time.
     """
     place = np.zeros((QUANTITIES + 1, CHUNK))
     for start in range(0, len(utc), CHUNK):

@@ -146,28 +146,15 @@ def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> P
 
 
 def tabulated(brightness: ArrayLike, radius: float = EPS_MAX, angle: ArrayLike | None = None) -> Profile:
-    """A profile from a table.
+    """A profile from a table of brightness, linear between its nodes.
 
-    Parameters
-    ----------
-    brightness : array_like, shape (n,)
-        Relative to the disc centre, not negative; taken as it is. [1]
-    radius : float
-        eps_max, where the table ends if `angle` is not given. [rad]
-    angle : array_like, shape (n,), optional
-        Angles of the table, rising from 0, instead of `radius`; where they are not uniform, the table is interpolated
-        at as many uniform nodes as its smallest step asks for, 4096 at most. [rad]
+    `brightness`, shape (n,), is relative to the disc centre, not negative, and taken as it is. The table ends at
+    `radius`, eps_max [rad], unless the `angle` of each value is given, rising from 0 [rad]; where these are not
+    uniform, the table is interpolated at as many uniform nodes as its smallest step asks for, 4096 at most.
 
-    Returns
-    -------
-    Profile
-        Linear between its nodes. The tangent at the edge has the slope of the last cell or, where that is smaller, of
-        the last twentieth of the nodes: noise may make the last cell rise, and a rising tangent has no inverse.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 3 nodes, or a number is negative or not finite, or the edge is no darker than the disc.
+    The tangent at the edge has the slope of the last cell or, where that is smaller, of the last twentieth of the
+    nodes: noise may make the last cell rise, and a rising tangent has no inverse. Raises ValueError for fewer than 3
+    nodes, numbers that are negative or not finite, and an edge that is no darker than the disc.
     """
     values = np.ascontiguousarray(brightness, np.float64)
     if angle is not None:

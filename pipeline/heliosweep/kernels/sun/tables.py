@@ -116,23 +116,11 @@ class SunDisc(NamedTuple):
 
 
 def disc_profile(image: ArrayLike, power: float = POWER) -> SunDisc:
-    """Profile of a sun's disc.
+    """Profile of a sun's disc in an image.
 
-    Parameters
-    ----------
-    image : array_like, shape (rows, columns)
-        Levels above the dark; NaN where a pixel cannot be used.
-    power : float
-        xi of the continuation at the limb. [1]
-
-    Returns
-    -------
-    SunDisc
-
-    Raises
-    ------
-    ValueError
-        If there is no disc, it is too small, is cut by the frame or is not round.
+    `image` has levels above the dark, shape (rows, columns), NaN where a pixel cannot be used; `power` is xi of the
+    continuation at the limb. [1] Raises ValueError if there is no disc, or it is too small, cut by the frame or not
+    round.
     """
     levels = np.asarray(image, np.float64)
     seen = levels[np.isfinite(levels)]
