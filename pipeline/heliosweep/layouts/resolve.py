@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from heliosweep.config.study import Dimension, Study
-from heliosweep.errors import StudyError
+from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.csv import read_csv
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.radial_stagger import Zone, radial_stagger
@@ -58,23 +58,27 @@ class Layouts:
 
     def at(self, values: Mapping[str, Any]) -> Layout:
         """Layout for the values of what is swept, by dotted key; other keys are passed over. Raises StudyError."""
-        file, block = self._block.file, self._block.radial_stagger
-        key, prefix = f"{self._key}.radial_stagger.", ""
+        file, block = values.get(f"{self._key}.file", self._block.file), self._block.radial_stagger
         try:
             if file is not None:
-                name = values.get(f"{self._key}.file", file)
-                key, prefix = f"{self._key}.file", f"{name}: "
-                path = self._study.resolve(name)
+                path = self._study.resolve(file)
                 return _read(path, self._reserved, path.stat().st_mtime_ns if path.exists() else None)
-            given = (values.get(f"{key}{name}", getattr(block, name)) for name in ("clearance", "inner_radius"))
-            counts = (values.get(f"{key}{name}", getattr(block, name)) for name in ("rings", "heliostats"))
+            keys = ("clearance", "inner_radius", "rings", "heliostats")
+            given = {key: values.get(f"{self._key}.radial_stagger.{key}", getattr(block, key)) for key in keys}
+            for key in ("rings", "heliostats"):
+                given[key] = None if given[key] is None else int(given[key])  # a value of a sweep is a float
             zones = None if block.zones is None else tuple(Zone(z.start, z.rings, z.pitch) for z in block.zones)
-            return _generated(*given, *(None if count is None else int(count) for count in counts), zones)
+            return _generated(**given, zones=zones)
         except StudyError as error:
-            raise StudyError(
-                problem if problem.line else self._study.problem(f"{key}{problem.key}", f"{prefix}{problem.message}")
-                for problem in error.problems
-            ) from None
+            raise StudyError(map(partial(self._located, file), error.problems)) from None
+
+    def _located(self, file: str | None, problem: Problem) -> Problem:
+        """The problem where the study has what causes it, unless it has a line of a file."""
+        if problem.line:
+            return problem
+        if file is not None:
+            return self._study.problem(f"{self._key}.file", f"{file}: {problem.message}")
+        return self._study.problem(f"{self._key}.radial_stagger.{problem.key}", problem.message)
 
 
 def values_at(dimensions: Iterable[Dimension], index: Iterable[int]) -> dict[str, Any]:
