@@ -285,9 +285,8 @@ _OWN = r"LicenseRef-[A-Za-z0-9.-]+"
 _DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
 
 
-def licence(raw: Any) -> str:
+def licence(text: str) -> str:
     """Return the identifier of a licence as it was given. Raises Invalid."""
-    text = free_text(raw)
     if text in LICENCES or re.fullmatch(_OWN, text):
         return text
     if text.startswith(OWN):
@@ -322,7 +321,7 @@ class Dataset(Block):
         str | None,
         Text(
             "Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME",
-            form=licence,
+            form=lambda raw: licence(free_text(raw)),
             schema={"anyOf": [{"enum": list(LICENCES)}, pattern(_OWN)]},
         ),
     ] = None
