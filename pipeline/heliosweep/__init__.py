@@ -35,7 +35,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from heliosweep.api import build, load, open_result, plan, run, status
-    from heliosweep.config.forms import logspace, sweep
+    from heliosweep.config.sweep import logspace, sweep
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.notebook import efficiency_table, save, study
     from heliosweep.share.archive import pack_result
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 #: Where public names are, of those that are not in `api`.
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
-    **dict.fromkeys(("logspace", "sweep"), "config.forms"),
+    **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
     **dict.fromkeys(("layout_of", "read_layout", "write_layout"), "share.fields"),
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "write_table": "share.sam",

@@ -5,15 +5,12 @@ Every message names the place (file, line, column, key) and what to do about it;
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import islice
 
 #: What replaces or begins anew, in messages: the option of the command line, and the argument of the functions.
 FORCE = "--force (force=True in Python)"
-
-#: Last line of a list that is cut.
-_UNLISTED = re.compile(r"and (?:at least )?([\d,]+) more (?:problems|of this kind)")
 
 
 @dataclass(frozen=True)
@@ -30,6 +27,8 @@ class Problem:
         Name of the file as the user gave it.
     line, column : int, optional
         Position in the file, counted from 1.
+    unlisted : int
+        Number of problems that this one stands for and that are not listed; 0 where it is one itself.
     """
 
     message: str
@@ -37,16 +36,18 @@ class Problem:
     file: str = ""
     line: int | None = None
     column: int | None = None
+    unlisted: int = 0
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part not in ("", None))
         return ": ".join(part for part in (place, self.key, self.message) if part)
 
-    @property
-    def unlisted(self) -> int:
-        """Number of problems that this one stands for and that are not listed; 0 where it is one itself."""
-        found = _UNLISTED.fullmatch(self.message)
-        return int(found.group(1).replace(",", "")) if found else 0
+
+def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
+    """Return the first problems of one file, and one in their place for the rest of all `count`, if there are more."""
+    first = list(islice(problems, most))
+    rest = count - len(first)
+    return [*first, Problem(f"and {rest:,} {words}", file=first[0].file, unlisted=rest)] if rest else first
 
 
 class HeliosweepError(Exception):

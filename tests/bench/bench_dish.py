@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.grid import sun as fast_sun
-from heliosweep.kernels.dish import tracking
-from heliosweep.kernels.dish import tracking as pointing
-from heliosweep.kernels.dish.tracking import RIGID, UNTILTED_HOME_AXES, window_errors
-from heliosweep.kernels.dish.windows import pack_windows
+from heliosweep.kernels import dish as pointing
+from heliosweep.kernels.dish import RIGID, UNTILTED_HOME_AXES, pack_windows, window_errors
 from heliosweep.kernels.sun import ephemeris
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
@@ -33,7 +31,7 @@ UTC = np.concatenate(
 )
 TILTS = np.radians(np.arange(1, 7) * 0.05)
 DIRECTIONS = np.radians(np.arange(0, 360, 15.0))
-#: Instants that a round of the lane loops of `tracking` takes.
+#: Instants that a round of the lane loops of `dish` takes.
 STRIDE = 4
 #: Operations in the loop of the chain of axes that are the same for all instants: products of two fixed axes.
 FIXED = 14
@@ -67,13 +65,13 @@ def each_mount(plain: Callable[..., object], sun: Floats, mounts: list[tuple[flo
 
 def by_powers(tilts: int) -> float:
     """Operations of a rigid mount for each tilt and instant: those of a direction are shared by its tilts."""
-    shared = operations(tracking._sum_powers, {"POWERS": tracking.POWERS}, loops_only=True)
+    shared = operations(pointing._sum_powers, {"POWERS": pointing.POWERS}, loops_only=True)
     return shared / STRIDE / tilts
 
 
 def by_sines(sines: Callable[..., object]) -> float:
     """Operations of a mount whose errors are computed one by one."""
-    sums = operations(tracking._mean_and_largest, loops_only=True) / STRIDE
+    sums = operations(pointing._mean_and_largest, loops_only=True) / STRIDE
     ahead = FIXED if sines is pointing._chain else 0.0
     return operations(sines, loops_only=True) - ahead + 1.0 + operations(pointing.arcsine) + sums
 

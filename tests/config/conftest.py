@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from heliosweep.config.load import load
+from heliosweep.errors import Problem, StudyError
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 REGISTRY = {"field_efficiency": FieldEfficiencyStudy}
@@ -41,3 +42,15 @@ def study_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...,
 def load_study(study_file: Callable[..., Path]) -> Load:
     """Load the good study with some of its lines replaced."""
     return lambda extra="", **lines: load(study_file(extra, **lines), REGISTRY)
+
+
+@pytest.fixture
+def refused(load_study: Load) -> Callable[..., tuple[Problem, ...]]:
+    """Tell why the good study is refused with some of its lines replaced."""
+
+    def problems(extra: str = "", **lines: str) -> tuple[Problem, ...]:
+        with pytest.raises(StudyError) as error:
+            load_study(extra, **lines)
+        return error.value.problems
+
+    return problems

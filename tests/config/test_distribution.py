@@ -10,9 +10,8 @@ import pytest
 from heliosweep.config.block import Block
 from heliosweep.config.distribution import Distribution, Uncertain
 from heliosweep.config.faults import Invalid
-from heliosweep.config.identity import plain
 from heliosweep.config.load import load, load_mapping
-from heliosweep.config.study import Study, json_schema
+from heliosweep.config.study import Study, json_schema, plain
 from heliosweep.config.sweep import Listed, Range
 from heliosweep.errors import StudyError
 

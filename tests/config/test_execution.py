@@ -75,12 +75,9 @@ def test_schedulers(load_study, name):
         ("profiles: [a]", "execution.profiles: "),
     ],
 )  # fmt: skip
-def test_messages(load_study, execution, message):
-    with pytest.raises(StudyError) as error:
-        load_study(f"execution: {execution if execution.startswith('{') else f'{{{execution}}}'}")
-    lines = str(error.value).splitlines()
-    assert len(lines) == 1
-    place, _, said = lines[0].partition(": ")
+def test_messages(refused, execution, message):
+    (problem,) = refused(f"execution: {execution if execution.startswith('{') else f'{{{execution}}}'}")
+    place, _, said = str(problem).partition(": ")
     assert place.startswith("study.yaml:8:")
     assert said.startswith(message)
 

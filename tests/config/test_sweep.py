@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.forms import read_sweep
-from heliosweep.config.sweep import Geometric, Listed, Range
+from heliosweep.config.sweep import Geometric, Listed, Range, read_sweep
 
 
 def sweep(raw: Any) -> Any:
@@ -31,7 +30,7 @@ def test_ranges_have_clean_decimals() -> None:
     step=st.decimals("0.001", 10, places=3),
     num=st.integers(1, 300),
 )
-@settings(max_examples=100, derandomize=True, deadline=None)
+@settings(max_examples=50, derandomize=True, deadline=None)
 def test_each_value_is_the_float_nearest_to_the_decimal(start: Any, step: Any, num: int) -> None:
     stop = start + step * (num - 1)
     exact = [float(start + i * step) for i in range(num)]

@@ -133,8 +133,8 @@ def test_any_structure(pool, changes, family):
 
 
 def test_mutations_follow_from_the_seed():
-    assert [mutated(seed) for seed in range(40)] == [mutated(seed) for seed in range(40)]
-    assert len({mutated(seed) for seed in range(200)}) > 190
+    assert [mutated(seed) for seed in range(20)] == [mutated(seed) for seed in range(20)]
+    assert len({mutated(seed) for seed in range(100)}) > 95
 
 
 # The judge itself must be able to say no.

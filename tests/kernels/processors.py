@@ -33,8 +33,7 @@ def field() -> Named:
 def dish() -> Named:
     """Sun vectors, and errors of windows at small and at large tilts."""
     from heliosweep.grid.sun import sun_vectors
-    from heliosweep.kernels.dish.tracking import RIGID, UNTILTED_HOME_AXES, window_errors
-    from heliosweep.kernels.dish.windows import pack_windows
+    from heliosweep.kernels.dish import RIGID, UNTILTED_HOME_AXES, pack_windows, window_errors
 
     utc = np.datetime64("2021-01-03T00:00", "ns") + np.arange(3000) * np.timedelta64(9973, "s")
     sun = sun_vectors(utc, 40.13, -3.7, 650.0)

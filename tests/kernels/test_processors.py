@@ -47,11 +47,6 @@ def compiled_for(target, folder, *families):
     return found
 
 
-@pytest.mark.slow
-def test_field_kernels_without_vector_extensions(tmp_path):
-    assert compiled_for("sse2", tmp_path, "field") == {"field": digests("field")}
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("family", FAMILIES)
@@ -64,7 +59,7 @@ def test_processors_that_share_a_cache_share_no_file():
         "from heliosweep.kernels.field.efficiency import sweep; from numba.core.registry import cpu_target\n"
         "print(sweep._cache.path((), cpu_target.target_context.codegen()))"
     )
-    targets = [("x86-64", "+avx"), ("x86-64", ""), ("haswell", ""), ("haswell", "")]
+    targets = [("x86-64", "+avx"), ("x86-64", ""), ("haswell", "")]
     files = []
     for name, features in targets:
         changed = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -73,7 +68,6 @@ def test_processors_that_share_a_cache_share_no_file():
             subprocess.run(command, env=os.environ | changed, capture_output=True, text=True, check=True).stdout
         )
     assert len(set(files)) == 3
-    assert files[2] == files[3]
 
 
 @pytest.mark.long

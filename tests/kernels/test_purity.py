@@ -13,13 +13,14 @@ SOURCES = {
     path.relative_to(KERNELS).with_suffix("").as_posix().replace("/", "."): path.read_text()
     for path in sorted(KERNELS.rglob("*.py"))
 }
+TREES = {name: ast.parse(text) for name, text in SOURCES.items()}
 ALLOWED = {"numpy", "numba"} | set(sys.stdlib_module_names)
 FORBIDDEN_CALLS = {"print", "open", "input"}
 
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_imports(name):
-    for node in ast.walk(ast.parse(SOURCES[name])):
+    for node in ast.walk(TREES[name]):
         names = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -34,7 +35,7 @@ def test_imports(name):
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_no_output_and_no_files(name):
-    for node in ast.walk(ast.parse(SOURCES[name])):
+    for node in ast.walk(TREES[name]):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             assert node.func.id not in FORBIDDEN_CALLS
 
@@ -53,7 +54,7 @@ RETURN_NO_ARRAY = {
 
 def decorated(name, *decorators):
     """Functions of one module that have one of these decorators."""
-    nodes = [node for node in ast.walk(ast.parse(SOURCES[name])) if isinstance(node, ast.FunctionDef)]
+    nodes = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
     return [node for node in nodes if set(decorators) & {ast.unparse(each) for each in node.decorator_list}]
 
 
@@ -61,9 +62,9 @@ def test_kernels_that_count_no_references_are_given_no_array_by_others():
     """What is given would never be let go: the memory leaks, and nothing tells of it."""
     counting = {f"{name}.{function.name}" for name in SOURCES for function in decorated(name, "kernel")}
     assert counting >= RETURN_NO_ARRAY
-    for name, text in SOURCES.items():
+    for name, tree in TREES.items():
         home = {function.name: name for function in decorated(name, "kernel", "inner", "inline")}
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("heliosweep.kernels."):
                 module = str(node.module).removeprefix("heliosweep.kernels.")
                 home |= {alias.asname or alias.name: module for alias in node.names}

@@ -24,7 +24,7 @@ def messages(layout: Layout, width: ArrayLike = 10, height: ArrayLike = 10) -> t
     return [str(problem) for problem in problems], [str(warning) for warning in warnings]
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(2, 400),
@@ -77,12 +77,12 @@ def test_cells_on_a_vertical_wall():
 @pytest.mark.parametrize("spread", [0, 1e-9, 1.0])
 def test_a_crowd_takes_linear_time(spread):
     rng = np.random.default_rng(0)
-    points = rng.uniform(0, 1, (100_000, 3)) * spread
+    points = rng.uniform(0, 1, (40_000, 3)) * spread
     start = time.process_time()
     pairs = too_close(points[:, 0], points[:, 1], points[:, 2], 10)
-    assert time.process_time() - start < 5  # a second or less on a free machine; all pairs would take minutes
-    assert len({row for pair in pairs for row in pair[:2]}) == 100_000
-    assert len(pairs) <= 100_000
+    assert time.process_time() - start < 2  # half a second or less on a free machine; all pairs would take minutes
+    assert len({row for pair in pairs for row in pair[:2]}) == 40_000
+    assert len(pairs) <= 40_000
 
 
 def test_a_sound_field_passes():

@@ -114,10 +114,10 @@ def test_writing_is_atomic(tmp_path):
 
 def test_a_large_file_is_read_fast(tmp_path):
     path = tmp_path / "large.csv"
-    write_csv(radial_stagger(16, 61.3, heliostats=100_000), path)
+    write_csv(radial_stagger(16, 61.3, heliostats=40_000), path)
     start = time.process_time()
-    assert len(read_csv(path)) == 100_000
-    assert time.process_time() - start < 3  # 0.4 s on a free machine
+    assert len(read_csv(path)) == 40_000
+    assert time.process_time() - start < 1.2  # 0.2 s on a free machine
 
 
 def test_files_that_cannot_be_read(tmp_path, monkeypatch):

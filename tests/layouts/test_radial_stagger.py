@@ -45,25 +45,16 @@ def test_automatic_zones_give_nearly_the_field_of_the_paper():
     np.testing.assert_allclose(radius, printed, rtol=0, atol=0.9)
 
 
-@settings(deadline=None, max_examples=300)
-@given(
-    clearance=st.floats(0.5, 50),
-    start=st.floats(0.5, 200),
-    heliostats=st.integers(2, 3000),
-)
+@settings(deadline=None, max_examples=100)
+@given(clearance=st.floats(0.5, 50), start=st.floats(0.5, 200), heliostats=st.integers(2, 3000))
 def test_clearance_holds_in_automatic_zones(clearance, start, heliostats):
     layout = radial_stagger(clearance, start * clearance, heliostats=heliostats)
     assert len(layout) == heliostats
     assert least_distance(layout) >= clearance * (1 - 1e-12)
 
 
-@settings(deadline=None, max_examples=300)
-@given(
-    start=st.floats(0.5, 60),
-    widening=st.floats(1, 1.8),
-    rings=st.integers(1, 5),
-    gap=st.floats(0, 3),
-)
+@settings(deadline=None, max_examples=150)
+@given(start=st.floats(0.5, 60), widening=st.floats(1, 1.8), rings=st.integers(1, 5), gap=st.floats(0, 3))
 def test_clearance_holds_in_given_zones(start, widening, rings, gap):
     finest = 2 * math.degrees(math.asin(0.5 / start))
     zones = [Zone(start, rings, min(finest * widening, 180)), Zone(start + rings + gap, 3)]
@@ -131,25 +122,14 @@ def test_a_large_field():
 @pytest.mark.parametrize(
     ("parameters", "key", "words"),
     [
-        ({"clearance": 0, "inner_radius": 50, "rings": 3}, "clearance", "greater than 0"),
-        ({"clearance": math.nan, "inner_radius": 50, "rings": 3}, "clearance", "greater than 0"),
         ({"clearance": 10, "inner_radius": 4.9, "rings": 3}, "inner_radius", "half the clearance"),
-        ({"clearance": 10, "inner_radius": math.nan, "rings": 3}, "inner_radius", "half the clearance"),
         ({"clearance": 1e-6, "inner_radius": 50, "rings": 3}, "inner_radius", "more than 1,000,000"),
-        ({"clearance": 10, "rings": 3}, "inner_radius", "missing"),
-        ({"clearance": 10, "inner_radius": 50}, "rings", "exactly one"),
-        ({"clearance": 10, "inner_radius": 50, "rings": 3, "heliostats": 9}, "heliostats", "exactly one"),
-        ({"clearance": 10, "inner_radius": 50, "rings": 0}, "rings", "at least 1"),
-        ({"clearance": 10, "inner_radius": 50, "heliostats": -2}, "heliostats", "at least 1"),
         ({"clearance": 10, "inner_radius": 50, "heliostats": 10**9}, "heliostats", "at most 1,000,000"),
         ({"clearance": 10, "inner_radius": 50, "rings": 10**5}, "rings", "more than 1,000,000"),
-        ({"clearance": 10, "zones": []}, "zones", "at least one"),
         ({"clearance": 10, "inner_radius": 40, "zones": [Zone(50, 2)]}, "inner_radius", "first zone"),
-        ({"clearance": 10, "zones": [Zone(50, 0)]}, "zones.0.rings", "at least 1"),
         ({"clearance": 10, "zones": [Zone(3, 2)]}, "zones.0.start", "half the clearance"),
         ({"clearance": 10, "zones": [Zone(50, 2), Zone(60, 2)]}, "zones.1.start", "at 68."),
         ({"clearance": 10, "zones": [Zone(50, 2, 11.4)]}, "zones.0.pitch", "11.478"),
-        ({"clearance": 10, "zones": [Zone(50, 2, 181)]}, "zones.0.pitch", "180"),
         ({"clearance": 10, "zones": [Zone(50, 40)]}, "zones.0.rings", "only"),
     ],
 )

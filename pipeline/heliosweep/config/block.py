@@ -70,12 +70,7 @@ class Block(BaseModel):
 def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
     """Return the classes that the block at a place within another may have.
 
-    Parameters
-    ----------
-    block : type of Block
-        Where to start.
-    location : iterable of int or str
-        Keys, list positions and, as pydantic reports them, tags of unions (``solar`` for instance).
+    The place has keys, list positions and, as pydantic reports them, tags of unions (``solar`` for instance).
     """
     candidates = [block]
     for part in location:
@@ -98,17 +93,7 @@ def _blocks_in(annotation: Any) -> Iterator[type[Block]]:
 
 
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
-    """Yield a problem for each error that does not merely follow from another one.
-
-    Parameters
-    ----------
-    error : pydantic.ValidationError
-        From the validation of `source.data`.
-    block : type of Block
-        The class it was validated against.
-    source : Source
-        The data, and where each piece of it stands.
-    """
+    """Yield a problem for each error of validating `source.data` as a block; none for what follows from another."""
     errors = error.errors(include_url=False)
     meant: set[Path] = set()  # keys that stand in the file with a typo: not reported as missing too
     for details in errors:

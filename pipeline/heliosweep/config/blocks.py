@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
@@ -13,17 +14,26 @@ from heliosweep.config.execution import Execution
 from heliosweep.config.faults import Fault, Invalid, nearest, to_pydantic
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime, Time, TimeZone
-from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text
+from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text, free_text, pattern
 
 __all__ = [
     "OWN", "Block", "CivilTime", "Creator", "Dataset", "Execution", "Heliostat", "Layout", "NamedSite", "Output",
     "RadialStagger", "Receiver", "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "Zone", "licence",
 ]  # fmt: skip
 
-_LATITUDE = "Geographic latitude, positive north"
-_LONGITUDE = "Geographic longitude, positive east; needed for the civil clock"
-_ALTITUDE = "Height above sea level"
-_TIMEZONE = "Time zone, an offset (+08:00) or an IANA name; needed for the civil clock where 'time' has none"
+_LATITUDE = Quantity(
+    "Geographic latitude, positive north", "deg", ge=-90, le=90, title="latitude", standard_name="latitude"
+)
+_LONGITUDE = Quantity(
+    "Geographic longitude, positive east; needed for the civil clock",
+    "deg", ge=-180, le=180, title="longitude", standard_name="longitude",
+)  # fmt: skip
+_ALTITUDE = Quantity(
+    "Height above sea level", "m", ge=-500, le=10_000, title="altitude", standard_name="altitude"
+)  # fmt: skip
+_TIMEZONE = TimeZone(
+    "Time zone, an offset (+08:00) or an IANA name; needed for the civil clock where 'time' has none"
+)  # fmt: skip
 
 
 def _or_weather_file(schema: dict[str, Any]) -> None:
@@ -38,19 +48,10 @@ class Site(Block):
 
     model_config = ConfigDict(json_schema_extra=_or_weather_file)
 
-    latitude: Annotated[
-        float | Sweep,
-        Quantity(_LATITUDE, "deg", ge=-90, le=90, title="latitude", standard_name="latitude"),
-    ]
-    longitude: Annotated[
-        float | Sweep | None,
-        Quantity(_LONGITUDE, "deg", ge=-180, le=180, title="longitude", standard_name="longitude"),
-    ] = None
-    altitude: Annotated[
-        float | Sweep,
-        Quantity(_ALTITUDE, "m", ge=-500, le=10_000, title="altitude", standard_name="altitude"),
-    ] = 0.0
-    timezone: Annotated[str | None, TimeZone(_TIMEZONE)] = None
+    latitude: Annotated[float | Sweep, _LATITUDE]
+    longitude: Annotated[float | Sweep | None, _LONGITUDE] = None
+    altitude: Annotated[float | Sweep, _ALTITUDE] = 0.0
+    timezone: Annotated[str | None, _TIMEZONE] = None
 
 
 class NamedSite(Block):
@@ -59,19 +60,10 @@ class NamedSite(Block):
     model_config = ConfigDict(json_schema_extra=_or_weather_file)
 
     name: Annotated[str, Text("Name of the site, its label in the result")]
-    latitude: Annotated[
-        float,
-        Quantity(_LATITUDE, "deg", ge=-90, le=90, sweep=False, title="latitude", standard_name="latitude"),
-    ]
-    longitude: Annotated[
-        float | None,
-        Quantity(_LONGITUDE, "deg", ge=-180, le=180, sweep=False, title="longitude", standard_name="longitude"),
-    ] = None
-    altitude: Annotated[
-        float,
-        Quantity(_ALTITUDE, "m", ge=-500, le=10_000, sweep=False, title="altitude", standard_name="altitude"),
-    ] = 0.0
-    timezone: Annotated[str | None, TimeZone(_TIMEZONE)] = None
+    latitude: Annotated[float, replace(_LATITUDE, sweep=False)]
+    longitude: Annotated[float | None, replace(_LONGITUDE, sweep=False)] = None
+    altitude: Annotated[float, replace(_ALTITUDE, sweep=False)] = 0.0
+    timezone: Annotated[str | None, _TIMEZONE] = None
 
 
 def _or_weather_files(schema: dict[str, Any]) -> None:
@@ -91,10 +83,7 @@ class SiteFile(Block):
 
     file: Annotated[
         str,
-        FileName(
-            "CSV table of sites, columns name, latitude and optional longitude, altitude, timezone",
-            sweep=False,
-        ),
+        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone", sweep=False),
     ]
 
 
@@ -122,9 +111,7 @@ Sites = Annotated[
     Annotated[tuple[NamedSite, ...], Field(min_length=1), AfterValidator(_distinct), Tag("list")]
     | Annotated[SiteFile, Tag("table")],
     Discriminator(
-        _sites_form,
-        custom_error_type="fault",
-        custom_error_message="must be a list of named sites or {file: NAME.csv}",
+        _sites_form, custom_error_type="fault", custom_error_message="must be a list of named sites or {file: NAME.csv}"
     ),
     Field(description="Several named sites: a list, or a CSV table"),
 ]
@@ -201,17 +188,11 @@ class RadialStagger(Block):
     ]
     inner_radius: Annotated[
         float | Sweep | None,
-        Quantity(
-            "Radius of the first ring; may be left out with zones",
-            "m",
-            gt=0,
-            title="radius of the first ring",
-        ),
+        Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
     ] = None
     rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
     heliostats: Annotated[
-        int | Sweep | None,
-        Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count"),
+        int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
     ] = None
     zones: Annotated[
         tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
@@ -233,10 +214,7 @@ class Layout(Block):
 
     file: Annotated[
         str | Sweep | None,
-        FileName(
-            "CSV table of heliostats, columns x and y and optional z, in m, any others kept",
-            dimension="layout",
-        ),
+        FileName("CSV table of heliostats, columns x and y and optional z, in m, any others kept", dimension="layout"),
     ] = None
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
 
@@ -318,31 +296,12 @@ def licence(text: str) -> str:
     raise Invalid(f"is no SPDX identifier of a usual licence{hint}")
 
 
-class LicenceName(Text):
-    """SPDX identifier of a licence, or ``LicenseRef-NAME``."""
-
-    def read(self, raw: Any) -> str:
-        """Return the identifier. Raises Invalid."""
-        return licence(super().read(raw))
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of an identifier."""
-        return {"anyOf": [{"enum": list(LICENCES)}, {"type": "string", "pattern": f"^{_OWN}$"}]}
-
-
-class Doi(Text):
-    """DOI, bare or as an address of doi.org."""
-
-    def read(self, raw: Any) -> str:
-        """Return the bare DOI. Raises Invalid."""
-        found = re.fullmatch(_DOI, super().read(raw).strip())
-        if found is None:
-            raise Invalid("must be a DOI, as 10.5281/zenodo.1234567")
-        return found[1]
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a DOI."""
-        return {"type": "string", "pattern": f"^\\s*{_DOI}\\s*$"}
+def _bare_doi(raw: Any) -> str:
+    """Return a DOI without the address of doi.org. Raises Invalid."""
+    found = re.fullmatch(_DOI, free_text(raw).strip())
+    if found is None:
+        raise Invalid("must be a DOI, as 10.5281/zenodo.1234567")
+    return found[1]
 
 
 class Creator(Block):
@@ -360,9 +319,18 @@ class Dataset(Block):
     creators: Annotated[tuple[Creator, ...], Field(description="Who made it, in the order of citation")] = ()
     license: Annotated[
         str | None,
-        LicenceName("Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME"),
+        Text(
+            "Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME",
+            form=lambda raw: licence(free_text(raw)),
+            schema={"anyOf": [{"enum": list(LICENCES)}, pattern(_OWN)]},
+        ),
     ] = None
-    doi: Annotated[str | None, Doi("DOI of the published data set, as 10.5281/zenodo.1234567")] = None
+    doi: Annotated[
+        str | None,
+        Text(
+            "DOI of the published data set, as 10.5281/zenodo.1234567", form=_bare_doi, schema=pattern(rf"\s*{_DOI}\s*")
+        ),
+    ] = None
     keywords: Annotated[
         tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords besides those of the family")
     ] = ()

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from heliosweep.config import units
-from heliosweep.config.faults import Fault, Invalid, nearest
-from heliosweep.config.forms import MAX_FAULTS, key_faults, read_parts
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Quantity
+from heliosweep.config.faults import Fault, Faults, Invalid, nearest
+from heliosweep.config.sweep import MAX_FAULTS, Sweep, key_faults, read_parts, read_whole
+from heliosweep.config.values import Quantity, object_schema
 
 MAX_SAMPLES, MAX_SEED = 10**9, 2**63 - 1
 NORMAL, UNIFORM = "normal", "uniform"
@@ -88,36 +87,21 @@ class Uncertain(Quantity):
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of the number: bare, with a unit, swept, or a distribution."""
         fixed = super().json_schema()
-        forms = fixed.get("anyOf", [fixed])
         one = {"type": ["number", "string"]}
         most = self._largest()
-        bounded = {"type": "number", "minimum": 0} | ({} if most is None else {"maximum": most})
-        width = {"anyOf": [bounded, {"type": "string"}]}
-
-        def pair(second: Mapping[str, Any], description: str) -> dict[str, Any]:
-            bounds = {"minItems": 2, "maxItems": 2}
-            return {"type": "array", "prefixItems": [one, second], "description": description} | bounds
-
+        width = {"type": "number", "minimum": 0} | ({} if most is None else {"maximum": most})
         drawn = {
             "samples": {"type": "integer", "minimum": 1, "maximum": MAX_SAMPLES, "description": "Number of draws"},
             "seed": {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "What the draws follow from"},
         }
-        kinds = {NORMAL: pair(width, "Mean and standard deviation"), UNIFORM: pair(one, "Least and largest value")}
-        return {
-            "anyOf": [
-                *forms,
-                *(
-                    {
-                        "type": "object",
-                        "description": f"Drawn from a {kind} distribution",
-                        "properties": {kind: parts, **drawn},
-                        "required": [kind],
-                        "additionalProperties": False,
-                    }
-                    for kind, parts in kinds.items()
-                ),
-            ]
-        }
+        forms = []
+        for kind, second, text in (
+            (NORMAL, {"anyOf": [width, {"type": "string"}]}, "Mean and standard deviation"),
+            (UNIFORM, one, "Least and largest value"),
+        ):
+            pair = {"type": "array", "prefixItems": [one, second], "description": text, "minItems": 2, "maxItems": 2}
+            forms.append(object_schema(f"Drawn from a {kind} distribution", {kind: pair}, drawn))
+        return {"anyOf": [*fixed.get("anyOf", [fixed]), *forms]}
 
     def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
         others = [str(key) for key in raw if _names_another(str(key), raw)]
@@ -130,8 +114,8 @@ class Uncertain(Quantity):
         readers = {
             NORMAL: self._normal,
             UNIFORM: self._uniform,
-            "samples": lambda value: _whole(value, 1, MAX_SAMPLES),
-            "seed": lambda value: _whole(value, 0, MAX_SEED),
+            "samples": lambda value: read_whole(value, 1, MAX_SAMPLES),
+            "seed": lambda value: read_whole(value, 0, MAX_SEED),
         }
         values = read_parts(raw, readers, faults)
         kind = NORMAL if NORMAL in values else UNIFORM
@@ -139,57 +123,43 @@ class Uncertain(Quantity):
 
     def _normal(self, raw: Any) -> tuple[float, float]:
         mean, deviation = self._pair(raw, NORMAL)
-        faults = self._bound_faults({0: mean})
+        most, faults = self._largest(), Faults()
+        with faults.under(0):
+            self._check(mean)
         if deviation < 0:
             faults.append(Fault("the standard deviation must not be negative", (1,)))
-        most = self._largest()
         if most is not None and deviation > most:
-            message = f"the standard deviation must be at most {most:g}{units.suffix(self.unit)}"
-            faults.append(Fault(message, (1,)))
-        if faults:
-            raise Invalid(faults)
+            faults.append(Fault(f"the standard deviation must be at most {most:g}{units.suffix(self.unit)}", (1,)))
+        faults.check()
         return mean, deviation
 
     def _uniform(self, raw: Any) -> tuple[float, float]:
         low, high = self._pair(raw, UNIFORM)
-        faults = self._bound_faults({0: low, 1: high})
+        faults = Faults()
+        for position, value in enumerate((low, high)):
+            with faults.under(position):
+                self._check(value)
         if low > high:
             faults.append(Fault("the first number must not be larger than the second", (0,)))
-        if faults:
-            raise Invalid(faults)
+        faults.check()
         return low, high
 
     def _largest(self) -> float | None:
         """The largest magnitude within the bounds, which no standard deviation may exceed; None without bounds."""
-        if self.ge is None or self.le is None:
-            return None
-        return max(abs(self.ge), abs(self.le))
+        return None if self.ge is None or self.le is None else max(abs(self.ge), abs(self.le))
 
     def _pair(self, raw: Any, kind: str) -> tuple[float, float]:
         """Return two numbers in the canonical unit, bounds not yet checked."""
         if not isinstance(raw, list | tuple) or len(raw) != 2:
             raise Invalid(f"must be two numbers, {_PARTS[kind]}")
-        values, faults = [], []
+        values, faults = [], Faults()
         for position, entry in enumerate(raw):
-            if isinstance(entry, Sweep | Mapping | list | tuple):
-                faults.append(Fault("must be a single number; distributions cannot be swept", (position,)))
-                continue
-            try:
+            with faults.under(position):
+                if isinstance(entry, Sweep | Mapping | list | tuple):
+                    raise Invalid("must be a single number; distributions cannot be swept")
                 values.append(self._number(entry))
-            except Invalid as error:
-                faults += error.under(position)
-        if faults:
-            raise Invalid(faults)
+        faults.check()
         return values[0], values[1]
-
-    def _bound_faults(self, values: Mapping[int, float]) -> list[Fault]:
-        faults: list[Fault] = []
-        for position, value in values.items():
-            try:
-                self._check(value)
-            except Invalid as error:
-                faults += error.under(position)
-        return faults
 
 
 def _names_another(key: str, raw: Mapping[str, Any]) -> bool:
@@ -206,11 +176,3 @@ def _means_distribution(raw: Mapping[str, Any]) -> bool:
         return True
     meant = {nearest(str(key), (*_KEYS, *_RANGE_KEYS)) for key in raw}
     return bool(raw) and not meant & set(_RANGE_KEYS)
-
-
-def _whole(raw: Any, least: int, most: int) -> int:
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1 != 0:
-        raise Invalid("must be a whole number")
-    if not least <= raw <= most:
-        raise Invalid(f"must be between {least} and {most:.3g}")
-    return int(raw)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Self
 
 from pydantic import Field
 
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, did_you_mean, one_of
-from heliosweep.config.values import Choice, Parameter, Quantity, Text
+from heliosweep.config.values import Choice, Quantity, Text, free_text, pattern
 from heliosweep.errors import Problem, StudyError
 
 __all__ = ["QUEUES", "Execution", "Job", "Profile"]
@@ -47,9 +48,8 @@ class Scheduler(Choice):
         """The description and what each name means."""
         return f"{super().purpose[:-1]}; tcp://HOST:PORT or tls://HOST:PORT: a dask scheduler that runs there)"
 
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the name or address."""
-        return {"anyOf": [super().json_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
+    def _one_schema(self) -> dict[str, Any]:
+        return {"anyOf": [super()._one_schema(), pattern(_ADDRESS.pattern)]}
 
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str) or raw in self.options:
@@ -66,39 +66,31 @@ class Scheduler(Choice):
         return raw
 
 
-@dataclass(frozen=True)
-class Line(Text):
-    """One line of a job script."""
-
-    def read(self, raw: Any) -> str:
-        """Return the line. Raises Invalid."""
-        line = super().read(raw)
-        if not all(letter.isprintable() or letter == "\t" for letter in line):
-            raise Invalid("must be one line of printable text")
-        return line
+def _line(raw: Any) -> str:
+    """Return one line of a job script. Raises Invalid."""
+    if not all(letter.isprintable() or letter == "\t" for letter in free_text(raw)):
+        raise Invalid("must be one line of printable text")
+    return raw
 
 
-@dataclass(frozen=True)
-class Walltime(Parameter):
-    """Longest time of a job."""
+def _walltime(raw: Any) -> str:
+    """Return the longest time of a job as given. Raises Invalid."""
+    if not isinstance(raw, str) or not _WALLTIME.fullmatch(raw):
+        raise Invalid('must be a time such as "02:30:00" (hours, minutes, seconds), or "1-12:00:00" with days')
+    return raw
 
-    def read(self, raw: Any) -> str:
-        """Return the time as given. Raises Invalid."""
-        if not isinstance(raw, str) or not _WALLTIME.fullmatch(raw):
-            raise Invalid('must be a time such as "02:30:00" (hours, minutes, seconds), or "1-12:00:00" with days')
-        return raw
 
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the time."""
-        return {"type": "string", "pattern": f"^{_WALLTIME.pattern}$"}
+_Line = partial(Text, form=_line)
 
 
 class Job(Block):
     """One job of a job queue; as many are submitted as hold the workers."""
 
-    queue: Annotated[str | None, Line("Queue or partition")] = None
-    account: Annotated[str | None, Line("Account or project that is charged")] = None
-    walltime: Annotated[str | None, Walltime("Longest time of a job")] = None
+    queue: Annotated[str | None, _Line("Queue or partition")] = None
+    account: Annotated[str | None, _Line("Account or project that is charged")] = None
+    walltime: Annotated[
+        str | None, Text("Longest time of a job", form=_walltime, schema=pattern(_WALLTIME.pattern))
+    ] = None
     cores: Annotated[
         int, Quantity("Cores of a job, one worker each", "1", ge=1, le=4096, integer=True, sweep=False)
     ] = 1
@@ -106,44 +98,43 @@ class Job(Block):
         int, Quantity("Memory of a job", "B", ge=2**28, le=2**50, integer=True, sweep=False)
     ] = 2 * 2**30  # fmt: skip
     directives: Annotated[
-        tuple[Annotated[str, Line("Directive, without the queue's mark such as #SBATCH")], ...],
+        tuple[Annotated[str, _Line("Directive, without the queue's mark such as #SBATCH")], ...],
         Field(description="More directives of the job queue, each as after its mark such as #SBATCH"),
     ] = ()
     setup: Annotated[
-        tuple[Annotated[str, Line("Line of shell")], ...],
+        tuple[Annotated[str, _Line("Line of shell")], ...],
         Field(description="Lines of shell that run in each job before its workers, as to activate an environment"),
     ] = ()
-    python: Annotated[str | None, Line("Python in which heliosweep is installed; by default the one that submits")] = (
+    python: Annotated[str | None, _Line("Python in which heliosweep is installed; by default the one that submits")] = (
         None
     )
 
 
 _SCHEDULER = Scheduler("Where the work runs", _LOCAL | QUEUES, sweep=False)
-_WORKERS = Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
-_MEMORY = Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False)
 _CHUNKS = Field(description="Sizes of chunks along named dimensions; by default chosen by the plan")
 _Chunks = dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]]
-_JOB = Field(description="What each job asks the job queue for; job queues only")
 
 
 class Profile(Block):
     """Keys of the block `execution` for one machine."""
 
     scheduler: Annotated[str | None, _SCHEDULER] = None
-    workers: Annotated[int | None, _WORKERS] = None
-    memory: Annotated[int | None, _MEMORY] = None
+    workers: Annotated[
+        int | None, Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
+    ] = None
+    memory: Annotated[
+        int | None,
+        Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False),
+    ] = None
     chunks: Annotated[_Chunks | None, _CHUNKS] = None
-    job: Annotated[Job | None, _JOB] = None
+    job: Annotated[Job | None, Field(description="What each job asks the job queue for; job queues only")] = None
 
 
-class Execution(Block):
+class Execution(Profile):
     """Engine and machine of a run; no number of the result depends on them."""
 
     scheduler: Annotated[str, _SCHEDULER] = "threads"
-    workers: Annotated[int | None, _WORKERS] = None
-    memory: Annotated[int | None, _MEMORY] = None
     chunks: Annotated[_Chunks, _CHUNKS] = Field(default_factory=dict)
-    job: Annotated[Job | None, _JOB] = None
     profile: Annotated[str | None, Text("Which of the profiles is used")] = None
     profiles: Annotated[
         dict[str, Profile],

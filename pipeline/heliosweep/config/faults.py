@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import datetime as dt
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from pydantic import ValidationError
@@ -45,9 +46,26 @@ class Invalid(ValueError):
         self.faults = (faults,) if isinstance(faults, Fault) else tuple(faults)
         super().__init__("; ".join(fault.message for fault in self.faults))
 
-    def under(self, key: str | int) -> tuple[Fault, ...]:
-        """Return the faults as seen from one level up, where the value stands under `key`."""
-        return tuple(Fault(fault.message, (key, *fault.path), fault.show_value) for fault in self.faults)
+    def under(self, *place: str | int) -> tuple[Fault, ...]:
+        """Return the faults as seen from where the value stands at `place`."""
+        return tuple(Fault(fault.message, (*place, *fault.path), fault.show_value) for fault in self.faults)
+
+
+class Faults(list[Fault]):
+    """Faults that are collected and then raised together."""
+
+    @contextmanager
+    def under(self, *place: str | int) -> Iterator[None]:
+        """Collect what is raised while the part at `place` is read."""
+        try:
+            yield
+        except Invalid as error:
+            self += error.under(*place)
+
+    def check(self) -> None:
+        """Raise Invalid if there are any."""
+        if self:
+            raise Invalid(self)
 
 
 def to_pydantic(faults: Iterable[Fault]) -> ValidationError:

@@ -198,6 +198,6 @@ def _refusal(problems: Iterable[Problem]) -> StudyError:
     ordered = sorted(problems, key=_place)
     if len(ordered) > MAX_PROBLEMS:
         rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])
-        more = Problem(f"and at least {rest} more problems", file=ordered[0].file)
+        more = Problem(f"and at least {rest} more problems", file=ordered[0].file, unlisted=rest)
         ordered = [*ordered[:MAX_PROBLEMS], more]
     return StudyError(ordered)

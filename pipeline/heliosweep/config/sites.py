@@ -104,19 +104,9 @@ def _value(name: str, cell: str) -> str | float:
 
 
 def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
-    """Put the sites of the weather files that a study names in their place.
+    """Return the study as it was written with the sites of the weather files that it names in their place.
 
-    Parameters
-    ----------
-    source : Source
-        The study as it was written.
-    problems : list of Problem
-        Takes what is wrong with the files; a site of no consequence stands for such a file.
-
-    Returns
-    -------
-    Source
-        The same object where no weather file is named.
+    `problems` takes what is wrong with the files; a site of no consequence stands for such a file.
     """
 
     def filled(entry: Any, *place: str | int) -> Any:

@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
+import codecs
+import datetime as dt
+import hashlib
+import json
 import os
 import pathlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self, get_args
 
+import yaml
 from pydantic import Field, PrivateAttr
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from heliosweep.config import identity
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Dataset, Execution, Output, Report
+from heliosweep.config.distribution import Distribution
 from heliosweep.config.faults import printable
-from heliosweep.config.source import Source
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.source import Source, scalar
+from heliosweep.config.sweep import Listed, Range, Sweep
+from heliosweep.config.times import DateList, DateRange
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
+
+MAX_BYTES = 512 * 2**20
+"""Largest file that a study may name."""
+
+Rewrite = Callable[[Parameter | None, Any], Any]
+"""Returns what is to stand for the value of a field with this declaration."""
 
 
 @dataclass(frozen=True)
@@ -166,33 +178,57 @@ class Study(Block):
             if key.partition(".")[0] not in self.DOES_NOT_MATTER
             for name in names
         }
+
+        def rewrite(parameter: Parameter | None, value: Any) -> Any:
+            if isinstance(parameter, FileName):
+                if isinstance(value, Sweep):
+                    return [[pathlib.PurePath(name).name, digests[name]] for name in value.values()]
+                return digests[value]
+            return _even(value)
+
         matters = self.model_copy(update=dict.fromkeys(self.DOES_NOT_MATTER))
         tied = [list(dimension.sweeps) for dimension in self.dimensions() if len(dimension.sweeps) > 1]
-        return identity.canonical(matters, digests) | {"zip": tied}
+        return plain(matters, rewrite) | {"zip": tied}
 
     @property
     def study_id(self) -> str:
-        """Twelve hexadecimal digits that stand for :meth:`canonical`."""
-        return identity.fingerprint(self.canonical())
+        """Twelve hexadecimal digits of the SHA-256 of :meth:`canonical`."""
+        text = json.dumps(self.canonical(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def resolved(self, relative_to: pathlib.Path | None = None) -> dict[str, Any]:
+    def resolved(self, place_of: Callable[[str], str] = str) -> dict[str, Any]:
         """Return the study with all defaults as plain data that loads to the same study.
+
+        Parameters
+        ----------
+        place_of : callable
+            Returns what stands for the name of a file; by default the name, relative to the folder of the original
+            study file.
+        """
+
+        def rewrite(parameter: Parameter | None, value: Any) -> Any:
+            if not isinstance(parameter, FileName):
+                return value
+            return [place_of(name) for name in value.values()] if isinstance(value, Sweep) else place_of(value)
+
+        return {key: entry for key, entry in plain(self, rewrite).items() if entry not in ("", [], {})}
+
+    def to_yaml(self, relative_to: pathlib.Path | None = None) -> str:
+        """Return the study as the text of a study file, all defaults written out.
 
         Parameters
         ----------
         relative_to : Path, optional
             Folder in which it will be saved: file names are written as seen from there. Without it they stay as they
-            were given, relative to the folder of the original study file.
+            were given.
         """
-        return identity.resolved(
-            self, str if relative_to is None else partial(self._seen_from, pathlib.Path(relative_to))
-        )
+        if relative_to is None:
+            return yaml_text(self.resolved())
+        folder = pathlib.Path(relative_to)
+        return yaml_text(self.resolved(lambda name: self.seen_from(folder, name)))
 
-    def to_yaml(self, relative_to: pathlib.Path | None = None) -> str:
-        """Return the study as the text of a study file, all defaults written out: see :meth:`resolved`."""
-        return identity.yaml_text(self.resolved(relative_to))
-
-    def _seen_from(self, folder: pathlib.Path, name: str) -> str:
+    def seen_from(self, folder: pathlib.Path, name: str) -> str:
+        """Return the name of a file that the study names, relative to a folder."""
         path = self.resolve(name)
         seen = os.path.relpath(path, folder)
         if os.path.realpath(folder / seen) != os.path.realpath(path):  # ".." after a link to a folder is elsewhere
@@ -201,7 +237,7 @@ class Study(Block):
 
     def _digest(self, key: str, name: str) -> str:
         try:
-            return identity.table_digest(self.resolve(name))
+            return _digest_of(self.resolve(name))
         except OSError as error:
             raise StudyError(self.problem(key, f"cannot read {printable(name)}: {error.strerror}")) from None
         except ValueError as error:
@@ -228,6 +264,74 @@ def _is_swept(parameter: Parameter, value: Any) -> bool:
     return isinstance(value, Sweep) and not isinstance(parameter, Samples)
 
 
+def plain(value: Any, rewrite: Rewrite = lambda _, entry: entry) -> Any:
+    """Return a block or value as plain data that a study file may hold; keys that are not given are left out."""
+    if isinstance(value, Block):
+        declared = type(value)
+        given = ((name, getattr(value, name)) for name in declared.model_fields)
+        return {
+            name: plain(rewrite(declared.parameter(name), entry), rewrite) for name, entry in given if entry is not None
+        }
+    if isinstance(value, Sweep | DateList | DateRange | Distribution):
+        return plain(value.spec(), rewrite)
+    if isinstance(value, dict):
+        return {key: plain(entry, rewrite) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(entry, rewrite) for entry in value]
+    return value.isoformat() if isinstance(value, dt.date) else value
+
+
+def yaml_text(content: Mapping[str, Any]) -> str:
+    """Return plain data as the text of a study file."""
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _even(value: Any) -> Any:
+    """Return a list of evenly spaced numbers or dates as the range that it equals; anything else as it is."""
+    if isinstance(value, Listed) and not value.holds_names:
+        same = Range(value.first, value.last, len(value))
+        return same if same.values().tolist() == list(value.items) else value
+    if not isinstance(value, DateList | DateRange):
+        return value
+    days = value.dates()
+    steps = {(after - before).days for before, after in pairwise(days)}
+    if len(steps) == 1 and min(steps) > 0:
+        return DateRange(days[0], days[-1], steps.pop())
+    return DateList(tuple(days))
+
+
+def _digest_of(path: pathlib.Path) -> str:
+    """Return the SHA-256 of what a table says: without line ends, empty lines and comments.
+
+    Raises OSError where it cannot be read, and ValueError where it is too large.
+    """
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
+            raise ValueError(f"is larger than {MAX_BYTES // 2**20} MiB")
+        digest, separator = hashlib.sha256(), b""
+        for number, part in enumerate(file):
+            for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():
+                if line.strip() and not line.startswith(b"#"):
+                    digest.update(separator + line)
+                    separator = b"\n"
+    return digest.hexdigest()
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what the strict reader accepts: no aliases, and quotes around text that looks like a number."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    style = None if isinstance(scalar(text), str) else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+_Dumper.add_representer(str, _text)
+
+
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of the study files of a family, units and descriptions included."""
     schema = study_class.model_json_schema(schema_generator=_StudySchema)
@@ -243,5 +347,5 @@ class _StudySchema(GenerateJsonSchema):
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         inner = self.generate_inner(schema["schema"])
-        default = identity.plain(schema.get("default"))
+        default = plain(schema.get("default"))
         return inner if default is None else inner | {"default": default}

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from heliosweep.config.faults import did_you_mean, nearest
-from heliosweep.errors import Problem, StudyError
+from heliosweep.errors import Problem, StudyError, listed
 
 if TYPE_CHECKING:  # it takes longer to import than reading a study
     from numpy.typing import NDArray
@@ -84,19 +84,12 @@ class Table:
         Numbers in the file, counted from 1, and text of the lines that hold something, the header first.
     cells : list of list of str, optional
         Their cells, where they are not those of CSV.
-    rows : str
-        What the rows are, in words.
+    rows, needs : str
+        What the rows are, and what an empty file lacks, in words.
     most_rows : int, optional
         More rows are refused.
-    needs : str
-        What an empty file lacks, in words.
     separator : str
         Between cells, where they are not those of CSV.
-
-    Attributes
-    ----------
-    header : list of str
-        Names of the columns.
 
     Raises
     ------
@@ -138,15 +131,7 @@ class Table:
         return np.array([self._numbers[row + 1] for row in self._kept], np.int64)
 
     def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
-        """Note what is wrong with the names of the columns.
-
-        Parameters
-        ----------
-        columns : mapping of str to Column
-            Those that there may be.
-        others : bool
-            Whether there may be others.
-        """
+        """Note what is wrong with the names of the columns: `columns` are known, `others` says if there may be more."""
         self._columns = columns
         meant: set[str | None] = set()  # columns that are there with a typo: not noted as missing too
         for position, key in enumerate(self.header):
@@ -206,16 +191,8 @@ class Table:
     def add(self, message: str, row: int | None = None, column: str | int | None = None, key: str = "") -> None:
         """Note what is wrong with the table, with a row or with one of its cells.
 
-        Parameters
-        ----------
-        message : str
-            The end of a sentence that begins with the place.
-        row : int, optional
-            Row, counted from 0, or `HEADER`.
-        column : str or int, optional
-            Name or position of the column.
-        key : str
-            Stands before the message.
+        `message` is the end of a sentence that begins with the place, and with `key` if that is given. `row` counts
+        from 0, or is `HEADER`; `column` is a name or a position.
         """
         # Of every column the first ones: the first ones of the table are among them.
         which = self.header[column] if isinstance(column, int) else column or key
@@ -235,7 +212,7 @@ class Table:
         """Raise StudyError if anything is wrong."""
         if self._problems:
             in_order = sorted(self._problems, key=lambda problem: (problem.line or 0, problem.column or 0))
-            raise StudyError(listed(in_order, self._found.total()))
+            raise StudyError(listed(in_order, MAX_LISTED, self._found.total()))
 
     def _split(self) -> list[list[str]]:
         """Split the lines into cells, as CSV."""
@@ -279,14 +256,10 @@ def read_table(
 
     Parameters
     ----------
-    path : Path
-        The file.
-    name : str
-        What messages call it.
+    path, name : Path, str
+        The file, and what messages call it.
     columns : mapping of str to Column
-        What there may be.
-    others : bool
-        Whether there may be other columns.
+        What there may be; `others` says if there may be further columns.
     most_bytes : int, optional
         As for `table_text`.
     rows, most_rows, needs
@@ -309,21 +282,9 @@ def read_table(
 
 
 def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
-    """Return the text of a table; refuse what cannot be one before reading it whole.
+    """Return the text of a table, which messages call `name`; refuse what cannot be one before reading it whole.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        What messages call it.
-    most_bytes : int, optional
-        Size beyond which it is refused; `MAX_BYTES` where left out. [bytes]
-
-    Raises
-    ------
-    StudyError
-        Where the file cannot be read, is too large or is no text in UTF-8.
+    Raises StudyError where it cannot be read, is larger than `most_bytes` (otherwise `MAX_BYTES`) or is no UTF-8.
     """
 
     def fail(message: str, line: int | None = None) -> NoReturn:
@@ -378,10 +339,3 @@ def _number(text: str) -> float:
         return float(text) if _PLAIN.fullmatch(text) else np.nan
     except ValueError:
         return np.nan
-
-
-def listed(problems: Sequence[Problem], count: int) -> list[Problem]:
-    """Return the first problems of a table, and one that tells how many of all `count` are not listed."""
-    first = list(problems[:MAX_LISTED])
-    unlisted = count - len(first)
-    return [*first, Problem(f"and {unlisted:,} more problems", file=first[0].file)] if unlisted else first

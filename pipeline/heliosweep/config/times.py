@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import datetime as dt
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -14,9 +15,8 @@ from pydantic import Field
 from heliosweep.config import zones
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, did_you_mean
-from heliosweep.config.forms import key_faults, read_items, read_parts
-from heliosweep.config.sweep import Range, Sweep
-from heliosweep.config.values import Choice, Parameter, Quantity, Samples
+from heliosweep.config.sweep import Range, Sweep, key_faults, read_items, read_parts
+from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Text, object_schema, pattern
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,6 +38,7 @@ FIRST_YEAR, LAST_YEAR = 1700, 2200
 """Years of dates: those that nanoseconds can count around 1970, and for which the sun is known well."""
 
 WHOLE_YEAR = Range(1.0, 365.0, 365)
+_DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
 
 
 class SolarTime(Block):
@@ -89,14 +90,7 @@ class SolarTime(Block):
 
 @dataclass(frozen=True)
 class DateRange:
-    """Dates from `start` to `stop`, both included where they fall on the step.
-
-    Parameters
-    ----------
-    start, stop : datetime.date
-    step : int
-        Days between dates.
-    """
+    """Dates from `start` to `stop`, `step` days apart; both are included where they fall on the step."""
 
     start: dt.date
     stop: dt.date
@@ -131,8 +125,6 @@ class DateList:
 class Dates(Parameter):
     """Calendar dates: one, a list, or ``{start, stop, step}`` with the step in days."""
 
-    sweep: bool = field(default=False, kw_only=True)
-
     def read(self, raw: Any) -> DateRange | DateList:
         """Return the dates. Raises Invalid."""
         if isinstance(raw, DateRange | DateList):
@@ -146,63 +138,47 @@ class Dates(Parameter):
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of dates."""
         date = {"type": "string", "format": "date"}
-        step = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False).json_schema()
-        span = {"type": "object", "properties": {"start": date, "stop": date, "step": step}}
-        closed = {"required": ["start", "stop"], "additionalProperties": False}
-        return {"anyOf": [date, {"type": "array", "items": date, "minItems": 1}, span | closed]}
+        span = object_schema("A range", {"start": date, "stop": date}, {"step": _DAYS.json_schema()})
+        return {"anyOf": [date, {"type": "array", "items": date, "minItems": 1}, span]}
+
+
+def wall_time(raw: Any) -> str:
+    """Return a time of day on the wall clock as written, zero-padded. Raises Invalid."""
+    match = re.fullmatch(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2}))?", raw) if isinstance(raw, str) else None
+    if match is None:
+        raise Invalid("must be a time of day such as '07:00'")
+    hours, minutes, seconds = (int(part or 0) for part in match.groups())
+    if minutes > 59 or seconds > 59 or (hours, minutes, seconds) > (24, 0, 0):
+        raise Invalid("must be a time of day between '00:00' and '24:00'")
+    return f"{hours:02}:{minutes:02}" + (f":{seconds:02}" if seconds else "")
 
 
 @dataclass(frozen=True)
-class WallTime(Parameter):
-    """Time of day on the wall clock, ``HH:MM`` or ``HH:MM:SS``, read as seconds after midnight."""
+class WallTime(Text):
+    """Time of day on the wall clock, ``HH:MM`` or ``HH:MM:SS``."""
 
-    sweep: bool = field(default=False, kw_only=True)
-
-    def read(self, raw: Any) -> str:
-        """Return the time as written, zero-padded. Raises Invalid."""
-        match = _WALL_TIME.fullmatch(raw) if isinstance(raw, str) else None
-        if match is None:
-            raise Invalid("must be a time of day such as '07:00'")
-        hours, minutes, seconds = (int(part or 0) for part in match.groups())
-        if minutes > 59 or seconds > 59 or (hours, minutes, seconds) > (24, 0, 0):
-            raise Invalid("must be a time of day between '00:00' and '24:00'")
-        return f"{hours:02}:{minutes:02}" + (f":{seconds:02}" if seconds else "")
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a time of day."""
-        return {"type": "string", "pattern": "^[0-9]{1,2}:[0-9]{2}(:[0-9]{2})?$"}
+    form: Callable[[Any], str] = field(default=wall_time, kw_only=True)
+    schema: Mapping[str, Any] = field(
+        default_factory=lambda: pattern("[0-9]{1,2}:[0-9]{2}(:[0-9]{2})?"), kw_only=True, hash=False
+    )
 
 
-_WALL_TIME = re.compile(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2}))?")
-_ISO_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+def time_zone(raw: Any) -> str:
+    """Return a fixed offset from UTC such as ``+08:00``, or an IANA name such as ``Asia/Shanghai``. Raises Invalid."""
+    hint = "must be an offset such as '+08:00' or a name such as 'Asia/Shanghai'"
+    if not isinstance(raw, str):
+        raise Invalid(f"{hint}, in quotes")
+    if raw[:1] in ("+", "-"):
+        match = zones.OFFSET.fullmatch(raw)
+        if match is None or int(match[1]) > 14 or int(match[2]) > 59:
+            raise Invalid(hint)
+    elif raw not in zones.names():
+        raise Invalid(f"unknown time zone{did_you_mean(raw, zones.names()) or f'; it {hint}'}")
+    return raw
 
 
-@dataclass(frozen=True)
-class TimeZone(Parameter):
-    """A fixed offset from UTC such as ``+08:00``, or an IANA name such as ``Asia/Shanghai``."""
-
-    sweep: bool = field(default=False, kw_only=True)
-
-    def read(self, raw: Any) -> str:
-        """Return the time zone as written. Raises Invalid."""
-        hint = "must be an offset such as '+08:00' or a name such as 'Asia/Shanghai'"
-        if not isinstance(raw, str):
-            raise Invalid(f"{hint}, in quotes")
-        if raw[:1] in ("+", "-"):
-            match = zones.OFFSET.fullmatch(raw)
-            if match is None or int(match[1]) > 14 or int(match[2]) > 59:
-                raise Invalid(hint)
-        else:
-            try:
-                zones.zone(raw)
-            except KeyError:
-                known = did_you_mean(raw, zones.names())
-                raise Invalid(f"unknown time zone{known or f'; it {hint}'}") from None
-        return raw
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a time zone."""
-        return {"type": "string", "pattern": "^([+-][0-9]{2}:[0-9]{2}|[A-Za-z].*)$"}
+TimeZone = partial(Text, form=time_zone, schema=pattern("([+-][0-9]{2}:[0-9]{2}|[A-Za-z].*)"))
+"""Kind of value of a time zone."""
 
 
 class Window(Block):
@@ -302,7 +278,7 @@ def _date(raw: Any) -> dt.date:
         date = raw.date()
     elif isinstance(raw, dt.date):
         date = raw
-    elif isinstance(raw, str) and _ISO_DATE.fullmatch(raw):
+    elif isinstance(raw, str) and re.fullmatch("[0-9]{4}-[0-9]{2}-[0-9]{2}", raw):
         try:
             date = dt.date.fromisoformat(raw)
         except ValueError:
@@ -315,8 +291,7 @@ def _date(raw: Any) -> dt.date:
 
 
 def _date_range(raw: Mapping[str, Any]) -> DateRange:
-    step = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False).read
-    readers = {"start": _date, "stop": _date, "step": step}
+    readers = {"start": _date, "stop": _date, "step": _DAYS.read}
     faults = key_faults(raw, tuple(readers), ("start", "stop"), "a range of dates is {start, stop, step}")
     values = {"step": 1} | read_parts(raw, readers, faults)
     if values["stop"] < values["start"]:

@@ -10,71 +10,30 @@ from heliosweep.config.faults import Invalid, did_you_mean, one_of
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
 
 # Factor to the first unit of each kind. Decimal, so that "38 ft" is 11.5824 m and not a neighbour of it.
-_KINDS: dict[str, dict[str, Decimal]] = {
-    "a length": {
-        "m": Decimal(1),
-        "mm": Decimal("0.001"),
-        "cm": Decimal("0.01"),
-        "km": Decimal(1000),
-        "in": Decimal("0.0254"),
-        "ft": Decimal("0.3048"),
-    },
+_FACTORS: dict[str, dict[str, Decimal | int | str]] = {
+    "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {
-        "deg": Decimal(1),
-        "rad": _DEG_PER_RAD,
-        "mrad": _DEG_PER_RAD / 1000,
-        "urad": _DEG_PER_RAD / 1_000_000,
-        "arcmin": Decimal(1) / 60,
-        "arcsec": Decimal(1) / 3600,
-        "\u00b0": Decimal(1),
+        **{"deg": 1, "rad": _DEG_PER_RAD, "mrad": _DEG_PER_RAD / 1000, "urad": _DEG_PER_RAD / 1_000_000},
+        **{"arcmin": Decimal(1) / 60, "arcsec": Decimal(1) / 3600, "\u00b0": 1},
     },
-    "a duration": {
-        "s": Decimal(1),
-        "min": Decimal(60),
-        "h": Decimal(3600),
-        "d": Decimal(86400),
-    },
+    "a duration": {"s": 1, "min": 60, "h": 3600, "d": 86400},
     "an amount of memory": {
-        "B": Decimal(1),
-        "kB": Decimal(10**3),
-        "MB": Decimal(10**6),
-        "GB": Decimal(10**9),
-        "TB": Decimal(10**12),
-        "KiB": Decimal(2**10),
-        "MiB": Decimal(2**20),
-        "GiB": Decimal(2**30),
-        "TiB": Decimal(2**40),
+        **{"B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12},
+        **{"KiB": 2**10, "MiB": 2**20, "GiB": 2**30, "TiB": 2**40},
     },
-    "a pressure": {"Pa": Decimal(1), "hPa": Decimal(100), "kPa": Decimal(1000), "mbar": Decimal(100)},
-    "a temperature": {"degC": Decimal(1)},
-    "an irradiance": {"W/m2": Decimal(1), "kW/m2": Decimal(1000)},
-    "a plain number": {"1": Decimal(1), "%": Decimal("0.01")},
+    "a pressure": {"Pa": 1, "hPa": 100, "kPa": 1000, "mbar": 100},
+    "a temperature": {"degC": 1},
+    "an irradiance": {"W/m2": 1, "kW/m2": 1000},
+    "a plain number": {"1": 1, "%": "0.01"},
 }
+_KINDS = {kind: {unit: Decimal(factor) for unit, factor in units.items()} for kind, units in _FACTORS.items()}
 _KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
 _QUANTITY = re.compile(r"\s*([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?)\s*([^0-9\W_].*?|%|\u00b0|)\s*")
 _EXAMPLES = {"m": "1.5 m", "deg": "30 deg", "h": "1.5 h", "B": "2 GB", "mrad": "1.2 mrad"}
 
 
 def parse(text: str, unit: str) -> float:
-    """Read a number with its unit, such as ``"1.2 mrad"``.
-
-    Parameters
-    ----------
-    text : str
-        A number followed by a unit.
-    unit : str
-        Unit of the result, one of the table.
-
-    Returns
-    -------
-    float
-        The value in `unit`; infinite if it is too large for a float.
-
-    Raises
-    ------
-    Invalid
-        No number, no unit, an unknown unit or a unit of the wrong kind.
-    """
+    """Read a number with its unit, such as ``"1.2 mrad"``, as a number in `unit`. Raises Invalid."""
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise Invalid(f"must be {expected(unit)}{_hint(text, unit)}")

@@ -8,7 +8,7 @@ A kind of value stands in the annotation of the field::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,12 +16,15 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from heliosweep.config import units
-from heliosweep.config.faults import Fault, Invalid, Path, did_you_mean, one_of, to_pydantic
-from heliosweep.config.forms import read_items, read_sweep
-from heliosweep.config.sweep import Geometric, Listed, Range, Sweep
+from heliosweep.config.faults import Fault, Faults, Invalid, Path, did_you_mean, one_of, to_pydantic
+from heliosweep.config.sweep import MAX_FAULTS, Geometric, Listed, Range, Sweep, read_items, read_sweep
 
 _INFINITE = 1e300  # beyond it differences overflow
 _QUANTITY_PATTERN = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
+_ONCE = "must be a single value; it cannot be swept"
+_COUNTS = ("no", "one", "two", "three", "four")
+
+Schema = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Parameter:
     """
 
     description: str
-    sweep: bool = field(default=True, kw_only=True)
+    sweep: bool = field(default=False, kw_only=True)
     dimension: str = field(default="", kw_only=True)
     title: str = field(default="", kw_only=True)
     standard_name: str = field(default="", kw_only=True)
@@ -56,7 +59,7 @@ class Parameter:
         """Return the value for what stands in the study file. Raises Invalid."""
         raise NotImplementedError
 
-    def json_schema(self) -> dict[str, Any]:
+    def json_schema(self) -> Schema:
         """Return the JSON Schema of what may stand in the study file."""
         raise NotImplementedError
 
@@ -71,19 +74,113 @@ class Parameter:
 
         return core_schema.no_info_plain_validator_function(read)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> Schema:
         """Describe the field to editors."""
         title = {"title": self.title} if self.title else {}
         return title | {"description": self.purpose} | self.json_schema()
 
 
-def list_schema(one: Mapping[str, Any]) -> dict[str, Any]:
+def free_text(raw: Any) -> str:
+    """Return text that says something. Raises Invalid."""
+    if not isinstance(raw, str):
+        raise Invalid(f"must be text{'; write it in quotes' if isinstance(raw, int | float) else ''}")
+    if not raw.strip():
+        raise Invalid("must not be empty")
+    return raw
+
+
+def pattern(expression: str) -> Schema:
+    """Return the JSON Schema of text that a regular expression matches."""
+    return {"type": "string", "pattern": f"^{expression}$"}
+
+
+@dataclass(frozen=True)
+class Text(Parameter):
+    """Text on one or more lines, or of a certain form.
+
+    Parameters
+    ----------
+    form : callable
+        Returns the text for what stands in the study file, or raises Invalid.
+    schema : mapping
+        JSON Schema of that.
+    """
+
+    form: Callable[[Any], str] = field(default=free_text, kw_only=True)
+    schema: Mapping[str, Any] = field(
+        default_factory=lambda: {"type": "string", "minLength": 1}, kw_only=True, hash=False
+    )
+
+    def read(self, raw: Any) -> str:
+        """Return the text. Raises Invalid."""
+        return self.form(raw)
+
+    def json_schema(self) -> Schema:
+        """Return the JSON Schema of the text."""
+        return dict(self.schema)
+
+
+@dataclass(frozen=True)
+class Flag(Parameter):
+    """Yes or no, written ``true`` or ``false``."""
+
+    def read(self, raw: Any) -> bool:
+        """Return the flag. Raises Invalid."""
+        if not isinstance(raw, bool):
+            raise Invalid("must be true or false")
+        return raw
+
+    def json_schema(self) -> Schema:
+        """Return the JSON Schema of a flag."""
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True)
+class Name(Parameter):
+    """A name, or a list of names that are swept."""
+
+    sweep: bool = field(default=True, kw_only=True)
+
+    def read(self, raw: Any) -> str | Sweep:
+        """Return the name as given, or a sweep of names. Raises Invalid."""
+        if not isinstance(raw, Listed | list | tuple):
+            return self._one(raw)
+        if not self.sweep:
+            raise Invalid(_ONCE)
+        return Listed(read_items(raw.items if isinstance(raw, Listed) else raw, self._one))
+
+    def json_schema(self) -> Schema:
+        """Return the JSON Schema of the name, or of a list of names."""
+        one = self._one_schema()
+        return {"anyOf": [one, list_schema(one)]} if self.sweep else one
+
+    def _one(self, raw: Any) -> str:
+        raise NotImplementedError
+
+    def _one_schema(self) -> Schema:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class FileName(Name):
+    """Name of a table, relative to the study file: text in which empty lines and those with ``#`` say nothing."""
+
+    def _one(self, raw: Any) -> str:
+        if not isinstance(raw, str) or not raw.strip():
+            raise Invalid("must be the name of a file, relative to the study file")
+        return raw
+
+    def _one_schema(self) -> Schema:
+        return {"type": "string", "minLength": 1}
+
+
+def list_schema(one: Mapping[str, Any]) -> Schema:
     """Return the JSON Schema of a list of different values."""
     return {"type": "array", "items": one, "minItems": 1, "uniqueItems": True, "description": "Swept: a list"}
 
 
 @dataclass(frozen=True)
-class Choice(Parameter):
+class Choice(Name):
     """One of several names.
 
     Parameters
@@ -102,15 +199,6 @@ class Choice(Parameter):
         meanings = "; ".join(f"{name}: {meaning}" for name, meaning in self.options.items())
         return f"{self.description} ({meanings})"
 
-    def read(self, raw: Any) -> str | Sweep:
-        """Return the name, or a sweep of names. Raises Invalid."""
-        return _name_or_names(raw, self._one, self.sweep)
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the name, or of a list of names."""
-        one = {"enum": list(self.options)}
-        return {"anyOf": [one, list_schema(one)]} if self.sweep else one
-
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str):
             raise Invalid(f"must be {one_of(self.options)}")
@@ -119,65 +207,8 @@ class Choice(Parameter):
             raise Invalid(f"unknown choice{hint}")
         return raw
 
-
-@dataclass(frozen=True)
-class FileName(Parameter):
-    """Name of a table, relative to the study file: text in which empty lines and those with ``#`` say nothing."""
-
-    def read(self, raw: Any) -> str | Sweep:
-        """Return the name as given, or a sweep of names. Raises Invalid."""
-        return _name_or_names(raw, self._one, self.sweep)
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the name, or of a list of names."""
-        one = {"type": "string", "minLength": 1}
-        return {"anyOf": [one, list_schema(one)]} if self.sweep else one
-
-    def _one(self, raw: Any) -> str:
-        if not isinstance(raw, str) or not raw.strip():
-            raise Invalid("must be the name of a file, relative to the study file")
-        return raw
-
-
-@dataclass(frozen=True)
-class Text(Parameter):
-    """Free text on one or more lines."""
-
-    def read(self, raw: Any) -> str:
-        """Return the text. Raises Invalid."""
-        if not isinstance(raw, str):
-            hint = "; write it in quotes" if isinstance(raw, int | float) else ""
-            raise Invalid(f"must be text{hint}")
-        if not raw.strip():
-            raise Invalid("must not be empty")
-        return raw
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of text."""
-        return {"type": "string", "minLength": 1}
-
-
-@dataclass(frozen=True)
-class Flag(Parameter):
-    """Yes or no, written ``true`` or ``false``."""
-
-    def read(self, raw: Any) -> bool:
-        """Return the flag. Raises Invalid."""
-        if not isinstance(raw, bool):
-            raise Invalid("must be true or false")
-        return raw
-
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a flag."""
-        return {"type": "boolean"}
-
-
-def _name_or_names(raw: Any, read: Callable[[Any], str], sweep: bool) -> str | Sweep:
-    if not isinstance(raw, Listed | list | tuple):
-        return read(raw)
-    if not sweep:
-        raise Invalid("must be a single value; it cannot be swept")
-    return Listed(read_items(raw.items if isinstance(raw, Listed) else raw, read))
+    def _one_schema(self) -> Schema:
+        return {"enum": list(self.options)}
 
 
 @dataclass(frozen=True)
@@ -195,6 +226,7 @@ class Quantity(Parameter):
     """
 
     unit: str
+    sweep: bool = field(default=True, kw_only=True)
     ge: float | None = field(default=None, kw_only=True)
     gt: float | None = field(default=None, kw_only=True)
     le: float | None = field(default=None, kw_only=True)
@@ -211,7 +243,7 @@ class Quantity(Parameter):
         if not isinstance(raw, Sweep | Mapping | list | tuple):
             return self._one(raw)
         if not self.sweep:
-            raise Invalid("must be a single value; it cannot be swept")
+            raise Invalid(_ONCE)
         sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number)
         self._check_sweep(sweep)
         return sweep
@@ -221,24 +253,15 @@ class Quantity(Parameter):
         suffix = units.suffix(self.unit)
         if self.ge is not None and self.le is not None:
             return f"between {self.ge:g} and {self.le:g}{suffix}"
-        lower = "at least" if self.ge is not None else "greater than"
-        upper = "at most" if self.le is not None else "less than"
-        least, most = (self.gt if self.ge is None else self.ge), (self.lt if self.le is None else self.le)
-        parts = [f"{word} {bound:g}" for word, bound in ((lower, least), (upper, most)) if bound is not None]
+        words = {"at least": self.ge, "greater than": self.gt, "at most": self.le, "less than": self.lt}
+        parts = [f"{word} {bound:g}" for word, bound in words.items() if bound is not None]
         return f"{' and '.join(parts)}{suffix}" if parts else ""
 
-    def json_schema(self) -> dict[str, Any]:
+    def json_schema(self) -> Schema:
         """Return the JSON Schema of the number: bare, with a unit, and swept where that is allowed."""
-        limits = {
-            "minimum": self.ge,
-            "exclusiveMinimum": self.gt,
-            "maximum": self.le,
-            "exclusiveMaximum": self.lt,
-        }
-        forms: list[dict[str, Any]] = [
-            {"type": "integer" if self.integer else "number"}
-            | {key: bound for key, bound in limits.items() if bound is not None}
-        ]
+        limits = {"minimum": self.ge, "exclusiveMinimum": self.gt, "maximum": self.le, "exclusiveMaximum": self.lt}
+        bounded = {key: bound for key, bound in limits.items() if bound is not None}
+        forms: list[Schema] = [{"type": "integer" if self.integer else "number"} | bounded]
         if self.unit != "1":
             forms.append({"type": "string", "pattern": _QUANTITY_PATTERN})
         one = forms[0] if len(forms) == 1 else {"anyOf": forms}
@@ -281,16 +304,14 @@ class Quantity(Parameter):
         else:
             inner = ("logspace",) if isinstance(sweep, Geometric) else ()
             places = [((*inner, "start"), sweep.first), ((*inner, "stop"), sweep.last)]
-        faults: list[Fault] = []
+        faults = Faults()
         for place, value in places:
-            try:
+            with faults.under(*place):
                 self._check(value)
-            except Invalid as error:
-                faults.append(Fault(error.faults[0].message, place))
-        if not faults and self.integer and not (isinstance(sweep, Listed) or _is_whole(sweep)):
+        whole = isinstance(sweep, Listed) or (isinstance(sweep, Range) and sweep.step.is_integer())
+        if not faults and self.integer and not whole:
             faults.append(Fault("the values of the range must be whole numbers", show_value=False))
-        if faults:
-            raise Invalid(faults)
+        faults.check()
 
 
 @dataclass(frozen=True)
@@ -306,29 +327,129 @@ class Samples(Quantity):
         return value if isinstance(value, Sweep) else Listed((value,))
 
 
-def _is_whole(sweep: Sweep) -> bool:
-    return isinstance(sweep, Range) and sweep.step.is_integer()
+def object_schema(description: str, required: Mapping[str, Any], optional: Mapping[str, Any] | None = None) -> Schema:
+    """Return the JSON Schema of a mapping that has some keys and no unknown ones."""
+    return {
+        "type": "object",
+        "description": description,
+        "properties": {**required, **(optional or {})},
+        "required": list(required),
+        "additionalProperties": False,
+    }
 
 
-def _swept_schemas(one: Mapping[str, Any]) -> list[dict[str, Any]]:
-    number = {"type": ["number", "string"]}
-    num = {"type": "integer", "minimum": 1, "description": "Number of values, both ends included"}
-
-    def mapping(description: str, **properties: Mapping[str, Any]) -> dict[str, Any]:
-        return {
-            "type": "object",
-            "description": description,
-            "properties": properties,
-            "required": list(properties),
-            "additionalProperties": False,
-        }
-
+def _swept_schemas(one: Mapping[str, Any]) -> list[Schema]:
+    ends = {"start": one, "stop": one}
+    step = ends | {"step": {"type": ["number", "string"]}}
+    num = ends | {"num": {"type": "integer", "minimum": 1, "description": "Number of values, both ends included"}}
     return [
         list_schema(one),
-        mapping("Swept: a range by its step", start=one, stop=one, step=number),
-        mapping("Swept: a range by its number of values", start=one, stop=one, num=num),
-        mapping(
-            "Swept: a geometric range",
-            logspace=mapping("From start to stop in equal ratios", start=one, stop=one, num=num),
+        object_schema("Swept: a range by its step", step),
+        object_schema("Swept: a range by its number of values", num),
+        object_schema(
+            "Swept: a geometric range", {"logspace": object_schema("From start to stop in equal ratios", num)}
         ),
     ]
+
+
+@dataclass(frozen=True)
+class Numbers(Parameter):
+    """As many numbers as there are names, such as ``[0, -1]``.
+
+    Parameters
+    ----------
+    units : str or tuple of str
+        Canonical unit of all, or of each.
+    names : tuple of str
+        What they are.
+    gt, ge, le : float, optional
+        Bounds of all.
+    """
+
+    units: str | tuple[str, ...]
+    names: tuple[str, ...]
+    gt: float | None = field(default=None, kw_only=True)
+    ge: float | None = field(default=None, kw_only=True)
+    le: float | None = field(default=None, kw_only=True)
+
+    @property
+    def purpose(self) -> str:
+        """The description, the names and the unit."""
+        return f"{self.description}, {self.form}"
+
+    @property
+    def form(self) -> str:
+        """The written form of the numbers, in words."""
+        unit = f" in {self.units}" if isinstance(self.units, str) and self.units != "1" else ""
+        return f"[{', '.join(self.names)}]{unit}"
+
+    def read(self, raw: Any) -> Any:
+        """Return the numbers as a tuple. Raises Invalid."""
+        return self._numbers(raw)
+
+    def json_schema(self) -> Schema:
+        """Return the JSON Schema of the numbers."""
+        parts = [part.json_schema() for part in self._parts()]
+        one = parts[0] if isinstance(self.units, str) else {"type": ["number", "string"]}
+        return {"type": "array", "items": one, "minItems": len(parts), "maxItems": len(parts)}
+
+    def _parts(self) -> list[Quantity]:
+        units = [self.units] * len(self.names) if isinstance(self.units, str) else self.units
+        return [Quantity("", unit, gt=self.gt, ge=self.ge, le=self.le, sweep=False) for unit in units]
+
+    def _numbers(self, raw: Any) -> tuple[float, ...]:
+        parts = self._parts()
+        if not isinstance(raw, list | tuple) or len(raw) != len(parts):
+            raise Invalid(f"must be {_COUNTS[len(parts)]} numbers {self.form}")
+        numbers: list[Any] = []
+        faults = Faults()
+        for position, (part, item) in enumerate(zip(parts, raw, strict=True)):
+            with faults.under(position):
+                numbers.append(part.read(item))
+        faults.check()
+        return tuple(numbers)
+
+
+@dataclass(frozen=True)
+class ListOfNumbers(Numbers):
+    """A list of different entries of several numbers, such as ``[[-16, 150, 0], [-60, 300, 0]]``.
+
+    Parameters
+    ----------
+    entries : int, optional
+        How many; any number but none where left out.
+    """
+
+    entries: int | None = field(default=None, kw_only=True)
+
+    def read(self, raw: Any) -> tuple[tuple[float, ...], ...]:
+        """Return the entries. Raises Invalid."""
+        count = "" if self.entries is None else f"{self.entries} "
+        if not isinstance(raw, list | tuple) or (self.entries is not None and len(raw) != self.entries):
+            raise Invalid(f"must be a list of {count}entries {self.form}")
+        if not raw:
+            raise Invalid(Fault(f"the list is empty: give at least one entry {self.form}", show_value=False))
+        found: dict[tuple[float, ...], int] = {}
+        faults = Faults()
+        for position, item in enumerate(raw):
+            if len(faults) > MAX_FAULTS:
+                break
+            with faults.under(position):
+                entry = self._numbers(item)
+                wrong = list(self.entry_faults(entry))
+                if (first := found.setdefault(entry, position)) != position:
+                    wrong.insert(0, Fault(f"is the same as entry {first} (counted from 0); leave one out"))
+                if wrong:
+                    raise Invalid(wrong)
+        faults.check()
+        return tuple(found)
+
+    def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
+        """Yield what is wrong with an entry of good numbers."""
+        yield from ()
+
+    def json_schema(self) -> Schema:
+        """Return the JSON Schema of the list."""
+        most = {} if self.entries is None else {"maxItems": self.entries}
+        items = super().json_schema() | {"description": self.form}
+        return {"type": "array", "items": items, "uniqueItems": True, "minItems": self.entries or 1} | most

@@ -41,8 +41,7 @@ def warm_field() -> None:
 @_timed
 def warm_dish() -> None:
     """Make the kernels of dish tracking ready."""
-    from heliosweep.kernels.dish.tracking import RIGID, window_errors
-    from heliosweep.kernels.dish.windows import pack_windows
+    from heliosweep.kernels.dish import RIGID, pack_windows, window_errors
     from heliosweep.kernels.sun.ephemeris import QUANTITIES, daily_splines, sun_at_sites
 
     pieces, sun = daily_splines(np.ones((3, QUANTITIES))), np.empty((1, 1, 3))

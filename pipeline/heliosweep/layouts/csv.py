@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,125 +57,71 @@ _SIZE = re.compile(r"template (\d{1,9}): (\S+) m x (\S+) m")
 def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None = None) -> Layout:
     """Read a layout from a CSV file.
 
-    The first row names the columns: ``x`` and ``y``, metres east and north of the tower's base, ``z``, metres
-    above it (0 if left out), and any others, which are kept as integers, numbers or text. Rows stay in order.
-    Empty lines and lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark.
-    Tables of SolarPILOT are known by their header, or by having none, and read as the notes of this module say.
+    The first row names the columns: ``x`` and ``y``, metres east and north of the tower's base, ``z``, metres above it
+    (0 if left out), and any others, which are kept as integers, numbers or text. Rows stay in order. Empty lines and
+    lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark. Tables of SolarPILOT are
+    known by their header, or by having none, and read as the notes of this module say.
 
-    Parameters
-    ----------
-    path : str or Path
-        File to read.
-    reserved : collection of str, optional
-        Names that other columns must not have, since the result uses them.
-    name : str, optional
-        Name of the file in messages and in the layout; `path` by default.
-
-    Returns
-    -------
-    Layout
-        The heliostats, with the line of each.
-
-    Raises
-    ------
-    StudyError
-        If the file cannot be read or is no such table; all bad rows at once, with file, line and column.
+    Other columns must not have `reserved` names, since the result uses them. `name` is what messages and the layout
+    call the file; `path` by default. Raises StudyError if the file cannot be read or is no such table: all bad rows at
+    once, with file, line and column.
     """
     name = str(path) if name is None else name
     lines = table_lines(table_text(Path(path), name))
     form = _solarpilot_form(lines[1])
     if form is not None:
-        return _read_solarpilot(name, lines, form, reserved)
+        return _read_solarpilot(name, lines, *form, reserved)
     needs = "a header with the columns x and y, and one row for each heliostat"
     return layout_of(Table(name, lines, rows="heliostats", most_rows=MAX_HELIOSTATS, needs=needs), reserved)
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
-    """Write a layout so that `read_csv` gives back the same numbers, to the last bit.
+    """Write a layout so that `read_csv` gives back the same numbers, to the last bit; an existing file is replaced.
 
     The file appears under its name only when it is complete. Text that reads as a number comes back as one; numbers
-    that are not known (NaN), as SolarPILOT's tables may have them, cannot be read back.
-
-    Parameters
-    ----------
-    layout : Layout
-        The heliostats.
-    path : str or Path
-        File to write; an existing one is replaced.
-
-    Raises
-    ------
-    HeliosweepError
-        If the file cannot be written; nothing is left behind.
+    that are not known (NaN), as SolarPILOT's tables may have them, cannot be read back. Raises HeliosweepError if the
+    file cannot be written; nothing is left behind.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
     rows = zip(*(values.tolist() for values in columns.values()), strict=True)
     write_rows(itertools.chain([columns], rows), Path(path))
 
 
-@dataclass(frozen=True)
-class _Form:
-    """Form of a table of SolarPILOT.
+def _solarpilot_form(lines: Sequence[str]) -> tuple[str, int | None] | None:
+    """Return what separates fields of a table of SolarPILOT, and which line is its header; None for any other table.
 
-    Parameters
-    ----------
-    separator : str
-        Between fields.
-    header : int or None
-        Position of the header among the lines that hold something; None where there is none.
+    `lines` are those that hold something. A layout has no header: None stands for it.
     """
-
-    separator: str
-    header: int | None
-
-
-def _solarpilot_form(lines: Sequence[str]) -> _Form | None:
-    """Return how a table of SolarPILOT is written, by the lines that hold something; None for any other."""
     for position, line in enumerate(lines[: _MOST_PREAMBLE + 1]):
         separator = "," if "," in line else "\t"
         fields = _fields(line, separator)
         plain = [_letters(field) for field in fields]
         meant = [_TITLES.get(title) for title in plain]
         if {"x", "y"} <= set(meant) and not {"x", "y"} & set(plain):
-            return _Form(separator, position)
+            return separator, position
         if position == 0 and _is_row(fields):
-            return _Form(separator, None)
+            return separator, None
         if not plain[0].startswith(_PREAMBLE):
             return None
     return None
 
 
-def _read_solarpilot(name: str, lines: tuple[list[int], list[str]], form: _Form, reserved: Collection[str]) -> Layout:
+def _read_solarpilot(
+    name: str, lines: tuple[list[int], list[str]], separator: str, header: int | None, reserved: Collection[str]
+) -> Layout:
     """Read a table of SolarPILOT: a layout, the export of a simulation, or what its Python interface gives.
 
     Columns of a layout get the names of `SOLARPILOT_COLUMNS`, others theirs in small letters. A column that is nowhere
     given (``NULL``) is left out, as is the template where all share one. Sizes of templates become ``width`` and
-    ``height``.
-
-    Parameters
-    ----------
-    name : str
-        Name of the file.
-    lines : tuple of list
-        Numbers and text of the lines that hold something.
-    form : _Form
-        From `_solarpilot_form`.
-    reserved : collection of str
-        Names that columns get another name for.
-
-    Raises
-    ------
-    StudyError
-        With all that is wrong.
+    ``height``. Raises StudyError with all that is wrong.
     """
-    first = form.header or 0
-    numbers, texts = lines[0][first:], lines[1][first:]
+    numbers, texts = lines[0][header or 0 :], lines[1][header or 0 :]
     sizes: dict[int, tuple[float, float]] = {}
     while len(texts) > 1 and (size := _SIZE.fullmatch(texts[-1].strip())):
         sizes[int(size[1])] = _side(size[2], name, numbers[-1]), _side(size[3], name, numbers[-1])
         del numbers[-1], texts[-1]
-    cells = [_fields(text, form.separator) for text in texts]
-    if form.header is None:
+    cells = [_fields(text, separator) for text in texts]
+    if header is None:
         width = max(map(len, cells))
         # A row may end where nothing more is given. Header and lines stay one to one: it stands on the first line.
         cells = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in cells]
@@ -184,23 +129,21 @@ def _read_solarpilot(name: str, lines: tuple[list[int], list[str]], form: _Form,
     else:
         cells[0] = [_TITLES.get(_letters(title)) or _variable(title) for title in cells[0]]
     cells[0] = [f"solarpilot_{key}" if key in reserved and key not in ("x", "y", "z") else key for key in cells[0]]
-    table = Table(name, (numbers, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=form.separator)
+    table = Table(name, (numbers, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=separator)
     layout = layout_of(table, unknown="NULL")
     columns = {key: values for key, values in layout.columns.items() if not _is_unknown(values)}
-    template = columns.get("template")
-    if template is not None and template.dtype.kind != "i":
+    template = columns.get("template", np.zeros(len(layout), np.int64))
+    if template.dtype.kind != "i":
         table.add("template must be a whole number", 0, "template")
         table.finish()
+    if missing := [number for number in np.unique(template).tolist() if sizes and number not in sizes]:
+        table.add(f"gives no mirror size for template {missing[0]}, but sizes for others")
+        table.finish()
     if sizes:
-        numbers_of = np.zeros(len(layout), np.int64) if template is None else template
-        missing = [int(number) for number in np.unique(numbers_of) if int(number) not in sizes]
-        if missing:
-            table.add(f"gives no mirror size for template {missing[0]}, but sizes for others")
-            table.finish()
-        sides = np.array([sizes[int(number)] for number in numbers_of])
+        sides = np.array([sizes[number] for number in template.tolist()])
         columns |= {"width": sides[:, 0], "height": sides[:, 1]}
-    if template is not None and (template == template[0]).all():
-        del columns["template"]
+    if (template == template[0]).all():
+        columns.pop("template", None)
     for group in _GROUPS:
         there = [key for key in group if key in columns]
         if there and len(there) < len(group):
@@ -226,29 +169,16 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
     """Write a layout that SolarPILOT takes as user-defined, and that `read_csv` gives back to the last bit.
 
     Written are the positions, what is known of `SOLARPILOT_COLUMNS`, and the mirror sizes (``width``, ``height``), for
-    each of which there is a template; further columns have no place in the table. A file of this name is replaced.
-
-    Parameters
-    ----------
-    layout : Layout
-        The heliostats.
-    path : str or Path
-        File to write; appears under its name when it is complete.
-
-    Raises
-    ------
-    StudyError
-        If heliostats of one template have mirrors of different sizes.
-    HeliosweepError
-        If the file cannot be written.
+    each of which there is a template; further columns have no place in the table. A file of this name is replaced when
+    the new one is complete. Raises StudyError if heliostats of one template have mirrors of different sizes, and
+    HeliosweepError if the file cannot be written.
     """
     numbers, sizes = _templates(layout)
-    count = len(layout)
     groups = [all(key in layout.columns for key in group) for group in _GROUPS]
     last = max((place + 1 for place, there in enumerate(groups) if there), default=0)
-    columns: list[list[Any]] = [numbers.tolist(), layout.x.tolist(), layout.y.tolist(), layout.z.tolist()]
+    columns: list[list[Any]] = [values.tolist() for values in (numbers, layout.x, layout.y, layout.z)]
     for group, there in zip(_GROUPS[:last], groups, strict=False):
-        columns += [_written(layout.columns[key]) if there else ["NULL"] * count for key in group]
+        columns += [_written(layout.columns[key]) if there else ["NULL"] * len(layout) for key in group]
 
     def rows() -> Iterator[Sequence[Any]]:
         yield from zip(*columns, strict=True)
@@ -260,12 +190,9 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
 
 def _templates(layout: Layout) -> tuple[NDArray[np.int64], dict[int, tuple[float, float]]]:
     """Return the template of every heliostat, and the mirror size of each template where sizes are known."""
-    count = len(layout)
-    given = layout.columns.get("template")
-    sides = [layout.columns.get(side) for side in ("width", "height")]
-    width, height = sides
+    given, width, height = (layout.columns.get(key) for key in ("template", "width", "height"))
     if width is None or height is None:
-        return np.zeros(count, np.int64) if given is None else given, {}
+        return np.zeros(len(layout), np.int64) if given is None else given, {}
     pairs = list(zip(width.astype(float).tolist(), height.astype(float).tolist(), strict=True))
     if given is None:
         order = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}

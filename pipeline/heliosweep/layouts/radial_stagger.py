@@ -65,7 +65,8 @@ def radial_stagger(
 ) -> Layout:
     """Generate a radial-staggered layout on level ground, symmetric about the north-south line.
 
-    Exactly one of `rings`, `heliostats` and `zones` says how far the field goes.
+    Exactly one of `rings`, `heliostats` and `zones` says how far the field goes. What the keys of a study file hold to
+    by themselves, such as positive numbers, is taken for granted.
 
     Parameters
     ----------
@@ -110,9 +111,9 @@ def radial_stagger(
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
     clearance further out.
     """
-    _check(clearance, inner_radius, rings, heliostats, zones)
+    _check(clearance, inner_radius, heliostats, zones)
     if zones is not None:
-        sequence = _given_zones(clearance, [Zone(*zone) for zone in zones])
+        sequence = _given_zones(clearance, zones)
     else:
         assert inner_radius is not None
         sequence = _automatic_zones(clearance, inner_radius)
@@ -179,7 +180,7 @@ def _layout(field: list[_Ring]) -> Layout:
     return Layout(x, y, np.zeros_like(x), columns, "radial_stagger")
 
 
-def _given_zones(clearance: float, zones: list[Zone]) -> Iterator[_Ring]:
+def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
     """Yield the rings of the zones that the user gave."""
     outermost = -math.inf
     for index, (start, rings, pitch) in enumerate(zones):
@@ -285,14 +286,8 @@ def _angle_apart(radius: float, other: float, distance: float) -> float:
     return math.degrees(2 * math.asin(math.sqrt(min(max(sine_squared, 0.0), 1.0))))
 
 
-def _check(
-    clearance: float,
-    inner_radius: float | None,
-    rings: int | None,
-    heliostats: int | None,
-    zones: Sequence[Zone] | None,
-) -> None:
-    """Raise with everything that is wrong with single parameters."""
+def _check(clearance: float, inner_radius: float | None, heliostats: int | None, zones: Sequence[Zone] | None) -> None:
+    """Raise with everything that is wrong with single parameters, of those that a study file may hold."""
     problems: list[Problem] = []
 
     def require(valid: bool, key: str, message: str) -> bool:
@@ -308,31 +303,15 @@ def _check(
         message = f"a ring of {radius:.6g} m has more than {MAX_HELIOSTATS:,} heliostats at this clearance"
         return require(radius <= most, key, message)
 
-    extents = {"rings": rings, "heliostats": heliostats, "zones": zones}
-    given = [key for key, value in extents.items() if value is not None]
-    if len(given) != 1:
-        message = f"give exactly one of rings, heliostats and zones (got {' and '.join(given) or 'none'})"
-        require(False, given[-1] if given else "rings", message)
-    for key, value in (("rings", rings), ("heliostats", heliostats)):
-        if value is not None and require(value >= 1, key, f"must be at least 1 (got {value})"):
-            require(value <= MAX_HELIOSTATS, key, f"must be at most {MAX_HELIOSTATS:,} (got {value})")
-    usable = require(0 < clearance < math.inf, "clearance", f"must be greater than 0 m (got {clearance})")
-
-    if inner_radius is None:
-        require(zones is not None, "inner_radius", "is missing: the radius of the first ring, in m")
-    elif usable:
-        check_radius(inner_radius, "inner_radius")
-    if zones is not None and require(len(zones) > 0, "zones", "must hold at least one zone"):
-        if inner_radius is not None:
-            first = zones[0][0]
-            message = f"must be the start of the first zone, {first} m, or be left out (got {inner_radius})"
-            require(inner_radius == first, "inner_radius", message)
-        for index, zone in enumerate(zones):
-            start, count, pitch = Zone(*zone)
-            require(count >= 1, f"zones.{index}.rings", f"must be at least 1 (got {count})")
-            if usable and check_radius(start, f"zones.{index}.start") and pitch is not None:
-                finest = _angle_apart(start, start, clearance)
-                message = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {pitch:.6g})"
-                require(finest * (1 - ROUNDING) <= pitch <= 180, f"zones.{index}.pitch", message)
+    if heliostats is not None:
+        require(heliostats <= MAX_HELIOSTATS, "heliostats", f"must be at most {MAX_HELIOSTATS:,} (got {heliostats})")
+    if inner_radius is not None and check_radius(inner_radius, "inner_radius") and zones:
+        message = f"must be the start of the first zone, {zones[0].start} m, or be left out (got {inner_radius})"
+        require(inner_radius == zones[0].start, "inner_radius", message)
+    for index, (start, _, pitch) in enumerate(zones or ()):
+        if check_radius(start, f"zones.{index}.start") and pitch is not None:
+            finest = _angle_apart(start, start, clearance)
+            message = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {pitch:.6g})"
+            require(finest * (1 - ROUNDING) <= pitch, f"zones.{index}.pitch", message)
     if problems:
         raise StudyError(problems)

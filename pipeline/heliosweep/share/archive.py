@@ -16,9 +16,8 @@ from typing import Any, BinaryIO
 
 from heliosweep.config.blocks import licence as licence_of
 from heliosweep.config.faults import Invalid
-from heliosweep.config.identity import resolved, yaml_text
 from heliosweep.config.load import load
-from heliosweep.config.study import Study
+from heliosweep.config.study import Study, yaml_text
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import study_classes
 from heliosweep.files import written_whole
@@ -237,7 +236,7 @@ def _place(given: str, taken: dict[str, str], key: str) -> str:
 def study_text(study: Study, places: Mapping[str, str]) -> str:
     """The study file of an archive: all defaults written out, inputs beside it, without how it was executed."""
 
-    text = yaml_text(resolved(study.model_copy(update={"execution": None}), places.__getitem__))
+    text = yaml_text(study.model_copy(update={"execution": None}).resolved(places.__getitem__))
     return f"# Run it where it stands: heliosweep run study.yaml --output again\n{text}"
 
 

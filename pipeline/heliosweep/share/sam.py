@@ -75,7 +75,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     if not _takes_directions(type(study)):
         message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
         raise StudyError(study.problem("family", message))
-    content = study.resolved(Path())
+    content = study.resolved(lambda name: study.seen_from(Path(), name))
     for key in ("site", "sites", "zip"):
         content.pop(key, None)
     content["time"] = {

@@ -14,8 +14,8 @@ from heliosweep.errors import StudyError
 from heliosweep.families.dish_tracking.compute import largest_tilt
 from heliosweep.families.dish_tracking.study import Ephemeris
 from heliosweep.families.dish_tracking.windows import windows_of
-from heliosweep.kernels.dish import tracking
-from heliosweep.kernels.dish.windows import UP, WEIGHT, pack_windows
+from heliosweep.kernels import dish
+from heliosweep.kernels.dish import UP, WEIGHT, pack_windows
 
 SMALL: dict[str, Any] = {
     "family": "dish_tracking",
@@ -60,7 +60,7 @@ def test_a_day_is_the_mean_of_the_kernel_s_errors_at_pvlib_s_sun():
     result = computed()
     stamps = np.datetime64("2021-06-20T23:00") + np.arange(14) * np.timedelta64(1, "h")
     windows = pack_windows(pvlib_sun(40.13, 94.67, stamps), np.arange(stamps.size + 1))
-    errors = tracking.window_errors(tracking.RIGID, windows, np.radians(0.1), np.radians(90.0)).mean
+    errors = dish.window_errors(dish.RIGID, windows, np.radians(0.1), np.radians(90.0)).mean
     day = result.sel(date="2021-06-21", axis_tilt=0.1, axis_tilt_direction=90)
     assert float(day["mean_tracking_error"]) == pytest.approx(errors.mean() * 1e3, abs=1e-7)
     assert float(day["max_tracking_error"]) == pytest.approx(errors.max() * 1e3, abs=1e-7)

@@ -65,7 +65,7 @@ def test_many_images_that_need_room():
 
 
 def test_unions_find_the_room_they_need():
-    count = 200  # more pieces than the room that unions begin with
+    count = 80  # more pieces than the room that unions begin with
     shapes = np.repeat(np.array(stripes(count))[:, np.newaxis], PACKET, axis=1)
     assert not subtracted(shapes[:, 0], count)[2]
     shaded, blocked, both = union_areas(shapes, count)

@@ -11,7 +11,7 @@ from tests.kernels.field.exact_areas import exact_areas
 from tests.kernels.field.parallelograms import SQUARE, corners, shapely_areas, union_areas
 from tests.kernels.field.ties import tied_shapes
 
-BATCH = 32 * PACKET
+BATCH = 8 * PACKET
 COUNTS = pytest.mark.parametrize("count", [2, 3, 4])
 
 

@@ -13,8 +13,7 @@ from heliosweep.config.blocks import Layout
 from heliosweep.config.blocks import Output as StoredOutput
 from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Flag, Quantity, Samples
-from heliosweep.config.vectors import ListOfNumbers, Numbers
+from heliosweep.config.values import Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples
 from heliosweep.families.backward_gazing.values import Two, with_file
 from heliosweep.kernels.gazing import mirror
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from heliosweep.config.forms import read_items
-from heliosweep.config.sweep import Listed
+from heliosweep.config.sweep import Listed, read_items
 from heliosweep.config.values import Choice
 
 Two = tuple[float, float]

@@ -17,7 +17,7 @@ from heliosweep.grid.clock import DATE, instant_count
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
 from heliosweep.grid.sun import sun_attributes
-from heliosweep.kernels.dish import tracking
+from heliosweep.kernels import dish
 from heliosweep.kernels.warm import warm_dish
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ BYTES_PER_INSTANT = 120
 #: Tilts that are tried before the interval is halved, so many times: to 1e-13 of it. [deg]
 SCAN, BISECTIONS = (0.0, *np.geomspace(1e-3, 45.0, 48).tolist()), 43
 
-_MODELS = {"rigid": tracking.RIGID, "untilted_home_axes": tracking.UNTILTED_HOME_AXES}
+_MODELS = {"rigid": dish.RIGID, "untilted_home_axes": dish.UNTILTED_HOME_AXES}
 _SITE = ("site.latitude", "site.longitude", "site.altitude")
 _ANGLES = ("errors.axis_tilt_direction", "errors.home_azimuth_offset", "errors.home_elevation_offset")
 #: Keys that label a result also where they are not swept.
@@ -176,26 +176,24 @@ def _places(parameters: Parameters) -> Iterator[tuple[str, tuple[slice, ...]]]:
 
 def _factors(
     model: int,
-    windows: tracking.Windows,
+    windows: dish.Windows,
     clip: bool,
     tilt: np.ndarray,
     direction: np.ndarray,
     azimuth: np.ndarray,
     elevation: np.ndarray,
     tolerance: np.ndarray,
-) -> tuple[np.ndarray, tracking.WindowErrors]:
+) -> tuple[np.ndarray, dish.WindowErrors]:
     """Daily factors [1] and errors [rad], dates last, for angles in degrees and tolerances in mrad."""
     limit = tolerance * 1e-3
     tilt, direction, azimuth, elevation = map(np.radians, (tilt, direction, azimuth, elevation))
-    errors = tracking.window_errors(
-        model, windows, tilt, direction, azimuth, elevation, tolerance=limit if clip else None
-    )
+    errors = dish.window_errors(model, windows, tilt, direction, azimuth, elevation, tolerance=limit if clip else None)
     counted = errors.clipped if clip else errors.mean
-    return tracking.effective_tracking_factor(counted, limit[..., np.newaxis]), errors
+    return dish.effective_tracking_factor(counted, limit[..., np.newaxis]), errors
 
 
 def _tolerable(
-    factors: Callable[..., tuple[np.ndarray, tracking.WindowErrors]],
+    factors: Callable[..., tuple[np.ndarray, dish.WindowErrors]],
     parameters: Parameters,
     others: Sequence[np.ndarray],
     required: np.ndarray,

@@ -13,7 +13,7 @@ from heliosweep.config.times import CivilTime
 from heliosweep.families.dish_tracking.study import DishTime, Ephemeris
 from heliosweep.grid.clock import daily_windows
 from heliosweep.grid.sun import sun_vectors
-from heliosweep.kernels.dish.windows import Windows, pack_windows
+from heliosweep.kernels.dish import Windows, pack_windows
 from heliosweep.kernels.sun.clock import refracted
 
 Stamps: TypeAlias = NDArray[np.datetime64]

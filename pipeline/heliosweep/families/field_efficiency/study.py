@@ -21,8 +21,7 @@ from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections
 from heliosweep.config.values import Choice
 from heliosweep.errors import Problem, StudyError
 from heliosweep.grid.daylight import dark_latitudes
-from heliosweep.layouts.checks import check_layout
-from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.layout import Layout, check_layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, values_at
 
 TRACKING = {

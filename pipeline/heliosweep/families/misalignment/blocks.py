@@ -10,8 +10,7 @@ from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import MAX_SAMPLES, MAX_SEED, Distribution, Uncertain
 from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Quantity, Samples
-from heliosweep.config.vectors import ListOfNumbers
+from heliosweep.config.values import Choice, FileName, ListOfNumbers, Quantity, Samples
 from heliosweep.families.misalignment.values import Lines, OneOf, Triple
 
 #: Kinds of mounts, in the order of their codes in the kernels.

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean
-from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, listed, read_table
+from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
-from heliosweep.errors import Problem, StudyError
+from heliosweep.errors import Problem, StudyError, listed
 
 __all__ = ["COLUMNS", "MeasuredSpots", "read_spots"]
 
@@ -136,7 +136,7 @@ class MeasuredSpots:
                 Problem(_below(sun[row]) + "; are the time, its offset and the site right?", "", self.name, line)
                 for row, line in zip(low[:MAX_LISTED], self.lines[low].tolist(), strict=False)
             ]
-            raise StudyError(listed(problems, low.size))
+            raise StudyError(listed(problems, MAX_LISTED, low.size))
         return replace(self, sun=np.array(sun, np.float64))
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from heliosweep.config.faults import Fault, Invalid
-from heliosweep.config.values import Quantity
-from heliosweep.config.vectors import ListOfNumbers
+from heliosweep.config.values import ListOfNumbers, Quantity
 
 Triple = tuple[float, float, float]
 

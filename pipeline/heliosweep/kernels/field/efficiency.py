@@ -82,24 +82,10 @@ def sweep(
 ) -> None:
     """Sweep instants packet by packet; add to `sums` and write to `series`, whichever has room for heliostats.
 
-    Parameters
-    ----------
-    mirrors : Mirrors
-        All heliostats of the field.
-    tracking : int
-        `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
-    sun : ndarray, shape (T, 3)
-        Unit vectors to the sun. [1]
-    order : ndarray of int64
-        Instants to sweep, in packet order; the sun is up in each.
-    first : ndarray of int64
-        Where each packet begins in `order`, and the length of `order`.
-    start, stop : int
-        Test heliostats start..stop.
-    sums : ndarray, shape (stop - start, 4) or (0, 4)
-        As returned by `field.field_sums`.
-    series : ndarray, shape (4, T, stop - start) or (4, 0, 0)
-        As returned by `field.field_series`.
+    `mirrors` are all heliostats of the field, of which start..stop are tested; `tracking`, and `sun`, shape (T, 3), are
+    as for `field_sums`. `order` has the instants to sweep, in packet order, with the sun up in each; `first` tells
+    where each packet begins in it, and its length. `sums` has shape (stop - start, 4) or (0, 4), as returned by
+    `field_sums`; `series` has shape (4, T, stop - start) or (4, 0, 0), as returned by `field_series`.
     """
     tests = stop - start
     grid = bin_field(mirrors)

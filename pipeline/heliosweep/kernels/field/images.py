@@ -48,22 +48,11 @@ def images_of(count: int) -> Images:
 
 @inner
 def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
-    """Write the rows U and V (x, y, z of each) of a test mirror for every lane.
+    """Write the rows U and V (x, y, z of each) of a test mirror for every lane, to `out`. [1/m]
 
-    Their denominator is taken from the vectors, and not from the cosine: at grazing incidence rounding would show.
-
-    Parameters
-    ----------
-    out : ndarray, shape (AXES_ROWS * ROW,)
-        Receives U and V; nothing where there is no frame. [1/m]
-    frames : ndarray
-        Frames of mirrors. [m]
-    f : int
-        Where that of the test mirror begins.
-    directions : ndarray, shape (3 * ROW,)
-        Rows of the direction d. [1]
-    lanes : int
-        Lanes of the packet.
+    Its frame begins at `f` in `frames` [m], and `directions` are the rows of d [1], shape (3 * ROW,). Where there is no
+    frame, U and V are nothing. Their denominator is taken from the vectors, and not from the cosine: at grazing
+    incidence rounding would show.
     """
     f = max(f, 0)  # an index that may be negative would keep the loop from becoming vector code
     for k in range(lanes):
@@ -93,35 +82,14 @@ def project(
     apart: bool,
     lanes: int,
 ) -> np.int64:
-    """Project a mirror to the plane of the test mirror, and find the lanes in which it may cover something of that.
+    """Project a mirror to the plane of the test mirror; returns the lanes in which it may cover something of that.
 
-    Separating axes tell: the normals of the square's edges and of the image's.
+    Separating axes tell: the normals of the square's edges and of the image's. Image number `m` is written; instead of
+    its area 1 in the lanes found, and 0 elsewhere.
 
-    Parameters
-    ----------
-    images : Images
-        Receives the image; instead of the area 1 in the lanes found, and 0 elsewhere.
-    m : int
-        Its number.
-    views : ndarray, shape (AXES_ROWS * ROW,)
-        U and V of the test mirror. [1/m]
-    frames : ndarray
-        Frames of mirrors. [m]
-    f : int
-        Where that of the mirror begins.
-    directions : ndarray, shape (3 * ROW,)
-        Rows of the direction d. [1]
-    dx, dy, dz : float
-        D, from the centre of the test mirror to that of the other. [m]
-    apart : bool
-        Whether the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
-    lanes : int
-        Lanes of the packet.
-
-    Returns
-    -------
-    int
-        The lanes found.
+    `views` are U and V of the test mirror, from `axes`; `directions` the rows of d, shape (3 * ROW,). The frame of the
+    mirror begins at `f` in `frames` [m], and (dx, dy, dz) leads from the centre of the test mirror to its own [m].
+    `apart` says that the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     """
     out, o, f = images.rows, max(m, 0) * IMAGE_ROWS * ROW, max(f, 0)
     images.apart[m] = apart
@@ -152,16 +120,9 @@ def project(
 def measure(
     images: Images, m: int, frames: Floats, f: int, test: int, dx: float, dy: float, dz: float, lanes: int
 ) -> np.int64:
-    """Write the area of an image on the test mirror; returns the lanes in which there is any.
+    """Write the area on the test mirror of an image that `project` has left; returns the lanes in which there is any.
 
-    Parameters
-    ----------
-    images : Images
-        The image as `project` has left it.
-    m, frames, f, dx, dy, dz, lanes
-        As there.
-    test : int
-        Where the frame of the test mirror begins.
+    Arguments are those of `project`; `test` is where the frame of the test mirror begins.
     """
     o = m * IMAGE_ROWS * ROW
     _areas(images.rows, o, lanes)
@@ -241,18 +202,8 @@ def straddles(images, lane):
 def outline(images: Floats, lane: int, apart: bool, polygons: Floats, at: int) -> int:
     """Corners of an image, counter-clockwise, cut by the plane of the test mirror; returns their number.
 
-    Parameters
-    ----------
-    images : ndarray
-        Rows of images.
-    lane : int
-        Where the image begins in `images`, plus the lane.
-    apart : bool
-        Whether it was made with disjoint bounding spheres: nothing is cut then.
-    polygons : ndarray
-        Receives the corners, `polygons.CORNERS` at most.
-    at : int
-        Where to write them.
+    `lane` is where the image begins in `images`, plus the lane. With `apart` it was made with disjoint bounding
+    spheres: nothing is cut then. Written to `polygons` from `at` on are `polygons.CORNERS` corners at most.
     """
     cx, cy = images[lane], images[lane + ROW]
     ax, ay, bx, by = (

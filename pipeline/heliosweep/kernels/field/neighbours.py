@@ -156,38 +156,17 @@ def search(
     """Append to `found` every heliostat that may occlude heliostat i along some direction of the bundle.
 
     In plan, h ahead of i along the azimuth of d: the line distance has the components h sin a - dz cos a (a the
-    elevation of d) and the offset across, so the offset is below R and h < (R + |dz| cos a) / sin a. In front (D.d >
-    0, or |D| <= R) moreover h >= -R: for dz >= 0 both h > -dz tan a and h > dz cot a - R / sin a hold, whose larger
-    is least, -R sin a, where they meet; for dz < 0, h > 0. (A direction below the horizon is the same upside down.)
-    So D lies in a strip of half-width R from h = -R on, swung over the azimuths of the bundle; left and right
-    of the swing, and behind, three straight lines at sqrt(2) R from i contain it (a swing below a half circle).
-    The cells between these lines are visited, rows and in each row from heliostat i outward: what is near hides what is
-    far, and the order of any two does not depend on the bundle. Each heliostat in them is kept if the angle between D
-    and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on the sphere, or if |D| <= R.
+    elevation of d) and the offset across, so the offset is below R and h < (R + |dz| cos a) / sin a. In front (D.d > 0,
+    or |D| <= R) moreover h >= -R: for dz >= 0 both h > -dz tan a and h > dz cot a - R / sin a hold, whose larger is
+    least, -R sin a, where they meet; for dz < 0, h > 0. (A direction below the horizon is the same upside down.) So D
+    lies in a strip of half-width R from h = -R on, swung over the azimuths of the bundle; left and right of the swing,
+    and behind, three straight lines at sqrt(2) R from i contain it (a swing below a half circle). The cells between
+    these lines are visited, rows and in each row from heliostat i outward: what is near hides what is far, and the
+    order of any two does not depend on the bundle. Each heliostat in them is kept if the angle between D and the axis
+    is below asin(R / |D|) + half-angle, by the triangle inequality on the sphere, or if |D| <= R.
 
-    Parameters
-    ----------
-    i : int
-        Test heliostat.
-    bundle : Beam
-        Directions.
-    limit : float
-        Largest D.d; infinity for the sun. [m]
-    mirrors : Mirrors
-        The field.
-    grid : Cells
-        The field, binned.
-    found : ndarray of int64
-        List to append to.
-    count : int
-        Its length.
-
-    Returns
-    -------
-    found : ndarray of int64
-        The list; another array where there was no room for all.
-    count : int
-        Its new length.
+    `limit` is the largest D.d, infinity for the sun [m], and `count` the length of the list `found`. Returned are the
+    list, which is another array where there was no room for all, and its new length.
     """
     stop = _search(i, bundle, limit, mirrors, grid, found, count)
     while stop < 0:

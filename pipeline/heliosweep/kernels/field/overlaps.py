@@ -42,22 +42,10 @@ OVERLAP_ROWS = _TO // ROW + 6
 
 @inner
 def pack(images: Floats, image: int, names: NDArray[np.int64], active: int, room: Floats, place: int) -> int:
-    """Copy some lanes of an image next to each other; returns their number, filled up to whole groups by the last.
+    """Copy the first `active` lanes `names` of an image next to each other, to `room`, as image 0, 1 or 2 (`place`).
 
-    Parameters
-    ----------
-    images : ndarray
-        Images of mirrors.
-    image : int
-        Where the image begins.
-    names : ndarray of int64, shape (PACKET,)
-        The lanes; filled up.
-    active : int
-        How many.
-    room : ndarray
-        Receives the lanes.
-    place : int
-        Of which image: 0, 1 or 2.
+    The image begins at `image` in `images`. Returns the number of lanes, filled up to whole groups by the last one; the
+    names, shape (PACKET,), are filled up too.
     """
     filled = -(-active // GROUP) * GROUP
     for k in range(active, filled):
@@ -274,23 +262,10 @@ def _write_slopes(room, at, to, x, y):
 def take_out_hidden(images: Images, first: int, m: int, some: np.int64, lanes: int) -> np.int64:
     """Take an image out where an earlier one of its kind hides it, and the earlier ones that it hides itself.
 
-    Mirrors that may straddle the plane of the test mirror hide none. Of equals the first stays.
-
-    Parameters
-    ----------
-    images : Images
-        Where an image is hidden its area becomes 0, and an earlier one is no longer present.
-    first, m : int
-        Numbers of the first image of the kind, and of the one that `images.project` has made.
-    some : int
-        Lanes in which it may cover something, and in which that is wanted.
-    lanes : int
-        Lanes of the packet.
-
-    Returns
-    -------
-    int
-        Lanes where the image is hidden.
+    `first` is the first image of the kind, and `m` the one that `images.project` has made; `some` are the lanes in
+    which it may cover something and in which that is wanted. Where an image is hidden its area becomes 0, and an
+    earlier one is no longer present. Mirrors that may straddle the plane of the test mirror hide none. Of equals the
+    first stays. Returns the lanes where the image is hidden.
     """
     hidden = np.int64(0)
     for n in range(first, m):

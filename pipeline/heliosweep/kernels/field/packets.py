@@ -33,17 +33,8 @@ def packet_order(sun: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[n
     number grows with the spread over the sine of the elevation. Equal values are ordered by index, so the result
     depends on nothing but the vectors.
 
-    Parameters
-    ----------
-    sun : ndarray, shape (T, 3)
-        Sun vectors. [1]
-
-    Returns
-    -------
-    order : ndarray of int64, shape (T,)
-        Indices into `sun`, in rising index within a packet.
-    first : ndarray of int64, shape (P + 1,)
-        Packet p, never empty, is `order[first[p] : first[p + 1]]`.
+    `sun` are the vectors, shape (T, 3). [1] Returned are their indices in packet order, in rising index within a
+    packet, and where packets begin, shape (P + 1,): packet p, never empty, is ``order[first[p] : first[p + 1]]``.
     """
     count = sun.shape[0]
     order = np.arange(count)
@@ -152,28 +143,14 @@ class Mirrors(NamedTuple):
 def half_sides(
     frames: NDArray[np.float64], f: int, sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int, lanes: int
 ) -> None:
-    """Write the frame of one mirror for every lane of a packet.
+    """Write the frame of mirror i, rows from `f` on, for every lane of a packet. [m]
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
     (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides and
     cosine are nothing.
 
-    Parameters
-    ----------
-    frames : ndarray, shape (at least f + FRAME_ROWS * ROW,)
-        Receives the rows. [m]
-    f : int
-        Where they begin in `frames`.
-    sun : ndarray, shape (3 * ROW,)
-        Rows x, y, z of the unit vectors to the sun. [1]
-    mirrors : Mirrors
-        The field.
-    i : int
-        The mirror.
-    tracking : int
-        `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
-    lanes : int
-        Lanes of the packet; what rows hold beyond them means nothing.
+    `sun` are rows x, y, z of the unit vectors to the sun, shape (3 * ROW,) [1]; `tracking` is `SPINNING_ELEVATION` or
+    `AZIMUTH_ELEVATION`. What rows hold beyond the lanes of the packet means nothing.
     """
     f = max(f, 0)
     rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]

@@ -47,17 +47,11 @@ def unit(value: float) -> float:
 def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: float) -> float:
     """Integral of clamp(y) dx along the part of the edge p-q with x in [-1, 1].
 
-    Summed around a polygon it is, up to sign, the area within the square (Green's theorem; each vertical line sees
-    the clamped top minus the clamped bottom). By parts it is [x y] minus the integral of x dy, and the latter needs x
-    only where the edge crosses y = -1 and y = 1. These crossings are computed outright, not by dividing a difference
-    of integrals, so nearly horizontal and nearly vertical edges lose nothing.
-
-    Parameters
-    ----------
-    px, py, qx, qy : float
-        Ends of the edge.
-    rise, run : float
-        Its slopes dy/dx and dx/dy, from `slope` or `slopes`.
+    Summed around a polygon it is, up to sign, the area within the square (Green's theorem; each vertical line sees the
+    clamped top minus the clamped bottom). By parts it is [x y] minus the integral of x dy, and the latter needs x only
+    where the edge crosses y = -1 and y = 1. These crossings are computed outright, not by dividing a difference of
+    integrals, so nearly horizontal and nearly vertical edges lose nothing. `rise` and `run` are the slopes dy/dx and
+    dx/dy of the edge, from `slope` or `slopes`.
     """
     x0, x1 = unit(px), unit(qx)
     y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
@@ -97,22 +91,9 @@ def cut(
 ) -> tuple[int, int]:
     """Cut a convex polygon by the line through o along e: what lies left of it, and what lies right.
 
-    Parameters
-    ----------
-    polygons : ndarray
-        Where all three polygons stand, and do not overlap.
-    at, corners : int
-        Where the polygon begins, and how many corners it has.
-    ox, oy, ex, ey : float
-        The line.
-    inside, outside : int
-        Where to write the part left of the line, and the part right of it.
-
-    Returns
-    -------
-    tuple of int
-        Corners written to `inside` and to `outside`. A part without interior may have corners on the line; its area
-        is nothing.
+    The polygon begins at `at` in `polygons` and has so many `corners`; its parts are written to `inside`, left of the
+    line, and to `outside`, right of it, and do not overlap it. Returns the corners written to each. A part without
+    interior may have corners on the line; its area is nothing.
     """
     left = right = 0
     qx, qy = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
@@ -141,34 +122,17 @@ def cut(
 def gaps(
     polygons: Floats, corners: Integers, first: int, last: int, middle: int, stack: Floats, pieces: Integers
 ) -> tuple[float, float, bool]:
-    """Area of the square that the union of convex polygons leaves open.
+    """Areas of the square that the unions of convex polygons first..middle, and first..last, leave open.
 
     Polygons are subtracted one after the other, depth first over convex pieces: the square is the first piece, each
-    edge of a polygon splits off the part outside it, and what stays inside all edges is gone. Pieces never overlap,
-    so no inclusion-exclusion is needed, and a covered square ends the search at once. The work grows with the pieces
-    that remain, a small multiple of the number of polygons in a row of mirrors.
+    edge of a polygon splits off the part outside it, and what stays inside all edges is gone. Pieces never overlap, so
+    no inclusion-exclusion is needed, and a covered square ends the search at once. The work grows with the pieces that
+    remain, a small multiple of the number of polygons in a row of mirrors; large polygons first save some of it.
 
-    Parameters
-    ----------
-    polygons : ndarray
-        Room for `CORNERS` corners of each. Large polygons first save work.
-    corners : ndarray of int64
-        Number of corners of each.
-    first, last : int
-        Polygons first..last are meant.
-    middle : int
-        Polygons first..middle are meant for the first result.
-    stack : ndarray
-        Scratch: three working copies of a piece, an eighth of it each, and the pieces to come.
-    pieces : ndarray of int64
-        Scratch: of each piece to come where it stands, its corners, and the polygon to subtract next.
-
-    Returns
-    -------
-    before, after : float
-        Area left open by first..middle, and by first..last.
-    fits : bool
-        Whether the scratch was large enough; otherwise the areas mean nothing.
+    `polygons` has room for `CORNERS` corners of each, and `corners` their numbers. Scratch is `stack`, three working
+    copies of a piece, an eighth of it each, and the pieces to come; and `pieces`, of each of these where it stands, its
+    corners, and the polygon to subtract next. The last value returned tells whether the scratch was large enough;
+    otherwise the areas mean nothing.
     """
     room = stack.shape[0] // 8
     stack[3 * room], stack[3 * room + 1], stack[3 * room + 2], stack[3 * room + 3] = -1.0, -1.0, 1.0, -1.0

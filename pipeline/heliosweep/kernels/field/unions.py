@@ -81,21 +81,12 @@ def room_for(count: int) -> Room:
 def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
     """Exact areas of the unions of images, for every lane, on the square of area 4.
 
+    Of `count` images the first ones, `shading` of them, shade. Written to the rows of `total`, shape (3 * ROW,), are
+    the areas shaded, blocked, and shaded or blocked. `room` is scratch for at least so many images, and `lanes` a
+    multiple of `packets.GROUP`.
+
     Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
     radian before grazing incidence makes them: to 2e-12.
-
-    Parameters
-    ----------
-    images : Images
-        Shading images, then blocking images.
-    shading, count : int
-        Number of shading images, and of all images.
-    total : ndarray, shape (3 * ROW,)
-        Receives the rows: area shaded, area blocked, area shaded or blocked.
-    room : Room
-        Scratch for at least so many images.
-    lanes : int
-        Lanes of the packet, a multiple of `packets.GROUP`.
     """
     several, crowded = _counted(images.present, count)
     general = np.int64(0)

@@ -5,43 +5,20 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def declination_cooper(day: ArrayLike) -> NDArray[np.float64]:
-    """Declination of the sun by Cooper's formula [1]_.
+    """Declination of the sun, positive north of the equator, by Cooper's formula. [rad]
 
-    Parameters
-    ----------
-    day : array_like
-        Day of the year, 1 on 1 January. [d]
-
-    Returns
-    -------
-    ndarray
-        Declination, positive north of the equator. [rad]
-
-    References
-    ----------
-    .. [1] P. I. Cooper, "The absorption of radiation in solar stills", Solar Energy 12 (1969) 333-346,
-       doi 10.1016/0038-092X(69)90047-4
+    `day` is the day of the year, 1 on 1 January. P. I. Cooper, "The absorption of radiation in solar stills", Solar
+    Energy 12 (1969) 333-346, doi 10.1016/0038-092X(69)90047-4
     """
     angle = 2.0 * np.pi * (284.0 + np.asarray(day, dtype=np.float64)) / 365.0
     return np.radians(23.45) * np.sin(angle)
 
 
 def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) -> NDArray[np.float64]:
-    """Unit vectors to the sun at given solar hours; the arguments broadcast.
+    """Unit vectors to the sun at given solar hours, east, north, up, shape (..., 3); z < 0 when the sun is down. [1]
 
-    Parameters
-    ----------
-    latitude : array_like
-        Geographic latitude, positive north. [rad]
-    declination : array_like
-        Declination of the sun, positive north. [rad]
-    hour : array_like
-        Solar hour: 12 when the sun crosses the meridian, 15 degrees of hour angle an hour. [h]
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Vectors from the ground to the sun, east, north, up; z < 0 when the sun is down. [1]
+    `latitude` and `declination` are positive north [rad]; `hour` is 12 when the sun crosses the meridian, 15 degrees of
+    hour angle an hour [h]. The arguments broadcast.
     """
     lat, dec, time = np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (latitude, declination, hour)))
     angle = np.radians(15.0) * (time - 12.0)
@@ -57,28 +34,12 @@ def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) ->
 
 
 def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np.float64]:
-    """Sun vectors as refraction in the atmosphere shows them, raised towards the zenith.
+    """Sun vectors as refraction in the atmosphere shows them, raised towards the zenith, shape (..., 3). [1]
 
-    The formula of Saemundsson as SPA takes it [2]_. Below -0.8333 deg, where the whole disc has set, nothing is raised.
-
-    Parameters
-    ----------
-    sun : array_like, shape (..., 3)
-        Geometric unit vectors to the sun: east, north, up. [1]
-    pressure : float
-        Air pressure at the site. [Pa]
-    temperature : float
-        Air temperature. [deg C]
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Apparent unit vectors to the sun.
-
-    References
-    ----------
-    .. [2] Reda, I. and Andreas, A. (2004). Solar position algorithm for solar radiation applications. Solar Energy
-       76, 577-589, section 3.14.2. doi:10.1016/j.solener.2003.12.003
+    `sun` are geometric unit vectors, east, north, up; `pressure` is that of the air at the site [Pa], `temperature` its
+    temperature [deg C]. The formula of Saemundsson as SPA takes it: Reda, I. and Andreas, A. (2004). Solar position
+    algorithm for solar radiation applications. Solar Energy 76, 577-589, section 3.14.2.
+    doi:10.1016/j.solener.2003.12.003. Below -0.8333 deg, where the whole disc has set, nothing is raised.
     """
     vectors = np.asarray(sun, np.float64)
     level = np.hypot(vectors[..., 0], vectors[..., 1])

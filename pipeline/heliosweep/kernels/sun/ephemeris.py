@@ -36,17 +36,9 @@ _EQUATORIAL_RADIUS = 6378140.0
 
 
 def sidereal_time(day: Any, fraction: Any) -> Any:
-    """Mean sidereal time at Greenwich.
+    """Mean sidereal time at Greenwich, whole turns not removed. [turn]
 
-    Parameters
-    ----------
-    day, fraction : int or ndarray, float or ndarray
-        Days since 1970-01-01 0 h UT, and the fraction of the day past them. [d]
-
-    Returns
-    -------
-    float or ndarray
-        Whole turns not removed. [turn]
+    `day` and `fraction`, numbers or arrays, are the days since 1970-01-01 0 h UT and the fraction of the day past them.
     """
     days = (day - _J2000) + fraction
     centuries = days / 36525.0
@@ -62,15 +54,8 @@ _sidereal_time = inline(sidereal_time)
 def daily_splines(nodes: Floats) -> Floats:
     """Cubic splines through nodes a day apart, straight (second derivative zero) at both ends.
 
-    Parameters
-    ----------
-    nodes : ndarray, shape (N, QUANTITIES)
-        Values at day 0, 1, ... N - 1.
-
-    Returns
-    -------
-    ndarray, shape (N - 1, 4, QUANTITIES)
-        Coefficients of the powers 0 to 3 of the fraction of the day, for each day.
+    `nodes` are the values at day 0, 1, ... N - 1, shape (N, QUANTITIES). Returned are the coefficients of the powers 0
+    to 3 of the fraction of the day, for each day, shape (N - 1, 4, QUANTITIES).
     """
     count = len(nodes)
     bend = np.zeros((count, QUANTITIES))  # a sixth of the second derivative
@@ -102,25 +87,13 @@ def sun_at_sites(
     sites: Floats,
     sun: Floats,
 ) -> None:
-    """Unit vectors to the sun, without refraction, for all sites at all instants.
+    """Write unit vectors to the sun, without refraction, for all sites at all instants, to `sun`.
 
-    Parameters
-    ----------
-    utc : ndarray of int64, shape (T,)
-        Nanoseconds since 1970-01-01 0 h UT; the smallest integer stands for no time.
-    delta_t : ndarray
-        Terrestrial minus universal time of each day from `first_day` on. [s]
-    first_day : int
-        Days since 1970.
-    pieces : ndarray, shape (days, 4, QUANTITIES)
-        From `daily_splines`, in days of terrestrial time, from day `first_piece` on; right ascensions less the
-        equation of the equinoxes.
-    first_piece : int
-        Days since 1970.
-    sites : ndarray, shape (S, 3)
-        Geographic latitude and longitude, positive north and east [rad], and altitude [m].
-    sun : ndarray, shape (S, T, 3)
-        Receives east, north, up; NaN at no time. [1]
+    `utc` are nanoseconds since 1970-01-01 0 h UT, shape (T,); the smallest integer stands for no time. `delta_t` is
+    terrestrial minus universal time of each day from `first_day` (days since 1970) on. [s] `pieces` come from
+    `daily_splines`, in days of terrestrial time from day `first_piece` (days since 1970) on; right ascensions less the
+    equation of the equinoxes. `sites` are geographic latitude and longitude, positive north and east [rad], and
+    altitude [m], shape (S, 3). `sun`, shape (S, T, 3), receives east, north, up [1]; NaN at no time.
     """
     place = np.zeros((QUANTITIES + 1, CHUNK))
     for start in range(0, len(utc), CHUNK):

@@ -69,20 +69,10 @@ class Profile(NamedTuple):
 
 @inline
 def brightness(profile, square):
-    """Brightness, continued beyond 0.9995 eps_max by the tangent, and its slope.
+    """Brightness B [1], continued beyond 0.9995 eps_max by the tangent, and its slope (dB/deps) / eps [1/rad^2].
 
-    Parameters
-    ----------
-    profile : Profile
-    square : float
-        Square of the angle eps from the disc centre. [rad^2]
-
-    Returns
-    -------
-    value : float
-        B(eps). [1]
-    steepness : float
-        (dB/deps) / eps, so that dI/dp = steepness (v dv/dp + w dw/dp) where eps^2 = v^2 + w^2. [1/rad^2]
+    `square` is the square of the angle eps from the disc centre [rad^2]. With eps^2 = v^2 + w^2, the slope gives dI/dp
+    = slope (v dv/dp + w dw/dp).
     """
     square = max(square, _TINY)
     if square >= profile.edge * profile.edge:
@@ -116,19 +106,9 @@ def rendered(profile, square):
 
 @inline
 def inverse_square(profile, value):
-    """Square of the angle at which a profile, tangent included, has a brightness.
+    """Square of the angle at which a profile, tangent included, has a brightness, 0 above the brightest. [rad^2]
 
-    Parameters
-    ----------
-    profile : Profile
-        A table is inverted through its monotone envelope.
-    value : float
-        Brightness; 0 rad above the brightest. [1]
-
-    Returns
-    -------
-    float
-        eps^2. [rad^2]
+    A table is inverted through its monotone envelope.
     """
     nodes = profile.envelope.size
     if nodes == 0:
@@ -158,23 +138,7 @@ def inverse_square(profile, value):
 def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> Profile:
     """The generalised formula of Jose, A + (1 - A) sqrt(1 - (eps / eps_max)^xi).
 
-    Parameters
-    ----------
-    limb : float
-        A, 0 to less than 1. [1]
-    radius : float
-        eps_max. [rad]
-    power : float
-        xi. [1]
-
-    Returns
-    -------
-    Profile
-
-    Raises
-    ------
-    ValueError
-        If a parameter is outside its range.
+    `limb` is A [1], from 0 to less than 1, `radius` eps_max [rad] and `power` xi [1]; ValueError for one out of range.
     """
     if not (0.0 <= limb < 1.0 and radius > 0.0 and power > 0.0):
         raise ValueError("a Jose profile needs 0 <= limb < 1, radius > 0 and power > 0")
@@ -182,28 +146,15 @@ def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> P
 
 
 def tabulated(brightness: ArrayLike, radius: float = EPS_MAX, angle: ArrayLike | None = None) -> Profile:
-    """A profile from a table.
+    """A profile from a table of brightness, linear between its nodes.
 
-    Parameters
-    ----------
-    brightness : array_like, shape (n,)
-        Relative to the disc centre, not negative; taken as it is. [1]
-    radius : float
-        eps_max, where the table ends if `angle` is not given. [rad]
-    angle : array_like, shape (n,), optional
-        Angles of the table, rising from 0, instead of `radius`; where they are not uniform, the table is interpolated
-        at as many uniform nodes as its smallest step asks for, 4096 at most. [rad]
+    `brightness`, shape (n,), is relative to the disc centre, not negative, and taken as it is. The table ends at
+    `radius`, eps_max [rad], unless the `angle` of each value is given, rising from 0 [rad]; where these are not
+    uniform, the table is interpolated at as many uniform nodes as its smallest step asks for, 4096 at most.
 
-    Returns
-    -------
-    Profile
-        Linear between its nodes. The tangent at the edge has the slope of the last cell or, where that is smaller, of
-        the last twentieth of the nodes: noise may make the last cell rise, and a rising tangent has no inverse.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 3 nodes, or a number is negative or not finite, or the edge is no darker than the disc.
+    The tangent at the edge has the slope of the last cell or, where that is smaller, of the last twentieth of the
+    nodes: noise may make the last cell rise, and a rising tangent has no inverse. Raises ValueError for fewer than 3
+    nodes, numbers that are negative or not finite, and an edge that is no darker than the disc.
     """
     values = np.ascontiguousarray(brightness, np.float64)
     if angle is not None:

@@ -21,20 +21,9 @@ Floats = NDArray[np.float64]
 def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Profile:
     """A profile tabulated at uniform nodes, both ends included, with normal noise on each.
 
-    Parameters
-    ----------
-    profile : Profile
-    noise : float
-        Standard deviation relative to the disc centre. [1]
-    nodes : int
-        Number of nodes, 3 at least.
-    seed : int
-        Key of the counter-based generator: node k of a seed has the same noise whatever their number.
-
-    Returns
-    -------
-    Profile
-        Negative values, which noise may cause, are 0.
+    `noise` is the standard deviation relative to the disc centre [1]; of `nodes` 3 are needed. `seed` is the key of the
+    counter-based generator: node k of a seed has the same noise whatever their number. Negative values, which noise may
+    cause, are 0.
     """
     if nodes < 3:
         raise ValueError("a table needs 3 nodes at least")
@@ -56,19 +45,9 @@ def scaled(profile: Profile, error: float) -> Profile:
 
 
 def smoothed(profile: Profile, nodes: float) -> Profile:
-    """A table smoothed by a Gaussian.
+    """A table smoothed by a Gaussian whose standard deviation is so many nodes.
 
-    Parameters
-    ----------
-    profile : Profile
-        Tabulated.
-    nodes : float
-        Standard deviation of the Gaussian, in nodes. [1]
-
-    Returns
-    -------
-    Profile
-        Reflected at the disc centre, continued by its tangent beyond the edge.
+    It is reflected at the disc centre and continued by its tangent beyond the edge.
     """
     table = profile.table
     if table.size == 0:
@@ -86,20 +65,7 @@ def smoothed(profile: Profile, nodes: float) -> Profile:
 
 
 def smooth_fit(profile: Profile, power: float = POWER) -> Profile:
-    """The cubic in sqrt(1 - u^xi) nearest to a table in the sense of least squares over its nodes.
-
-    Parameters
-    ----------
-    profile : Profile
-        Tabulated.
-    power : float
-        xi. [1]
-
-    Returns
-    -------
-    Profile
-        Analytic.
-    """
+    """The cubic in sqrt(1 - u^xi) nearest to a table in the sense of least squares over its nodes; `power` is xi."""
     table = profile.table
     if table.size < 4:
         raise ValueError("the fit needs a table of 4 nodes at least")
@@ -115,17 +81,8 @@ def smooth_fit(profile: Profile, power: float = POWER) -> Profile:
 def normal_draws(seed: int, stream: int, count: int) -> Floats:
     """Standard normal numbers from a counter-based generator, Philox 4x64: number k depends on its key and k alone.
 
-    Parameters
-    ----------
-    seed, stream : int
-        The key; streams keep what is drawn for different purposes apart. Not negative.
-    count : int
-        How many.
-
-    Returns
-    -------
-    ndarray, shape (count,)
-        Pairs by the transform of Box and Muller.
+    The key is `seed` and `stream`, not negative; streams keep what is drawn for different purposes apart. Returned are
+    so many, shape (count,), in pairs by the transform of Box and Muller.
     """
     pairs = (count + 1) // 2
     raw = Philox(key=np.array([seed, stream], np.uint64)).random_raw(2 * pairs)
@@ -159,23 +116,11 @@ class SunDisc(NamedTuple):
 
 
 def disc_profile(image: ArrayLike, power: float = POWER) -> SunDisc:
-    """Profile of a sun's disc.
+    """Profile of a sun's disc in an image.
 
-    Parameters
-    ----------
-    image : array_like, shape (rows, columns)
-        Levels above the dark; NaN where a pixel cannot be used.
-    power : float
-        xi of the continuation at the limb. [1]
-
-    Returns
-    -------
-    SunDisc
-
-    Raises
-    ------
-    ValueError
-        If there is no disc, it is too small, is cut by the frame or is not round.
+    `image` has levels above the dark, shape (rows, columns), NaN where a pixel cannot be used; `power` is xi of the
+    continuation at the limb. [1] Raises ValueError if there is no disc, or it is too small, cut by the frame or not
+    round.
     """
     levels = np.asarray(image, np.float64)
     seen = levels[np.isfinite(levels)]

@@ -1,1 +1,0 @@
-"""Kernels of tracking errors of dishes."""
