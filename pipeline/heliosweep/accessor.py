@@ -164,26 +164,16 @@ class HeliosweepAccessor:
         """
         import pandas as pd
 
-        from heliosweep.report.comparison import compare
-        from heliosweep.report.published import read_published
+        from heliosweep.report.comparison import compare, read_published
 
         table, result = read_published(Path(published)), self._result
-        asked = {value.quantity for value in table.values} & set(map(str, result.data_vars))
+        asked = {one.quantity for one in table.values} & set(map(str, result.data_vars))
         compared = compare(result.assign({name: result[name].compute() for name in asked}), table)
-        rows = [
-            {
-                "quantity": one.quantity,
-                **one.where,
-                "computed": one.computed,
-                "published": one.published,
-                "difference": one.difference,
-                "tolerance": one.tolerance,
-                "unit": one.unit,
-                "agrees": one.agrees,
-            }
-            for one in compared
-        ]
-        return pd.DataFrame(rows)
+        columns = ("computed", "published", "difference", "tolerance", "unit", "agrees")
+        return pd.DataFrame(
+            {"quantity": one.quantity, **one.where, **{name: getattr(one, name) for name in columns}}
+            for one in compared.values
+        )
 
     def to_frame(self, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
         """Put variables in a table: see `share.frames.to_frame`."""

@@ -24,7 +24,6 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.files import write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
-from heliosweep.report.published import read_published
 from heliosweep.report.style import image, small
 from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
@@ -242,8 +241,8 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     if published is None:
         stored.unlink(missing_ok=True)
         return None
-    table = read_published(study.resolve(published.file), published.source, published.file)
-    compared = comparison.Compared(comparison.compare(result, table), published.source)
+    table = comparison.read_published(study.resolve(published.file), published.source, published.file)
+    compared = comparison.compare(result, table)
     write_whole(stored, comparison.comparison_csv(compared))
     log.info("%s: %s", compared.source, compared.summary)
     return compared
