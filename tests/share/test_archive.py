@@ -209,7 +209,7 @@ def test_the_archive_is_not_replaced_unasked(result, tmp_path):
         pack_result(result)
     assert archive.read_bytes() == b"precious"
     assert pack_result(result, force=True).read_bytes() == before
-    with pytest.raises(StudyError, match=r"ends with \.zip"):
+    with pytest.raises(StudyError, match=r"must end in \.zip"):
         pack_result(result, tmp_path / "archive.tar")
     with pytest.raises(StudyError, match="does not exist"):
         pack_result(result, tmp_path / "nowhere" / "archive.zip")

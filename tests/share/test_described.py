@@ -19,7 +19,7 @@ import yaml
 import heliosweep
 from heliosweep.errors import HeliosweepError
 from heliosweep.share.archive import pack_result
-from heliosweep.share.described import Licence
+from heliosweep.share.texts import Licence
 
 DATASET: dict[str, Any] = {
     "creators": [
