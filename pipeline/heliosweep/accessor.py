@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.plots import Drawing, plot_curve, plot_map
+from heliosweep.plots import plot_curve, plot_map
+from heliosweep.report.contents import NamedFigure
 from heliosweep.share import frames, sam
 
 if TYPE_CHECKING:
@@ -31,11 +32,11 @@ class Plots:
     def __init__(self, result: xr.Dataset) -> None:
         self._result = result
 
-    def map(self, variable: str = "optical_efficiency", **select: Any) -> Drawing:
+    def map(self, variable: str = "optical_efficiency", **select: Any) -> NamedFigure:
         """Draw a map of the field: see `plot_map`."""
         return plot_map(self._result, variable, **select)
 
-    def curve(self, variable: str, along: str, **select: Any) -> Drawing:
+    def curve(self, variable: str, along: str, **select: Any) -> NamedFigure:
         """Draw a variable along a dimension: see `plot_curve`."""
         return plot_curve(self._result, variable, along, **select)
 
@@ -92,12 +93,12 @@ class HeliosweepAccessor:
         """Plots of single variables."""
         return Plots(self._result)
 
-    def figures(self) -> list[Drawing]:
+    def figures(self) -> list[NamedFigure]:
         """Draw the figures that the report of the result has.
 
         Returns
         -------
-        list of Drawing
+        list of NamedFigure
             Shown as images in a notebook.
 
         Raises
@@ -107,7 +108,7 @@ class HeliosweepAccessor:
         """
         family = self._family()
         with self._lacking(family, "figures"):
-            return [Drawing(one.name, one.caption, one.figure) for one in family.figures(self._result)]
+            return list(family.figures(self._result))
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Headline numbers of the result, as its report has them.

@@ -2,83 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
+from heliosweep.report.contents import NamedFigure
 from heliosweep.share import sam
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Lines of one plot at the most.
 MOST_LINES = 12
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """A figure that a notebook shows.
-
-    Parameters
-    ----------
-    name : str
-        Short name, that of its file in a report.
-    caption : str
-        What it shows.
-    figure : matplotlib.figure.Figure
-        To change or to save.
-    """
-
-    name: str
-    caption: str
-    figure: Figure
-
-    def __repr__(self) -> str:
-        return f"<figure {self.name}: {self.caption}>"
-
-    def _repr_png_(self) -> bytes:
-        from heliosweep.report.style import image
-
-        return image(self.figure, "png")
-
-    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Save as PNG, SVG or PDF, after the ending of the path.
-
-        Parameters
-        ----------
-        path : path
-            File to write; appears under its name when it is complete.
-        force : bool
-            Whether a file that is there is replaced.
-
-        Returns
-        -------
-        pathlib.Path
-            The file.
-
-        Raises
-        ------
-        StudyError
-            The file is there already, ends in something else, or its folder is not there.
-        HeliosweepError
-            The file cannot be written.
-        """
-        from heliosweep.files import write_whole
-        from heliosweep.report.style import image
-        from heliosweep.share.files import target_file
-
-        file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
-        write_whole(file, image(self.figure, file.suffix[1:].lower()))
-        return file
-
-
-def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select: Any) -> Drawing:
+def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select: Any) -> NamedFigure:
     """Draw a map of a heliostat field, every mirror coloured by a value.
 
     Parameters
@@ -92,7 +30,7 @@ def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select:
 
     Returns
     -------
-    Drawing
+    NamedFigure
 
     Raises
     ------
@@ -115,10 +53,10 @@ def plot_map(result: xr.Dataset, variable: str = "optical_efficiency", **select:
         raise StudyError(Problem("its heliostats have no places 'x' and 'y'", variable))
     label = axis_label(here[variable])
     drawn = pictures.picture_figure([one], pictures.within(label, [values], held=1.0))
-    return Drawing(f"map_{variable}", f"{label}{f' at {where}' if where else ''}", drawn)
+    return NamedFigure(f"map_{variable}", f"{label}{f' at {where}' if where else ''}", drawn)
 
 
-def plot_curve(result: xr.Dataset, variable: str, along: str, **select: Any) -> Drawing:
+def plot_curve(result: xr.Dataset, variable: str, along: str, **select: Any) -> NamedFigure:
     """Draw a variable along one dimension, a line for each value of another one at the most.
 
     Parameters
@@ -134,7 +72,7 @@ def plot_curve(result: xr.Dataset, variable: str, along: str, **select: Any) -> 
 
     Returns
     -------
-    Drawing
+    NamedFigure
 
     Raises
     ------
@@ -156,7 +94,7 @@ def plot_curve(result: xr.Dataset, variable: str, along: str, **select: Any) -> 
     where = ", ".join(coordinate_text(here[name]) for name in select)
     left_out = f", the first {MOST_LINES} of {len(lines)} lines" if len(lines) > MOST_LINES else ""
     caption = f"{axis_label(array)} along {along}{f' at {where}' if where else ''}{left_out}"
-    return Drawing(f"curve_{variable}", caption, figure)
+    return NamedFigure(f"curve_{variable}", caption, figure)
 
 
 def _selected(

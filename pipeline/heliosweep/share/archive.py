@@ -23,9 +23,9 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import study_classes
 from heliosweep.files import written_whole
 from heliosweep.runs.verify import verify
-from heliosweep.share.files import target_file
 from heliosweep.share.texts import DEFAULT, METADATA, Described, Licence, citation, crate, licence, notebook, readme
 from heliosweep.store.read import open_stored, tree
+from heliosweep.store.targets import target_file
 
 log = logging.getLogger("heliosweep")
 

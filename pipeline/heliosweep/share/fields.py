@@ -14,7 +14,7 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
-from heliosweep.share.files import target_file
+from heliosweep.store.targets import target_file
 
 #: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
 LayoutForm: TypeAlias = Literal["solarpilot", "csv"]

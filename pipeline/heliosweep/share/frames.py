@@ -13,7 +13,7 @@ import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import written_whole
-from heliosweep.share.files import target_file
+from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
     import pandas as pd

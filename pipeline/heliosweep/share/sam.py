@@ -30,7 +30,7 @@ from heliosweep.config.study import Study
 from heliosweep.config.times import SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
-from heliosweep.share.files import target_file
+from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
     import xarray as xr
