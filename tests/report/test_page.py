@@ -256,7 +256,7 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
     table = Table(
         "Errors", ["mount", f"error {EVIL}"], [["A", "1 \N{PLUS-MINUS SIGN} 2"]], frozenset({0}), ["One note."]
     )
-    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: ())
+    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: (), headlines=())
     shown = Page(write_report(tmp_path, known={"new": family}).read_text(encoding="utf-8"))
     assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
     assert shown.scripts == []

@@ -179,14 +179,7 @@ class Shown:
     def note(self, stands: Point, *shown: Iterable[Point], unsaid: str = "") -> str:
         """Sentences for a caption: which of many values are shown, and at which values all else stands.
 
-        Parameters
-        ----------
-        stands : dict
-            Positions of what is not shown.
-        *shown : sequences of dict
-            Points along one dimension each that are shown.
-        unsaid : str
-            A coordinate that does not matter.
+        Each of `shown` holds the points along one dimension; `unsaid` is a coordinate that does not matter.
         """
         parts = []
         for points in map(list, shown):

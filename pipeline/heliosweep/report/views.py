@@ -81,18 +81,9 @@ class View:
 
 
 def default_views(result: xr.Dataset, **start: float | str) -> Iterator[View]:
-    """Views of any result: a map of the field, pictures and curves, as its dimensions allow.
+    """Views of any result: a map of the field, pictures and curves, as its dimensions allow; only coordinates are read.
 
-    Parameters
-    ----------
-    result : xarray.Dataset
-        The result; only its coordinates are read.
-    **start : float or str
-        Where switches stand at first.
-
-    Yields
-    ------
-    View
+    `start` says where switches stand at first.
     """
     names = shown(result)
     yield View("field", "Map of the field", names, (HELIOSTAT,), less=words(result), start=start)

@@ -37,17 +37,7 @@ _CURVES = ("optical", "cosine", "shading", "blocking")
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Figures of a result, each drawn when it is asked for.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        From `heliosweep.open_result`; values are read as they are needed.
-
-    Yields
-    ------
-    NamedFigure
-    """
+    """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
     shown = Shown(result)
     dims = [str(dim) for dim in result[f"field_{_MAPPED}"].dims]
     others = [dim for dim in dims if dim != _METHOD]
@@ -175,16 +165,7 @@ def _day_courses(shown: Shown, stands: Point, methods: list[dict[str, int]], alo
 def field_means(here: xr.Dataset, part: slice) -> np.ndarray:
     """Mean over the heliostats at some instants of one parameter point, in percent; NaN with the sun down.
 
-    Parameters
-    ----------
-    here : xarray.Dataset
-        The point; its series has the dimensions ``time`` and ``heliostat``.
-    part : slice
-        Instants; read in pieces of bounded size.
-
-    Returns
-    -------
-    ndarray, shape (instants,)
+    The series of the point has the dimensions ``time`` and ``heliostat``; it is read in pieces of bounded size.
     """
     series = here[_SERIES]
     area = xr.ones_like(here["x"], dtype=float)
