@@ -29,7 +29,6 @@ ORDER = [
     "families",
     "runs",
     "share",
-    "plots",
     "accessor",
     "api",
     "notebook",

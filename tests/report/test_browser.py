@@ -313,7 +313,7 @@ def test_a_plot_can_be_saved(browser, pages, tmp_path):
 
 def test_titles_of_axes_and_bars_fit_their_frame(browser, tmp_path):
     data = result({"latitude": [0.0, 15.0, 30.0]}, heliostats=40)
-    long = "place on the mirror, to the right as seen from the target, " * 4 + "W" * 80
+    long = "place on the mirror, to the right as seen from the target, " * 4 + "x" * 80
     for name in ("optical_efficiency", "field_optical_efficiency", "latitude"):
         data[name].attrs["long_name"] = long if name != "latitude" else long.replace(",", "")
     page = write(tmp_path, data)

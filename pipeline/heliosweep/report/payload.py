@@ -34,7 +34,7 @@ WHOLE = 8_000_000
 PACKING, SEEN = 0.55, 1 / 250
 
 #: Lines of a label, their length on narrow and on wide screens, and the size of their letters. [letters, CSS pixel]
-MOST_FOLDS, ROOMS, SIZE = 4, (32, 46), 13
+MOST_FOLDS, ROOMS, SIZE = 4, (28, 40), 13
 
 #: Points up to which a line has marks, and the size of these. [CSS pixel]
 MOST_MARKS, MARK = 80, 6
