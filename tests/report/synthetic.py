@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 
 from heliosweep.api import load
 from heliosweep.families.field_efficiency import variables
@@ -82,5 +83,10 @@ def assert_readable(named: NamedFigure, words: Collection[str] = ()) -> None:
             if any(label.get_visible() and label.get_text() for label in axis.get_ticklabels()):
                 label = axis.get_label_text()
                 assert label.endswith(")") or label in words, (named.name, label)
-    box = named.figure.get_tightbbox()
-    assert min(*box.min, *(named.figure.get_size_inches() - box.max)) >= 0, named.name
+    assert is_inside(named.figure), named.name
+
+
+def is_inside(figure: Figure) -> bool:
+    """Nothing of a figure is cut off."""
+    box = figure.get_tightbbox()
+    return bool(min(*box.min, *(figure.get_size_inches() - box.max)) >= -1e-9)

@@ -33,8 +33,9 @@ WHOLE = 8_000_000
 #: Mirrors without known sides: part of the land that each has; and least part of the field that is seen.
 PACKING, SEEN = 0.55, 1 / 250
 
-#: Lines of a label, their length on narrow and on wide screens, and the size of their letters. [letters, CSS pixel]
-MOST_FOLDS, ROOMS, SIZE = 4, (28, 40), 13
+#: Lines of a label, their length on narrow screens, and on wide ones upwards and to the right, and the size of letters.
+#: [letters, CSS pixel]
+MOST_FOLDS, ROOMS, SIZE = 4, (28, 40, 60), 13
 
 #: Points up to which a line has marks, and the size of these. [CSS pixel]
 MOST_MARKS, MARK = 80, 6
@@ -295,10 +296,11 @@ def _said(result: xr.Dataset, kept: Mapping[str, np.ndarray]) -> str:
 
 
 def _label(label: str) -> dict[str, Any]:
-    """A label, and folded for narrow and for wide screens."""
+    """A label, and folded for each of the rooms that it may have."""
     return {"label": label, "folded": [fold(label, room) for room in ROOMS]}
 
 
 def fold(label: str, room: int) -> str:
     """A label on several lines where it is longer than its axis, cut off where these are too many."""
-    return "\n".join(textwrap.wrap(label, room, max_lines=MOST_FOLDS, placeholder="\N{HORIZONTAL ELLIPSIS}"))
+    whole = re.sub(r" (\(\S{1,6}\))$", "\N{NO-BREAK SPACE}\\1", label)  # a short unit stays beside its word
+    return "\n".join(textwrap.wrap(whole, room, max_lines=MOST_FOLDS, placeholder="\N{HORIZONTAL ELLIPSIS}"))
