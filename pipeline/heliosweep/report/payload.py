@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, title_of, unit_of, value_text
-from heliosweep.report.selection import evenly
+from heliosweep.report.selection import evenly, is_geometric
 from heliosweep.report.views import HELIOSTAT, View, is_joined, is_ordered, position
 
 #: Numbers on one page at the most, of four bytes each.
@@ -244,15 +244,7 @@ def _axis(values: np.ndarray, joined: bool) -> tuple[str, np.ndarray]:
     if values.dtype.kind not in "fiu":
         return "word", np.arange(values.size, dtype=float)
     at = values.astype(float)
-    return ("power", np.log10(at)) if joined and _is_geometric(at) else ("number", at)
-
-
-def _is_geometric(values: np.ndarray) -> bool:
-    """Whether increasing values have the same ratio over at least a decade: they are drawn by their logarithms."""
-    if values.size < 3 or not values[0] > 0 or values[-1] < 10 * values[0]:
-        return False
-    ratios = values[1:] / values[:-1]
-    return bool(np.all(np.abs(ratios / ratios[0] - 1) < 1e-4))
+    return ("power", np.log10(at)) if joined and is_geometric(at) else ("number", at)
 
 
 def _labels(result: xr.Dataset, dim: str, kept: np.ndarray) -> list[str]:

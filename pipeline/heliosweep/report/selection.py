@@ -25,6 +25,14 @@ def evenly(length: int, most: int) -> list[int]:
     return sorted({round(place) for place in np.linspace(0, length - 1, min(length, most))})
 
 
+def is_geometric(values: np.ndarray) -> bool:
+    """Whether values have the same ratio over at least a decade: they are drawn by their logarithms."""
+    if values.size < 3 or values.min() <= 0 or values.max() < 10 * values.min():
+        return False
+    ratios = np.diff(np.log(values))
+    return bool(np.allclose(ratios, ratios[0], rtol=1e-4))
+
+
 def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
     """Part of an array at positions along those dimensions that it has, not yet read."""
     everything = {dim: index for point in points for dim, index in point.items()}
