@@ -230,7 +230,7 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
     dims = [made["dims"][dim] for dim in view.along]
     if view.kind == "field":
         spec |= {"what": "heliostats"}
-        sides = {name: name for name in ("x", "y", "width", "height", "angle")}
+        sides: dict[str, Any] = {name: name for name in ("x", "y", "width", "height", "angle")}
         source = bk.ColumnDataSource({name: [0, 1] for name in (*sides, "value", "text", "name")}, name="source")
         fill: Any = {"field": "value", "transform": mapper}
         mirrors = bk.Rect(**sides, fill_color=fill, line_color=f"{GREY}88", line_width=0.4)

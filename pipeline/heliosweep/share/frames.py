@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -89,7 +89,7 @@ def write_csv(
     with written_whole(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         for number, region in enumerate(_regions(chosen)):
             frame = _frame(chosen.isel(region)).rename(columns=_named(chosen))
-            said = {"index": False, "header": not number, "date_format": "%Y-%m-%dT%H:%M:%S.%f"}
+            said: dict[str, Any] = {"index": False, "header": not number, "date_format": "%Y-%m-%dT%H:%M:%S.%f"}
             frame.to_csv(stream, lineterminator="\n", **said)
     return file
 
