@@ -81,7 +81,7 @@ class View:
 
 
 def default_views(result: xr.Dataset) -> Iterator[View]:
-    """Views of any result: a map of the field, pictures and curves, as its dimensions allow; only coordinates are read."""
+    """Views of any result: a map of the field, pictures and curves, as its dimensions allow; reads coordinates only."""
     names = shown(result)
     yield View("field", "Map of the field", names, (HELIOSTAT,), less=words(result))
     yield View("raster", "Pictures", names, PIXELS, less=words(result))
