@@ -171,7 +171,7 @@ def test_curves_run_along_what_is_chosen(browser, pages):
     assert [x for x, _ in shown] == pytest.approx(np.log10(np.broadcast_to(np.geomspace(1, 1000, 5), (2, 5))))
     assert np.array([y for _, y in shown]) == pytest.approx(data["factor"][:, 0, :].to_numpy(), rel=1e-6)
     axes = "figure('view-2').below.filter((one) => one.visible).map((one) => one.axis_label)"
-    assert browser.run(axes) == ["receiver height (m)"]
+    assert browser.run(axes) == ["receiver height\N{NO-BREAK SPACE}(m)"]
     choose(browser, "view-2-lines", "")
     choose(browser, "view-2-dim-date", 7)
     (line,) = browser.run("lines('view-2')")

@@ -27,6 +27,13 @@ def drawn(dataset):
     return found
 
 
+def one(dataset, name):
+    """One figure, and those before it are not laid out."""
+    named = next(named for named in figures(dataset) if named.name == name)
+    named.figure.draw_without_rendering()
+    return named
+
+
 @cache
 def case(name):
     return drawn(CASES[name]())
@@ -138,7 +145,7 @@ def test_maps_have_equal_axes_and_the_tower():
 
 def test_differences_are_spinning_minus_azimuth_whatever_the_order():
     dataset = result({**LATITUDES, "tracking": BOTH[::-1]})
-    figure = drawn(dataset)["difference_maps"].figure
+    figure = one(dataset, "difference_maps").figure
     optical = 100 * dataset["optical_efficiency"].isel(latitude=0)
     expected = optical.sel(tracking="spinning_elevation") - optical.sel(tracking="azimuth_elevation")
     squares = maps_of(figure)[0].collections[0]
@@ -164,7 +171,7 @@ def test_padded_heliostats_are_left_out():
 
 def test_efficiency_against_latitude():
     dataset = result({"latitude": [-30.0, -10.0, 10.0, 30.0], "tracking": BOTH})
-    panels = drawn(dataset)["efficiency_over_latitude"].figure.axes
+    panels = one(dataset, "efficiency_over_latitude").figure.axes
     assert [axes.get_ylabel().split()[0] for axes in panels] == ["optical", "cosine", "shading", "blocking"]
     for axes in panels:
         assert [line.get_label() for line in axes.lines] == ["spinning-elevation", "azimuth-elevation"]
@@ -200,7 +207,7 @@ def test_days_of_a_series(monkeypatch):
         return means(here, part)
 
     monkeypatch.setattr(drawing, "field_means", noted)
-    named = drawn(dataset)["day_courses"]
+    named = one(dataset, "day_courses")
     panels = named.figure.axes
     assert len(panels) == 6
     assert [line.get_label() for line in panels[0].lines] == ["day 80 (March equinox)", "day 172 (June solstice)"]
