@@ -58,7 +58,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
             family_of(study).prepare(study)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def small() -> Callable[..., Study]:
     """Make a small field study; keyword arguments replace whole blocks, None removes one."""
 

@@ -30,7 +30,6 @@ ORDER = [
     "families",
     "runs",
     "share",
-    "plots",
     "accessor",
     "api",
     "notebook",

@@ -12,10 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.plots import Drawing, plot_curve, plot_map
+from heliosweep.report.contents import NamedFigure
 from heliosweep.share import frames, sam
 
 if TYPE_CHECKING:
@@ -25,19 +26,96 @@ if TYPE_CHECKING:
     from heliosweep.families.family import Family
 
 
+#: Lines of one plot at the most.
+MOST_LINES = 12
+
+
 class Plots:
     """Plots of a result: ``result.heliosweep.plot.map("optical_efficiency", latitude=30, tracking=...)``."""
 
     def __init__(self, result: xr.Dataset) -> None:
         self._result = result
 
-    def map(self, variable: str = "optical_efficiency", **select: Any) -> Drawing:
-        """Draw a map of the field: see `plot_map`."""
-        return plot_map(self._result, variable, **select)
+    def map(self, variable: str = "optical_efficiency", **select: Any) -> NamedFigure:
+        """Draw a map of a heliostat field, every mirror coloured by a value.
 
-    def curve(self, variable: str, along: str, **select: Any) -> Drawing:
-        """Draw a variable along a dimension: see `plot_curve`."""
-        return plot_curve(self._result, variable, along, **select)
+        Parameters
+        ----------
+        variable : str
+            A variable along ``heliostat`` of a result with heliostats at ``x`` and ``y``.
+        **select
+            Value of every other dimension of the variable.
+
+        Returns
+        -------
+        NamedFigure
+
+        Raises
+        ------
+        StudyError
+            No such variable, or a dimension that no value is given for.
+        """
+        from heliosweep.report import pictures
+        from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, number_text, printed
+
+        here = _selected(self._result, variable, select, keep=("heliostat",))
+        if "heliostat" not in here[variable].dims:
+            raise StudyError(Problem("is not known of each heliostat; a map needs values along 'heliostat'", variable))
+        values = np.asarray(printed(here[variable].compute()), dtype=float)
+        where = ", ".join(coordinate_text(here[name]) for name in select)
+        percent = " %" if is_fraction(here[variable]) else ""
+        mean = f"mean {number_text(float(np.nanmean(values)))}{percent}" if np.isfinite(values).any() else "no value"
+        title = f"{where}\n{mean}" if where else mean
+        one = pictures.field_map(here, values, title)
+        if one is None:
+            raise StudyError(Problem("its heliostats have no places 'x' and 'y'", variable))
+        label = axis_label(here[variable])
+        drawn = pictures.picture_figure([one], pictures.within(label, [values], held=1.0))
+        return NamedFigure(f"map_{variable}", f"{label}{f' at {where}' if where else ''}", drawn)
+
+    def curve(self, variable: str, along: str, **select: Any) -> NamedFigure:
+        """Draw a variable along one dimension, a line for each value of another one at the most.
+
+        Parameters
+        ----------
+        variable : str
+            The variable.
+        along : str
+            Dimension with numbers or times.
+        **select
+            Values of other dimensions; all but one other dimension need one.
+
+        Returns
+        -------
+        NamedFigure
+
+        Raises
+        ------
+        StudyError
+            No such variable or dimension, or too many of them left.
+        """
+        from heliosweep.report.labels import axis_label, coordinate_text, is_fraction
+        from heliosweep.report.panels import Panel, curve_figure
+
+        here = _selected(self._result, variable, select, keep=(along,), most_left=1)
+        array = here[variable].compute()
+        if along not in array.dims:
+            raise StudyError(
+                Problem(f"is no dimension of {variable}, which has {', '.join(map(str, array.dims))}", along)
+            )
+        others = [dim for dim in array.dims if dim != along]
+        lines = [array] if not others else [array.isel({others[0]: i}) for i in range(array.sizes[others[0]])]
+        named = {
+            coordinate_text(line[others[0]]) if others and len(lines) > 1 else "": line for line in lines[:MOST_LINES]
+        }
+        panel = Panel(
+            axis_label(array), {name: (100 if is_fraction(array) else 1) * line for name, line in named.items()}
+        )
+        figure = curve_figure([panel], axis_label(array[along]))
+        where = ", ".join(coordinate_text(here[name]) for name in select)
+        left_out = f", the first {MOST_LINES} of {len(lines)} lines" if len(lines) > MOST_LINES else ""
+        caption = f"{axis_label(array)} along {along}{f' at {where}' if where else ''}{left_out}"
+        return NamedFigure(f"curve_{variable}", caption, figure)
 
 
 class HeliosweepAccessor:
@@ -92,12 +170,12 @@ class HeliosweepAccessor:
         """Plots of single variables."""
         return Plots(self._result)
 
-    def figures(self) -> list[Drawing]:
+    def figures(self) -> list[NamedFigure]:
         """Draw the figures that the report of the result has.
 
         Returns
         -------
-        list of Drawing
+        list of NamedFigure
             Shown as images in a notebook.
 
         Raises
@@ -107,7 +185,7 @@ class HeliosweepAccessor:
         """
         family = self._family()
         with self._lacking(family, "figures"):
-            return [Drawing(one.name, one.caption, one.figure) for one in family.figures(self._result)]
+            return list(family.figures(self._result))
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Headline numbers of the result, as its report has them.
@@ -164,26 +242,16 @@ class HeliosweepAccessor:
         """
         import pandas as pd
 
-        from heliosweep.report.comparison import compare
-        from heliosweep.report.published import read_published
+        from heliosweep.report.comparison import compare, read_published
 
         table, result = read_published(Path(published)), self._result
-        asked = {value.quantity for value in table.values} & set(map(str, result.data_vars))
+        asked = {one.quantity for one in table.values} & set(map(str, result.data_vars))
         compared = compare(result.assign({name: result[name].compute() for name in asked}), table)
-        rows = [
-            {
-                "quantity": one.quantity,
-                **one.where,
-                "computed": one.computed,
-                "published": one.published,
-                "difference": one.difference,
-                "tolerance": one.tolerance,
-                "unit": one.unit,
-                "agrees": one.agrees,
-            }
-            for one in compared
-        ]
-        return pd.DataFrame(rows)
+        columns = ("computed", "published", "difference", "tolerance", "unit", "agrees")
+        return pd.DataFrame(
+            {"quantity": one.quantity, **one.where, **{name: getattr(one, name) for name in columns}}
+            for one in compared.values
+        )
 
     def to_frame(self, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
         """Put variables in a table: see `share.frames.to_frame`."""
@@ -234,6 +302,23 @@ class HeliosweepAccessor:
                 message = f"the {what} of {family.name} cannot be made of a part along {', '.join(cut)}"
                 raise StudyError(Problem(message)) from error
             raise
+
+
+def _selected(
+    result: xr.Dataset, variable: str, select: Mapping[str, Any], keep: Sequence[str], most_left: int = 0
+) -> xr.Dataset:
+    """Return a variable where it was selected, with at most so many dimensions left besides those to keep."""
+    if variable not in result.data_vars:
+        raise StudyError(Problem(f"no such variable; the result has {', '.join(map(str, result.data_vars))}", variable))
+    here = result[[variable]]
+    for name, value in select.items():
+        here = here.sel({name: sam.label(here[variable], name, value)})
+    left = [str(dim) for dim in here[variable].dims if dim not in keep and here.sizes[dim] > 1]
+    if len(left) > most_left:
+        told = "; ".join(f"{dim}: {', '.join(map(str, here[dim].to_numpy()[:6]))}" for dim in left)
+        raise StudyError(Problem(f"choose one value of {' and '.join(left)} ({told})", variable))
+    single = {dim: 0 for dim in here[variable].dims if dim not in keep and here.sizes[dim] == 1}
+    return here.isel(single)
 
 
 if not hasattr(xr.Dataset, "heliosweep"):

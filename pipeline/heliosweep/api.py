@@ -407,8 +407,7 @@ def _check_published(study: Study) -> None:
     """Find out before anything is computed whether the published numbers fit the study."""
     table = study.report.published
     if table is not None:
-        from heliosweep.report.comparison import locate
-        from heliosweep.report.published import read_published
+        from heliosweep.report.comparison import locate, read_published
 
         locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
 

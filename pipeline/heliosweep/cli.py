@@ -345,9 +345,9 @@ def _compare(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> None:
     if options.csv is not None:
         from heliosweep import api
-        from heliosweep.share.files import target_file
         from heliosweep.share.frames import write_csv
         from heliosweep.store.checks import blaming_damage, sound
+        from heliosweep.store.targets import target_file
 
         target_file(options.csv, options.force, sources=_read_for(options.source))
         sound(options.source, as_written=True)
@@ -366,7 +366,7 @@ def _read_for(source: str) -> set[Any]:
     from pathlib import Path
 
     from heliosweep import api
-    from heliosweep.share.files import sources_of
+    from heliosweep.store.targets import sources_of
 
     files, path = {Path(source)}, Path(source)
     if path.is_dir():
@@ -380,7 +380,7 @@ def _read_for(source: str) -> set[Any]:
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.share.fields import layout_of, read_layout, write_layout
-    from heliosweep.share.files import target_file
+    from heliosweep.store.targets import target_file
 
     is_study = options.source.lower().endswith((".yaml", ".yml"))
     target_file(options.target, options.force, sources=_read_for(options.source))
@@ -390,8 +390,8 @@ def _convert(options: argparse.Namespace) -> None:
 
 def _table(options: argparse.Namespace) -> None:
     from heliosweep.notebook import efficiency_table
-    from heliosweep.share.files import target_file
     from heliosweep.share.sam import write_table
+    from heliosweep.store.targets import target_file
 
     # Before anything is computed.
     target_file(options.output, options.force, sources=_read_for(options.source))

@@ -68,7 +68,7 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
         The file cannot be written.
     """
     from heliosweep.files import write_whole
-    from heliosweep.share.files import sources_of, target_file
+    from heliosweep.store.targets import sources_of, target_file
 
     named = sources_of(study) - {study.source.path}  # the study file itself may be saved anew
     file = target_file(path, force, endings=(), sources=named)

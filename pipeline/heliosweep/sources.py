@@ -19,7 +19,7 @@ from typing import Any
 __all__ = ["code_versions", "numbers_digest", "version_of"]
 
 _PACKAGE = "heliosweep"
-_WORDS = ("accessor", "api", "cli", "config.faults", "errors", "notebook", "plots", "report", "runs", "share", "store")
+_WORDS = ("accessor", "api", "cli", "config.faults", "errors", "notebook", "report", "runs", "share", "store")
 """Modules and folders of the package on which no number depends, unless they are asked for by name."""
 _KEPT = 2000
 """Files whose code is remembered."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 
 from heliosweep.api import load
 from heliosweep.families.field_efficiency import variables
 from heliosweep.grid.regions import Variable
+from heliosweep.report.contents import NamedFigure
 from tests.conftest import SMALL
 
 BOTH = ("spinning_elevation", "azimuth_elevation")
@@ -71,3 +73,20 @@ def with_series(dataset: xr.Dataset, labels: Mapping[str, Any]) -> xr.Dataset:
     name = "instantaneous_optical_efficiency"
     dims = (*like.dims[:-1], "time", "heliostat")
     return dataset.assign({name: (dims, values, _attributes([name])[name])}).assign_coords(labels)
+
+
+def assert_readable(named: NamedFigure, words: Collection[str] = ()) -> None:
+    """The caption is a sentence, every axis has a unit but those of some words, and nothing is cut off."""
+    assert named.caption.endswith((".", ".)"))
+    for axes in named.figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if any(label.get_visible() and label.get_text() for label in axis.get_ticklabels()):
+                label = axis.get_label_text()
+                assert label.endswith(")") or label in words, (named.name, label)
+    assert is_inside(named.figure), named.name
+
+
+def is_inside(figure: Figure) -> bool:
+    """Nothing of a figure is cut off."""
+    box = figure.get_tightbbox()
+    return bool(min(*box.min, *(figure.get_size_inches() - box.max)) >= -1e-9)

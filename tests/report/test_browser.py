@@ -171,7 +171,7 @@ def test_curves_run_along_what_is_chosen(browser, pages):
     assert [x for x, _ in shown] == pytest.approx(np.log10(np.broadcast_to(np.geomspace(1, 1000, 5), (2, 5))))
     assert np.array([y for _, y in shown]) == pytest.approx(data["factor"][:, 0, :].to_numpy(), rel=1e-6)
     axes = "figure('view-2').below.filter((one) => one.visible).map((one) => one.axis_label)"
-    assert browser.run(axes) == ["receiver height (m)"]
+    assert browser.run(axes) == ["receiver height\N{NO-BREAK SPACE}(m)"]
     choose(browser, "view-2-lines", "")
     choose(browser, "view-2-dim-date", 7)
     (line,) = browser.run("lines('view-2')")
@@ -313,7 +313,7 @@ def test_a_plot_can_be_saved(browser, pages, tmp_path):
 
 def test_titles_of_axes_and_bars_fit_their_frame(browser, tmp_path):
     data = result({"latitude": [0.0, 15.0, 30.0]}, heliostats=40)
-    long = "place on the mirror, to the right as seen from the target, " * 4 + "W" * 80
+    long = "place on the mirror, to the right as seen from the target, " * 4 + "x" * 80
     for name in ("optical_efficiency", "field_optical_efficiency", "latitude"):
         data[name].attrs["long_name"] = long if name != "latitude" else long.replace(",", "")
     page = write(tmp_path, data)

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.report.comparison import Compared, compare, comparison_csv, published_in, read_comparison, told
-from heliosweep.report.published import read_published
+from heliosweep.report.comparison import (
+    compare,
+    comparison_csv,
+    published_in,
+    read_comparison,
+    read_published,
+    told,
+)
 from tests.conftest import STUDIES
 from tests.report.synthetic import BOTH, result
 
@@ -46,12 +54,10 @@ def test_numbers_within_their_tolerance_agree_and_others_differ(dataset, table):
         "azimuth_elevation,30.0000000001,field_cosine_efficiency,0.83,1,0.001\n"
     )
     compared = compare(dataset, table(HEADER + rows))
-    assert [one.verdict for one in compared] == ["agrees", "agrees", "differs", "differs"]
-    assert [one.difference for one in compared] == pytest.approx([0, 0.025, 0.025, -0.0014])
-    assert Compared(compared, "").summary == (
-        "2 of 4 published values agree, largest difference 0.025 percentage points and 0.0014"
-    )
-    table = Compared(compared, "").table(dataset)
+    assert [one.verdict for one in compared.values] == ["agrees", "agrees", "differs", "differs"]
+    assert [one.difference for one in compared.values] == pytest.approx([0, 0.025, 0.025, -0.0014])
+    assert compared.summary == "2 of 4 published values agree, largest difference 0.025 percentage points and 0.0014"
+    table = compared.table(dataset)
     assert table.header[:3] == ["quantity", "tracking", "latitude (°\N{NO-BREAK SPACE}N)"]
     assert table.rows[1][3:6] == ["84.475", "84.45", "+0.025"]
     assert table.classes == ["agrees", "agrees", "differs", "differs"]
@@ -59,16 +65,16 @@ def test_numbers_within_their_tolerance_agree_and_others_differ(dataset, table):
 
 def test_a_missing_value_differs(dataset, table):
     dataset["field_cosine_efficiency"][:] = float("nan")
-    [one] = compare(dataset, table(HEADER + "azimuth_elevation,0,field_cosine_efficiency,84.99,percent,0.02\n"))
-    assert one.verdict == "differs"
-    assert Compared([one], "").summary.startswith("0 of 1 published values agree")
+    compared = compare(dataset, table(HEADER + "azimuth_elevation,0,field_cosine_efficiency,84.99,percent,0.02\n"))
+    assert compared.values[0].verdict == "differs"
+    assert compared.summary.startswith("0 of 1 published values agree")
 
 
 def test_scalar_coordinates_and_coordinates_along_a_dimension(table):
     data = result({"site": ["north", "south"]}, tracking="azimuth_elevation")
     data = data.assign_coords(latitude=("site", [30.0, -30.0]))
     line = "azimuth_elevation,-30,field_cosine_efficiency,50,percent,100\n"
-    [one] = compare(data, table(HEADER + line))
+    [one] = compare(data, table(HEADER + line)).values
     assert one.computed == 100 * float(data["field_cosine_efficiency"][1])
     assert problems(compare, data, table(HEADER + line.replace("azimuth", "spinning"))) == [
         "table.csv:2: tracking 'spinning_elevation' is not in the result, which has azimuth_elevation"
@@ -78,7 +84,7 @@ def test_scalar_coordinates_and_coordinates_along_a_dimension(table):
 def test_values_of_single_heliostats(dataset, table):
     dataset = dataset.assign_coords(heliostat=("heliostat", range(7)))
     header = "tracking,latitude,heliostat,quantity,published,unit,tolerance\n"
-    [one] = compare(dataset, table(header + "azimuth_elevation,15,3,optical_efficiency,0.7,1,1\n"))
+    [one] = compare(dataset, table(header + "azimuth_elevation,15,3,optical_efficiency,0.7,1,1\n")).values
     assert one.computed == float(dataset["optical_efficiency"][1, 1, 3])
 
 
@@ -105,22 +111,30 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", ["table.csv: holds no table of published numbers"]),
-        (HEADER, ["table.csv:1: has a header but no numbers"]),
+        ("", ["table.csv: is empty: it needs a header and numbers"]),
+        (HEADER, ["table.csv: has a header but no published numbers: give one row for each"]),
         (
             "latitude,quantity\n0,a\n",
-            [f"table.csv:1: column {name!r} is missing" for name in ("published", "unit", "tolerance")],
-        ),
-        (HEADER.replace("tracking", "latitude") + ",,a,1,1,1\n", ["table.csv:1: column 'latitude' occurs twice"]),
-        (
-            HEADER + "a,0,b,about 3,1,1\na,0,b,1,m,1\na,0,b,1,1,-1\na,0,b\na,0,b,nan,1,1\na,0,b,1,1,\n",
             [
-                "table.csv:2: published must be a number (got 'about 3')",
-                "table.csv:3: unit must be '1' or 'percent' (got 'm')",
-                "table.csv:4: tolerance must not be negative (got -1)",
-                "table.csv:5: has 3 cells where the header has 6",
-                "table.csv:6: published must be a number (got 'nan')",
-                "table.csv:7: tolerance must be a number (got '')",
+                "table.csv:1: needs a column published: the number as it was printed",
+                "table.csv:1: needs a column unit: its unit, 1 or percent",
+                "table.csv:1: needs a column tolerance: by how much a computed one may differ",
+            ],
+        ),
+        (
+            HEADER.replace("tracking", "latitude") + ",,a,1,1,1\n",
+            ["table.csv:1:10: has two columns 'latitude'; remove one"],
+        ),
+        (
+            HEADER + "a,0,b,about 3,1,1\na,0,b,1,m,1\na,0,b,1,1,-1\na,0,b\na,0,b,nan,1,1\na,0,b,1,1,\na,0,,1,1,1\n",
+            [
+                "table.csv:2:7: published must be a finite number (got 'about 3')",
+                "table.csv:3:9: unit must be '1' or 'percent' (got 'm')",
+                "table.csv:4:11: tolerance must be at least 0 (got '-1')",
+                "table.csv:5: has 3 fields, but the header has 6",
+                "table.csv:6:7: published must be a finite number (got 'nan')",
+                "table.csv:7:11: tolerance is empty",
+                "table.csv:8:5: quantity is empty",
             ],
         ),
     ],
@@ -134,10 +148,11 @@ def test_a_table_that_is_not_there(tmp_path):
 
 
 def test_the_stored_comparison_reads_back(dataset, table, tmp_path):
-    compared = compare(dataset, table(HEADER + "azimuth_elevation,15,field_cosine_efficiency,84.450,percent,0.07\n"))
+    published = table(HEADER + "azimuth_elevation,15,field_cosine_efficiency,84.450,percent,0.07\n")
+    compared = replace(compare(dataset, published), source="A paper,\ntwo lines")
     path = tmp_path / "comparison.csv"
-    path.write_text(comparison_csv(Compared(compared, "A paper,\ntwo lines")), encoding="utf-8")
-    assert read_comparison(path) == Compared(compared, "A paper,\ntwo lines")
+    path.write_text(comparison_csv(compared), encoding="utf-8")
+    assert read_comparison(path) == compared
     path.write_text(HEADER + "a,0,b,1,1,1\n", encoding="utf-8")
     assert "is no comparison that heliosweep wrote" in problems(read_comparison, path)[0]
 
@@ -155,7 +170,7 @@ def test_numbers_in_percent_are_compared_as_they_are(dataset, table):
     dataset = dataset.assign(relative_error=100 * dataset["field_cosine_efficiency"])
     dataset["relative_error"].attrs["units"] = "percent"
     rows = "azimuth_elevation,0,relative_error,84.9,percent,0.1\n"
-    [one] = compare(dataset, table(HEADER + rows))
+    [one] = compare(dataset, table(HEADER + rows)).values
     assert one.computed == pytest.approx(84.99)
     with pytest.raises(StudyError, match="cannot be compared"):
         compare(dataset, table(HEADER + rows.replace("percent", "1")))
@@ -164,7 +179,7 @@ def test_numbers_in_percent_are_compared_as_they_are(dataset, table):
 def test_figures_can_read_what_was_published_from_the_result(dataset, table):
     compared = compare(dataset, table(HEADER + "azimuth_elevation,0,field_cosine_efficiency,84.99,percent,0.02\n"))
     assert published_in(dataset, "field_cosine_efficiency") == []
-    marked = told(dataset, compared)
-    assert published_in(marked, "field_cosine_efficiency") == compared
+    marked = told(dataset, compared.values)
+    assert published_in(marked, "field_cosine_efficiency") == compared.values
     assert published_in(marked, "optical_efficiency") == []
     assert "comparison" not in dataset.attrs

@@ -56,11 +56,11 @@ def test_broken_and_unfinished_folders_are_told(tmp_path):
     unfinished.parent.mkdir(parents=True)
     PartStore.create(unfinished, {"attributes": {"title": "Half a field"}}, {"points": Cut({}, {}, {})}, {}, {}).close()
     (tmp_path / "outputs" / "no result").mkdir()
-    found = {one.about.split()[-1]: one for one in entries(tmp_path / "outputs", status_of)}
+    found = {one["about"].split()[-1]: one for one in entries(tmp_path / "outputs", status_of)}
     assert set(found) == {"broken", "unfinished"}
-    assert found["broken"].state == "damaged"
-    assert found["unfinished"].title == "Half a field"
-    assert found["unfinished"].state != "complete"
+    assert found["broken"]["state"] == "damaged"
+    assert found["unfinished"]["title"] == "Half a field"
+    assert found["unfinished"]["state"] != "complete"
     text = Page(write_index(tmp_path / "outputs", status_of).read_text(encoding="utf-8")).text
     assert "damaged" in text
 

@@ -22,7 +22,8 @@ from tests.report.synthetic import BOTH, result
 
 
 def write_report(folder, study=None, known=None, **how):
-    return page.write_report(folder, families() if known is None else known, study, **how)
+    """As a result of no known family, without its figures, which take long, where no family is asked for."""
+    return page.write_report(folder, known or {}, study, **how)
 
 
 EVIL = "<script>alert('&')</script>"
@@ -62,8 +63,7 @@ class Page(HTMLParser):
         return [attrs for name, attrs in self.elements if name == tag]
 
 
-@pytest.fixture
-def folder(tmp_path):
+def filled(tmp_path):
     """Result folder as a run leaves it, with words that would like to be markup."""
     references = (
         "Chong and Tan (2012), doi 10.1155/2012/908364; Chong, K.-K. and Tan, M. H. (2012). doi:10.1155/2012/908364"
@@ -85,6 +85,11 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.fixture
+def folder(tmp_path):
+    return filled(tmp_path)
+
+
 def study(folder, published=None):
     """As much of a study as the report asks for."""
     return SimpleNamespace(report=SimpleNamespace(published=published), resolve=lambda name: folder / name)
@@ -97,51 +102,43 @@ def published(folder, tolerance):
     return SimpleNamespace(file="table.csv", source=f"A paper {EVIL}")
 
 
-def test_page_is_complete_and_well_formed(folder):
-    path = write_report(folder)
-    assert path == folder / "report.html"
-    text = path.read_text(encoding="utf-8")
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Page with everything: figures, plots, a comparison."""
+    folder = filled(tmp_path_factory.mktemp("whole"))
+    return write_report(folder, study(folder, published(folder, 100)), families())
+
+
+def test_page_is_complete_and_well_formed(whole):
+    folder, text = whole.parent, whole.read_text(encoding="utf-8")
+    assert whole == folder / "report.html"
     assert text.startswith("<!doctype html>")
     page = Page(text)
     assert page.all("html") == [{"lang": "en"}]
     assert len(page.all("h1")) == 1
-    assert len(page.all("h2")) == 6
-    for words in (
-        "Results",
-        "Explore",
-        "Figures",
-        "What was asked",
-        "How it was made",
-        "References",
-        f"{(folder / 'result.nc').stat().st_size:,} bytes",
-        "numpy 2.0",
-    ):
+    assert len(page.all("h2")) == 7
+    headings = ("Results", "Computed and published", "Explore", "Figures", "What was asked", "How it was made")
+    for words in (*headings, "References", f"{(folder / 'result.nc').stat().st_size:,} bytes", "numpy 2.0"):
         assert words in page.text
     images = page.all("img")
     assert len(images) == len(list((folder / "figures").glob("[!.]*"))) == 2
     assert all(image["alt"].startswith("Figure ") for image in images)
+    # References are listed once.
+    assert page.all("a") == [{"href": "https://doi.org/10.1155/2012/908364"}]
+    assert len(page.all("li")) == 1
 
 
-def test_words_of_the_study_never_become_markup(folder):
-    page = Page(write_report(folder, study(folder, published(folder, 100))).read_text(encoding="utf-8"))
+def test_words_never_become_markup_and_nothing_is_fetched(whole):
+    text = whole.read_text(encoding="utf-8")
+    page = Page(text)
     assert not any("alert" in script for script in page.scripts[:1])
     assert page.text.count(EVIL) == 4  # title, heading, source, study; the command has shell quotes in between
-
-
-def test_nothing_is_fetched(folder):
-    page = Page(write_report(folder).read_text(encoding="utf-8"))
     for tag, attrs in page.elements:
         assert str(attrs.get("src", "data:")).startswith("data:")
         assert tag == "a" or "href" not in attrs
-    style = (folder / "report.html").read_text(encoding="utf-8").split("</style>")[0]
+    style = text.split("</style>")[0]
     assert "url(" not in style
     assert "@import" not in style
-
-
-def test_references_are_listed_once(folder):
-    page = Page(write_report(folder).read_text(encoding="utf-8"))
-    assert page.all("a") == [{"href": "https://doi.org/10.1155/2012/908364"}]
-    assert len(page.all("li")) == 1
 
 
 @pytest.mark.parametrize(("tolerance", "verdict"), [(100, "agrees"), (0, "differs")])
@@ -162,8 +159,8 @@ def test_a_comparison_that_is_no_longer_asked_for_goes_away(folder):
 
 
 def test_page_is_the_same_every_time(folder):
-    first = write_report(folder).read_bytes()
-    assert write_report(folder).read_bytes() == first
+    first = write_report(folder, known=families()).read_bytes()
+    assert write_report(folder, known=families()).read_bytes() == first
 
 
 def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
@@ -171,7 +168,7 @@ def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
     for name in ("old.png", "holiday.png", "notes.txt"):
         (folder / "figures" / name).touch()
     (folder / "figures" / ".drawn").write_text("old.png\ngone.png\n../report.html\n")
-    write_report(folder, vector=["svg"])
+    write_report(folder, known=families(), vector=["svg"])
     names = {path.name for path in (folder / "figures").iterdir()}
     assert names == {
         ".drawn",
@@ -256,7 +253,7 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
     table = Table(
         "Errors", ["mount", f"error {EVIL}"], [["A", "1 \N{PLUS-MINUS SIGN} 2"]], frozenset({0}), ["One note."]
     )
-    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: ())
+    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: (), headlines=())
     shown = Page(write_report(tmp_path, known={"new": family}).read_text(encoding="utf-8"))
     assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
     assert shown.scripts == []

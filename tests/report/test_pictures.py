@@ -10,6 +10,7 @@ from matplotlib.patches import Rectangle
 
 from heliosweep.report.pictures import Kinds, Raster, Shades, about_zero, from_zero, picture_figure, within
 from heliosweep.report.style import NO_VALUE, image
+from tests.report.synthetic import is_inside
 
 SHAPES = {"square": (7.0, 7.0), "tall": (1.0, 9.0), "flat": (15.0, 0.5), "single pixel": (0.05, 0.05)}
 
@@ -20,12 +21,6 @@ def raster(wide=7.0, high=7.0, pixel=0.05, scale=1.0, title="", outlined=True):
     outlines = [(text, side * wide / 4, 0.0, 0.49 * wide, high) for side, text in ((-1, "1"), (1, "2"))]
     array = xr.DataArray(scale * (x + 2 * y[:, np.newaxis]), {"z": y, "y": x}, ("z", "y"))
     return Raster(array, title, outlines if outlined else ())
-
-
-def inside(figure):
-    box = figure.get_tightbbox()
-    width, height = figure.get_size_inches()
-    return box.x0 >= -1e-9 and box.y0 >= -1e-9 and box.x1 <= width + 1e-9 and box.y1 <= height + 1e-9 and height < 10
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -40,7 +35,7 @@ def test_metres_are_equal_and_nothing_is_cut_off(shape, rows, columns):
         box = axes.get_position()
         x, y = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
         assert box.width * width / x == pytest.approx(box.height * height / y)
-    assert inside(figure)
+    assert is_inside(figure)
     assert image(figure).startswith(b"\x89PNG")
 
 
@@ -94,7 +89,7 @@ def test_no_value_is_grey_also_everywhere():
         drawn = figure.axes[0].images[0]
         assert np.ma.getmaskarray(np.ma.asarray(drawn.get_array())).all()
         assert tuple(drawn.get_cmap().get_bad()) == to_rgba(NO_VALUE)
-        assert inside(figure)
+        assert is_inside(figure)
 
 
 def test_outlines_are_on_every_picture_and_named_on_the_first():
@@ -117,5 +112,5 @@ def test_kinds_have_a_legend_of_those_that_there_are():
     assert tuple(colours[0, 0]) == to_rgba("#ffffff")
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["usable", "saturated"]
-    assert inside(figure)
+    assert is_inside(figure)
     assert not picture_figure([Raster(flags * np.nan)], kinds).legends

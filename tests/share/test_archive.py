@@ -14,7 +14,7 @@ import heliosweep
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.runs.verify import verify
-from heliosweep.share.archive import pack_result
+from heliosweep.share.archive import pack_result, placed
 from tests.conftest import STUDIES
 
 #: Shipped studies that name files, by family and mode; and what archives of them must hold.
@@ -58,12 +58,15 @@ def assert_reruns(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.rmtree("again")
 
 
+@pytest.fixture(scope="module")
+def computed(small, tmp_path_factory):
+    return heliosweep.run(small(), tmp_path_factory.mktemp("computed") / "result", report=False).folder
+
+
 @pytest.fixture
-def result(small, tmp_path):
+def result(computed, tmp_path):
     """Folder of a small result, with spaces and more in its name."""
-    folder = tmp_path / "ein Ergebnis é"
-    heliosweep.run(small(), folder, report=False)
-    return folder
+    return shutil.copytree(computed, tmp_path / "ein Ergebnis é")
 
 
 @pytest.mark.parametrize("name", WITH_INPUTS)
@@ -167,26 +170,21 @@ def test_links_are_packed_as_files(small, tmp_path, monkeypatch):
 def test_names_that_not_every_system_can_have(small, tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     Path(name).write_text(LAYOUT, encoding="utf-8")
-    heliosweep.run(small(layout={"file": name}), "result", report=False)
     with pytest.raises(HeliosweepError, match="rename the file"):
-        pack_result("result")
-    assert not Path("result.zip").exists()
+        placed(small(layout={"file": name}))
 
 
-def test_damaged(result):
+def test_damaged_and_unfinished(result):
     path = result / "result.nc"
     content = bytearray(path.read_bytes())
     content[-100] ^= 1
     path.write_bytes(content)
     with pytest.raises(HeliosweepError, match="NOT all right"):
         pack_result(result)
-    assert [place.name for place in result.parent.iterdir()] == [result.name]
-
-
-def test_unfinished(result):
-    (result / "result.nc").unlink()
+    path.unlink()
     with pytest.raises(HeliosweepError, match="only a whole result"):
         pack_result(result)
+    assert [place.name for place in result.parent.iterdir()] == [result.name]
 
 
 def test_inputs_that_are_gone_or_changed(small, tmp_path, monkeypatch):
@@ -209,7 +207,7 @@ def test_the_archive_is_not_replaced_unasked(result, tmp_path):
         pack_result(result)
     assert archive.read_bytes() == b"precious"
     assert pack_result(result, force=True).read_bytes() == before
-    with pytest.raises(StudyError, match=r"ends with \.zip"):
+    with pytest.raises(StudyError, match=r"must end in \.zip"):
         pack_result(result, tmp_path / "archive.tar")
     with pytest.raises(StudyError, match="does not exist"):
         pack_result(result, tmp_path / "nowhere" / "archive.zip")

@@ -18,8 +18,8 @@ import yaml
 
 import heliosweep
 from heliosweep.errors import HeliosweepError
-from heliosweep.share.archive import pack_result
-from heliosweep.share.described import Licence
+from heliosweep.share.archive import pack_result, writing
+from heliosweep.share.texts import Licence
 
 DATASET: dict[str, Any] = {
     "creators": [
@@ -37,18 +37,23 @@ DATASET: dict[str, Any] = {
 }
 
 
-def unpack(small: Any, folder: Any, **blocks: Any) -> Any:
-    heliosweep.run(small(**blocks), folder / "result", report=False)
-    with zipfile.ZipFile(pack_result(folder / "result")) as zipped:
-        zipped.extractall(folder / "elsewhere")
-    (top,) = (folder / "elsewhere").iterdir()
-    return top
+@pytest.fixture(scope="module")
+def folders(small, tmp_path_factory):
+    """Unpacked archives of one study in three forms."""
+    found = {}
+    blocks = {"named": {"dataset": DATASET}, "nameless": {}, "zarr": {"output": {"format": "zarr"}}}
+    for name, more in blocks.items():
+        place = tmp_path_factory.mktemp(name)
+        heliosweep.run(small(**more), place / "result", report=False)
+        with zipfile.ZipFile(pack_result(place / "result")) as zipped:
+            zipped.extractall(place / "elsewhere")
+        (found[name],) = (place / "elsewhere").iterdir()
+    return found
 
 
 @pytest.fixture(params=["named", "nameless", "zarr"])
-def folder(request, small, tmp_path):
-    blocks = {"named": {"dataset": DATASET}, "nameless": {}, "zarr": {"output": {"format": "zarr"}}}
-    return unpack(small, tmp_path, **blocks[request.param])
+def folder(request, folders):
+    return folders[request.param]
 
 
 def entities(folder: Any) -> dict[str, Any]:
@@ -99,14 +104,7 @@ def test_crate(folder):
 @pytest.mark.skipif(shutil.which("rocrate-validator") is None, reason="needs roc-validator and the network")
 def test_crate_as_the_validator_sees_it(folder):
     command = [
-        "rocrate-validator",
-        "-y",
-        "validate",
-        "-p",
-        "ro-crate-1.1",
-        "-l",
-        "REQUIRED",
-        "--no-paging",
+        *["rocrate-validator", "-y", "validate", "-p", "ro-crate-1.1", "-l", "REQUIRED", "--no-paging"],
         str(folder),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -115,8 +113,8 @@ def test_crate_as_the_validator_sees_it(folder):
     assert done.returncode == 0, done.stdout
 
 
-def test_people_and_licence(small, tmp_path):
-    folder = unpack(small, tmp_path, dataset=DATASET)
+def test_people_and_licence(folders):
+    folder = folders["named"]
     found = entities(folder)
     people = [link["@id"] for link in found["./"]["creator"]]
     assert [found[one]["name"] for one in people] == ["Doe, Jane", "Solar Working Group"]
@@ -136,8 +134,9 @@ def test_people_and_licence(small, tmp_path):
     assert "Doe, Jane; Solar Working Group (20" in (folder / "README.md").read_text("utf-8")
 
 
-def test_nobody_named_is_said(small, tmp_path, caplog):
-    folder = unpack(small, tmp_path)
+def test_nobody_named_is_said(folders, tmp_path, caplog):
+    folder = folders["nameless"]
+    pack_result(folder, tmp_path / "again.zip")
     assert "CC-BY-4.0" in caplog.text
     assert "dataset.creators" in caplog.text
     found = entities(folder)
@@ -187,7 +186,6 @@ def test_licences(text, spdx, url):
 
 def test_large_files_are_streamed_and_fit(tmp_path):
     """More than memory should hold at once: what is copied is never more than a piece."""
-    from heliosweep.share.archive import writing
 
     class Source(io.RawIOBase):
         left = 50 * 2**20
@@ -208,8 +206,6 @@ def test_large_files_are_streamed_and_fit(tmp_path):
 
 
 def test_nothing_is_left_of_an_archive_that_failed(tmp_path):
-    from heliosweep.share.archive import writing
-
     with pytest.raises(HeliosweepError, match=r"a\.zip: cannot be written: gone"), writing(tmp_path / "a.zip", "top"):
         raise OSError("gone")
     assert list(tmp_path.iterdir()) == []

@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from heliosweep import StudyError, run, save, write_csv
 from heliosweep.cli import main
-from heliosweep.share.files import target_file
+from heliosweep.store.targets import target_file
 
 FIELD = "x,y\n0,60\n15,60\n"
 TMY3 = '724666,"DENVER",CO,-7.0,39.742,-105.179,1829\nDate (MM/DD/YYYY),Time (HH:MM)\n'
 
 
+@pytest.fixture(scope="module")
+def made(small, tmp_path_factory) -> Path:
+    """Folder with two studies, a layout, a weather file and two results."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("made"))
+        Path("field.csv").write_text(FIELD)
+        Path("denver.csv").write_text(TMY3)
+        save(small(), "tower.yaml")
+        save(small(layout={"file": "field.csv"}), "named.yaml")
+        civil = Path("tower.yaml").read_text().replace("latitude:", "file: denver.csv\n  latitude:")
+        Path("weather.yaml").write_text(civil)
+        run(small(), "D", report=False)
+        run(small(layout={"file": "field.csv"}), "E", report=False)
+        return Path.cwd()
+
+
 @pytest.fixture
-def folder(small, tmp_path, monkeypatch) -> Path:
-    """Working directory with two studies, a layout, a weather file and a result."""
-    monkeypatch.chdir(tmp_path)
-    Path("field.csv").write_text(FIELD)
-    Path("denver.csv").write_text(TMY3)
-    save(small(), "tower.yaml")
-    save(small(layout={"file": "field.csv"}), "named.yaml")
-    civil = Path("tower.yaml").read_text().replace("latitude:", "file: denver.csv\n  latitude:")
-    Path("weather.yaml").write_text(civil)
-    run(small(), "D", report=False)
-    run(small(layout={"file": "field.csv"}), "E", report=False)
+def folder(made, tmp_path, monkeypatch) -> Path:
+    """Working directory with a copy of them."""
+    monkeypatch.chdir(shutil.copytree(made, tmp_path, dirs_exist_ok=True))
     return tmp_path
 
 

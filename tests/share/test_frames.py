@@ -14,8 +14,12 @@ from heliosweep.cli import main
 from heliosweep.share import frames
 
 
-def test_a_row_for_each_point(small):
-    result = build(small()).compute()
+@pytest.fixture(scope="module")
+def result(small):
+    return build(small()).compute()
+
+
+def test_a_row_for_each_point(result):
     frame = to_frame(result, ["optical_efficiency", "cosine_efficiency"])
     first = ["latitude", "tracking", "heliostat", "x", "y", "z", "ring", "azimuth"]
     assert list(frame.columns) == [*first, "optical_efficiency", "cosine_efficiency"]
@@ -29,8 +33,7 @@ def test_a_row_for_each_point(small):
     assert {"latitude [degrees_north]", "x [m]", "ring", "optical_efficiency"} <= set(named.columns)
 
 
-def test_parts_and_single_values(small):
-    result = build(small())
+def test_parts_and_single_values(result):
     part = result.sel(latitude=40, tracking="azimuth_elevation")
     assert len(to_frame(part, "optical_efficiency")) == 48
     one = to_frame(part, "field_optical_efficiency")
@@ -39,8 +42,7 @@ def test_parts_and_single_values(small):
     assert to_frame(no_labels)["n"].tolist() == [0, 1]
 
 
-def test_what_fits_in_one_table(small):
-    result = build(small())
+def test_what_fits_in_one_table(result):
     with pytest.raises(
         StudyError, match=r"choose from those over latitude, tracking, heliostat: cosine_efficiency, .*"
     ):
@@ -57,8 +59,7 @@ def test_what_fits_in_one_table(small):
         ([3], "3: no such variable; the result has"),
     ],
 )
-def test_what_are_no_names(small, tmp_path, variables, said):
-    result = build(small())
+def test_what_are_no_names(result, tmp_path, variables, said):
     with pytest.raises(StudyError, match=said):
         to_frame(result, variables)
     with pytest.raises(StudyError, match=said):
@@ -66,8 +67,7 @@ def test_what_are_no_names(small, tmp_path, variables, said):
 
 
 @pytest.mark.parametrize("rows", [1, 7, 48, 100, 10**6])
-def test_csv_piece_by_piece(small, tmp_path, monkeypatch, rows):
-    result = build(small()).compute()
+def test_csv_piece_by_piece(result, tmp_path, monkeypatch, rows):
     monkeypatch.setattr(frames, "ROWS_AT_A_TIME", rows)
     lengths = []
     whole = frames._frame
@@ -121,22 +121,20 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}
 
 
-def test_zarr_results(small, tmp_path):
+def test_zarr_results(small, result, tmp_path):
     stored = run(small(output={"format": "zarr"}), tmp_path / "out", report=False)
-    with stored.open() as result:
-        path = write_csv(result, tmp_path / "r.csv", "optical_efficiency")
-        frame = to_frame(result, "optical_efficiency", units=True)
+    with stored.open() as opened:
+        path = write_csv(opened, tmp_path / "r.csv", "optical_efficiency")
+        frame = to_frame(opened, "optical_efficiency", units=True)
     pd.testing.assert_frame_equal(pd.read_csv(path), frame, check_dtype=False, check_exact=True)
-    np.testing.assert_array_equal(
-        frame["optical_efficiency"], to_frame(build(small()), "optical_efficiency")["optical_efficiency"]
-    )
+    np.testing.assert_array_equal(frame["optical_efficiency"], result["optical_efficiency"].to_numpy().ravel())
 
 
-def test_nothing_is_left_of_a_failed_write(small, tmp_path, monkeypatch):
+def test_nothing_is_left_of_a_failed_write(result, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(pd.DataFrame, "to_csv", fail)
     with pytest.raises(Exception, match="cannot be written: No space left on device"):
-        write_csv(build(small()), tmp_path / "r.csv", "field_optical_efficiency")
+        write_csv(result, tmp_path / "r.csv", "field_optical_efficiency")
     assert not list(tmp_path.iterdir())

@@ -19,7 +19,7 @@ AZIMUTH, ELEVATION = [0, 90, 180, 270, 360], [-5, 0, 20, 60]
 AE = {"tracking": "azimuth_elevation"}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def table(small) -> xr.DataArray:
     return efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=ELEVATION)
 

@@ -2,21 +2,71 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class NamedFigure:
-    """A figure, the file name it gets and the sentence below it."""
+    """A figure, the file name it gets and the sentence below it; a notebook shows it.
+
+    Parameters
+    ----------
+    name : str
+        Short name, that of its file in a report.
+    caption : str
+        What it shows.
+    figure : matplotlib.figure.Figure
+        To change or to save.
+    """
 
     name: str
     caption: str
     figure: Figure
+
+    def __repr__(self) -> str:
+        return f"<figure {self.name}: {self.caption}>"
+
+    def _repr_png_(self) -> bytes:
+        from heliosweep.report.style import image
+
+        return image(self.figure, "png")
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Save as PNG, SVG or PDF, after the ending of the path.
+
+        Parameters
+        ----------
+        path : path
+            File to write; appears under its name when it is complete.
+        force : bool
+            Whether a file that is there is replaced.
+
+        Returns
+        -------
+        pathlib.Path
+            The file.
+
+        Raises
+        ------
+        StudyError
+            The file is there already, ends in something else, or its folder is not there.
+        HeliosweepError
+            The file cannot be written.
+        """
+        from heliosweep.files import write_whole
+        from heliosweep.report.style import image
+        from heliosweep.store.targets import target_file
+
+        file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
+        write_whole(file, image(self.figure, file.suffix[1:].lower()))
+        return file
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ A page fetches nothing and evaluates nothing, so Bokeh's own callbacks in JavaSc
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -54,33 +54,14 @@ MARKS = {
 GREY = "#80868c"
 
 #: Tools by the keys that use them.
-KEYS: dict[str, Callable[[], bk.Tool]] = {
-    "ArrowLeft": lambda: bk.ClickPanTool(direction="left"),
-    "ArrowRight": lambda: bk.ClickPanTool(direction="right"),
-    "ArrowUp": lambda: bk.ClickPanTool(direction="up"),
-    "ArrowDown": lambda: bk.ClickPanTool(direction="down"),
-    "+": bk.ZoomInTool,
-    "=": bk.ZoomInTool,
-    "-": bk.ZoomOutTool,
-    "0": bk.ResetTool,
+KEYS = {
+    **{f"Arrow{way.title()}": bk.ClickPanTool(direction=way) for way in ("left", "right", "up", "down")},
+    **{"+": bk.ZoomInTool(), "=": bk.ZoomInTool(), "-": bk.ZoomOutTool(), "0": bk.ResetTool()},
 }
 
 
 def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Make the interactive plots of a result.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        From `heliosweep.open_result`.
-    views : iterable of View
-        What its family declares.
-
-    Returns
-    -------
-    tuple of list of dict, dict
-        What the templates set of each plot, and Bokeh's items by the names of their views.
-    """
+    """Make the interactive plots that a family declares: what the templates set of each, and Bokeh's items by name."""
     chosen = usable(result, views)
     budgets = shares([wanted(result, view) for view in chosen], PAGE_VALUES)
     frames, plots = [], {}
@@ -88,16 +69,17 @@ def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, A
         name, made = f"view-{number}", view_payload(result, view, budget)
         for dim in made["dims"].values():
             dim["looks"] = _looks(dim["texts"], view.colours)
-        frame = {
-            "id": name,
-            "kind": view.kind,
-            "title": made["title"],
-            "caption": " ".join(filter(None, [view.caption, made["thinned"]])),
-            "switches": _switches(view, made),
-            "lines": [(dim, one) for dim, one in made["dims"].items() if one["looks"]] if _is_curved(view) else [],
-            "aspect": _aspect(view, made),
-        }
-        frames.append(frame)
+        frames.append(
+            {
+                "id": name,
+                "kind": view.kind,
+                "title": made["title"],
+                "caption": " ".join(filter(None, [view.caption, made["thinned"]])),
+                "switches": _switches(view, made),
+                "lines": [(dim, one) for dim, one in made["dims"].items() if one["looks"]] if _is_curved(view) else [],
+                "aspect": _aspect(view, made),
+            }
+        )
         plots[name] = _numbered(json_item(_plot(view, made), ID(f"{name}-plot")), f"{name}-", {})
     return frames, plots
 
@@ -193,17 +175,9 @@ def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
     }
     box = bk.BoxZoomTool(name="zoom", match_aspect=not _is_curved(view))
     hover = bk.HoverTool(name="hover")
-    tools: list[Any] = [
-        box,
-        bk.PanTool(),
-        bk.WheelZoomTool(),
-        bk.ResetTool(),
-        bk.SaveTool(filename=made["title"]),
-        hover,
-    ]
-    for key, tool in KEYS.items():
-        tools.append(tool())
-        tools[-1].update(name=key, visible=False)
+    save = bk.SaveTool(filename=made["title"])
+    keys = [tool.clone(name=key, visible=False) for key, tool in KEYS.items()]
+    tools: list[Any] = [box, bk.PanTool(), bk.WheelZoomTool(), bk.ResetTool(), save, hover, *keys]
     plot = bk.Plot(
         x_range=bk.DataRange1d(),
         y_range=bk.DataRange1d(),
@@ -221,17 +195,20 @@ def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
     return plot
 
 
+def _fonts(title: str) -> dict[str, Any]:
+    """Letters of an axis or a bar, of its title and at its ticks."""
+    look = {"text_font": "system-ui, sans-serif", "text_font_size": f"{SIZE}px", "text_font_style": "normal"}
+    ticks = {**look, "text_font_size": "12px"}
+    return {f"{of}_{key}": value for of, one in ((title, look), ("major_label", ticks)) for key, value in one.items()}
+
+
 def _axis(plot: bk.Plot, place: Any, label: str, name: str | None = None, **look: Any) -> None:
     axis = look.pop("kind", bk.LinearAxis)(
         axis_label=fold(label, ROOMS[0]),
         name=name,
         visible=name is None,
-        axis_label_text_font="system-ui, sans-serif",
-        axis_label_text_font_size=f"{SIZE}px",
-        axis_label_text_font_style="normal",
-        major_label_text_font="system-ui, sans-serif",
-        major_label_text_font_size="12px",
         minor_tick_line_color=None,
+        **_fonts("axis_label"),
         **look,
     )
     plot.add_layout(axis, place)
@@ -253,18 +230,10 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
     dims = [made["dims"][dim] for dim in view.along]
     if view.kind == "field":
         spec |= {"what": "heliostats"}
-        columns = ("x", "y", "width", "height", "angle", "value", "text", "name")
-        source = bk.ColumnDataSource({name: [0, 1] for name in columns}, name="source")
-        mirrors = bk.Rect(
-            x="x",
-            y="y",
-            width="width",
-            height="height",
-            angle="angle",
-            fill_color={"field": "value", "transform": mapper},
-            line_color=f"{GREY}88",
-            line_width=0.4,
-        )
+        sides: dict[str, Any] = {name: name for name in ("x", "y", "width", "height", "angle")}
+        source = bk.ColumnDataSource({name: [0, 1] for name in (*sides, "value", "text", "name")}, name="source")
+        fill: Any = {"field": "value", "transform": mapper}
+        mirrors = bk.Rect(**sides, fill_color=fill, line_color=f"{GREY}88", line_width=0.4)
         hover.update(
             renderers=[plot.add_glyph(source, mirrors)],
             tooltips=_tip(heliostat="@name", value="@text", east_north="@x{0.0}, @y{0.0} m"),
@@ -273,13 +242,10 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
         plot.add_glyph(bk.ColumnDataSource({"x": [0]}), tower)
         titles = ["north (m)", "east (m)"]
     else:
-        sides = [_side(one["at"]) for one in dims]
-        spec |= {
-            "what": "pixels",
-            "steps": [-(-len(one["texts"]) // most) for one, most in zip(dims, MOST_CELLS, strict=True)],
-        }
+        steps = [-(-len(one["texts"]) // most) for one, most in zip(dims, MOST_CELLS, strict=True)]
+        spec |= {"what": "pixels", "steps": steps}
         source = bk.ColumnDataSource({"image": [np.zeros([len(one["texts"]) for one in dims])]}, name="source")
-        (y, height), (x, width) = sides
+        (y, height), (x, width) = (_side(one["at"]) for one in dims)
         pixels = bk.Image(image="image", x=x, y=y, dw=width, dh=height, color_mapper=mapper)
         hover.update(renderers=[plot.add_glyph(source, pixels)], tooltips=_tip(value="@image", at="$x, $y"))
         titles = [one["label"] for one in dims]
@@ -294,10 +260,7 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
         margin=0,
         title_standoff=6,
         bar_line_color=None,
-        title_text_font="system-ui, sans-serif",
-        title_text_font_size=f"{SIZE}px",
-        title_text_font_style="normal",
-        major_label_text_font_size="12px",
+        **_fonts("title"),
     )
     plot.add_layout(bar, "below")
 
@@ -349,9 +312,8 @@ def _curves(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str, A
 
 def _outline(plot: bk.Plot, width: float, height: float, made: Mapping[str, Any]) -> None:
     """A rectangle about the origin, of which the surroundings are seen at first: points far off must not hide it."""
-    frame = bk.Rect(
-        x=0, y=0, width=width, height=height, fill_color=None, line_color=GREY, line_width=1.5, line_dash="dashed"
-    )
+    line: Any = {"line_color": GREY, "line_width": 1.5, "line_dash": "dashed"}
+    frame = bk.Rect(x=0, y=0, width=width, height=height, fill_color=None, **line)
     numbers = [array["values"] for one in made["quantities"] for array in (one, one["across"])]
     far = np.abs(np.concatenate(numbers))
     far = far[np.isfinite(far)]

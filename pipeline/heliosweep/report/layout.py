@@ -38,21 +38,9 @@ def abreast(count: int, most: int) -> int:
 def sheet(
     count: int, columns: int, *, sharex: bool = False, sharey: bool | Literal["row"] = False, wide: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Figure with axes in rows, which `fit` makes as large as they need.
+    """Figure with axes in rows, which `fit` makes as large as they need, and the axes in reading order.
 
-    Parameters
-    ----------
-    count, columns : int
-        Number of axes, and those beside each other.
-    sharex, sharey : bool or "row"
-        Which have the same ends, as in `matplotlib.figure.Figure.subplots`.
-    wide : bool
-        Whether a single column is as wide as a page.
-
-    Returns
-    -------
-    tuple of Figure and list of Axes
-        Axes in reading order.
+    `sharex` and `sharey` are those of `matplotlib.figure.Figure.subplots`; if `wide`, one column is as wide as a page.
     """
     rows = -(-count // columns)
     width = PAGE_WIDTH if wide or columns > 1 else SINGLE_WIDTH
@@ -67,18 +55,7 @@ def sheet(
 def label_outside(axes: Sequence[Axes], columns: int, x: str, y: Sequence[str], own: bool = False) -> None:
     """Label the first axes of each row and the last ones of each column; the others have no numbers.
 
-    Parameters
-    ----------
-    axes : sequence of Axes
-        In reading order.
-    columns : int
-        Axes beside each other.
-    x : str
-        Label of all horizontal axes.
-    y : sequence of str
-        Label of each vertical axis.
-    own : bool
-        Whether each axes has a vertical axis of its own.
+    Axes are in reading order, each with its label in `y`; with `own` each has a vertical axis of its own.
     """
     for index, (one, label) in enumerate(zip(axes, y, strict=True)):
         left, bottom = own or index % columns == 0, index + columns >= len(axes)
@@ -143,14 +120,9 @@ def tick_decades(axis: Axis, low: float, high: float) -> None:
 
 
 def fit(figure: Figure, box: float) -> Figure:
-    """Break texts that are longer than their axes, make the figure as high as it need be, and fix all in its place.
+    """Break texts that are longer than their axes, make a figure as high as it need be, and fix all in its place.
 
-    Parameters
-    ----------
-    figure : Figure
-        From `sheet`.
-    box : float
-        Height over width of the axes.
+    `box` is height over width of the axes.
     """
     engine: Any = figure.get_layout_engine()
     places = [(axes, axes.get_subplotspec()) for axes in figure.axes]

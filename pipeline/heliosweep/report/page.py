@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -24,7 +24,6 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.files import write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
-from heliosweep.report.published import read_published
 from heliosweep.report.style import image, small
 from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
@@ -53,17 +52,6 @@ DRAWN = ".drawn"
 STUDIES = ("study.resolved.yaml", "study.yaml")
 
 
-class Drawn(Protocol):
-    """As much of a family as a page asks for.
-
-    It may also have ``tables(result)``, ``views(result)`` and ``headlines``, see `heliosweep.families.family.Family`.
-    """
-
-    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
-        """Figures of a result, drawn one at a time."""
-        ...
-
-
 class _Environment(Record):
     python: str | None = None
     platform: str | None = None
@@ -89,7 +77,7 @@ class _Manifest(Manifest):
 
 def write_report(
     folder: str | os.PathLike[str],
-    families: Mapping[str, Drawn],
+    families: Mapping[str, Any],
     study: Study | None = None,
     *,
     vector: Sequence[str] = (),
@@ -101,7 +89,7 @@ def write_report(
     folder : path
         Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` (of an
         unpacked archive: ``study.yaml``) are shown where they are. Of a damaged manifest, the page says so.
-    families : mapping of str to Drawn
+    families : mapping of str to Family
         The families by name. A result of any other is told by its numbers and dimensions.
     study : Study, optional
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
@@ -136,23 +124,23 @@ def _page(
     place: Path,
     file: str,
     result: xr.Dataset,
-    families: Mapping[str, Drawn],
+    families: Mapping[str, Any],
     study: Study | None,
     vector: Sequence[str],
 ) -> str:
     from heliosweep.report.interactive import explore, scripts
 
-    family: Any = families.get(json.loads(result.attrs.get("study", "{}")).get("family"))
+    family = families.get(json.loads(result.attrs.get("study", "{}")).get("family"))
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result
     figures = list(_draw(place / FIGURES, family.figures(told) if family else (), vector))
-    views, plots = explore(result, family.views(result) if hasattr(family, "views") else default_views(result))
+    views, plots = explore(result, family.views(result) if family else default_views(result))
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),
         heading=str(result.attrs.get("title", "A result")),
-        headline=sections.headline(result, getattr(family, "headlines", ())),
+        headline=sections.headline(result, family.headlines if family else ()),
         about=" \N{MIDDLE DOT} ".join(
             str(result.attrs[name]) for name in ("source", "study_id") if name in result.attrs
         ),
@@ -161,7 +149,7 @@ def _page(
         comparison=compared and compared.table(result),
         remarks=[*damage, *manifest.get("remarks", ())],
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
-        results=sections.results(result, family.tables(result) if hasattr(family, "tables") else ()),
+        results=sections.results(result, family.tables(result) if family else ()),
         views=views,
         plots=plots,
         scripts=scripts() if views else (),
@@ -242,8 +230,8 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     if published is None:
         stored.unlink(missing_ok=True)
         return None
-    table = read_published(study.resolve(published.file), published.source, published.file)
-    compared = comparison.Compared(comparison.compare(result, table), published.source)
+    table = comparison.read_published(study.resolve(published.file), published.source, published.file)
+    compared = comparison.compare(result, table)
     write_whole(stored, comparison.comparison_csv(compared))
     log.info("%s: %s", compared.source, compared.summary)
     return compared

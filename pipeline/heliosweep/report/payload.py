@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
-from functools import cache
-from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import xarray as xr
-from PIL import ImageFont
 
 from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, title_of, unit_of, value_text
-from heliosweep.report.selection import evenly
+from heliosweep.report.selection import evenly, is_geometric
 from heliosweep.report.views import HELIOSTAT, View, is_joined, is_ordered, position
 
 #: Numbers on one page at the most, of four bytes each.
@@ -36,8 +33,9 @@ WHOLE = 8_000_000
 #: Mirrors without known sides: part of the land that each has; and least part of the field that is seen.
 PACKING, SEEN = 0.55, 1 / 250
 
-#: Lines of a label, their length on narrow and on wide screens, and the size of their letters. [CSS pixel]
-MOST_FOLDS, ROOMS, SIZE = 4, (210, 300), 13
+#: Lines of a label, their length on narrow screens, and on wide ones upwards and to the right, and the size of letters.
+#: [letters, CSS pixel]
+MOST_FOLDS, ROOMS, SIZE = 4, (28, 40, 60), 13
 
 #: Points up to which a line has marks, and the size of these. [CSS pixel]
 MOST_MARKS, MARK = 80, 6
@@ -49,16 +47,7 @@ Kept = dict[str, np.ndarray]
 
 
 def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> dict[str, Any]:
-    """What a view can show: numbers, and words for them.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        The result, of which the parts that are shown are read.
-    view : View
-        From `heliosweep.report.views.usable`.
-    budget : int
-        Numbers at the most.
+    """What a view that is `usable` can show in so many numbers at the most, and words for them.
 
     Returns
     -------
@@ -83,7 +72,11 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
         "quantities": quantities,
         "dims": dims,
         "title": view.title or f"{quantities[0]['heading']} over {first}",
-        "start": {dim: _start(result, dim, value, kept[dim]) for dim, value in view.start.items() if dim in kept},
+        "start": {
+            dim: int(np.argmin(np.abs(kept[dim] - position(result, dim, value))))
+            for dim, value in view.start.items()
+            if dim in kept
+        },
         "thinned": _said(result, kept),
         "places": _places(result, kept) if view.kind == "field" else {},
     }
@@ -113,10 +106,6 @@ def thinned(result: xr.Dataset, view: View, names: Sequence[str], budget: int) -
 
     The longest dimension of numbers gives way first, that of heliostats last; where nothing else is left, the last
     quantities are dropped.
-
-    Returns
-    -------
-    tuple of dict, list of str
     """
     names = list(names)
     sizes = {str(dim): result.sizes[dim] for name in names for dim in result[name].dims}
@@ -216,11 +205,11 @@ def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]
     """Title, label and kind of one dimension, the words for its values, and their places along an axis."""
     kind, joined = "word", False
     if dim not in result.coords:
-        title, texts = dim.replace("_", " "), _labels(result, dim, kept)
+        title, texts = _title(result, dim), _labels(result, dim, kept)
         label, at = title, np.arange(kept.size, dtype=float)
     else:
         coordinate = result[dim].isel({dim: kept})
-        title, label = re.split("[:,]", title_of(coordinate))[0], axis_label(coordinate).split(":")[0]
+        title, label = _title(result, dim), axis_label(coordinate).split(":")[0]
         texts, joined = _texts(result, coordinate, kept), is_joined(result, dim)
         kind, at = _axis(coordinate.to_numpy(), joined)
     return {
@@ -233,6 +222,10 @@ def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]
         "texts": texts,
         "size": MARK if kept.size <= MOST_MARKS or not joined else 0,
     }
+
+
+def _title(result: xr.Dataset, dim: str) -> str:
+    return re.split("[:,]", title_of(result[dim]))[0] if dim in result.coords else dim.replace("_", " ")
 
 
 def _texts(result: xr.Dataset, coordinate: xr.DataArray, kept: np.ndarray) -> list[str]:
@@ -251,15 +244,7 @@ def _axis(values: np.ndarray, joined: bool) -> tuple[str, np.ndarray]:
     if values.dtype.kind not in "fiu":
         return "word", np.arange(values.size, dtype=float)
     at = values.astype(float)
-    return ("power", np.log10(at)) if joined and _is_geometric(at) else ("number", at)
-
-
-def _is_geometric(values: np.ndarray) -> bool:
-    """Whether increasing values have the same ratio over at least a decade: they are drawn by their logarithms."""
-    if values.size < 3 or not values[0] > 0 or values[-1] < 10 * values[0]:
-        return False
-    ratios = values[1:] / values[:-1]
-    return bool(np.all(np.abs(ratios / ratios[0] - 1) < 1e-4))
+    return ("power", np.log10(at)) if joined and is_geometric(at) else ("number", at)
 
 
 def _labels(result: xr.Dataset, dim: str, kept: np.ndarray) -> list[str]:
@@ -275,10 +260,6 @@ def _word(value: xr.DataArray) -> str:
     if value.dtype.kind in "OU" and value.name not in _NAMED:
         return text.replace("_", " ")
     return text.removesuffix("T00:00") if value.dtype.kind == "M" else text
-
-
-def _start(result: xr.Dataset, dim: str, value: float | str, kept: np.ndarray) -> int:
-    return int(np.argmin(np.abs(kept - position(result, dim, value))))
 
 
 def _places(result: xr.Dataset, kept: Kept) -> dict[str, dict[str, Any]]:
@@ -302,39 +283,16 @@ def _said(result: xr.Dataset, kept: Mapping[str, np.ndarray]) -> str:
     parts = []
     for dim, index in kept.items():
         if index.size < result.sizes[dim]:
-            title = re.split("[:,]", title_of(result[dim]))[0] if dim in result.coords else dim.replace("_", " ")
-            parts.append(f"{index.size} of {result.sizes[dim]:,} values of {title}")
+            parts.append(f"{index.size} of {result.sizes[dim]:,} values of {_title(result, dim)}")
     return f"Thinned for this page: {', '.join(parts)}; all are in the data set." if parts else ""
 
 
 def _label(label: str) -> dict[str, Any]:
-    """A label, and folded for narrow and for wide screens."""
+    """A label, and folded for each of the rooms that it may have."""
     return {"label": label, "folded": [fold(label, room) for room in ROOMS]}
 
 
-def fold(label: str, room: float) -> str:
+def fold(label: str, room: int) -> str:
     """A label on several lines where it is longer than its axis, cut off where these are too many."""
-    lines = [""]
-    for word in label.split():
-        longer = f"{lines[-1]} {word}".strip()
-        if lines[-1] and len(lines) < MOST_FOLDS and _width(longer) > room:
-            lines.append(word)
-        else:
-            lines[-1] = longer
-    return "\n".join(_cut(line, room) for line in lines)
-
-
-def _cut(line: str, room: float) -> str:
-    if _width(line) <= room:
-        return line
-    end = next((end for end in range(len(line), 0, -1) if _width(f"{line[:end]}\N{HORIZONTAL ELLIPSIS}") <= room), 1)
-    return f"{line[:end].rstrip()}\N{HORIZONTAL ELLIPSIS}"
-
-
-def _width(text: str) -> float:
-    return _letters().getlength(text)
-
-
-@cache
-def _letters() -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), SIZE)
+    whole = re.sub(r" (\(\S{1,6}\))$", "\N{NO-BREAK SPACE}\\1", label)  # a short unit stays beside its word
+    return "\n".join(textwrap.wrap(whole, room, max_lines=MOST_FOLDS, placeholder="\N{HORIZONTAL ELLIPSIS}"))

@@ -213,18 +213,9 @@ def field_map(here: xr.Dataset, values: np.ndarray, title: str) -> FieldMap | No
 
 
 def symbols(maps: Sequence[FieldMap], sized: bool = False, high: float = np.inf, missing: str = "no value") -> str:
-    """Sentences for a caption: what the symbols of maps mean.
+    """Sentences for a caption: what the symbols of all the maps of a figure mean.
 
-    Parameters
-    ----------
-    maps : sequence of FieldMap
-        All maps of a figure.
-    sized : bool
-        Whether the sizes of the mirrors are known.
-    high : float
-        End of the colour scale.
-    missing : str
-        What has no value.
+    `sized` says whether the sizes of the mirrors are known, `high` where the colours end, `missing` what has no value.
     """
     known = np.concatenate([one.values[np.isfinite(one.x)] for one in maps])
     larger = max(one.magnified() for one in maps) > 1.0

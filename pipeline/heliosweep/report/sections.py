@@ -36,13 +36,9 @@ DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;
 
 
 def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
-    """Tables that the family makes, else the numbers of the whole.
+    """Tables that the family makes, else the numbers of the whole; empty where there is nothing to tell.
 
-    Returns
-    -------
-    dict
-        ``shared``, what is the same at every point; ``tables``; ``described``, pairs of a variable and what it is.
-        Empty where there is nothing to tell.
+    ``shared`` is what is the same at every point, ``described`` holds pairs of a variable and what it is.
     """
     tables = list(tables)
     if tables:
@@ -127,19 +123,9 @@ def _shared(result: xr.Dataset, swept: bool) -> str:
 
 
 def headline(result: xr.Dataset, names: Collection[str]) -> str:
-    """Range of one variable, in words, for the list of all studies.
+    """Range of one variable, in words, for the list of all studies; empty where the result has no numbers.
 
-    Parameters
-    ----------
-    result : xarray.Dataset
-        The result.
-    names : collection of str
-        Variables of which the first that the result has is told; without any, the first with the fewest dimensions.
-
-    Returns
-    -------
-    str
-        Empty where the result has no numbers.
+    It is the first of `names` that the result has; without any, the first variable with the fewest dimensions.
     """
     numbers = [array for array in result.data_vars.values() if array.dtype.kind in "fiu" and not is_flag(array)]
     known = [result[name] for name in names if name in result.data_vars]

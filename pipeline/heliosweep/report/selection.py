@@ -25,6 +25,14 @@ def evenly(length: int, most: int) -> list[int]:
     return sorted({round(place) for place in np.linspace(0, length - 1, min(length, most))})
 
 
+def is_geometric(values: np.ndarray) -> bool:
+    """Whether values have the same ratio over at least a decade: they are drawn by their logarithms."""
+    if values.size < 3 or values.min() <= 0 or values.max() < 10 * values.min():
+        return False
+    ratios = np.diff(np.log(values))
+    return bool(np.allclose(ratios, ratios[0], rtol=1e-4))
+
+
 def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
     """Part of an array at positions along those dimensions that it has, not yet read."""
     everything = {dim: index for point in points for dim, index in point.items()}
@@ -179,14 +187,7 @@ class Shown:
     def note(self, stands: Point, *shown: Iterable[Point], unsaid: str = "") -> str:
         """Sentences for a caption: which of many values are shown, and at which values all else stands.
 
-        Parameters
-        ----------
-        stands : dict
-            Positions of what is not shown.
-        *shown : sequences of dict
-            Points along one dimension each that are shown.
-        unsaid : str
-            A coordinate that does not matter.
+        Each of `shown` holds the points along one dimension; `unsaid` is a coordinate that does not matter.
         """
         parts = []
         for points in map(list, shown):

@@ -199,17 +199,9 @@ def _frame(low: np.ndarray, high: np.ndarray, rim: float, square: bool) -> Ends:
 
 
 def frames(planes: Sequence[Plane]) -> list[Ends]:
-    """Ends of the axes of each panel: the same for all where their sizes are similar.
+    """Ends of the axes of each panel: the same for all where their sizes are similar. [m]
 
-    Parameters
-    ----------
-    planes : sequence of Plane
-        In reading order.
-
-    Returns
-    -------
-    list of ((left, right), (bottom, top))
-        Squares, but for panels that need not be. [m]
+    They are squares, but for panels that need not be.
     """
     ends = [plane.ends() for plane in planes]
     alike = [index for index, plane in enumerate(planes) if plane.square and not plane.alone]

@@ -80,28 +80,16 @@ class View:
     caption: str = ""
 
 
-def default_views(result: xr.Dataset, **start: float | str) -> Iterator[View]:
-    """Views of any result: a map of the field, pictures and curves, as its dimensions allow.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        The result; only its coordinates are read.
-    **start : float or str
-        Where switches stand at first.
-
-    Yields
-    ------
-    View
-    """
+def default_views(result: xr.Dataset) -> Iterator[View]:
+    """Views of any result: a map of the field, pictures and curves, as its dimensions allow; reads coordinates only."""
     names = shown(result)
-    yield View("field", "Map of the field", names, (HELIOSTAT,), less=words(result), start=start)
-    yield View("raster", "Pictures", names, PIXELS, less=words(result), start=start)
+    yield View("field", "Map of the field", names, (HELIOSTAT,), less=words(result))
+    yield View("raster", "Pictures", names, PIXELS, less=words(result))
     numbers = [str(dim) for dim in result.sizes if dim not in PIXELS and is_ordered(result, str(dim))]
     dims = [dim for dim in numbers if dim != HELIOSTAT and result.sizes[dim] >= LEAST_CURVE]
     flat = [name for name in names if not set(PIXELS) <= set(result[name].dims)]
     few = [name for name in flat if HELIOSTAT not in result[name].dims or result.sizes[HELIOSTAT] < FIELD]
-    yield View("curves", "", few or flat, dims, lines=[words(result)], start=start)
+    yield View("curves", "", few or flat, dims, lines=[words(result)])
 
 
 def usable(result: xr.Dataset, views: Iterable[View]) -> list[View]:

@@ -18,13 +18,13 @@ from heliosweep.config.blocks import licence as licence_of
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
 from heliosweep.config.study import Study, yaml_text
-from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
+from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import study_classes
 from heliosweep.files import written_whole
 from heliosweep.runs.verify import verify
-from heliosweep.share.described import DEFAULT, Column, Described, Licence
-from heliosweep.share.texts import METADATA, citation, crate, notebook, readme
-from heliosweep.store.read import Stored, open_stored, tree
+from heliosweep.share.texts import DEFAULT, METADATA, Described, Licence, citation, crate, licence, notebook, readme
+from heliosweep.store.read import open_stored, tree
+from heliosweep.store.targets import target_file
 
 log = logging.getLogger("heliosweep")
 
@@ -77,9 +77,9 @@ def pack_result(
         Where the archive cannot have the name, or the licence is unknown.
     """
     place = Path(folder)
-    target = _target(place, output, force)
-    if license is not None:
-        _checked(license)
+    named = place if place.name not in ("", "..") else place.resolve()
+    target = target_file(output or named.with_name(f"{named.name}.zip"), force, endings=(".zip",))
+    _check_licence(license)
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
@@ -88,29 +88,40 @@ def pack_result(
     manifest = json.loads((place / "manifest.json").read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
-    licence = _licence(study, license)
     if str(manifest.get("environment", {}).get("commit", "")).endswith("-dirty"):
         log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
-    result = place / manifest["result"]["file"]
+    result, inputs = place / manifest["result"]["file"], {places[name]: study.resolve(name) for name in places}
+    keys = {places[name]: key for key, names in study.files().items() for name in names}
     with open_stored(result) as stored:
-        described = _described(study, cleaned(manifest), stored, places, licence)
-    top = f"{study.family}-{study.study_id}"
-    with writing(target, top) as archive:
-        _fill(archive, described, result, {places[name]: study.resolve(name) for name in places}, places)
-    return target
-
-
-def _target(folder: Path, output: str | os.PathLike[str] | None, force: bool) -> Path:
-    named = folder if folder.name not in ("", "..") else folder.resolve()
-    target = named.with_name(f"{named.name}.zip") if output is None else Path(output)
-    if target.suffix.lower() != ".zip":
-        raise StudyError(Problem("an archive's name ends with .zip", file=str(target)))
-    if target.is_dir():
-        raise StudyError(Problem("is a folder", file=str(target)))
-    if target.exists() and not force:
-        raise StudyError(Problem(f"is there already; {FORCE} replaces it", file=str(target)))
-    if not target.absolute().parent.is_dir():
-        raise StudyError(Problem("its folder does not exist", file=str(target)))
+        labels = stored.coordinates
+        described = Described(
+            study,
+            cleaned(manifest),
+            stored.attributes,
+            stored.sizes,
+            {name: one for name, one in stored.variables.items() if name in labels},
+            {name: one for name, one in stored.variables.items() if name not in labels},
+            dict(sorted(keys.items())),
+            _licence(study, license),
+        )
+    texts = {
+        "README.md": readme(described),
+        "LICENSE": licence(described),
+        "CITATION.cff": citation(described),
+        "study.yaml": study_text(study, places),
+        "manifest.json": json.dumps(described.manifest, indent=2, sort_keys=True, ensure_ascii=False) + "\n",
+        "open.ipynb": notebook(described),
+    }
+    files = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}
+    with writing(target, f"{study.family}-{study.study_id}") as archive:  # in one fixed order, whatever the result
+        for name, text in texts.items():
+            archive.add_text(name, text)
+        for name, path in {**dict(sorted(inputs.items())), **(files or {result.name: result})}.items():
+            archive.add_file(name, path)
+        if not files and archive.digests[result.name] != manifest["result"]["sha256"]:
+            raise HeliosweepError(f"{result}: was changed while it was packed")
+        archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
+        archive.add_text("SHA256SUMS", archive.sums)
     return target
 
 
@@ -123,83 +134,15 @@ def _licence(study: Study, given: str | None) -> Licence:
     return Licence(said or DEFAULT)
 
 
-def _checked(license: str) -> None:
-    """Refuse what is no licence."""
+def _check_licence(given: str | None) -> None:
     try:
-        licence_of(license)
+        given is None or licence_of(given)
     except Invalid as error:
-        raise StudyError(Problem(f"{license!r} {error}", key="--license")) from error
-
-
-def _described(
-    study: Study, manifest: Mapping[str, Any], stored: Stored, places: Mapping[str, str], licence: Licence
-) -> Described:
-    columns = {
-        name: Column(
-            name,
-            _units(variable.attrs),
-            str(variable.attrs.get("long_name", "")),
-            tuple(map(str, variable.dims)),
-        )
-        for name, variable in stored.variables.items()
-    }
-    coordinates = set(stored.coordinates)
-    named = {places[name]: key for key, names in study.files().items() for name in names}
-    return Described(
-        study,
-        manifest,
-        stored.attributes,
-        stored.sizes,
-        [column for name, column in columns.items() if name in coordinates],
-        [column for name, column in columns.items() if name not in coordinates],
-        dict(sorted(named.items())),
-        licence,
-    )
-
-
-def _units(attributes: Mapping[str, Any]) -> str:
-    """Units as readers of a table know them; times are decoded when the result is opened."""
-    units = str(attributes.get("units", ""))
-    return "date" if " since " in units else units
-
-
-def _fill(
-    archive: Archive, described: Described, result: Path, files: Mapping[str, Path], places: Mapping[str, str]
-) -> None:
-    """Write everything in one fixed order, the descriptions of it last."""
-    archive.add_text("README.md", readme(described))
-    archive.add_text("LICENSE", described.licence.notice(described.title, described.people))
-    archive.add_text("CITATION.cff", citation(described))
-    archive.add_text("study.yaml", study_text(described.study, places))
-    archive.add_text(
-        "manifest.json", json.dumps(described.manifest, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
-    )
-    archive.add_text("open.ipynb", notebook(described))
-    for name in sorted(files):
-        archive.add_file(name, files[name])
-    if result.is_dir():
-        for name in sorted(tree(result)):
-            archive.add_file(f"{result.name}/{name}", result / name)
-    else:
-        archive.add_file(result.name, result)
-        if archive.digests[result.name] != described.manifest["result"]["sha256"]:
-            raise HeliosweepError(f"{result}: was changed while it was packed")
-    archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
-    archive.add_text("SHA256SUMS", archive.sums)
+        raise StudyError(Problem(f"{given!r} {error}", key="--license")) from error
 
 
 def placed(study: Study) -> dict[str, str]:
-    """Names in the archive of the files that a study names.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    dict of str to str
-        Name in the study: name in the archive. The last part stays as it is, for results have it as a label.
+    """Name in the archive of each file that a study names; the last part stays, for results have it as a label.
 
     Raises
     ------
@@ -235,7 +178,6 @@ def _place(given: str, taken: dict[str, str], key: str) -> str:
 
 def study_text(study: Study, places: Mapping[str, str]) -> str:
     """The study file of an archive: all defaults written out, inputs beside it, without how it was executed."""
-
     text = yaml_text(study.model_copy(update={"execution": None}).resolved(places.__getitem__))
     return f"# Run it where it stands: heliosweep run study.yaml --output again\n{text}"
 
@@ -252,13 +194,6 @@ def cleaned(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 class Archive:
     """A zip file under construction, all of it below one folder.
-
-    Parameters
-    ----------
-    zipped : zipfile.ZipFile
-        Open for writing.
-    top : str
-        Name of the folder.
 
     Attributes
     ----------

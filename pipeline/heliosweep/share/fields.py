@@ -14,7 +14,7 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
-from heliosweep.share.files import target_file
+from heliosweep.store.targets import target_file
 
 #: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
 LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
@@ -63,7 +63,8 @@ def layout_of(study: Study) -> Layout:
     layout = layouts[()]
     heliostat: Any = getattr(study, "heliostat", None)
     sides: dict[str, Any] = {side: getattr(heliostat, side, None) for side in SIZE_COLUMNS}
-    fixed = {side: np.full(len(layout), float(size)) for side, size in sides.items() if _is_fixed(size)}
+    given = {side: size for side, size in sides.items() if size is not None and not isinstance(size, Sweep)}
+    fixed = {side: np.full(len(layout), float(size)) for side, size in given.items()}
     return Layout(layout.x, layout.y, layout.z, {**layout.columns, **fixed}, layout.name, layout.lines)
 
 
@@ -101,7 +102,3 @@ def write_layout(
     file = target_file(path, force)
     (write_solarpilot if form == "solarpilot" else write_csv)(layout, file)
     return file
-
-
-def _is_fixed(size: Any) -> bool:
-    return size is not None and not isinstance(size, Sweep)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import written_whole
-from heliosweep.share.files import target_file
+from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,9 +45,9 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
         An unknown variable, or variables over different dimensions; says which go together.
     """
     chosen = _chosen(result, variables)
-    frame = _frame(chosen, {})
-    named = _named(chosen, frame.columns)
-    frame.attrs["units"] = {named[key] if units else key: unit for key, unit in _units(chosen).items()}
+    frame, named = _frame(chosen), _named(chosen)
+    given = {str(name): one.attrs["units"] for name, one in chosen.variables.items() if "units" in one.attrs}
+    frame.attrs["units"] = {named[name] if units else name: str(unit) for name, unit in given.items()}
     return frame.rename(columns=named) if units else frame
 
 
@@ -88,12 +88,9 @@ def write_csv(
     file = target_file(path, force)
     with written_whole(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         for number, region in enumerate(_regions(chosen)):
-            frame = _frame(chosen, region)
-            if not number:
-                frame = frame.rename(columns=_named(chosen, frame.columns))
-            frame.to_csv(
-                stream, index=False, header=not number, lineterminator="\n", date_format="%Y-%m-%dT%H:%M:%S.%f"
-            )
+            frame = _frame(chosen.isel(region)).rename(columns=_named(chosen))
+            said: dict[str, Any] = {"index": False, "header": not number, "date_format": "%Y-%m-%dT%H:%M:%S.%f"}
+            frame.to_csv(stream, lineterminator="\n", **said)
     return file
 
 
@@ -128,57 +125,35 @@ def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dat
         )
     dims = result[names[0]].dims
     along = [name for name, label in result.coords.items() if label.dims and set(label.dims) <= set(dims)]
-    return result[names].transpose(*dims).reset_coords(drop=False)[[*along, *names]].set_coords(along)
+    whole = result[names].transpose(*dims).reset_coords()[[*along, *names]].set_coords(along)
+    return whole.assign_coords({dim: np.arange(whole.sizes[dim]) for dim in dims if dim not in whole.coords})
 
 
-def _frame(chosen: xr.Dataset, region: Mapping[Hashable, slice]) -> pd.DataFrame:
-    """Return a table of a part, dimensions first, then other coordinates, then variables."""
-    import pandas as pd
-
-    part = chosen.isel(region).compute()
-    dims = next(iter(part.data_vars.values())).dims
-    shape = tuple(part.sizes[dim] for dim in dims)
-    columns: dict[str, np.ndarray] = {}
-    for name in [*dims, *(name for name in part.coords if name not in dims), *part.data_vars]:
-        if name in part.variables:
-            array = part[name]
-        else:  # a dimension without labels: its positions in the whole
-            start = region[name].start or 0 if name in region else 0
-            array = xr.DataArray(np.arange(start, start + part.sizes[name]), dims=name)
-        missing = [dim for dim in dims if dim not in array.dims]
-        values = (
-            array.expand_dims(missing).transpose(*dims).to_numpy() if missing else array.transpose(*dims).to_numpy()
-        )
-        columns[str(name)] = np.broadcast_to(values, shape).ravel()
-    return pd.DataFrame(columns)
+def _frame(part: xr.Dataset) -> pd.DataFrame:
+    """Table of a part, dimensions first, then other coordinates, then variables."""
+    part, dims = part.compute(), next(iter(part.data_vars.values())).dims
+    if not dims:
+        return part.expand_dims("point").to_dataframe().reset_index(drop=True)
+    return part.to_dataframe(dim_order=list(dims)).reset_index()
 
 
 def _regions(chosen: xr.Dataset) -> Iterator[dict[Hashable, slice]]:
     """Cut in pieces of consecutive rows: single positions along the first dimensions, spans along one."""
     first = next(iter(chosen.data_vars.values()))
-    dims, shape = first.dims, first.shape
-    inner = len(dims)
-    while inner and math.prod(shape[inner - 1 :]) <= ROWS_AT_A_TIME:
+    inner = len(first.dims)
+    while inner and math.prod(first.shape[inner - 1 :]) <= ROWS_AT_A_TIME:
         inner -= 1
-    if not inner:
+    *outer, cut = first.dims[:inner] or (None,)
+    if cut is None:
         yield {}
         return
-    cut = dims[inner - 1]
-    length = max(1, ROWS_AT_A_TIME // math.prod(shape[inner:]))
-    for index in np.ndindex(*shape[: inner - 1]):
-        for start in range(0, shape[inner - 1], length):
-            outer = {dim: slice(place, place + 1) for dim, place in zip(dims, index, strict=False)}
-            yield {**outer, cut: slice(start, start + length)}
+    length = max(1, ROWS_AT_A_TIME // math.prod(first.shape[inner:]))
+    for index in np.ndindex(*first.shape[: inner - 1]):
+        places = {dim: slice(place, place + 1) for dim, place in zip(outer, index, strict=True)}
+        yield from ({**places, cut: slice(start, start + length)} for start in range(0, first.sizes[cut], length))
 
 
-def _units(chosen: xr.Dataset) -> dict[str, str]:
-    """Units of all columns that have one."""
-    everything = {**chosen.coords, **chosen.data_vars}
-    given = {str(name): variable.attrs.get("units") for name, variable in everything.items()}
-    return {name: str(unit) for name, unit in given.items() if unit is not None}
-
-
-def _named(chosen: xr.Dataset, columns: Sequence[str] | pd.Index) -> dict[str, str]:
+def _named(chosen: xr.Dataset) -> dict[str, str]:
     """Names of columns with their units, of those that have a unit other than one."""
-    units = _units(chosen)
-    return {name: f"{name} [{units[name]}]" if units.get(name, "1") != "1" else str(name) for name in columns}
+    units = {str(name): one.attrs.get("units", "1") for name, one in chosen.variables.items()}
+    return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}

@@ -30,7 +30,7 @@ from heliosweep.config.study import Study
 from heliosweep.config.times import SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
-from heliosweep.share.files import target_file
+from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 #: ``tower``: rows for SAM's molten-salt power tower. ``generic``: matrix for SAM's generic solar field.
 #: ``solarpilot``: matrix as SolarPILOT's Python interface writes it.
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
-FORMS: tuple[TableForm, ...] = ("tower", "generic", "solarpilot")
 
 #: Directions where nobody gives others: every 15 deg of azimuth, closed, and every 5 deg of elevation. [deg]
 AZIMUTHS = {"start": 0, "stop": 360, "step": 15}
@@ -192,8 +191,8 @@ def write_table(
     HeliosweepError
         The file cannot be written.
     """
-    if form not in FORMS:
-        raise StudyError(Problem(f"unknown form {form!r}; use {', '.join(FORMS)}"))
+    if form not in _ROWS:
+        raise StudyError(Problem(f"unknown form {form!r}; use {', '.join(_ROWS)}"))
     file = target_file(path, force)
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]

@@ -1,4 +1,4 @@
-"""Texts of an archive: README, citation and notebook for readers, RO-Crate 1.1 for machines.
+"""Texts of an archive: README, licence, citation and notebook for readers, RO-Crate 1.1 for machines.
 
 The crate is written by hand: the package `rocrate` dates each one by the clock, so that no two have the same bytes, and
 brings requests, arcp, python-dateutil and click.
@@ -8,18 +8,47 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import yaml
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from heliosweep.config.blocks import Creator
-from heliosweep.share.described import NOBODY, Column, Described
+from heliosweep.config.blocks import OWN, Creator
+from heliosweep.config.study import Study
 
-_SPECIAL = re.compile(r"([|\\])")
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Stands for the creators of a study that names none.
+NOBODY = "The authors of this data set"
+#: Licence of a data set whose study and user name none.
+DEFAULT = "CC-BY-4.0"
 #: Name of the description in its archive.
 METADATA = "ro-crate-metadata.json"
+
+_CC = "https://creativecommons.org"
+_ODC = "https://opendatacommons.org/licenses"
+_KNOWN = {
+    "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", f"{_CC}/licenses/by/4.0/"),
+    "CC-BY-SA-4.0": ("Creative Commons Attribution-ShareAlike 4.0 International", f"{_CC}/licenses/by-sa/4.0/"),
+    "CC-BY-NC-4.0": ("Creative Commons Attribution-NonCommercial 4.0 International", f"{_CC}/licenses/by-nc/4.0/"),
+    "CC0-1.0": ("Creative Commons CC0 1.0 Universal (public domain dedication)", f"{_CC}/publicdomain/zero/1.0/"),
+    "ODbL-1.0": ("Open Database License 1.0", f"{_ODC}/odbl/1-0/"),
+    "ODC-By-1.0": ("Open Data Commons Attribution License 1.0", f"{_ODC}/by/1-0/"),
+    "PDDL-1.0": ("Open Data Commons Public Domain Dedication 1.0", f"{_ODC}/pddl/1-0/"),
+}
+_MEANS = {
+    "CC-BY-4.0": (
+        "You may share and adapt the data for any purpose, also commercially, if you give appropriate credit, link to "
+        "the licence and say what you changed."
+    ),
+    "CC0-1.0": "To the extent possible under law, the creators have waived all rights to the data.",
+}
 
 #: The second one names what schema.org has learned since.
 _CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
@@ -53,168 +82,196 @@ for name, values in data.data_vars.items():
     print(f"{name} [{units}] {tuple(values.dims)}: {values.attrs['long_name']}")"""
 
 
+@dataclass(frozen=True)
+class Licence:
+    """The licence of a data set: an SPDX identifier, or ``LicenseRef-NAME``."""
+
+    text: str
+
+    @property
+    def spdx(self) -> str | None:
+        """SPDX identifier; None for a licence of one's own."""
+        return None if self.text.startswith(OWN) else self.text
+
+    @property
+    def name(self) -> str:
+        """Name, for readers."""
+        return _KNOWN.get(self.text, (self.text,))[0]
+
+    @property
+    def url(self) -> str | None:
+        """Address of its full text; None for a licence of one's own."""
+        return _KNOWN.get(self.text, ("", self.spdx and f"https://spdx.org/licenses/{self.spdx}.html"))[1]
+
+    def notice(self, title: str, people: str) -> str:
+        """The file that goes with the data."""
+        said = ["The creators name the terms."]
+        if self.url:
+            legal = f"{self.url}legalcode" if self.text.startswith("CC") and self.text in _KNOWN else self.url
+            said = [
+                f"This data set is licensed under: {self.name} ({self.spdx}).",
+                *filter(None, [_MEANS.get(self.text)]),
+            ]
+            said.append(f"Full text of the licence: {legal}")
+        return "\n\n".join([f"{title}\n{people}", *said, f"SPDX-License-Identifier: {self.text}\n"])
+
+
+@dataclass(frozen=True)
+class Described:
+    """A data set as its texts tell it.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    manifest : mapping
+        That of its result, cleaned.
+    attributes : mapping
+        Global attributes of the result.
+    sizes : mapping of str to int
+        Dimensions.
+    coordinates, data : mapping of str to xarray.Variable
+        Variables of the result.
+    inputs : mapping of str to str
+        Name of each input in the archive: what it is to the study, its key.
+    licence : Licence
+        Of the data.
+    """
+
+    study: Study
+    manifest: Mapping[str, Any]
+    attributes: Mapping[str, Any]
+    sizes: Mapping[str, int]
+    coordinates: Mapping[str, xr.Variable]
+    data: Mapping[str, xr.Variable]
+    inputs: Mapping[str, str]
+    licence: Licence
+
+    @cached_property
+    def told(self) -> dict[str, Any]:
+        """What the texts say, by the names that they have for it."""
+        attributes, manifest, dataset = self.attributes, self.manifest, self.study.dataset
+        result = str(manifest["result"]["file"])
+        creators = dataset.creators if dataset else ()
+        return {
+            **{one.name: getattr(self, one.name) for one in fields(self)},
+            "title": str(attributes["title"]),
+            "result": result,
+            "is_zarr": result.endswith(".zarr"),
+            "opening": "xr.open_zarr" if result.endswith(".zarr") else "xr.open_dataset",
+            "study_id": str(manifest["study_id"]),
+            "finished": str(manifest["finished"]),  # ISO 8601
+            "software": str(attributes["source"]).removeprefix("heliosweep ").partition(",")[0],
+            "commit": manifest.get("environment", {}).get("commit"),
+            "creators": creators,
+            "people": "; ".join(creator.name for creator in creators) or NOBODY,
+            "doi": dataset.doi if dataset else None,  # without the address of its resolver
+            "references": list(filter(None, str(attributes.get("references", "")).split("; "))),
+        }
+
+
 def readme(described: Described) -> str:
     """README.md: what this is, how to open, cite, verify and rerun it."""
-    opening = "xr.open_zarr" if described.result.endswith(".zarr") else "xr.open_dataset"
-    again = "heliosweep compare . again" if described.result.endswith(".zarr") else "cmp result.nc again/result.nc"
-    commit = described.manifest.get("environment", {}).get("commit")
-    code = f"heliosweep {described.software}" + (f" (commit {commit})" if commit else "")
-    sizes = ", ".join(f"{name} {size}" for name, size in described.sizes.items()) or "none"
-    inputs = "".join(f"- `{name}`: input of the study, `{key}`\n" for name, key in described.inputs.items())
-    return f"""# {described.title}
+    options: dict[str, Any] = {"undefined": StrictUndefined, "trim_blocks": True, "keep_trailing_newline": True}
+    texts = Environment(loader=PackageLoader("heliosweep.share"), **options)
+    texts.filters |= {"cell": _cell, "units": _units}
+    return texts.get_template("README.md").render(described.told)
 
-{described.summary}
 
-## Files
+def _cell(text: str) -> str:
+    """Text in a table of Markdown."""
+    return re.sub(r"([|\\])", r"\\\1", " ".join(text.split()))
 
-- `{described.result}`: the data, {_format(described)}
-- `study.yaml`: the study that they are the result of, with every parameter written out
-{inputs}- `manifest.json`: versions and digests of the result and its parts
-- `SHA256SUMS`: checksums of all files
-- `ro-crate-metadata.json`: this description for machines (RO-Crate 1.1)
-- `CITATION.cff`, `LICENSE`: how to cite, and what is allowed
-- `open.ipynb`: a notebook that opens the data
 
-## Open
+def _units(variable: xr.Variable) -> str:
+    """Units as readers of a table know them; times are decoded when the result is opened."""
+    units = str(variable.attrs.get("units", ""))
+    return "date" if " since " in units else units
 
-```python
-import xarray as xr
 
-data = {opening}("{described.result}")
-```
-
-`ncdump -h` and `data.info()` show the same documentation as the tables below. Missing values are NaN.
-
-Dimensions: {sizes}.
-
-### Variables
-
-{_table(described.data)}
-
-### Coordinates
-
-{_table(described.coordinates)}
-
-## Cite
-
-{described.citation}
-
-Licence: {described.licence.name}{f" <{described.licence.url}>" if described.licence.url else ""}. See `LICENSE`.
-
-{_references(described)}## Verify
-
-```sh
-sha256sum -c SHA256SUMS
-heliosweep verify .
-```
-
-## Rerun
-
-Computed with {code}. The same version of it and of its libraries (`manifest.json`) gives the same bytes:
-
-```sh
-heliosweep run study.yaml --output again
-{again}
-```
-
-Study id: `{described.study_id}`; family: `{described.study.family}`; computed: {described.finished}.
-"""
+def licence(described: Described) -> str:
+    """LICENSE."""
+    return described.licence.notice(described.told["title"], described.told["people"])
 
 
 def citation(described: Described) -> str:
     """CITATION.cff of the data set."""
-    content: dict[str, Any] = {
+    told = described.told
+    study = {"type": "other", "value": told["study_id"], "description": "identifier of the study"}
+    content = {
         "cff-version": "1.2.0",
         "message": "If you use this data set, please cite it as below.",
         "type": "dataset",
-        "title": described.title,
-        "abstract": described.summary,
-        "authors": [_author(creator) for creator in described.creators] or [{"name": NOBODY}],
-        "date-released": described.finished[:10],
-        "keywords": described.keywords,
+        "title": told["title"],
+        "abstract": str(described.attributes["summary"]),
+        "authors": [_author(creator) for creator in told["creators"]] or [{"name": NOBODY}],
+        "date-released": told["finished"][:10],
+        "keywords": str(described.attributes["keywords"]).split(", "),
+        "doi": told["doi"],
+        "identifiers": None if told["doi"] else [study],
+        "license": described.licence.spdx,
+        "references": [
+            {
+                "type": "software",
+                "title": "heliosweep",
+                "version": told["software"],
+                "authors": [{"name": "The heliosweep developers"}],
+            }
+        ],
     }
-    if described.doi:
-        content["doi"] = described.doi
-    else:
-        content["identifiers"] = [
-            {"type": "other", "value": described.study_id, "description": "identifier of the study"}
-        ]
-    if described.licence.spdx:
-        content["license"] = described.licence.spdx
-    content["references"] = [
-        {
-            "type": "software",
-            "title": "heliosweep",
-            "version": described.software,
-            "authors": [{"name": "The heliosweep developers"}],
-        }
-    ]
-    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
+    return yaml.safe_dump(_known(content), sort_keys=False, allow_unicode=True, width=120)
 
 
-def _author(creator: Any) -> dict[str, str]:
+def _author(creator: Creator) -> dict[str, Any]:
     family, comma, given = creator.name.partition(", ")
-    author = {"family-names": family, "given-names": given} if comma else {"name": creator.name}
-    if creator.affiliation and comma:
-        author["affiliation"] = creator.affiliation
-    if creator.email:
-        author["email"] = creator.email
-    if creator.orcid:
-        author["orcid"] = f"https://orcid.org/{creator.orcid}"
-    return author
-
-
-def _format(described: Described) -> str:
-    conventions = described.attributes.get("Conventions", "")
-    return f"{'Zarr version 2' if described.result.endswith('.zarr') else 'NetCDF-4'} ({conventions})"
-
-
-def _references(described: Described) -> str:
-    texts = [text for text in str(described.attributes.get("references", "")).split("; ") if text]
-    return "## References\n\n" + "".join(f"- {text}\n" for text in texts) + "\n" if texts else ""
-
-
-def _table(columns: Sequence[Column]) -> str:
-    rows = [(f"`{c.name}`", ", ".join(c.dims), c.units, c.meaning) for c in columns]
-    lines = [("name", "dimensions", "units", "meaning"), ("---",) * 4, *rows]
-    return "\n".join(
-        "| " + " | ".join(_SPECIAL.sub(r"\\\1", " ".join(cell.split())) for cell in row) + " |" for row in lines
+    return _known(
+        {
+            **({"family-names": family, "given-names": given} if comma else {"name": creator.name}),
+            "affiliation": creator.affiliation if comma else None,
+            "email": creator.email,
+            "orcid": _orcid(creator),
+        }
     )
+
+
+def _orcid(creator: Creator) -> str | None:
+    return f"https://orcid.org/{creator.orcid}" if creator.orcid else None
+
+
+def _known(entity: Mapping[str, Any]) -> dict[str, Any]:
+    """The same without what is not known."""
+    return {key: value for key, value in entity.items() if value}
 
 
 def notebook(described: Described) -> str:
     """open.ipynb, format 4.5, without outputs."""
-    opening = "xr.open_zarr" if described.result.endswith(".zarr") else "xr.open_dataset"
-    first = described.data[0].name
+    told, (first, variable) = described.told, next(iter(described.data.items()))
     look = f'data["{first}"]'
-    if described.data[0].dims:
+    if variable.dims:
         look += f'.isel({{dim: slice(0, 5) for dim in data["{first}"].dims}}).to_series().head(20)'
-    needs = "zarr" if described.result.endswith(".zarr") else "netCDF4"
-    cells = [
-        _cell("markdown", f"# {described.title}\n\n{described.summary}\n\nNeeds xarray and {needs}."),
-        _cell("code", f'import xarray as xr\n\ndata = {opening}("{described.result}")\ndata'),
-        _cell("markdown", "What each variable means:"),
-        _cell("code", _MEANINGS),
-        _cell("markdown", f"The values of `{first}`, as a table:"),
-        _cell("code", look),
+    needs = "zarr" if told["is_zarr"] else "netCDF4"
+    texts = [
+        f"# {told['title']}\n\n{described.attributes['summary']}\n\nNeeds xarray and {needs}.",
+        f'import xarray as xr\n\ndata = {told["opening"]}("{told["result"]}")\ndata',
+        "What each variable means:",
+        _MEANINGS,
+        f"The values of `{first}`, as a table:",
+        look,
     ]
-    for number, cell in enumerate(cells):
-        cell["id"] = f"cell-{number}"
-    content = {
-        "cells": cells,
-        "metadata": {
-            "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
-            "language_info": {"name": "python"},
-        },
-        "nbformat": 4,
-        "nbformat_minor": 5,
+    ran: list[dict[str, Any]] = [
+        {"cell_type": "markdown"},
+        {"cell_type": "code", "execution_count": None, "outputs": []},
+    ]
+    cells = [
+        {**ran[number % 2], "id": f"cell-{number}", "metadata": {}, "source": text.splitlines(keepends=True)}
+        for number, text in enumerate(texts)
+    ]
+    metadata = {
+        "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+        "language_info": {"name": "python"},
     }
+    content = {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
     return json.dumps(content, indent=1, ensure_ascii=False, sort_keys=True) + "\n"
-
-
-def _cell(kind: str, text: str) -> dict[str, Any]:
-    cell: dict[str, Any] = {"cell_type": kind, "metadata": {}, "source": text.splitlines(keepends=True)}
-    return cell | {"execution_count": None, "outputs": []} if kind == "code" else cell
 
 
 def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, int]) -> str:
@@ -227,11 +284,33 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
     digests, sizes : mapping
         SHA-256 and size of each file in the archive, by name. [bytes]
     """
-    stored = f"{described.result}/" if described.result.endswith(".zarr") else described.result
-    names = [name for name in digests if not name.startswith(f"{described.result}/")]
-    parts = [*([stored] if stored.endswith("/") else []), *names, "SHA256SUMS"]
-    people, organizations = _people(described)
-    graph = [
+    told, licence, summary = described.told, described.licence, str(described.attributes["summary"])
+    doi, result, commit, released = told["doi"], told["result"], told["commit"], told["finished"][:10]
+    stored = f"{result}/" if told["is_zarr"] else result
+    names = [name for name in digests if not name.startswith(f"{result}/")] + ["SHA256SUMS"]
+    names_of = {**_NAMES, **{name: f"Input of the study: {key}" for name, key in described.inputs.items()}}
+    terms = licence.url or "LICENSE"
+    people, organizations = _people(told["creators"])
+    files = [
+        {
+            "@id": _id(name),
+            "@type": "File",
+            "name": "The data" if name == result else names_of.get(name, name),
+            "description": summary if name == result else None,
+            "encodingFormat": _TYPES.get(PurePath(name).suffix.lower(), "text/plain"),
+            "contentSize": str(sizes[name]) if name in sizes else None,
+            "sha256": digests.get(name),
+        }
+        for name in names
+    ]
+    zarr = {
+        "@id": stored,
+        "@type": "Dataset",
+        "name": "The data, Zarr version 2",
+        "description": summary,
+        "encodingFormat": "application/vnd+zarr",
+    }
+    graph: list[dict[str, Any]] = [
         {
             "@id": METADATA,
             "@type": "CreativeWork",
@@ -241,36 +320,50 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
         {
             "@id": "./",
             "@type": "Dataset",
-            "name": described.title,
-            "description": described.summary,
-            "datePublished": described.finished[:10],
-            "keywords": ", ".join(described.keywords),
-            "identifier": f"https://doi.org/{described.doi}" if described.doi else described.study_id,
-            "license": {"@id": _licence_id(described)},
+            "name": told["title"],
+            "description": summary,
+            "datePublished": released,
+            "keywords": str(described.attributes["keywords"]),
+            "identifier": f"https://doi.org/{doi}" if doi else told["study_id"],
+            "license": {"@id": terms},
             "creator": _linked(person["@id"] for person in people),
             "author": _linked(person["@id"] for person in people),
             "publisher": {"@id": (organizations or people)[0]["@id"]},
-            "hasPart": _linked(map(_id, parts)),
+            "hasPart": _linked(map(_id, [*([stored] if told["is_zarr"] else []), *names])),
             "mentions": {"@id": "#run"},
-            "variableMeasured": ", ".join(column.name for column in described.data),
+            "variableMeasured": ", ".join(described.data),
         },
-        *([_zarr(described, stored)] if stored.endswith("/") else []),
-        *(_file(described, name, digests.get(name), sizes.get(name)) for name in (*names, "SHA256SUMS")),
+        *([zarr] if told["is_zarr"] else []),
+        *files,
         {
             "@id": "#run",
             "@type": "CreateAction",
-            "name": f"heliosweep run of study {described.study_id}",
-            "endTime": described.finished,
+            "name": f"heliosweep run of study {told['study_id']}",
+            "endTime": told["finished"],
             "instrument": {"@id": "#heliosweep"},
             "object": _linked(map(_id, ("study.yaml", *described.inputs))),
             "result": {"@id": _id(stored)},
         },
-        _software(described),
-        _licence(described),
+        {
+            "@id": "#heliosweep",
+            "@type": "SoftwareApplication",
+            "name": "heliosweep",
+            "version": told["software"],
+            "description": "Batch studies of solar-concentrator tracking and optics",
+            "identifier": commit and f"commit {commit}",
+        },
+        {
+            "@id": terms,
+            "@type": "CreativeWork",
+            "name": licence.name,
+            "identifier": licence.spdx,
+            "description": licence.notice(told["title"], told["people"]),
+        },
         *people,
         *organizations,
     ]
-    return json.dumps({"@context": _CONTEXT, "@graph": graph}, indent=2, ensure_ascii=False) + "\n"
+    content = {"@context": _CONTEXT, "@graph": [_known(entity) for entity in graph]}
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 def _linked(ids: Iterable[str]) -> Any:
@@ -284,70 +377,19 @@ def _id(name: str) -> str:
     return quote(name, safe="/-_.~")
 
 
-def _file(described: Described, name: str, digest: str | None, size: int | None) -> dict[str, Any]:
-    suffix = f".{name.rpartition('.')[2].lower()}" if "." in name else ""
-    entity: dict[str, Any] = {"@id": _id(name), "@type": "File"}
-    if name == described.result:
-        entity |= {"name": "The data", "description": described.summary}
-    elif name in described.inputs:
-        entity["name"] = f"Input of the study: {described.inputs[name]}"
-    else:
-        entity["name"] = _NAMES.get(name, name)
-    entity["encodingFormat"] = _TYPES.get(suffix, "text/plain")
-    if digest is not None:
-        entity |= {"contentSize": str(size), "sha256": digest}
-    return entity
-
-
-def _zarr(described: Described, stored: str) -> dict[str, Any]:
-    return {
-        "@id": stored,
-        "@type": "Dataset",
-        "name": "The data, Zarr version 2",
-        "description": described.summary,
-        "encodingFormat": "application/vnd+zarr",
-    }
-
-
-def _software(described: Described) -> dict[str, Any]:
-    entity: dict[str, Any] = {
-        "@id": "#heliosweep",
-        "@type": "SoftwareApplication",
-        "name": "heliosweep",
-        "version": described.software,
-        "description": "Batch studies of solar-concentrator tracking and optics",
-    }
-    if commit := described.manifest.get("environment", {}).get("commit"):
-        entity["identifier"] = f"commit {commit}"
-    return entity
-
-
-def _licence_id(described: Described) -> str:
-    return described.licence.url or "LICENSE"
-
-
-def _licence(described: Described) -> dict[str, Any]:
-    entity = {"@id": _licence_id(described), "@type": "CreativeWork", "name": described.licence.name}
-    if described.licence.spdx:
-        entity["identifier"] = described.licence.spdx
-    return entity | {"description": described.licence.notice(described.title, described.people)}
-
-
-def _people(described: Described) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _people(creators: Iterable[Creator]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Creators, and the organizations that they belong to."""
-    if not described.creators:
-        return [{"@id": "#authors", "@type": "Organization", "name": NOBODY}], []
-    names = dict.fromkeys(creator.affiliation for creator in described.creators if creator.affiliation)
+    names = dict.fromkeys(creator.affiliation for creator in creators if creator.affiliation)
     ids = {name: f"#organization-{number}" for number, name in enumerate(names, 1)}
-    people = [_person(creator, number, ids) for number, creator in enumerate(described.creators, 1)]
-    return people, [{"@id": place, "@type": "Organization", "name": name} for name, place in ids.items()]
-
-
-def _person(creator: Creator, number: int, organizations: Mapping[str, str]) -> dict[str, Any]:
-    place = f"https://orcid.org/{creator.orcid}" if creator.orcid else f"#creator-{number}"
-    person: dict[str, Any] = {"@id": place, "@type": "Person", "name": creator.name}
-    if creator.affiliation:
-        person["affiliation"] = {"@id": organizations[creator.affiliation]}
-    if creator.email:
-        person["email"] = creator.email
-    return person
+    people = [
+        {
+            "@id": _orcid(creator) or f"#creator-{number}",
+            "@type": "Person",
+            "name": creator.name,
+            "affiliation": creator.affiliation and {"@id": ids[creator.affiliation]},
+            "email": creator.email,
+        }
+        for number, creator in enumerate(creators, 1)
+    ]
+    organizations = [{"@id": place, "@type": "Organization", "name": name} for name, place in ids.items()]
+    return people or [{"@id": "#authors", "@type": "Organization", "name": NOBODY}], organizations

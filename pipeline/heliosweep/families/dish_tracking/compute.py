@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from heliosweep.families.dish_tracking import statistics
 from heliosweep.families.dish_tracking.variables import ANNUAL, DAILY, DIRECTIONS, MONTHLY, directed, variables
 from heliosweep.families.dish_tracking.windows import windows_of
 from heliosweep.grid.clock import DATE, instant_count
@@ -32,6 +32,10 @@ BYTES_PER_INSTANT = 120
 
 #: Tilts that are tried before the interval is halved, so many times: to 1e-13 of it. [deg]
 SCAN, BISECTIONS = (0.0, *np.geomspace(1e-3, 45.0, 48).tolist()), 43
+
+Floats = NDArray[np.float64]
+#: Factors that differ by less are equal but for rounding: a rigid mount leans alike in phi and phi + 180 deg. [1]
+TIE = 1e-12
 
 _MODELS = {"rigid": dish.RIGID, "untilted_home_axes": dish.UNTILTED_HOME_AXES}
 _SITE = ("site.latitude", "site.longitude", "site.altitude")
@@ -119,19 +123,7 @@ def prepare(study: DishTrackingStudy) -> tuple[float, bool]:
 def compute(study: DishTrackingStudy, inputs: None, region: Region) -> xr.Dataset:
     """Factors and errors of every date, dates without an instant that counts, and the largest tolerable tilts.
 
-    Parameters
-    ----------
-    study : DishTrackingStudy
-        Checked study.
-    inputs : None
-        No files.
-    region : Region
-        Along the swept dimensions.
-
-    Returns
-    -------
-    xarray.Dataset
-        Factors and errors are NaN where no instant of a date counts.
+    Factors and errors are NaN where no instant of a date counts.
     """
     parameters = Parameters(study, region)
     swept, days = tuple(parameters.sizes.values()), len(study.time.date_list())
@@ -241,13 +233,13 @@ def finish(study: DishTrackingStudy, inputs: None, region: Region, computed: xr.
     parameters, factor = Parameters(study, region), computed["effective_tracking_factor"]
     made: dict[str, xr.DataArray] = {}
     if directed(study):
-        made |= _reduced(DIRECTIONS, statistics.mean_and_deviation, factor, "axis_tilt_direction")
+        made |= _reduced(DIRECTIONS, mean_and_deviation, factor, "axis_tilt_direction")
     if computed.sizes["date"] > 1:
-        made |= _reduced(ANNUAL, statistics.over_dates, factor, "date")
+        made |= _reduced(ANNUAL, over_dates, factor, "date")
         # Published results of one place were summed in another order than those of several.
-        total = statistics.one_by_one if parameters.site_dims else statistics.pairwise
-        over_months = partial(statistics.over_months, month=_months(study)[1], total=total)
-        made |= _reduced(MONTHLY, over_months, factor, "date", "month")
+        total = one_by_one if parameters.site_dims else pairwise
+        monthly = partial(over_months, month=_months(study)[1], total=total)
+        made |= _reduced(MONTHLY, monthly, factor, "date", "month")
         dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
         made["date_of_min"] = _label_of_least(factor, "date", dates)
         made["date_of_max"] = _label_of_least(-factor, "date", dates)
@@ -267,7 +259,52 @@ def _reduced(
 
 
 def _label_of_least(values: xr.DataArray, dim: str, labels: np.ndarray) -> xr.DataArray:
-    return xr.apply_ufunc(partial(statistics.label_of_least, labels=labels), values, input_core_dims=[[dim]])
+    return xr.apply_ufunc(partial(label_of_least, labels=labels), values, input_core_dims=[[dim]])
+
+
+# Statistics along the last axis: over the dates, or over the directions of a tilt. Missing values (NaN) are left out; a
+# statistic of none is missing.
+
+
+def pairwise(values: Floats) -> Floats:
+    """Sum along the last axis in NumPy's order for contiguous values."""
+    return np.sum(np.ascontiguousarray(values), axis=-1)
+
+
+def one_by_one(values: Floats) -> Floats:
+    """Sum along the last axis from its first value to its last."""
+    return np.cumsum(values, axis=-1)[..., -1]
+
+
+def mean_and_deviation(values: Floats, total: Callable[[Floats], Floats] = pairwise) -> tuple[Floats, Floats]:
+    """Mean and sample standard deviation (n - 1), summed by `total`; NaN of fewer than 1 and 2 values."""
+    known = np.isfinite(values)
+    count = np.count_nonzero(known, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total(np.where(known, values, 0.0)) / count
+        squares = total(np.where(known, values - mean[..., np.newaxis], 0.0) ** 2)
+        deviation = np.sqrt(squares / np.maximum(count - 1, 0))
+    return mean, np.where(count > 1, deviation, np.nan)
+
+
+def over_dates(values: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Mean, sample standard deviation, minimum and maximum."""
+    return *mean_and_deviation(values), np.fmin.reduce(values, axis=-1), np.fmax.reduce(values, axis=-1)
+
+
+def over_months(values: Floats, month: NDArray[np.int64], total: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+    """Mean and sample standard deviation of each month, along a new last axis, from the month of each value."""
+    parts = [mean_and_deviation(values[..., month == number], total) for number in range(month.max() + 1)]
+    mean, deviation = (np.stack(column, axis=-1) for column in zip(*parts, strict=True))
+    return mean, deviation
+
+
+def label_of_least(values: Floats, labels: NDArray[Any]) -> NDArray[Any]:
+    """Label, a date or a direction, of the least value; the first of several, missing without a value."""
+    known, missing = np.isfinite(values), labels.dtype.type("NaT" if labels.dtype.kind == "M" else "nan")
+    heights = np.where(known, values, np.inf)
+    first = np.argmax(heights <= heights.min(axis=-1, keepdims=True) + TIE, axis=-1)
+    return np.where(known.any(axis=-1), labels[first], missing)
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:

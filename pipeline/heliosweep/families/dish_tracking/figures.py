@@ -91,17 +91,7 @@ class _Dishes(Shown):
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Figures of a result, each drawn when it is asked for.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        From `heliosweep.open_result`; values are read as they are needed.
-
-    Yields
-    ------
-    NamedFigure
-    """
+    """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
     shown = _Dishes(result)
     return islice(chain.from_iterable(draw(shown) for draw in _FIGURES), MOST_FIGURES)
 

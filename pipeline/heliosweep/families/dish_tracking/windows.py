@@ -29,25 +29,10 @@ REFINEMENTS = 5
 def windows_of(
     time: DishTime, ephemeris: Ephemeris, timezone: str, latitude: float, longitude: float, altitude: float
 ) -> Windows:
-    """Sun vectors of the instants that count at a site, window by window.
+    """Sun vectors of the instants that count at a site, window by window; a date without any has no weight.
 
-    Parameters
-    ----------
-    time : DishTime
-        Dates, window and sampling.
-    ephemeris : Ephemeris
-        Settings of the sun.
-    timezone : str
-        Whose clock the dates and windows are on.
-    latitude, longitude : float
-        Positive north and east. [deg]
-    altitude : float
-        Above sea level. [m]
-
-    Returns
-    -------
-    Windows
-        For `tracking.window_errors`; the window of a date without a counting instant has no weight.
+    Latitude and longitude are positive north and east [deg], the altitude is above sea level [m]; the dates and windows
+    are on the clock of the time zone.
     """
 
     def sun(utc: Stamps) -> NDArray[np.float64]:

@@ -108,19 +108,7 @@ def inputs(study: FieldEfficiencyStudy) -> LayoutAxis:
 def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) -> xr.Dataset:
     """Efficiencies of every heliostat of a region: means over the instants, or at each where it has ``time``.
 
-    Parameters
-    ----------
-    study : FieldEfficiencyStudy
-        Checked study.
-    layouts : LayoutAxis
-        Its layouts.
-    region : Region
-        Along the swept dimensions, ``heliostat`` and, for time series, ``time``.
-
-    Returns
-    -------
-    xarray.Dataset
-        NaN where a shorter layout is padded, and where the sun is down: at that instant, or always.
+    NaN where a shorter layout is padded, and where the sun is down: at that instant, or always.
     """
     parameters = Parameters(study, region)
     suns, series = Suns(parameters), "time" in region

@@ -16,7 +16,7 @@ from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import COLUMNS, FieldMap, Shades, about_zero, field_map, picture_figure, symbols, within
-from heliosweep.report.selection import Point, Shown, at, evenly
+from heliosweep.report.selection import Point, Shown, at, evenly, is_geometric
 
 #: Latitudes (or sites, layouts, ...) of which maps are drawn; latitudes from which on curves say more than the maps.
 MOST_MAPS, LEAST_LATITUDES = 6, 4
@@ -37,17 +37,7 @@ _CURVES = ("optical", "cosine", "shading", "blocking")
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Figures of a result, each drawn when it is asked for.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        From `heliosweep.open_result`; values are read as they are needed.
-
-    Yields
-    ------
-    NamedFigure
-    """
+    """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
     shown = Shown(result)
     dims = [str(dim) for dim in result[f"field_{_MAPPED}"].dims]
     others = [dim for dim in dims if dim != _METHOD]
@@ -136,17 +126,9 @@ def _curves(shown: Shown, methods: list[dict[str, int]], others: list[str]) -> I
             for name, label in names.items()
             for lines in [[(one, 100 * at(shown.result[name], stands, one)) for one in methods]]
         ]
-        figure = curve_figure(panels, shown.label(dim), logarithmic=_is_geometric(shown.result[dim].to_numpy()))
+        figure = curve_figure(panels, shown.label(dim), logarithmic=is_geometric(shown.result[dim].to_numpy()))
         caption = f"Mean efficiencies of the field over the period against {shown.title(dim)}.{shown.note(stands)}"
         yield NamedFigure(f"efficiency_over_{dim}", caption, figure)
-
-
-def _is_geometric(values: np.ndarray) -> bool:
-    """Whether values are evenly spaced on a logarithmic axis, over more than a decade."""
-    if values.size < 3 or values.min() <= 0 or values.max() < 10 * values.min():
-        return False
-    ratios = np.diff(np.log(values))
-    return bool(np.allclose(ratios, ratios[0], rtol=1e-6))
 
 
 def _day_courses(shown: Shown, stands: Point, methods: list[dict[str, int]], along: str | None) -> NamedFigure:
@@ -175,16 +157,7 @@ def _day_courses(shown: Shown, stands: Point, methods: list[dict[str, int]], alo
 def field_means(here: xr.Dataset, part: slice) -> np.ndarray:
     """Mean over the heliostats at some instants of one parameter point, in percent; NaN with the sun down.
 
-    Parameters
-    ----------
-    here : xarray.Dataset
-        The point; its series has the dimensions ``time`` and ``heliostat``.
-    part : slice
-        Instants; read in pieces of bounded size.
-
-    Returns
-    -------
-    ndarray, shape (instants,)
+    The series of the point has the dimensions ``time`` and ``heliostat``; it is read in pieces of bounded size.
     """
     series = here[_SERIES]
     area = xr.ones_like(here["x"], dtype=float)

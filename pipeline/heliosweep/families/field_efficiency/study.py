@@ -189,13 +189,8 @@ def _points(
 ) -> Iterator[tuple[Layout, dict[str, Any]]]:
     """The layouts, each with the values of all keys that come together with it and matter.
 
-    Parameters
-    ----------
-    study : FieldEfficiencyStudy
-        The study.
-    worst : mapping of str to callable
-        The keys that matter beside those of the layout, and which of their values is the worst, `min` or `max`: the
-        only one to look at where nothing that matters is tied to the key.
+    `worst` names those beside the keys of the layout, and which of their values is the worst, `min` or `max`: the only
+    one to look at where nothing that matters is tied to the key.
     """
     layouts = Layouts(study, RESERVED)
     given = {key: value for key, _, value in parameters(study)}

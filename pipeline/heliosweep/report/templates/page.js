@@ -73,7 +73,9 @@ async function show(view) {
     else if (less) [low, high] = [-end, end];
     const room = low < high ? 0 : 0.5;
     mapper.setv({ palette: mapper.tags[less ? 1 : 0], low: low - room, high: high + room });
-    named('bar').title = shown.folded[wide];
+    named('bar').title = shown.folded[2 * wide];
+    const across = spec.dims[drawn[1]];
+    if (across) figure.below[0].axis_label = across.folded[2 * wide];
     if (source.data.image) source.data.image[0].set(values);
     else {
       const places = Object.entries(spec.places).map(([side, array]) => [side, slice(array, drawn, at)]);
@@ -100,7 +102,7 @@ async function show(view) {
       };
     }
     for (const part of [...figure.below, ...figure.center]) part.visible = !part.name || part.name === along;
-    figure.below.find((one) => one.visible).axis_label = (quantity.across || dim).folded[wide];
+    figure.below.find((one) => one.visible).axis_label = (quantity.across || dim).folded[2 * wide];
     figure.left[0].axis_label = shown.folded[wide];
     // Where nothing has a value, axes need something to stand on.
     named('nothing').data_source.data = told.length ? { x: [], y: [] } : { x: [dim.at[0], dim.at.at(-1)], y: [0, 1] };
