@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from heliosweep.kernels.gazing.camera_images import camera_set, heliostat, levels
-from heliosweep.kernels.gazing.geometry import Scene, camera_square, scene
-from heliosweep.kernels.gazing.mirror import MirrorGrid, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import MirrorGrid, Scene, camera_square, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.rectification import pinholes
-from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, levels, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope, jose, render
 from heliosweep.kernels.sun.tables import disc_profile
 

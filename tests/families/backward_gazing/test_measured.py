@@ -6,15 +6,14 @@ from PIL import Image
 
 import heliosweep
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing import points
-from heliosweep.families.backward_gazing.measured import compute
-from heliosweep.families.backward_gazing.measured.compute import remarks
-from heliosweep.families.backward_gazing.measured.image_files import read_picture
-from heliosweep.families.backward_gazing.simulated import compute as simulated
+from heliosweep.families.backward_gazing import measured as mode
+from heliosweep.families.backward_gazing import points, simulated
+from heliosweep.families.backward_gazing.files import read_picture
+from heliosweep.families.backward_gazing.measured import remarks
 from heliosweep.kernels.gazing import lm as gazing_lm
-from heliosweep.kernels.gazing.mirror import eroded, maps, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.gazing.rectification import outline, pinholes, places_of
+from heliosweep.kernels.gazing.rectification import pinholes, places_of
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
 
@@ -408,7 +407,7 @@ def test_a_bad_profile_is_said_once(write, tmp_path):
 
 def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
     """All of module 2 said not to have converged: its slopes are shown, its estimates are missing."""
-    solve = compute.reconstruct
+    solve = mode.reconstruct
 
     def failing(*given):
         found = solve(*given)
@@ -416,7 +415,7 @@ def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
         found.quality[0, grid.pixel_module == 1] |= 1
         return found
 
-    monkeypatch.setattr(compute, "reconstruct", failing)
+    monkeypatch.setattr(mode, "reconstruct", failing)
     result = result_of(write(heliostat={"focal_length": 120, "pixel": 0.1}))
     assert np.isnan(result["canting_x"].sel(LM).sel({"module": 2}).item())
     assert np.isfinite(result["canting_x"].sel(LM).sel({"module": 3}).item())

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.families.backward_gazing.figures import MOST_FIGURES, figures
-from heliosweep.families.backward_gazing.measured.variables import MEASURED
+from heliosweep.families.backward_gazing.variables import MEASURED
 from heliosweep.report.comparison import Comparison, told
 from heliosweep.report.style import image
 from tests.families.backward_gazing import report_results as results

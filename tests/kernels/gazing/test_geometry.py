@@ -10,6 +10,7 @@ from heliosweep.kernels.gazing.geometry import (
     EXACT,
     NONE,
     ROLL,
+    Modules,
     basis,
     camera_ray,
     camera_square,
@@ -19,7 +20,6 @@ from heliosweep.kernels.gazing.geometry import (
     scene,
     transfers,
 )
-from heliosweep.kernels.gazing.mirror import Modules
 from heliosweep.kernels.gazing.rendering import module_spheres, sphere_point
 from tests.kernels.gazing import twin
 from tests.kernels.gazing.twin import sun_offsets

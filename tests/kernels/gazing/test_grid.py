@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import minimum_filter
 
-from heliosweep.kernels.gazing.mirror import Modules, eroded, maps, mirror_grid, on_modules, themis_8
+from heliosweep.kernels.gazing.geometry import Modules, eroded, maps, mirror_grid, on_modules, themis_8
 
 
 def test_heliostat_of_themis():

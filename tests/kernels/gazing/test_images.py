@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.kernels.gazing.mirror import Modules, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, themis_8
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, trace, waviness
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy

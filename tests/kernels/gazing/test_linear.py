@@ -5,19 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from heliosweep.kernels.gazing.geometry import EXACT, NONE, ROLL, scene, transfers
+from heliosweep.kernels.gazing.geometry import EXACT, NONE, ROLL, eroded, scene, themis_8, transfers
 from heliosweep.kernels.gazing.linear import (
     ideal_squares,
     ideal_wavefront,
     lit_counts,
-    method_a,
     slope_bound,
     solutions,
     transferred,
     wavefront_departures,
 )
 from heliosweep.kernels.gazing.lm import fit_slopes
-from heliosweep.kernels.gazing.mirror import eroded, themis_8
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
@@ -29,7 +27,7 @@ MRAD = 1e-3
 
 def reconstructed(layout, grid, images, profile=None):
     profile = profile or jose()
-    return method_a(images, layout, profile, grid.pixel_y, grid.pixel_z, transfers(layout))
+    return twin.by_kernels(images, layout, profile, grid.pixel_y, grid.pixel_z, transfers(layout))
 
 
 def table_errors(layout, grid, profile, canting=None):

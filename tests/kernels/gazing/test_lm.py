@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, scene, transfers
-from heliosweep.kernels.gazing.linear import method_a, slope_bound
+from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, eroded, scene, themis_8, transfers
+from heliosweep.kernels.gazing.linear import slope_bound
 from heliosweep.kernels.gazing.lm import GRADUATION, NOT_CONVERGED, OUTSIDE, UNLIT, fit_slopes, graduated
-from heliosweep.kernels.gazing.mirror import eroded, themis_8
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.search import merits, search_slopes
 from heliosweep.kernels.sun.profiles import jose, table_profile
@@ -24,7 +23,7 @@ def pictures(grid, profile, canting=FLAT, wavy=None, focal_length=120.0):
 
 
 def start(grid, images, profile):
-    slopes, _ = method_a(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
+    slopes, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
     return slopes[EXACT]
 
 
@@ -161,7 +160,7 @@ def test_without_graduation_the_search_sticks_at_its_start():
 
     def errors(profile, stages):
         def method(grid, images, _):
-            first = method_a(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))[0][NONE]
+            first = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))[0][NONE]
             return fit_slopes(LAYOUT, stages, images, grid.pixel_y, grid.pixel_z, first)
 
         return table_errors(twin.paper_grid(0.2), profile, method)

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.gazing.geometry import EXACT, transfers
-from heliosweep.kernels.gazing.linear import method_a
-from heliosweep.kernels.gazing.mirror import Modules, eroded, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import EXACT, Modules, eroded, mirror_grid, themis_8, transfers
 from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
 from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose
@@ -48,7 +46,7 @@ def test_through_method_a_and_its_own_reference():
     maps = []
     for canting in (0.3 * twin.paper_canting(), FLAT):
         images, _ = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting))
-        found, _ = method_a(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
+        found, _ = twin.by_kernels(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
         maps.append(found[0])
     found = estimates(maps[0], grid, reference=maps[1])
     np.testing.assert_allclose(found.canting.T, 0.3 * twin.paper_canting(), atol=2e-3 * MRAD)

@@ -12,13 +12,12 @@ import numpy as np
 from heliosweep.config.study import parameters
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.profile_file import read_profile
-from heliosweep.families.backward_gazing.values import module_number
-from heliosweep.kernels.gazing.mirror import mirror_grid
+from heliosweep.families.backward_gazing.files import read_profile
+from heliosweep.kernels.gazing import geometry
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
-    from heliosweep.families.backward_gazing.measured.images import Shots
+    from heliosweep.families.backward_gazing.shots import Shots
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
 #: Pixels of a mirror that any machine could hold.
@@ -64,26 +63,17 @@ def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
     return list(dict.fromkeys(problems)), list(dict.fromkeys(notes))
 
 
-def _places(arrangement: str, radius: float) -> np.ndarray:
-    """Cameras in the plane of the target, shape (4, 2), in the order of `geometry.camera_square`. [m]"""
-    if arrangement == "square":
-        return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-    return radius * np.array([[0.0, 1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
-
-
 def reserved(study: BackwardGazingStudy) -> frozenset[str]:
     """Names that columns of a layout must leave to the result: its variables, labels and dimensions."""
-    from heliosweep.families.backward_gazing import shared  # xarray is not for studies without a layout
-    from heliosweep.families.backward_gazing.field.variables import FIELD
-    from heliosweep.families.backward_gazing.simulated.variables import MAPS, SIMULATED, over_seeds
+    from heliosweep.families.backward_gazing import variables as told  # xarray is not for studies without a layout
 
     keys = (
         getattr(parameter, "dimension", "") or key.rpartition(".")[2]
         for key, parameter, _ in parameters(study)
         if getattr(parameter, "sweep", True) and not key.startswith("field.layout.")
     )
-    labels = (*shared.COORDINATES, "heliostat", "heliostat_width", "heliostat_height")
-    return frozenset((*FIELD, *SIMULATED, *MAPS, *over_seeds(()), *labels, *keys))
+    labels = (*told.COORDINATES, "heliostat", "heliostat_width", "heliostat_height")
+    return frozenset((*told.FIELD, *told.SIMULATED, *told.MAPS, *told.over_seeds(()), *labels, *keys))
 
 
 def _modules(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
@@ -120,9 +110,9 @@ def _pixels(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
 def _canting(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
     """Canting is of modules that there are."""
     count = len(study.heliostat.rectangles.size)
+    numbers = set(map(str, range(1, count + 1)))
     for key in study.defects.canting:
-        number = module_number(key)
-        if number is None or not 1 <= number <= count:
+        if key not in numbers:
             yield study.problem(f"defects.canting.{key}", f"no such module: the heliostat has modules 1 to {count}")
 
 
@@ -131,10 +121,10 @@ def _cameras(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
     cameras, target = study.cameras, study.target
     names = cameras.arrangement
     arrangements = [str(name) for name in (names.values() if isinstance(names, Sweep) else (names,))]
-    placed = [_places(name, min(_ends(cameras.radius))) for name in arrangements]
+    placed = [geometry.camera_square(min(_ends(cameras.radius)), name) for name in arrangements]
     if cameras.positions is not None:
         placed = [np.array(cameras.positions)]
-        if _in_line(placed[0]):
+        if geometry.in_line(placed[0]):
             message = "stand in one line: two slopes cannot be found from them"
             yield study.problem("cameras.positions", message)
             return
@@ -142,7 +132,7 @@ def _cameras(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
         return
     swept = [_ends(getattr(target, key)) for key in ("azimuth", "elevation", "tilt", "face")]
     seen = [
-        _in_line(_seen(places, *np.radians(values)))
+        geometry.in_line(_seen(places, *np.radians(values)))
         for places in placed
         for values in itertools.product(*(ends[:20] for ends in swept))
     ]
@@ -152,19 +142,8 @@ def _cameras(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
 
 
 def _seen(places: np.ndarray, azimuth: float, elevation: float, tilt: float, face: float) -> np.ndarray:
-    """Cameras across the line of sight, as the kernels have them: E M."""
-    leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
-    turn = np.array([[math.cos(face), -math.sin(face), 0.0], [math.sin(face), math.cos(face), 0.0], [0.0, 0.0, 1.0]])
-    ca, sa, ch, sh = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
-    return leaning @ turn.T @ np.array([[-sa, ca, 0.0], [-ca * sh, -sa * sh, ch]]).T
-
-
-def _in_line(places: np.ndarray) -> bool:
-    """True where points of a plane, shape (N, 2), stand in one line."""
-    spread = places - places.mean(axis=0)
-    spread /= np.abs(spread).max() or 1.0  # squares of far places overflow
-    yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
-    return not yy * zz - yz * yz > 1e-12 * (yy + zz) ** 2
+    """Cameras across the line of sight from the heliostat, shape (4, 2). [m]"""
+    return geometry.product(geometry.basis(azimuth, elevation)[1:], geometry.in_space(places, tilt, face))
 
 
 def _focal_length(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
@@ -224,7 +203,7 @@ def _measured(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]
     """Measured images must be images of the heliostat, with its sun."""
     if study.mode != "measured":
         return
-    from heliosweep.families.backward_gazing.measured.images import read_shots, read_sun  # they need the kernels
+    from heliosweep.families.backward_gazing.shots import read_shots, read_sun  # they need the kernels
 
     for key in study.sweeps():
         if key.startswith(SIMULATED):
@@ -243,7 +222,7 @@ def _measured(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]
         yield from error.problems
         return
     places = seen.positions
-    if places not in (None, study.cameras.positions) and _in_line(np.array(places)):
+    if places not in (None, study.cameras.positions) and geometry.in_line(np.array(places)):
         yield study.problem("images", "the cameras stand in one line: two slopes cannot be found from them")
     if seen.rectified:
         yield from _grid_problems(study, seen)
@@ -256,7 +235,7 @@ def _measured(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]
 def _grid_problems(study: BackwardGazingStudy, seen: Shots) -> Iterator[Problem]:
     """Images on the grid of the mirror have its size."""
     assert not isinstance(study.heliostat.pixel, Sweep)
-    shape = mirror_grid(study.heliostat.rectangles, study.heliostat.pixel).module.shape
+    shape = geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel).module.shape
     here = seen.images.shape[1:]
     if here != shape:
         message = (
@@ -268,7 +247,7 @@ def _grid_problems(study: BackwardGazingStudy, seen: Shots) -> Iterator[Problem]
 
 def _corner_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) -> Iterator[Problem]:
     """Marked corners are those of a heliostat in the picture, in their order."""
-    from heliosweep.kernels.gazing.rectification import homography, outline
+    from heliosweep.kernels.gazing.rectification import homography
 
     assert study.images is not None
     rows, columns = seen.images.shape[1:]
@@ -290,7 +269,7 @@ def _corner_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) 
             yield study.problem(key, f"hold {area:.3g} pixels only: too few to tell slopes from")
             continue
         try:
-            homography(outline(study.heliostat.rectangles) * [1.0, -1.0], corners)
+            homography(geometry.outline(study.heliostat.rectangles) * [1.0, -1.0], corners)
         except ValueError as error:
             yield study.problem(key, f"{error}; mark {order} of the heliostat")
             continue
@@ -305,7 +284,7 @@ def _corner_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) 
 
 def _contradictions(study: BackwardGazingStudy, seen: Shots) -> Iterator[str]:
     """Sun, target and distance of the study that are not those of the metadata."""
-    from heliosweep.families.backward_gazing.measured.images import GEOMETRY
+    from heliosweep.families.backward_gazing.shots import GEOMETRY
 
     for key, (dotted, _) in GEOMETRY.items():
         block, field = dotted.split(".")
@@ -323,7 +302,7 @@ def _contradictions(study: BackwardGazingStudy, seen: Shots) -> Iterator[str]:
 
 def _level_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) -> Iterator[Problem]:
     """Images that are dark, saturated or have one level only."""
-    from heliosweep.families.backward_gazing.measured.images import bright_level
+    from heliosweep.families.backward_gazing.shots import bright_level
 
     threshold = study.cameras.threshold
     least = float(min(threshold[:])) if isinstance(threshold, Sweep) else threshold

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from heliosweep.config.faults import Fault
+from heliosweep.config.forms import read_items
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.errors import Problem
 from heliosweep.families.backward_gazing import checks
@@ -31,7 +33,6 @@ from heliosweep.families.backward_gazing.blocks import (
     Target,
     positions_rules,
 )
-from heliosweep.families.backward_gazing.values import Names
 
 MODES = {
     "simulated": "images are made of a heliostat with known defects",
@@ -40,6 +41,24 @@ MODES = {
 #: Keys without which a heliostat is nowhere; a field tells them.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Names(Choice):
+    """One or several of some names, in the order in which they are written; a dimension in any case, never a sweep."""
+
+    sweep: bool = field(default=False, kw_only=True)
+
+    def read(self, raw: Any) -> Any:
+        """Return the names as a tuple. Raises Invalid."""
+        if isinstance(raw, Listed):
+            raw = raw.items
+        return read_items(raw if isinstance(raw, list | tuple) else [raw], self._one)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of a name or a list of them."""
+        one = {"enum": list(self.options)}
+        return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1, "uniqueItems": True}]}
 
 
 class BackwardGazingStudy(Study):
