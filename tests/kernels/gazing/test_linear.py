@@ -12,7 +12,6 @@ from heliosweep.kernels.gazing.linear import (
     lit_counts,
     slope_bound,
     solutions,
-    transferred,
     wavefront_departures,
 )
 from heliosweep.kernels.gazing.lm import fit_slopes
@@ -136,7 +135,7 @@ def test_waviness_within_the_limits_of_the_method():
     assert 0.03 * MRAD < rms[NONE] < 0.06 * MRAD
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(st.floats(-170.0, 170.0))
 def test_turning_everything_about_the_vertical_changes_nothing(turn):
     grid, canting = twin.paper_grid(0.3), 0.5 * twin.paper_canting()
@@ -224,13 +223,6 @@ def test_ideal_wavefront_is_where_the_ideal_mirror_sends_the_sun():
     assert np.abs(found[:, 1:]).max() > 3e-4
 
 
-def test_transferred_is_the_product():
-    layout, grid = twin.paper_scene(), twin.paper_grid(0.5)
-    d = np.random.default_rng(0).normal(size=(2, len(grid.place)))
-    matrices = transfers(layout)
-    np.testing.assert_allclose(transferred(d, matrices), np.einsum("tij,jn->tin", matrices, d), atol=1e-15)
-
-
 @pytest.mark.parametrize("gain", [False, True])
 def test_bound_is_what_camera_noise_leaves(gain):
     """Trials of an efficient estimator scatter by the bound, within 2 %; the trials' own error is 0.6 %."""
@@ -239,8 +231,8 @@ def test_bound_is_what_camera_noise_leaves(gain):
         y, z = np.full(trials, place[0]), np.full(trials, place[1])
         slopes = np.array(p)[:, np.newaxis] * MRAD * np.ones(trials)
         clean = twin.modelled(layout, y, z, slopes)
-        seen = expose(clean, noise=noise, seed=1, gain_error=0.05 if gain else 0.0)
-        found = twin.gauss_newton(seen, layout, y, z, slopes, gain)
+        seen = expose((1.05 if gain else 1.0) * clean, noise, seed=1)
+        found = twin.gauss_newton(seen, layout, y, z, slopes, gain, steps=4)
         level = noise / 1.05 if gain else noise
         bound = slope_bound(layout, jose(), y[:1], z[:1], slopes[:, :1].copy(), level, gain)[:, 0]
         np.testing.assert_allclose(found.std(axis=1), bound, rtol=0.02)

@@ -48,7 +48,7 @@ def test_through_method_a_and_its_own_reference():
         images, _ = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting))
         found, _ = twin.by_kernels(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
         maps.append(found[0])
-    found = estimates(maps[0], grid, reference=maps[1])
+    found = estimates(maps[0] - maps[1], grid)
     np.testing.assert_allclose(found.canting.T, 0.3 * twin.paper_canting(), atol=2e-3 * MRAD)
 
 
@@ -79,7 +79,7 @@ def some_modules(number):
 TRIALS = 400
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 8])
+@pytest.mark.parametrize("number", [1, 2, 3, 8])
 @pytest.mark.parametrize("kind", ["together", "apart", "unequal"])
 def test_stated_errors_are_those_found(number, kind):
     """Modules at one place or far apart, with noise that is the same or up to three times as large: found standard

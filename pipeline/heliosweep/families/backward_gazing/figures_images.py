@@ -131,7 +131,7 @@ FIGURES = (images, slopes, uncertainty, residuals, pixels)
 def _by_method(
     shown: Gazing, name: str, label: str, said: str, beside: bool = False, less: bool = False
 ) -> Iterator[NamedFigure]:
-    """A column for each method, a row for each direction and profile of the sun; with the true slopes, or less these."""
+    """A column for each method, a row for each direction and profile of the sun; beside or less the true slopes."""
     result = shown.result
     ways, sorts = shown.ways("slope_x", every=False), shown.sorts("slope_x")
     stands = shown.fixed("slope_x", METHOD, REFERENTIAL, shown.sort_dim("slope_x"), *PLANE)
