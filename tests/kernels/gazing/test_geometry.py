@@ -12,14 +12,12 @@ from heliosweep.kernels.gazing.geometry import (
     ROLL,
     Modules,
     basis,
-    camera_ray,
     camera_square,
-    ideal_mirror,
     jacobian,
-    mirror_offsets,
     scene,
     transfers,
 )
+from heliosweep.kernels.gazing.rays import camera_ray, ideal_mirror, mirror_offsets
 from heliosweep.kernels.gazing.rendering import module_spheres, sphere_point
 from tests.kernels.gazing import twin
 from tests.kernels.gazing.twin import sun_offsets

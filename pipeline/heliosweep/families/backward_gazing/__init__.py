@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from heliosweep.config.sweep import ends
 from heliosweep.families.family import Family
 
 if TYPE_CHECKING:
@@ -48,9 +49,8 @@ class BackwardGazing(Family):
         """Load or compile the kernels of the study's methods; seconds it took, and whether something was compiled."""
         from heliosweep.kernels.warm import warm_gazing
 
-        level = study.cameras.images
-        levels = (level,) if isinstance(level, str) else level.values()
-        return warm_gazing(study.method, cameras=study.mode == "measured" or "camera" in levels)
+        cameras = study.mode == "measured" or "camera" in ends(study.cameras.images)
+        return warm_gazing(study.method, cameras=cameras)
 
 
 FAMILY = BackwardGazing()

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -65,24 +65,16 @@ _RANGES = {
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image in grey levels.
-
-    Parameters
-    ----------
-    levels : ndarray, shape (rows, columns)
-        Upper row first; NaN where the file has none. [levels]
-    top : float
-        Highest level of the file's type of number; infinite for floating point.
-    metadata : dict of str to float
-        Those of `KEYS` that the file has.
-    name : str
-        Name of the file, as the user gave it.
-    """
+    """An image in grey levels."""
 
     levels: NDArray[np.float64]
-    top: float = math.inf
-    metadata: Mapping[str, float] = field(default_factory=dict)
-    name: str = ""
+    """Upper row first; NaN where the file has none, shape (rows, columns). [levels]"""
+    top: float
+    """Highest level of the file's type of number; infinite for floating point."""
+    metadata: Mapping[str, float]
+    """Those of `KEYS` that the file has."""
+    name: str
+    """Name of the file, as the user gave it."""
 
     @property
     def saturation(self) -> float:
@@ -106,27 +98,23 @@ def read_picture(path: Path, name: str = "") -> Picture:
     name : str
         Name of the file in messages; `path` by default.
 
-    Returns
-    -------
-    Picture
-
     Raises
     ------
     StudyError
         If the file cannot be read, is damaged or is no such image; says what to do about it.
     """
-    file = name or str(path)
+    name = name or str(path)
     try:
         status = path.stat()
     except OSError as error:
-        _fail(file, f"cannot be read: {error.strerror}")
+        _fail(name, f"cannot be read: {error.strerror}")
     except ValueError as error:
-        _fail(file, f"cannot be read: {error}")
+        _fail(name, f"cannot be read: {error}")
     if not path.is_file():
-        _fail(file, "is a folder, not an image" if path.is_dir() else "is not a regular file")
+        _fail(name, "is a folder, not an image" if path.is_dir() else "is not a regular file")
     if status.st_size > MAX_BYTES:
-        _fail(file, f"is larger than {MAX_BYTES // 2**20} MiB; cut the image to the heliostat")
-    return _read_image(path, status.st_mtime_ns, status.st_size, file)
+        _fail(name, f"is larger than {MAX_BYTES // 2**20} MiB; cut the image to the heliostat")
+    return _read_image(path, status.st_mtime_ns, status.st_size, name)
 
 
 @lru_cache(maxsize=6)

@@ -12,7 +12,7 @@ from pydantic import Field
 from heliosweep.config.faults import Fault
 from heliosweep.config.forms import read_items
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Listed, Sweep
+from heliosweep.config.sweep import Listed, Sweep, ends
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.errors import Problem
 from heliosweep.families.backward_gazing import checks
@@ -115,7 +115,7 @@ class BackwardGazingStudy(Study):
             yield from self._measured_faults()
         else:
             yield from self._simulated_faults()
-        if self._profiles() & {"table"} and self.sun.profile is None and self.sun.image is None:
+        if "table" in ends(self.sun_profile) and self.sun.profile is None and self.sun.image is None:
             yield Fault("'sun.profile' is missing: the table that 'sun_profile: table' means", show_value=False)
 
     @property
@@ -135,17 +135,15 @@ class BackwardGazingStudy(Study):
         """Return warnings."""
         return self._checked[1]
 
-    def _profiles(self) -> set[str]:
-        value = self.sun_profile
-        return set(value.values()) if isinstance(value, Sweep) else {value}
-
     def _simulated_faults(self) -> Iterator[Fault]:
-        for key in ("images", "image_geometry"):
-            if getattr(self, key) is not None:
-                yield Fault("is only for mode: measured; remove it or change 'mode'", (key,), show_value=False)
-        if self.sun.image is not None:
-            message = "is only for mode: measured; remove it or change 'mode'"
-            yield Fault(message, ("sun", "image"), show_value=False)
+        measured = {
+            ("images",): self.images,
+            ("image_geometry",): self.image_geometry,
+            ("sun", "image"): self.sun.image,
+        }
+        for where, value in measured.items():
+            if value is not None:
+                yield Fault("is only for mode: measured; remove it or change 'mode'", where, show_value=False)
         for block, key in PLACE:
             given = getattr(getattr(self, block), key) is not None
             if self.field is not None and given:
