@@ -18,9 +18,10 @@ from scipy.optimize import least_squares, minimize
 
 from heliosweep.kernels.gazing import lanes as gazing_lanes
 from heliosweep.kernels.gazing import lm as gazing_descent
-from heliosweep.kernels.gazing.geometry import EXACT, MirrorGrid, Scene, ideal_mirror, themis_8, transfers
+from heliosweep.kernels.gazing.geometry import EXACT, MirrorGrid, Scene, themis_8, transfers
 from heliosweep.kernels.gazing.linear import ideal_squares, ideal_wavefront
 from heliosweep.kernels.gazing.lm import fit_slopes, graduated
+from heliosweep.kernels.gazing.rays import ideal_mirror
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
 from heliosweep.kernels.sun.profiles import Profile, jose

@@ -276,7 +276,7 @@ def relative_errors(shown: Gazing) -> Iterator[NamedFigure]:
             f"Mean error of the slopes of {shown.fulls(module) or 'the module'} against the {shown.title(run)}, "
             f"by method and referential.{lines_are if median else ''}{said}{shown.note(stands, sorts)}"
         )
-        more = {"floor": floor, "same_scale": "row", "least_span": LEAST_PERCENT}
+        more: dict[str, Any] = {"floor": floor, "same_scale": "row", "least_span": LEAST_PERCENT}
         yield _over(shown, "errors", run, panels, caption, ways, **more)
 
 
@@ -306,9 +306,13 @@ def rms_errors(shown: Gazing) -> Iterator[NamedFigure]:
             f"{shown.title(run)}; bound: least standard deviation that noise and levels of the cameras leave."
             f"{_over_seeds(result)}{shown.note(stands)}"
         )
-        more = {"logarithmic_values": _many_decades(panels, ROUNDING), "same_scale": True, "least_span": LEAST_MRAD}
+        more: dict[str, Any] = {
+            "logarithmic_values": _many_decades(panels, ROUNDING),
+            "same_scale": True,
+            "least_span": LEAST_MRAD,
+        }
         black = {"color": "#000000", "linestyle": (0, (4, 1.6)), "marker": ""}
-        yield _over(shown, "rms_errors", run, panels, caption, ways, {_BOUND: black}, **more)
+        yield _over(shown, "rms_errors", run, panels, caption, ways, {_BOUND: black}, same_scale=True, **more)
 
 
 def sight(shown: Gazing) -> Iterator[NamedFigure]:

@@ -141,14 +141,15 @@ def _by_method(
     for where in sorts:
         for end, direction in DIRECTIONS.items():
             first = not names
-            true = at(result[f"true_slope_{end}"], stands, where) if beside or less else None
+            true = f"true_slope_{end}"
             if beside:
-                pictures.append(shown.raster(true, "true" if first else ""))
+                pictures.append(shown.raster(at(result[true], stands, where), "true" if first else ""))
             for way in ways:
                 # A single method has room for both directions beside each other.
                 title = direction if single and where == sorts[0] else way.name if first and not single else ""
                 found = at(result[f"slope_{end}"], stands, where, way.point)
-                pictures.append(shown.raster(found - true if less else found, title))
+                found = found - at(result[true], stands, where) if less else found
+                pictures.append(shown.raster(found, title))
             names.append("\n".join(filter(None, [shown.values(where), direction])))
     if not _known(pictures):
         return
