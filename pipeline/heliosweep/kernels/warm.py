@@ -125,7 +125,7 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     if cameras:
         pictures = pinholes(layout, (8, 8), 240.0)
         mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
-        rectify(camera_set(layout, pictures, (8, 8), profile, mirror), pictures, 120.0, modules, grid)
+        rectify(camera_set(layout, pictures, (8, 8), profile, mirror, 3), pictures, 120.0, modules, grid)
 
 
 def _setting() -> Any:

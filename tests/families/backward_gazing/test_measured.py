@@ -153,6 +153,9 @@ def test_shipped_result_says_how_it_was_made(shipped):
     residual = shipped["residual_rms"].sel(LM).to_numpy()[used]
     assert np.nanmean(residual**2) == pytest.approx(0.5 * 0.66 * made.NOISE**2, rel=0.2)  # 2 of 4 are free
     assert list(remarks(shipped)) == []
+    simulated = {"camera_noise", "camera_gain_noise", "gain_error", "canting_scale", "waviness"}
+    assert not simulated & set(shipped.coords)
+    assert {"threshold", "profile_error", "distance"} <= set(shipped.coords)
 
 
 @pytest.mark.parametrize("methods", [["LM", "A"], ["A"]])
@@ -319,6 +322,7 @@ def test_one_dark_image_is_left_out(write, truth):
         (lambda image, number: np.full_like(image, 64.0) if number == 1 else image, "one level everywhere"),
         (lambda image, number: np.where(image > 1000.0, 4095.0, image) if number == 3 else image, "are saturated"),
         (lambda image, number: image[:-4] if number == 2 else image, "176 x 172 pixels, and others have 176 x 176"),
+        (lambda image, number: image[:-4] if number == 0 else image, "images[0]: "),  # the odd one
     ],
 )
 def test_images_that_cannot_be_used(write, change, words):
@@ -340,6 +344,9 @@ def test_geometry_that_is_missing_or_contradictory(write):
         write(say=lambda said, n: without("CAMERAY")(said, n) if n == 0 else said)
     )
     assert "one line" in problems_of(write(say=lambda said, n: {**said, "CAMERAZ": 0.0, "CAMERAY": 0.1 * n}))
+    images = STUDIES / "images"
+    sun = {"image": str(images / "sun.png"), "profile": str(images / "sun_profile.csv")}
+    assert "give one of the two" in problems_of(write(sun=sun))
     assert "is not above that of the dark" in problems_of(write(say=lambda said, _: {**said, "WHITE": 50.0}))
 
 
@@ -387,18 +394,6 @@ def test_corners_that_are_none_of_a_heliostat(write, corners, words):
     assert "images[1].corners" in said
 
 
-def test_the_odd_one_of_the_sizes_is_blamed(write):
-    said = problems_of(write(lambda image, number: image[:-4] if number == 0 else image))
-    assert "images[0]: " in said
-    assert "176 x 172 pixels, and others have 176 x 176" in said
-
-
-def test_sun_as_image_and_profile_is_refused(write):
-    images = STUDIES / "images"
-    sun = {"image": str(images / "sun.png"), "profile": str(images / "sun_profile.csv")}
-    assert "give one of the two" in problems_of(write(sun=sun))
-
-
 def test_a_bad_profile_is_said_once(write, tmp_path):
     path = tmp_path / "bad.csv"
     path.write_text("angle,brightness\n0,1\n1,-1\n2,0.9\n4.36,0.5\n", encoding="utf-8")
@@ -426,10 +421,6 @@ def test_the_study_counts_before_the_metadata(write):
     result = result_of(write(heliostat={"focal_length": 120, "distance": 121, "pixel": 0.1}))
     assert float(result["distance"]) == 121.0
     assert float(result["sun_azimuth"]) == 30.0
-
-
-def test_three_images_are_too_few(tmp_path):
-    assert "four images" in problems_of(content(tmp_path, [tmp_path / "a.png"] * 3))
 
 
 def test_a_heliostat_that_no_camera_sees(write):
@@ -464,12 +455,6 @@ def test_parameters_may_be_swept(write):
     assert 0.005 < abs(wrong - right) < 0.08
     assert "has no part" in problems_of(write(cameras={"noise": [0.0, 0.1]}))
     assert "cannot be swept" in problems_of(write(heliostat={"focal_length": 120, "pixel": [0.05, 0.1]}))
-
-
-def test_keys_of_simulations_label_no_measured_result(shipped):
-    simulated = {"camera_noise", "camera_gain_noise", "gain_error", "canting_scale", "waviness"}
-    assert not simulated & set(shipped.coords)
-    assert {"threshold", "profile_error", "distance"} <= set(shipped.coords)
 
 
 def test_parts_of_the_whole_are_plain_numbers(shipped):

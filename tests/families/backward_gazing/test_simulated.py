@@ -168,9 +168,8 @@ SWEEP: dict[str, Any] = {
 def test_same_bytes_whatever_the_scheduler_and_the_chunks(tmp_path):
     executions = [
         {"scheduler": "synchronous"},
-        {"scheduler": "threads", "workers": 2, "chunks": {"camera_seed": 1, "camera_radius": 1}},
         {"scheduler": "threads", "chunks": {"camera_seed": 2, "sun_profile": 2, "canting_scale": 2}},
-        {"scheduler": "processes", "workers": 2},
+        {"scheduler": "processes", "workers": 2, "chunks": {"camera_seed": 1, "camera_radius": 1}},
     ]
     digests = set()
     for number, execution in enumerate(executions):

@@ -97,8 +97,6 @@ def test_cameras_that_are_none():
     level = up._replace(eyes=up.mirror_axes[:, 2] * np.array([[9.0]] * 4))
     with pytest.raises(ValueError, match="straight up"):
         pinholes(level, SHAPE, FOCAL)
-    with pytest.raises(ValueError, match="pixels"):
-        camera_set(layout, pinholes(layout, SHAPE, FOCAL), SHAPE, jose(), heliostat(themis_8(), 120.0, FLAT), 0)
 
 
 def area(corners):

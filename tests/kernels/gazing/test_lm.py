@@ -78,13 +78,6 @@ def test_waviness():
     assert np.mean(found.evaluations) < 4.0
 
 
-def test_wrong_focal_length():
-    grid = twin.paper_grid(0.2)
-    images, _ = pictures(grid, jose(), focal_length=121.0)
-    slope = np.polyfit(grid.pixel_y, fitted(grid, images, jose()).slopes[0], 1)[0]
-    assert slope == pytest.approx(-(1 / 242 - 1 / 240), rel=3e-4)
-
-
 @pytest.mark.parametrize("fit_gain", [False, True])
 @pytest.mark.parametrize("noise", [0.001, 0.005])
 def test_camera_noise_reaches_the_bound(noise, fit_gain):

@@ -134,14 +134,6 @@ def test_wrong_focal_length_does_not_move_pointing(number):
         np.testing.assert_allclose(found.canting, canting.T + bend * modules.centre.T, atol=5e-4 * MRAD)
 
 
-def test_wrong_focal_length_and_canted_modules_do_not_move_pointing():
-    canting = np.zeros((8, 2))
-    canting[1], canting[2] = (0.3 * MRAD, -1.0 * MRAD), (-0.4 * MRAD, 0.5 * MRAD)
-    grid = twin.paper_grid(0.1)
-    found = estimates(true_slopes(grid, 119.5, canting, (0.1 * MRAD, -0.1 * MRAD)), grid)
-    np.testing.assert_allclose(found.pointing, (0.1 * MRAD, -0.1 * MRAD), atol=5e-4 * MRAD)
-
-
 def test_errors_that_pixels_share_count_by_blocks():
     """Slopes that are constant over blocks of 0.45 x 0.225 m scatter the canting more than pixels would."""
     grid, pulls = twin.paper_grid(0.1), []

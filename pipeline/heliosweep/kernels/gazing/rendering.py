@@ -244,13 +244,9 @@ def heliostat(
     return Heliostat(spheres, turns, pivots, 0.5 * modules.size, field, corner, span)
 
 
+@kernel
 def camera_set(
-    layout: Scene,
-    cameras: Pinholes,
-    shape: tuple[int, int],
-    profile: Profile,
-    mirror: Heliostat,
-    supersampling: int = 3,
+    layout: Scene, cameras: Pinholes, shape: tuple[int, int], profile: Profile, mirror: Heliostat, supersampling: int
 ) -> Floats:
     """Brightness relative to the disc centre in K pinhole cameras, averaged over each pixel, shape (K, rows, columns).
 
@@ -271,17 +267,7 @@ def camera_set(
     supersampling : int
         Points along each side of a pixel.
     """
-    if supersampling < 1 or min(shape) < 1:
-        raise ValueError("images need pixels, and pixels a point at least")
-    return render_cameras(layout, cameras, int(shape[0]), int(shape[1]), profile, mirror, int(supersampling))
-
-
-@kernel
-def render_cameras(
-    layout: Scene, cameras: Pinholes, rows: int, columns: int, profile: Profile, mirror: Heliostat, points: int
-) -> Floats:
-    """`camera_set` as the compiler takes it."""
-    count = cameras.eyes.shape[0]
+    count, (rows, columns), points = cameras.eyes.shape[0], shape, supersampling
     images = np.zeros((count, rows, columns))
     share = 1.0 / (points * points)
     for i in range(count):
@@ -291,15 +277,14 @@ def render_cameras(
                 for n in range(points * points):
                     u = column + (n % points + 0.5) / points - 0.5
                     v = row + (n // points + 0.5) / points - 0.5
-                    value, _ = seen_at(layout, cameras, i, profile, mirror, u, v)
-                    total += value
+                    total += seen_at(layout, cameras, i, profile, mirror, u, v)
                 images[i, row, column] = share * total
     return images
 
 
 @inline
 def seen_at(layout, cameras, i, profile, mirror, u, v):
-    """Brightness [1] that camera i sees at the point (u, v) of its image, and the row of the module; -1 for none."""
+    """Brightness that camera i sees at the point (u, v) of its image. [1]"""
     right, below = (u - cameras.centre[i, 0]) / cameras.focal[i], (v - cameras.centre[i, 1]) / cameras.focal[i]
     dx = cameras.axes[i, 2, 0] + right * cameras.axes[i, 0, 0] + below * cameras.axes[i, 1, 0]
     dy = cameras.axes[i, 2, 1] + right * cameras.axes[i, 0, 1] + below * cameras.axes[i, 1, 1]
@@ -331,7 +316,7 @@ def seen_at(layout, cameras, i, profile, mirror, u, v):
             nearest, hit = path, m
             hit_y, hit_z = own_y + mirror.pivots[m, 0, 1], own_z + mirror.pivots[m, 0, 2]
     if hit < 0:
-        return 0.0, hit
+        return 0.0
     nx = mirror.spheres[hit, 0] - ex - nearest * dx
     a = (mirror.spheres[hit, 1] - ey - nearest * dy) / nx
     b = (mirror.spheres[hit, 2] - ez - nearest * dz) / nx
@@ -339,7 +324,7 @@ def seen_at(layout, cameras, i, profile, mirror, u, v):
         wave_a, wave_b = _waviness_at(mirror, hit, hit_y, hit_z)
         a, b = a + wave_a, b + wave_b
     v, w, _, _, _, _ = mirror_offsets(a, b, -dx, -dy, -dz, layout.sun_y, layout.sun_z)
-    return rendered(profile, v * v + w * w), hit
+    return rendered(profile, v * v + w * w)
 
 
 @inline
