@@ -121,7 +121,7 @@ def _by_referential(shown: Gazing, end: str, *points: Point) -> tuple[dict[str, 
         lines = found.setdefault(key, [empty.copy() for _ in kinds])
         for kind, line in zip(kinds, lines, strict=True):
             if kind in shown.result:
-                line[way.point[METHOD]] = _percent(shown.result, kind) * at(shown.result[kind], *points, way.point)
+                line[way.point[METHOD]] = at(shown.result[kind], *points, way.point)
     bands = {key: (lines[1], lines[2]) for key, lines in found.items() if len(lines) == 3}
     return {key: lines[0] for key, lines in found.items()}, bands
 
@@ -245,7 +245,7 @@ def relative_errors(shown: Gazing) -> Iterator[NamedFigure]:
     name = f"{_ERROR}{median}"
     if HELIOSTAT in result[name].dims:
         return
-    factor, ways, sorts = _percent(result, name), shown.ways(name), shown.sorts(name)
+    ways, sorts = shown.ways(name), shown.sorts(name)
     for run in shown.numbers(name)[:MOST_RUNS]:
         stands = shown.fixed(name, run, METHOD, REFERENTIAL, shown.sort_dim(name), MODULE)
         (module,) = shown.modules(name, most=1)
@@ -255,8 +255,7 @@ def relative_errors(shown: Gazing) -> Iterator[NamedFigure]:
             for end, direction in DIRECTIONS.items():
                 lines, low, high = (
                     {
-                        way.name: factor
-                        * _along(shown, f"relative_error_{end}{kind}", run, stands, module, where, way.point)
+                        way.name: _along(shown, f"relative_error_{end}{kind}", run, stands, module, where, way.point)
                         for way in ways
                         if kind == median or banded
                     }
@@ -393,11 +392,6 @@ def _over(
 def _median(result: xr.Dataset) -> str:
     """End of the name of the relative error: its median over the seeds where there is one."""
     return "_median" if f"{_ERROR}_median" in result else ""
-
-
-def _percent(result: xr.Dataset, name: str) -> float:
-    """What a variable is multiplied with to be in percent."""
-    return 1.0 if result[name].attrs.get("units") == "percent" else 100.0
 
 
 def _title(shown: Gazing, where: Point, module: Point) -> str:

@@ -243,10 +243,7 @@ def estimates(
     method as a standard deviation (2, N) [rad] or not at all; the rest as for `module_estimates`.
     """
     found = [
-        [
-            module_estimates(np.ascontiguousarray(one), mirror, modules, keep, focal_length, deviation=noise)
-            for one in frames
-        ]
+        [module_estimates(one, mirror, modules, keep, focal_length, deviation=noise) for one in frames]
         for frames, noise in zip(slopes, deviations, strict=True)
     ]
 

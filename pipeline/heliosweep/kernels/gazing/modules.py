@@ -141,6 +141,7 @@ def module_estimates(
         the errors of one or two of them. An error common to a whole module or heliostat, of the sun profile for
         instance, does not show in them.
     """
+    slopes = np.ascontiguousarray(slopes)
     noise = np.zeros_like(slopes) if deviation is None else np.ascontiguousarray(deviation)
     fit, variance, scatter, known, shared, number = _fitted(
         slopes, noise, grid.pixel_y, grid.pixel_z, grid.pixel_module, use, modules.centre, modules.size
