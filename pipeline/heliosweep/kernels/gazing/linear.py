@@ -81,27 +81,11 @@ def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
 def wavefront_departures(
     images: Floats, ideal: Floats, rows: Floats, profile: Profile, threshold: float
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Departures d of the wavefront slopes from those of the ideal mirror.
+    """Departures d of the wavefront slopes from those of the ideal mirror, shape (2, N) [rad], and the lit cameras.
 
-    Parameters
-    ----------
-    images : ndarray, shape (K, N)
-        Brightness relative to the disc centre; NaN where a camera's pixel cannot be used. [1]
-    ideal : ndarray, shape (K, N)
-        From `ideal_squares`. [rad^2]
-    rows : ndarray, shape (2^K, 2, K)
-        From `solutions`. [1/rad]
-    profile : Profile
-        Of the sun.
-    threshold : float
-        Least brightness of a lit camera. [1]
-
-    Returns
-    -------
-    departures : ndarray, shape (2, N)
-        NaN where fewer than 3 cameras are lit or those are in one line. [rad]
-    lit : ndarray of int, shape (N,)
-        Bit i is set where camera i is lit.
+    Of the brightness relative to the disc centre in K images (K, N) [1], NaN where a camera's pixel cannot be used,
+    with `ideal_squares`, `solutions` and the least brightness of a lit camera. NaN where fewer than 3 cameras are lit
+    or those are in one line; bit i of a pixel's number is set where camera i is lit.
     """
     cameras, pixels = images.shape
     out, masks = np.empty((2, pixels)), np.empty(pixels, np.int64)

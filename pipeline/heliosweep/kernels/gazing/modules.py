@@ -117,29 +117,15 @@ def module_estimates(
     focal_length: float,
     deviation: Floats | None = None,
 ) -> ModuleEstimates:
-    """Canting, pointing and focal length from slopes.
+    """Canting, pointing and focal length from slopes p relative to the ideal mirror (2, N), NaN where unknown. [rad]
 
-    Parameters
-    ----------
-    slopes : ndarray, shape (2, N)
-        p relative to the ideal mirror, NaN where unknown. [rad]
-    grid, modules
-        N pixels on M modules.
-    use : ndarray of bool, shape (N,)
-        Pixels that count, from `eroded`.
-    focal_length : float
-        f0 of the ideal mirror. [m]
-    deviation : ndarray, shape (2, N), optional
-        Known standard deviation of the noise of each slope, to be taken out of the waviness. [rad]
+    Of N pixels on M modules, those that `use` marks, from `eroded`; f0 of the ideal mirror [m]; and where it is known
+    the standard deviation of the noise of each slope (2, N) [rad], which is taken out of the waviness.
 
-    Returns
-    -------
-    ModuleEstimates
-        Standard errors are those of each module's scatter about its plane. Where neighbouring pixels share their
-        scatter, as those of a wavy mirror do, it counts by blocks of a sixteenth of a module. Those of pointing and
-        canting are what the median makes of the modules' errors: if the modules that decide it are far apart, it has
-        the errors of one or two of them. An error common to a whole module or heliostat, of the sun profile for
-        instance, does not show in them.
+    Standard errors are those of each module's scatter about its plane. Where neighbouring pixels share their scatter,
+    as those of a wavy mirror do, it counts by blocks of a sixteenth of a module. Those of pointing and canting are what
+    the median makes of the modules' errors: if the modules that decide it are far apart, it has the errors of one or
+    two of them. An error common to a whole module or heliostat, of the sun profile for instance, does not show in them.
     """
     slopes = np.ascontiguousarray(slopes)
     noise = np.zeros_like(slopes) if deviation is None else np.ascontiguousarray(deviation)

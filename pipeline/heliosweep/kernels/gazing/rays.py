@@ -40,19 +40,9 @@ def mirror_offsets(
 ) -> tuple[float, float, float, float, float, float]:
     """Point of the disc that the ray to a camera comes from, for a mirror with the normal N ~ (1, a, b).
 
-    Parameters
-    ----------
-    a, b : float
-        Slopes of the normal, those of the ideal mirror and p together. [rad]
-    rx, ry, rz : float
-        R of `camera_ray`. [1]
-    sun_y, sun_z : ndarray, shape (3,)
-        Of the scene.
-
-    Returns
-    -------
-    v, w, dv/da, dv/db, dw/da, dw/db : float
-        2nd and 3rd components of B_S S [1], and their derivatives by the slopes, that is by p_y and p_z [1/rad].
+    Of a and b, the slopes of the ideal mirror and p together [rad], R of `camera_ray` and the rows of the scene: v and
+    w, the 2nd and 3rd components of B_S S [1], and dv/da, dv/db, dw/da, dw/db, their derivatives by p_y and p_z
+    [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz

@@ -52,23 +52,10 @@ def pinholes(
 ) -> Pinholes:
     """K cameras of a scene, all of which look at the heliostat's centre.
 
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    shape : tuple of int
-        Rows and columns of an image.
-    focal : array_like, shape () or (K,)
-        Focal length over the side of a pixel. [1]
-    centre : array_like, shape (2,) or (K, 2), optional
-        Principal point (u, v), where the heliostat's centre is seen; the middle of the image where left out. [pixels]
-    roll : array_like, shape () or (K,)
-        Turn about the line of sight, clockwise for someone behind the camera: the picture turns the other way. [rad]
-
-    Raises
-    ------
-    ValueError
-        If a focal length is not positive, or a camera looks straight up or down.
+    Of the shape (rows, columns) of an image, focal lengths over the side of a pixel, shape () or (K,), principal points
+    (u, v) where the heliostat's centre is seen, shape (2,) or (K, 2) [pixels], in the middle where left out, and turns
+    about the line of sight, clockwise for someone behind the camera, shape () or (K,) [rad]: pictures turn the other
+    way. Raises ValueError if a focal length is not positive, or a camera looks straight up or down.
     """
     count = len(layout.eyes)
     length = np.array(np.broadcast_to(np.asarray(focal, np.float64), (count,)))
@@ -120,22 +107,10 @@ def places_of(cameras: Pinholes, focal_length: float, y: ArrayLike, z: ArrayLike
 
 
 def homography(here: ArrayLike, there: ArrayLike) -> Floats:
-    """The projective map of a plane that takes some points nearest to others.
+    """The projective map H of a plane, shape (3, 3), that takes points (n, 2) nearest to others: `there` ~ H (here, 1).
 
-    Parameters
-    ----------
-    here, there : array_like, shape (n, 2)
-        n points, 4 at least, no three of four in one line.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        H with `there` ~ H (here, 1); exact for 4 points, of least squares in scaled coordinates for more.
-
-    Raises
-    ------
-    ValueError
-        If the points do not determine the map, or the map turns the picture inside out.
+    Exact for 4 points, of least squares in scaled coordinates for more. Raises ValueError if the points do not
+    determine the map, as where three of four are in one line, or the map turns the picture inside out.
     """
     a, b = np.asarray(here, np.float64), np.asarray(there, np.float64)
     if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 2 or len(a) < 4:

@@ -53,19 +53,11 @@ class Heliostat(NamedTuple):
 def module_spheres(
     modules: Modules, focal_length: ArrayLike, canting: ArrayLike, pointing: ArrayLike = (0.0, 0.0)
 ) -> Floats:
-    """Spheres of which the modules are parts: centre (x, y, z) in the mirror frame, and radius, shape (M, 4). [m]
+    """Spheres of which M modules are parts: centre (x, y, z) in the mirror frame, and radius, shape (M, 4). [m]
 
-    Parameters
-    ----------
-    modules : Modules
-        M modules.
-    focal_length : array_like, shape () or (M,)
-        f: half the radius of the sphere. [m]
-    canting : array_like, shape (M, 2)
-        Slopes (horizontal, vertical) by which each module's normal departs: a module whose normal lies along x is
-        turned until it lies along (1, c_y, c_z). [rad]
-    pointing : array_like, shape (2,)
-        The same for the whole heliostat. [rad]
+    Half the radius is the focal length f, shape () or (M,) [m]. Canting (M, 2) are slopes (horizontal, vertical) by
+    which each module's normal departs: a module whose normal lies along x is turned until it lies along (1, c_y, c_z)
+    [rad]; pointing (2,) is the same for the whole heliostat. Raises ValueError for other shapes and too small radii.
     """
     turns, whole = np.asarray(canting, np.float64), np.asarray(pointing, np.float64)
     count = len(modules.centre)
@@ -85,20 +77,11 @@ def module_spheres(
 
 
 def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
-    """Slopes (horizontal, vertical) of a random wavy surface, shape (2, N). [rad]
+    """Slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
 
-    The gradient of a sum of plane waves, less its mean over each module, which would be canting.
-
-    Parameters
-    ----------
-    grid : MirrorGrid
-        N pixels on modules.
-    rms : float
-        Root mean square of the slopes, over both directions and all pixels. [rad]
-    length : float
-        Wavelength; those of the waves are spread by a third about it. [m]
-    seed : int
-        Key of the random numbers; the same waves whatever the pixels.
+    The gradient of a sum of plane waves, less its mean over each module, which would be canting. `rms` is the root mean
+    square of the slopes, over both directions and all pixels [rad]; the wavelengths are spread by a third about
+    `length` [m]; a seed gives the same waves whatever the pixels.
     """
     slopes = np.zeros((2, len(grid.pixel_y)))
     if rms == 0.0:
@@ -123,28 +106,12 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
 def image_set(
     layout: Scene, grid: MirrorGrid, profile: Profile, spheres: Floats, wavy: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Images and true slopes of a heliostat.
+    """Images of a heliostat in K cameras, and its true slopes, at the N pixels of a grid.
 
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    grid : MirrorGrid
-        N pixels on modules.
-    profile : Profile
-        Of the sun.
-    spheres : ndarray, shape (M, 4)
-        From `module_spheres`.
-    wavy : ndarray, shape (2, N), optional
-        Slopes that are added, from `waviness`; their heights are not: those of 0.3 mrad at a wavelength of 1 m would
-        move a ray by up to 1e-4 mrad. [rad]
-
-    Returns
-    -------
-    images : ndarray, shape (K, N)
-        Brightness relative to the disc centre, 0 beside the disc. [1]
-    slopes : ndarray, shape (2, N)
-        True slopes p relative to the ideal mirror of the scene, to be found by a reconstruction. [rad]
+    Of the modules' spheres, from `module_spheres`, and slopes of `waviness` (2, N), which are added; their heights are
+    not: those of 0.3 mrad at a wavelength of 1 m would move a ray by up to 1e-4 mrad. Images are brightness relative to
+    the disc centre, 0 beside the disc, shape (K, N) [1]; slopes are p relative to the ideal mirror of the scene, to be
+    found by a reconstruction, shape (2, N) [rad].
     """
     extra = np.zeros((2, len(grid.pixel_y))) if wavy is None else wavy
     return trace(layout, profile, spheres, grid.pixel_y, grid.pixel_z, grid.pixel_module, extra)
@@ -187,16 +154,8 @@ def trace(
 def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0) -> Floats:
     """Images on the grid of the mirror, shape (K, N), as cameras deliver them: with noise, then in levels. [1]
 
-    Parameters
-    ----------
-    images : ndarray, shape (K, N)
-        Brightness relative to the disc centre. [1]
-    noise : float
-        Standard deviation of normal noise, relative to the disc centre; it may make images without levels negative. [1]
-    bits : int
-        Levels are 2^bits, from 0 to `FULL_SCALE`; 0 for none.
-    seed : int
-        Key of the noise.
+    `noise` is the standard deviation of normal noise, relative to the disc centre, by a seed; it may make images
+    without levels negative. Levels are 2^bits, from 0 to `FULL_SCALE`; 0 bits for none.
     """
     out = images
     if noise > 0.0:
@@ -250,22 +209,8 @@ def camera_set(
 ) -> Floats:
     """Brightness relative to the disc centre in K pinhole cameras, averaged over each pixel, shape (K, rows, columns).
 
-    0 beside the disc and beside the modules. [1]
-
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    cameras : Pinholes
-        The same K cameras.
-    shape : tuple of int
-        Rows and columns of an image.
-    profile : Profile
-        Of the sun.
-    mirror : Heliostat
-        Its true surface.
-    supersampling : int
-        Points along each side of a pixel.
+    0 beside the disc and beside the modules [1]. The cameras are those of the scene, `supersampling` points are along
+    each side of a pixel.
     """
     count, (rows, columns), points = cameras.eyes.shape[0], shape, supersampling
     images = np.zeros((count, rows, columns))
@@ -354,24 +299,12 @@ def levels(
     bits: int = 0,
     seed: int = 0,
 ) -> Floats:
-    """Images of pinhole cameras in the levels of a sensor, shape (K, rows, columns). [levels]
+    """Images (K, rows, columns) of pinhole cameras, brightness relative to the disc centre [1], in levels of a sensor.
 
-    Parameters
-    ----------
-    images : ndarray, shape (K, rows, columns)
-        Brightness relative to the disc centre. [1]
-    white : float
-        Level of the disc centre above `black`: the exposure. [levels]
-    black : float
-        Level of the dark. [levels]
-    noise : float
-        Standard deviation of the read noise, relative to the disc centre. [1]
-    gain_error : array_like, shape () or (K,)
-        Relative error of each camera's gain. [1]
-    bits : int
-        Levels are whole numbers from 0 to 2^bits - 1, at which they saturate; 0 for neither.
-    seed : int
-        Key of the noise: pixel k of camera i has the same whatever the number of cameras.
+    `white` is the level of the disc centre above `black`: the exposure. `noise` is the standard deviation of the read
+    noise relative to the disc centre, `gain_error` the relative error of each camera's gain, shape () or (K,). Levels
+    are whole numbers from 0 to 2^bits - 1, at which they saturate; 0 bits for neither. By a seed pixel k of camera i
+    has the same noise whatever the number of cameras.
     """
     gain = white * (1.0 + np.broadcast_to(np.asarray(gain_error, np.float64), (len(images),)))
     out = black + images * gain[:, np.newaxis, np.newaxis]
