@@ -10,16 +10,14 @@ from functools import partial
 
 import numpy as np
 
-from heliosweep.kernels.gazing.geometry import transfers
+from heliosweep.kernels.gazing.geometry import eroded, themis_8, transfers
 from heliosweep.kernels.gazing.linear import (
     ideal_squares,
-    method_a,
     slope_bound,
     solutions,
     transferred,
     wavefront_departures,
 )
-from heliosweep.kernels.gazing.mirror import eroded, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
 from heliosweep.kernels.gazing.rendering import image_set, module_spheres, trace, waviness
 from heliosweep.kernels.sun.profiles import jose
@@ -99,7 +97,7 @@ def rows() -> Iterator[Row]:
         yield measured(f"images with waviness, {name}", unit, work, count, operations=rays)
         again = counted(wavefront_departures, False) if known else None
         whole = None if again is None else again + counted(ideal_squares) + operations(transferred, loops_only=True)
-        work, beside = partial(method_a, images, layout, profile, y, z, one), linear if known else {}
+        work, beside = partial(twin.by_kernels, images, layout, profile, y, z, one), linear if known else {}
         yield measured(f"method A, {name}", unit, work, count, beside=beside, operations=whole)
         work = partial(wavefront_departures, images, ideal, solution, profile, 0.3)
         yield measured(f"method A, same scene, {name}", unit, work, count, operations=again)

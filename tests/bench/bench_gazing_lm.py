@@ -18,10 +18,10 @@ from scipy.optimize import least_squares, minimize
 
 from heliosweep.kernels.gazing import lanes as gazing_lanes
 from heliosweep.kernels.gazing import lm as gazing_descent
-from heliosweep.kernels.gazing.geometry import EXACT, Scene, ideal_mirror, transfers
-from heliosweep.kernels.gazing.linear import ideal_squares, ideal_wavefront, method_a
+from heliosweep.kernels.gazing.geometry import EXACT, MirrorGrid, Scene, themis_8, transfers
+from heliosweep.kernels.gazing.linear import ideal_squares, ideal_wavefront
 from heliosweep.kernels.gazing.lm import fit_slopes, graduated
-from heliosweep.kernels.gazing.mirror import MirrorGrid, themis_8
+from heliosweep.kernels.gazing.rays import ideal_mirror
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
 from heliosweep.kernels.sun.profiles import Profile, jose
@@ -114,7 +114,7 @@ def rows() -> Iterator[Row]:
     rays = operations(gazing_lanes.trace_back, {"cameras": CAMERAS}, loops_only=True)
 
     def first(images: Floats, profile: Profile) -> Floats:
-        return method_a(images, layout, profile, *place, transfers(layout))[0][EXACT]
+        return twin.by_kernels(images, layout, profile, *place, transfers(layout))[0][EXACT]
 
     def row(name: str, work: Callable[[], Any], beside: dict[str, float], each: float | None = None) -> Row:
         steps = float(work().evaluations.mean())

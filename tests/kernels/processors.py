@@ -95,21 +95,19 @@ def calibration() -> Named:
 
 def gazing() -> Named:
     """Images of backward gazing, and the slopes that each method finds in them."""
-    from heliosweep.kernels.gazing.geometry import transfers
-    from heliosweep.kernels.gazing.linear import method_a
+    from heliosweep.kernels.gazing.geometry import themis_8, transfers
     from heliosweep.kernels.gazing.lm import fit_slopes
-    from heliosweep.kernels.gazing.mirror import themis_8
     from heliosweep.kernels.gazing.rendering import image_set, module_spheres
     from heliosweep.kernels.gazing.search import search_slopes, search_wavefronts
     from heliosweep.kernels.sun.profiles import jose
-    from tests.kernels.gazing.twin import paper_canting, paper_grid, paper_scene
+    from tests.kernels.gazing.twin import by_kernels, paper_canting, paper_grid, paper_scene
 
     layout, grid, profile = paper_scene(), paper_grid(0.2), jose()
     y, z = grid.pixel_y, grid.pixel_z
     images, true = image_set(layout, grid, profile, module_spheres(themis_8(), 120.0, paper_canting()))
     yield "images", images
     yield "true slopes", true
-    slopes, _ = method_a(images, layout, profile, y, z, transfers(layout))
+    slopes, _ = by_kernels(images, layout, profile, y, z, transfers(layout))
     yield "A", slopes
     yield from _parts("O1", search_wavefronts(layout, profile, images, true))
     yield from _parts("O2", search_slopes(layout, profile, images, y, z, slopes[0]))

@@ -104,6 +104,13 @@ class Listed(Sweep):
         return isinstance(self.items[0], str)
 
 
+def ends(value: Any) -> tuple[Any, ...]:
+    """A value, all of a list, or both ends of a range, which is monotonic."""
+    if not isinstance(value, Sweep):
+        return (value,)
+    return tuple(value[:]) if isinstance(value, Listed) else (value.first, value.last)
+
+
 @dataclass(frozen=True)
 class Range(Sweep):
     """`num` evenly spaced values from `start` to `stop`, both included.

@@ -93,14 +93,12 @@ def warm_calibration() -> None:
 @_timed
 def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool = False) -> None:
     """Make the kernels of backward gazing ready: of O1, O2 and LM, and of images of cameras, what is asked for."""
-    from heliosweep.kernels.gazing.camera_images import camera_set, heliostat
-    from heliosweep.kernels.gazing.geometry import camera_square, scene, transfers
-    from heliosweep.kernels.gazing.linear import method_a, slope_bound
+    from heliosweep.kernels.gazing import linear
+    from heliosweep.kernels.gazing.geometry import Modules, camera_square, mirror_grid, scene, transfers
     from heliosweep.kernels.gazing.lm import fit_slopes
-    from heliosweep.kernels.gazing.mirror import Modules, mirror_grid
     from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
     from heliosweep.kernels.gazing.rectification import pinholes, rectify
-    from heliosweep.kernels.gazing.rendering import image_set, module_spheres
+    from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, module_spheres
     from heliosweep.kernels.gazing.search import merits, search_slopes, search_wavefronts
     from heliosweep.kernels.sun.profiles import jose, render
 
@@ -111,8 +109,9 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
 
     render(profile, 0.0)  # of the nodes of noisy tables
     images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
-    slopes, _ = method_a(images, layout, profile, y, z, transfers(layout))
-    slope_bound(layout, profile, y, z, true, 0.01)
+    ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
+    slopes = linear.transferred(linear.wavefront_departures(images, ideal, rows, profile, 0.3)[0], transfers(layout))
+    linear.slope_bound(layout, profile, y, z, true, 0.01)
     module_estimates(slopes[0], grid, modules, y > -9.0, 120.0)
     module_statistics(slopes[0], grid.pixel_module, y > -9.0, 1)
     if "O1" in methods:
@@ -125,7 +124,7 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     if cameras:
         pictures = pinholes(layout, (8, 8), 240.0)
         mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
-        rectify(camera_set(layout, pictures, (8, 8), profile, mirror), pictures, 120.0, modules, grid)
+        rectify(camera_set(layout, pictures, (8, 8), profile, mirror, 3), pictures, 120.0, modules, grid)
 
 
 def _setting() -> Any:

@@ -4,6 +4,7 @@ To make them again: python -m tests.families.backward_gazing.make_images studies
 """
 
 import sys
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from heliosweep.kernels.gazing.camera_images import camera_set, heliostat, levels
-from heliosweep.kernels.gazing.geometry import Scene, camera_square, scene
-from heliosweep.kernels.gazing.mirror import MirrorGrid, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import MirrorGrid, Scene, camera_square, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.rectification import pinholes
-from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, levels, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope, jose, render
 from heliosweep.kernels.sun.tables import disc_profile
 
@@ -52,22 +51,29 @@ def layout() -> Scene:
     return scene(sun, target, camera_square(0.24), DISTANCE, 120.0)
 
 
+@cache
+def fine_waves() -> tuple[MirrorGrid, Floats]:
+    """The waviness on a fine grid."""
+    fine = mirror_grid(themis_8(), PIXEL / 5)
+    return fine, waviness(fine, *WAVES)
+
+
 def planted() -> Planted:
     """True slopes on the mirror's grid."""
-    grid, fine = mirror_grid(themis_8(), PIXEL), mirror_grid(themis_8(), PIXEL / 5)
+    grid, (fine, waves) = mirror_grid(themis_8(), PIXEL), fine_waves()
     field = np.full((2, fine.module.size), np.nan)
-    field[:, fine.place] = waviness(fine, *WAVES)
+    field[:, fine.place] = waves
     wavy = field.reshape(2, *fine.module.shape)[:, 2::5, 2::5].reshape(2, -1)[:, grid.place]
     spheres = module_spheres(themis_8(), TRUE_FOCAL, CANTING, POINTING)
     images, slopes = image_set(layout(), grid, jose(), spheres, np.ascontiguousarray(wavy))
     return Planted(layout(), grid, slopes, images)
 
 
+@cache
 def camera_levels(supersampling: int = 4, seed: int = 5, noise: float = NOISE) -> Floats:
     """The four images, shape (4, rows, columns). [levels]"""
-    here, modules = layout(), themis_8()
-    fine = mirror_grid(modules, PIXEL / 5)
-    mirror = heliostat(modules, TRUE_FOCAL, CANTING, POINTING, (fine, waviness(fine, *WAVES)))
+    here = layout()
+    mirror = heliostat(themis_8(), TRUE_FOCAL, CANTING, POINTING, fine_waves())
     cameras = pinholes(here, SHAPE, FOCAL, roll=np.radians(ROLLS))
     seen = camera_set(here, cameras, SHAPE, jose(), mirror, supersampling)
     gains = WHITE / WHITE[0] - 1.0

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.backward_gazing.field.variables import FIELD
-from heliosweep.families.backward_gazing.simulated.variables import MAPS, SIMULATED, over_seeds
+from heliosweep.families.backward_gazing.variables import FIELD, MAPS, SIMULATED, over_seeds
 from heliosweep.grid.regions import Variable
-from heliosweep.kernels.gazing.mirror import mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import mirror_grid, themis_8
 
 METHODS = ("A", "O1", "O2", "LM")
 REFERENTIALS = ("none", "roll", "exact")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from heliosweep import api
-from heliosweep.families.backward_gazing.field.compute import mixed_seed, remarks
-from heliosweep.families.backward_gazing.shared import BEHIND, NO_SUN, SEEN
+from heliosweep.families.backward_gazing.field import mixed_seed, remarks
+from heliosweep.families.backward_gazing.variables import BEHIND, NO_SUN, SEEN
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.store.read import file_digest
 

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image, PngImagePlugin
 
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing.measured.image_files import KEYS, MAX_PIXELS, read_picture
+from heliosweep.families.backward_gazing.files import KEYS, MAX_PIXELS, read_picture
 
 LEVELS = (np.arange(48).reshape(6, 8) * 53).astype(np.uint16)
 

@@ -6,15 +6,14 @@ from PIL import Image
 
 import heliosweep
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing import points
-from heliosweep.families.backward_gazing.measured import compute
-from heliosweep.families.backward_gazing.measured.compute import remarks
-from heliosweep.families.backward_gazing.measured.image_files import read_picture
-from heliosweep.families.backward_gazing.simulated import compute as simulated
+from heliosweep.families.backward_gazing import measured as mode
+from heliosweep.families.backward_gazing import points, simulated
+from heliosweep.families.backward_gazing.files import read_picture
+from heliosweep.families.backward_gazing.measured import remarks
 from heliosweep.kernels.gazing import lm as gazing_lm
-from heliosweep.kernels.gazing.mirror import eroded, maps, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.gazing.rectification import outline, pinholes, places_of
+from heliosweep.kernels.gazing.rectification import pinholes, places_of
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
 
@@ -154,6 +153,9 @@ def test_shipped_result_says_how_it_was_made(shipped):
     residual = shipped["residual_rms"].sel(LM).to_numpy()[used]
     assert np.nanmean(residual**2) == pytest.approx(0.5 * 0.66 * made.NOISE**2, rel=0.2)  # 2 of 4 are free
     assert list(remarks(shipped)) == []
+    simulated = {"camera_noise", "camera_gain_noise", "gain_error", "canting_scale", "waviness"}
+    assert not simulated & set(shipped.coords)
+    assert {"threshold", "profile_error", "distance"} <= set(shipped.coords)
 
 
 @pytest.mark.parametrize("methods", [["LM", "A"], ["A"]])
@@ -320,6 +322,7 @@ def test_one_dark_image_is_left_out(write, truth):
         (lambda image, number: np.full_like(image, 64.0) if number == 1 else image, "one level everywhere"),
         (lambda image, number: np.where(image > 1000.0, 4095.0, image) if number == 3 else image, "are saturated"),
         (lambda image, number: image[:-4] if number == 2 else image, "176 x 172 pixels, and others have 176 x 176"),
+        (lambda image, number: image[:-4] if number == 0 else image, "images[0]: "),  # the odd one
     ],
 )
 def test_images_that_cannot_be_used(write, change, words):
@@ -341,6 +344,9 @@ def test_geometry_that_is_missing_or_contradictory(write):
         write(say=lambda said, n: without("CAMERAY")(said, n) if n == 0 else said)
     )
     assert "one line" in problems_of(write(say=lambda said, n: {**said, "CAMERAZ": 0.0, "CAMERAY": 0.1 * n}))
+    images = STUDIES / "images"
+    sun = {"image": str(images / "sun.png"), "profile": str(images / "sun_profile.csv")}
+    assert "give one of the two" in problems_of(write(sun=sun))
     assert "is not above that of the dark" in problems_of(write(say=lambda said, _: {**said, "WHITE": 50.0}))
 
 
@@ -388,18 +394,6 @@ def test_corners_that_are_none_of_a_heliostat(write, corners, words):
     assert "images[1].corners" in said
 
 
-def test_the_odd_one_of_the_sizes_is_blamed(write):
-    said = problems_of(write(lambda image, number: image[:-4] if number == 0 else image))
-    assert "images[0]: " in said
-    assert "176 x 172 pixels, and others have 176 x 176" in said
-
-
-def test_sun_as_image_and_profile_is_refused(write):
-    images = STUDIES / "images"
-    sun = {"image": str(images / "sun.png"), "profile": str(images / "sun_profile.csv")}
-    assert "give one of the two" in problems_of(write(sun=sun))
-
-
 def test_a_bad_profile_is_said_once(write, tmp_path):
     path = tmp_path / "bad.csv"
     path.write_text("angle,brightness\n0,1\n1,-1\n2,0.9\n4.36,0.5\n", encoding="utf-8")
@@ -408,7 +402,7 @@ def test_a_bad_profile_is_said_once(write, tmp_path):
 
 def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
     """All of module 2 said not to have converged: its slopes are shown, its estimates are missing."""
-    solve = compute.reconstruct
+    solve = mode.reconstruct
 
     def failing(*given):
         found = solve(*given)
@@ -416,7 +410,7 @@ def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
         found.quality[0, grid.pixel_module == 1] |= 1
         return found
 
-    monkeypatch.setattr(compute, "reconstruct", failing)
+    monkeypatch.setattr(mode, "reconstruct", failing)
     result = result_of(write(heliostat={"focal_length": 120, "pixel": 0.1}))
     assert np.isnan(result["canting_x"].sel(LM).sel({"module": 2}).item())
     assert np.isfinite(result["canting_x"].sel(LM).sel({"module": 3}).item())
@@ -427,10 +421,6 @@ def test_the_study_counts_before_the_metadata(write):
     result = result_of(write(heliostat={"focal_length": 120, "distance": 121, "pixel": 0.1}))
     assert float(result["distance"]) == 121.0
     assert float(result["sun_azimuth"]) == 30.0
-
-
-def test_three_images_are_too_few(tmp_path):
-    assert "four images" in problems_of(content(tmp_path, [tmp_path / "a.png"] * 3))
 
 
 def test_a_heliostat_that_no_camera_sees(write):
@@ -465,12 +455,6 @@ def test_parameters_may_be_swept(write):
     assert 0.005 < abs(wrong - right) < 0.08
     assert "has no part" in problems_of(write(cameras={"noise": [0.0, 0.1]}))
     assert "cannot be swept" in problems_of(write(heliostat={"focal_length": 120, "pixel": [0.05, 0.1]}))
-
-
-def test_keys_of_simulations_label_no_measured_result(shipped):
-    simulated = {"camera_noise", "camera_gain_noise", "gain_error", "canting_scale", "waviness"}
-    assert not simulated & set(shipped.coords)
-    assert {"threshold", "profile_error", "distance"} <= set(shipped.coords)
 
 
 def test_parts_of_the_whole_are_plain_numbers(shipped):

@@ -7,11 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.kernels.gazing.camera_images import camera_set, heliostat, levels
-from heliosweep.kernels.gazing.geometry import EXACT, transfers
-from heliosweep.kernels.gazing.linear import method_a
+from heliosweep.kernels.gazing.geometry import EXACT, Modules, mirror_grid, outline, themis_8, transfers
 from heliosweep.kernels.gazing.lm import fit_slopes
-from heliosweep.kernels.gazing.mirror import Modules, mirror_grid, themis_8
 from heliosweep.kernels.gazing.rectification import (
     AT_EDGE,
     AT_LIMB,
@@ -21,12 +18,11 @@ from heliosweep.kernels.gazing.rectification import (
     Pinholes,
     homography,
     moved,
-    outline,
     pinholes,
     places_of,
     rectify,
 )
-from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, levels, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
 from heliosweep.kernels.sun.tables import disc_profile
 from tests.kernels.gazing import twin
@@ -101,8 +97,6 @@ def test_cameras_that_are_none():
     level = up._replace(eyes=up.mirror_axes[:, 2] * np.array([[9.0]] * 4))
     with pytest.raises(ValueError, match="straight up"):
         pinholes(level, SHAPE, FOCAL)
-    with pytest.raises(ValueError, match="pixels"):
-        camera_set(layout, pinholes(layout, SHAPE, FOCAL), SHAPE, jose(), heliostat(themis_8(), 120.0, FLAT), 0)
 
 
 def area(corners):
@@ -182,7 +176,7 @@ def shot():
 
 
 def found_slopes(layout, grid, images):
-    start, _ = method_a(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
+    start, _ = twin.by_kernels(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
     return fit_slopes(layout, jose(), images, grid.pixel_y, grid.pixel_z, start[0]).slopes
 
 

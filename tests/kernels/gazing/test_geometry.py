@@ -10,16 +10,14 @@ from heliosweep.kernels.gazing.geometry import (
     EXACT,
     NONE,
     ROLL,
+    Modules,
     basis,
-    camera_ray,
     camera_square,
-    ideal_mirror,
     jacobian,
-    mirror_offsets,
     scene,
     transfers,
 )
-from heliosweep.kernels.gazing.mirror import Modules
+from heliosweep.kernels.gazing.rays import camera_ray, ideal_mirror, mirror_offsets
 from heliosweep.kernels.gazing.rendering import module_spheres, sphere_point
 from tests.kernels.gazing import twin
 from tests.kernels.gazing.twin import sun_offsets

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import minimum_filter
 
-from heliosweep.kernels.gazing.mirror import Modules, eroded, maps, mirror_grid, on_modules, themis_8
+from heliosweep.kernels.gazing.geometry import Modules, eroded, maps, mirror_grid, themis_8
 
 
 def test_heliostat_of_themis():
@@ -30,7 +30,8 @@ def test_pixels_of_themis():
     assert np.bincount(grid.pixel_module[eroded(grid, 2)]).tolist() == [68 * 32] * 8
 
 
-@given(st.floats(0.02, 0.6), st.integers(0, 4))
+@settings(max_examples=40)
+@given(st.floats(0.05, 0.6), st.integers(0, 4))
 def test_erosion_is_that_of_a_square_neighbourhood(pixel, cells):
     grid = mirror_grid(themis_8(), pixel)
     size = 2 * cells + 1
@@ -62,22 +63,3 @@ def test_modules_off_centre_keep_their_pixels():
     assert grid.module.shape == (4, 8)
     assert grid.y.mean() == pytest.approx(5.0)
     assert np.all(grid.module == 1)
-
-
-@pytest.mark.parametrize(
-    ("centre", "size", "pixel", "message"),
-    [
-        ([[0.0, 0.0], [0.4, 0.0]], [[1.0, 1.0]] * 2, 0.1, "overlap"),
-        ([[0.0, 0.0], [1.0, 0.0]], [[1.0, 1.0], [0.01, 0.01]], 0.3, "no pixel lies on module 2"),
-        ([[0.0, 0.0]], [[1.0, 0.0]], 0.1, "positive"),
-        ([[0.0, 0.0]], [[1.0, 1.0]], 0.0, "positive"),
-        ([[0.0, 0.0]], [[1.0, 1.0]], 1e-6, "too many"),
-    ],
-)
-def test_grids_that_are_none(centre, size, pixel, message):
-    with pytest.raises(ValueError, match=message):
-        mirror_grid(Modules(np.array(centre), np.array(size)), pixel)
-
-
-def test_points_on_modules():
-    assert on_modules(themis_8(), [-2.0, 2.0, 0.0], [3.0, -3.0, 1.0]).tolist() == [1, 8, 0]

@@ -2,22 +2,17 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from heliosweep.kernels.gazing.geometry import EXACT, NONE, ROLL, scene, transfers
+from heliosweep.kernels.gazing.geometry import EXACT, NONE, ROLL, eroded, scene, themis_8, transfers
 from heliosweep.kernels.gazing.linear import (
     ideal_squares,
     ideal_wavefront,
     lit_counts,
-    method_a,
     slope_bound,
     solutions,
-    transferred,
     wavefront_departures,
 )
 from heliosweep.kernels.gazing.lm import fit_slopes
-from heliosweep.kernels.gazing.mirror import eroded, themis_8
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
@@ -29,7 +24,7 @@ MRAD = 1e-3
 
 def reconstructed(layout, grid, images, profile=None):
     profile = profile or jose()
-    return method_a(images, layout, profile, grid.pixel_y, grid.pixel_z, transfers(layout))
+    return twin.by_kernels(images, layout, profile, grid.pixel_y, grid.pixel_z, transfers(layout))
 
 
 def table_errors(layout, grid, profile, canting=None):
@@ -103,16 +98,6 @@ def test_no_slopes_on_the_ideal_mirror(profile):
     assert np.abs(slopes[:, :, middle]).max() < 1e-7 * MRAD
 
 
-def test_no_contamination_where_the_sun_stands_in_the_plane_of_the_target():
-    canting = 0.1 * twin.paper_canting()
-    grid = twin.paper_grid(0.1)
-    beside = table_errors(twin.paper_scene(), grid, jose(), canting)[:, :, 0]
-    within = table_errors(twin.paper_scene((0.0, 60.0)), grid, jose(), canting)[:, :, 0]
-    assert np.all(np.abs(beside[NONE]) > 1.4)
-    assert np.all(np.abs(within) < 0.02)
-    assert np.all(np.abs(beside[EXACT]) < 0.04)
-
-
 def test_wrong_focal_length():
     """dp/dy = dp/dz = -(1/2f - 1/2f0), within the thousandth that method A itself is off."""
     layout, grid = twin.paper_scene(), twin.paper_grid(0.1)
@@ -136,18 +121,6 @@ def test_waviness_within_the_limits_of_the_method():
     assert rms[EXACT] < 0.003 * MRAD
     assert rms[ROLL] < 0.01 * MRAD
     assert 0.03 * MRAD < rms[NONE] < 0.06 * MRAD
-
-
-@settings(max_examples=20)
-@given(st.floats(-170.0, 170.0))
-def test_turning_everything_about_the_vertical_changes_nothing(turn):
-    grid, canting = twin.paper_grid(0.3), 0.5 * twin.paper_canting()
-    found = []
-    for angle in (0.0, turn):
-        layout = twin.paper_scene((30.0 + angle, 60.0), (angle, 44.0), face=np.radians(angle))
-        images, _ = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, canting))
-        found.append(reconstructed(layout, grid, images)[0])
-    np.testing.assert_allclose(found[0], found[1], atol=1e-12)
 
 
 def test_slopes_scale_with_an_error_of_the_suns_size():
@@ -179,15 +152,6 @@ def test_three_cameras_are_enough_and_two_are_not():
         slopes, lit = reconstructed(layout, grid, fewer)
         assert np.all(lit_counts(lit) == 2)
         assert np.all(np.isnan(slopes))
-
-
-def test_nothing_is_seen_of_a_heliostat_that_points_elsewhere():
-    layout, grid = twin.paper_scene(), twin.paper_grid(0.3)
-    images, _ = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, FLAT, (0.02, 0.0)))
-    slopes, lit = reconstructed(layout, grid, images)
-    assert np.all(images == 0.0)
-    assert np.all(lit == 0)
-    assert np.all(np.isnan(slopes))
 
 
 def test_sets_of_cameras_in_one_line_determine_nothing():
@@ -226,13 +190,6 @@ def test_ideal_wavefront_is_where_the_ideal_mirror_sends_the_sun():
     assert np.abs(found[:, 1:]).max() > 3e-4
 
 
-def test_transferred_is_the_product():
-    layout, grid = twin.paper_scene(), twin.paper_grid(0.5)
-    d = np.random.default_rng(0).normal(size=(2, len(grid.place)))
-    matrices = transfers(layout)
-    np.testing.assert_allclose(transferred(d, matrices), np.einsum("tij,jn->tin", matrices, d), atol=1e-15)
-
-
 @pytest.mark.parametrize("gain", [False, True])
 def test_bound_is_what_camera_noise_leaves(gain):
     """Trials of an efficient estimator scatter by the bound, within 2 %; the trials' own error is 0.6 %."""
@@ -241,8 +198,8 @@ def test_bound_is_what_camera_noise_leaves(gain):
         y, z = np.full(trials, place[0]), np.full(trials, place[1])
         slopes = np.array(p)[:, np.newaxis] * MRAD * np.ones(trials)
         clean = twin.modelled(layout, y, z, slopes)
-        seen = expose(clean, noise=noise, seed=1, gain_error=0.05 if gain else 0.0)
-        found = twin.gauss_newton(seen, layout, y, z, slopes, gain)
+        seen = expose((1.05 if gain else 1.0) * clean, noise, seed=1)
+        found = twin.gauss_newton(seen, layout, y, z, slopes, gain, steps=4)
         level = noise / 1.05 if gain else noise
         bound = slope_bound(layout, jose(), y[:1], z[:1], slopes[:, :1].copy(), level, gain)[:, 0]
         np.testing.assert_allclose(found.std(axis=1), bound, rtol=0.02)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, scene, transfers
-from heliosweep.kernels.gazing.linear import method_a, slope_bound
-from heliosweep.kernels.gazing.lm import GRADUATION, NOT_CONVERGED, OUTSIDE, UNLIT, fit_slopes, graduated
-from heliosweep.kernels.gazing.mirror import eroded, themis_8
+from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, eroded, scene, themis_8, transfers
+from heliosweep.kernels.gazing.lanes import NOT_CONVERGED, OUTSIDE, UNLIT
+from heliosweep.kernels.gazing.linear import slope_bound
+from heliosweep.kernels.gazing.lm import GRADUATION, fit_slopes, graduated
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.search import merits, search_slopes
 from heliosweep.kernels.sun.profiles import jose, table_profile
@@ -24,7 +24,7 @@ def pictures(grid, profile, canting=FLAT, wavy=None, focal_length=120.0):
 
 
 def start(grid, images, profile):
-    slopes, _ = method_a(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
+    slopes, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
     return slopes[EXACT]
 
 
@@ -76,13 +76,6 @@ def test_waviness():
     assert np.quantile(error, 0.999) < 2e-12
     assert np.max(error) < 2e-9  # at the very limb, where the tangent takes the place of the profile
     assert np.mean(found.evaluations) < 4.0
-
-
-def test_wrong_focal_length():
-    grid = twin.paper_grid(0.2)
-    images, _ = pictures(grid, jose(), focal_length=121.0)
-    slope = np.polyfit(grid.pixel_y, fitted(grid, images, jose()).slopes[0], 1)[0]
-    assert slope == pytest.approx(-(1 / 242 - 1 / 240), rel=3e-4)
 
 
 @pytest.mark.parametrize("fit_gain", [False, True])
@@ -161,7 +154,7 @@ def test_without_graduation_the_search_sticks_at_its_start():
 
     def errors(profile, stages):
         def method(grid, images, _):
-            first = method_a(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))[0][NONE]
+            first = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))[0][NONE]
             return fit_slopes(LAYOUT, stages, images, grid.pixel_y, grid.pixel_z, first)
 
         return table_errors(twin.paper_grid(0.2), profile, method)
@@ -186,7 +179,7 @@ def test_gain():
     """A gain error of 1 % costs a tenth of the slope, unless a gain is fitted."""
     grid = twin.paper_grid(0.2)
     images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
-    images = expose(images, gain_error=0.01)
+    images = 1.01 * images
     without, free = (fitted(grid, images, jose(), fit_gain=fit_gain) for fit_gain in (False, True))
     canted = grid.pixel_module == 2
     assert np.abs(np.mean((without.slopes - true)[1, canted])) > 0.04e-3

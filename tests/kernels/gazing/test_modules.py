@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.gazing.geometry import EXACT, transfers
-from heliosweep.kernels.gazing.linear import method_a
-from heliosweep.kernels.gazing.mirror import Modules, eroded, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import EXACT, Modules, eroded, mirror_grid, themis_8, transfers
 from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
 from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose
@@ -48,9 +46,9 @@ def test_through_method_a_and_its_own_reference():
     maps = []
     for canting in (0.3 * twin.paper_canting(), FLAT):
         images, _ = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting))
-        found, _ = method_a(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
+        found, _ = twin.by_kernels(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
         maps.append(found[0])
-    found = estimates(maps[0], grid, reference=maps[1])
+    found = estimates(maps[0] - maps[1], grid)
     np.testing.assert_allclose(found.canting.T, 0.3 * twin.paper_canting(), atol=2e-3 * MRAD)
 
 
@@ -81,7 +79,7 @@ def some_modules(number):
 TRIALS = 400
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 8])
+@pytest.mark.parametrize("number", [1, 2, 3, 8])
 @pytest.mark.parametrize("kind", ["together", "apart", "unequal"])
 def test_stated_errors_are_those_found(number, kind):
     """Modules at one place or far apart, with noise that is the same or up to three times as large: found standard
@@ -134,14 +132,6 @@ def test_wrong_focal_length_does_not_move_pointing(number):
         np.testing.assert_allclose(found.pointing, POINTING, atol=2e-4 * MRAD)
         bend = 0.5 / 120.0 - 0.5 / focal_length
         np.testing.assert_allclose(found.canting, canting.T + bend * modules.centre.T, atol=5e-4 * MRAD)
-
-
-def test_wrong_focal_length_and_canted_modules_do_not_move_pointing():
-    canting = np.zeros((8, 2))
-    canting[1], canting[2] = (0.3 * MRAD, -1.0 * MRAD), (-0.4 * MRAD, 0.5 * MRAD)
-    grid = twin.paper_grid(0.1)
-    found = estimates(true_slopes(grid, 119.5, canting, (0.1 * MRAD, -0.1 * MRAD)), grid)
-    np.testing.assert_allclose(found.pointing, (0.1 * MRAD, -0.1 * MRAD), atol=5e-4 * MRAD)
 
 
 def test_errors_that_pixels_share_count_by_blocks():

@@ -15,7 +15,6 @@ from heliosweep.kernels.gazing.search import (
     VALUE,
     advance,
     begin,
-    corner_simplex,
 )
 
 FUNCTIONS = {
@@ -35,7 +34,8 @@ FUNCTIONS = {
 def search(function, simplex, xatol, fatol, iterations=400, evaluations=400):
     """Points asked for, and the final rows."""
     state, counts = np.empty((3, STATE)), np.empty((3, COUNTS), np.int64)
-    begin(state, counts, 1, np.array(simplex, float))
+    state[1, :6] = np.ravel(simplex)
+    begin(state, counts, 1)
     asked, more = [], True
     while more:
         asked.append(tuple(state[1, POINT : POINT + 2]))
@@ -69,7 +69,7 @@ def same(function, simplex, *limits):
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("size", [1.0, -0.3, 1e-3])
 def test_points_bit_for_bit(name, size):
-    for seed in range(8):
+    for seed in range(4):
         x, y = np.random.default_rng(seed).uniform(-2.0, 2.0, 2)
         found = same(FUNCTIONS[name], [[x, y], [x + size, y], [x, y + size]], 1e-7, 1e-10)
         assert found.nfev > 30
@@ -80,7 +80,7 @@ def test_simplex_of_any_shape():
 
 
 @given(st.integers(0, 10**6), st.integers(0, 9), st.floats(-8.0, 0.0), st.floats(-12.0, 0.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_points_at_random(seed, number, xatol, fatol):
     simplex = np.random.default_rng(seed).uniform(-3.0, 3.0, (3, 2)).tolist()
     same(list(FUNCTIONS.values())[number], simplex, 10.0**xatol, 10.0**fatol)
@@ -102,14 +102,6 @@ def test_evaluations_run_out_at_any_step(name):
 def test_iterations_run_out(iterations):
     found = same(FUNCTIONS["wavy"], [[0.4, 0.3], [0.5, 0.3], [0.4, 0.4]], 1e-9, 1e-9, iterations)
     assert found.nit == iterations
-
-
-def test_corner_simplex_is_the_simplex_at_a_corner():
-    rows = [(np.zeros((1, STATE)), np.zeros((1, COUNTS), np.int64)) for _ in range(2)]
-    begin(*rows[0], 0, np.array([[0.1, 0.2], [0.1 + 0.3, 0.2], [0.1, 0.2 + 0.3]]))
-    corner_simplex(*rows[1], 0, 0.1, 0.2, 0.3)
-    np.testing.assert_array_equal(rows[0][0], rows[1][0])
-    np.testing.assert_array_equal(rows[0][1], rows[1][1])
 
 
 def test_equal_values_keep_the_older_vertex_first():

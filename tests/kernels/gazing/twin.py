@@ -4,8 +4,9 @@ after another."""
 import numpy as np
 
 from heliosweep.kernels.compiled import inline
-from heliosweep.kernels.gazing.geometry import camera_ray, camera_square, ideal_mirror, mirror_offsets, scene
-from heliosweep.kernels.gazing.mirror import mirror_grid, themis_8
+from heliosweep.kernels.gazing import linear
+from heliosweep.kernels.gazing.geometry import camera_square, mirror_grid, scene, themis_8
+from heliosweep.kernels.gazing.rays import camera_ray, ideal_mirror, mirror_offsets
 
 LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
 
@@ -25,6 +26,13 @@ def sun_offsets(layout, camera, p_y, p_z, y, z):
     """`mirror_offsets` by the kernels for the slopes p relative to the ideal mirror at the pixel (y, z)."""
     x, a, b = ideal_mirror(layout.focal_length, y, z)
     return mirror_offsets(a + p_y, b + p_z, *camera_ray(layout.eyes, camera, x, y, z), layout.sun_y, layout.sun_z)
+
+
+def by_kernels(images, layout, profile, y, z, matrices, threshold=0.3):
+    """Slopes p of a mirror by method A of the kernels, shape (T, 2, N) [rad], and the bits of the lit cameras."""
+    ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
+    departures, lit = linear.wavefront_departures(images, ideal, rows, profile, threshold)
+    return linear.transferred(departures, matrices), lit
 
 
 def paper_grid(pixel=0.05):

@@ -6,16 +6,21 @@ concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
+from heliosweep.config.sweep import ends
 from heliosweep.families.family import Family
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
 
 class BackwardGazing(Family):
-    """The family; see `heliosweep.families.family.Family`."""
+    """The family; see `heliosweep.families.family.Family`. Each mode computes in a module of its own name."""
 
     name = "backward_gazing"
     title = "slopes of mirrors from four camera images of the reflected sun"
@@ -23,21 +28,29 @@ class BackwardGazing(Family):
     keywords = ("heliostat", "slope error", "canting", "backward gazing")
     headlines = ("relative_error_x_median", "slope_rms_x", "canting_x")
 
-    def room(self, mode: str) -> str:
-        """Package of a mode: one simulated heliostat, a field of them, or measured images."""
-        return f"{__name__}.{mode}"
-
     def mode(self, study: BackwardGazingStudy) -> str:
         """``measured``, ``field``, or ``simulated`` of one heliostat."""
         return "measured" if study.mode == "measured" else "simulated" if study.field is None else "field"
+
+    def module(self, name: str, mode: str = "") -> Any:
+        """The module of a mode for ``compute``, else the one that all modes share."""
+        return import_module(f"{__name__}.{mode if name == 'compute' else name}")
+
+    def numbers_from(self, study: BackwardGazingStudy) -> str:
+        """Module that the numbers of a study come from."""
+        return f"{__name__}.{self.mode(study)}"
+
+    def remarks(self, result: xr.Dataset) -> Iterable[str]:
+        """What the user should be told of a finished result."""
+        said: Iterable[str] = self.module("compute", str(result.attrs["mode"])).remarks(result)
+        return said
 
     def prepare(self, study: BackwardGazingStudy) -> tuple[float, bool]:
         """Load or compile the kernels of the study's methods; seconds it took, and whether something was compiled."""
         from heliosweep.kernels.warm import warm_gazing
 
-        level = study.cameras.images
-        levels = (level,) if isinstance(level, str) else level.values()
-        return warm_gazing(study.method, cameras=study.mode == "measured" or "camera" in levels)
+        cameras = study.mode == "measured" or "camera" in ends(study.cameras.images)
+        return warm_gazing(study.method, cameras=cameras)
 
 
 FAMILY = BackwardGazing()

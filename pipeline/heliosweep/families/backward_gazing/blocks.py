@@ -14,9 +14,10 @@ from heliosweep.config.blocks import Output as StoredOutput
 from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples
-from heliosweep.families.backward_gazing.values import Two, with_file
-from heliosweep.kernels.gazing import mirror
+from heliosweep.kernels.gazing.geometry import Modules as Rectangles
+from heliosweep.kernels.gazing.geometry import themis_8
 
+Two = tuple[float, float]
 #: Seeds are whole numbers that a float holds exactly, since swept ones are floats.
 MAX_SEED = 2**53
 
@@ -99,11 +100,11 @@ class Heliostat(Block):
     ] = 0.05
 
     @property
-    def rectangles(self) -> mirror.Modules:
+    def rectangles(self) -> Rectangles:
         """The modules as kernels take them. [m]"""
         if isinstance(self.modules, str):
-            return mirror.themis_8()
-        return mirror.Modules(*(np.array([getattr(one, key) for one in self.modules]) for key in ("centre", "size")))
+            return themis_8()
+        return Rectangles(*(np.array([getattr(one, key) for one in self.modules]) for key in ("centre", "size")))
 
     @property
     def reach(self) -> float:
@@ -319,7 +320,12 @@ class Image(Block):
     ] = None  # fmt: skip
 
 
-ImageEntry = Annotated[Image, BeforeValidator(with_file, json_schema_input_type=str | Image)]
+def _with_file(raw: Any) -> Any:
+    """An image that is written as the name of its file alone, in full: ``a.npy`` is ``{file: a.npy}``."""
+    return {"file": raw} if isinstance(raw, str) else raw
+
+
+ImageEntry = Annotated[Image, BeforeValidator(_with_file, json_schema_input_type=str | Image)]
 
 
 class ImageGeometry(Block):

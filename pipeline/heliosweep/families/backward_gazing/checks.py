@@ -5,22 +5,23 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from heliosweep.config.study import parameters
-from heliosweep.config.sweep import Listed, Sweep
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.profile_file import read_profile
-from heliosweep.families.backward_gazing.values import module_number
-from heliosweep.kernels.gazing.mirror import mirror_grid
+from heliosweep.families.backward_gazing.files import read_profile
+from heliosweep.kernels.gazing import geometry
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
-    from heliosweep.families.backward_gazing.measured.images import Shots
+    from heliosweep.families.backward_gazing.shots import Shots
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
+#: Problems, and notes as text.
+Found = Iterator[Problem | str]
 #: Pixels of a mirror that any machine could hold.
 MAX_PIXELS = 20_000_000
 #: Two modules may share so much of a side by rounding. [m]
@@ -39,54 +40,34 @@ SIMULATED = (
 
 
 def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
-    """Check a study whose blocks are right by themselves.
+    """Problems that make a study useless whose blocks are right by themselves, and notes: what its user may want.
 
-    Parameters
-    ----------
-    study : BackwardGazingStudy
-        The study.
-
-    Returns
-    -------
-    problems : list of Problem
-        What makes the study useless, located in the study file or a file that it names.
-    notes : list of str
-        What the user should know, but may want.
+    Problems are located in the study file or a file that it names.
     """
-    problems: list[Problem] = []
-    notes: list[str] = []
+    found: dict[Problem | str, None] = {}  # a file that two checks read is wrong once
     for find in (_modules, _pixels, _canting, _cameras, _focal_length, _maps, _profile, _layout, _measured):
         try:
-            problems += find(study, notes)
+            for one in find(study):
+                found[one] = None
         except StudyError as error:
-            problems += error.problems
-    # A file that two checks read is wrong once.
-    return list(dict.fromkeys(problems)), list(dict.fromkeys(notes))
-
-
-def _places(arrangement: str, radius: float) -> np.ndarray:
-    """Cameras in the plane of the target, shape (4, 2), in the order of `geometry.camera_square`. [m]"""
-    if arrangement == "square":
-        return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-    return radius * np.array([[0.0, 1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
+            found |= dict.fromkeys(error.problems)
+    return [one for one in found if isinstance(one, Problem)], [one for one in found if isinstance(one, str)]
 
 
 def reserved(study: BackwardGazingStudy) -> frozenset[str]:
     """Names that columns of a layout must leave to the result: its variables, labels and dimensions."""
-    from heliosweep.families.backward_gazing import shared  # xarray is not for studies without a layout
-    from heliosweep.families.backward_gazing.field.variables import FIELD
-    from heliosweep.families.backward_gazing.simulated.variables import MAPS, SIMULATED, over_seeds
+    from heliosweep.families.backward_gazing import variables as told  # xarray is not for studies without a layout
 
     keys = (
         getattr(parameter, "dimension", "") or key.rpartition(".")[2]
         for key, parameter, _ in parameters(study)
         if getattr(parameter, "sweep", True) and not key.startswith("field.layout.")
     )
-    labels = (*shared.COORDINATES, "heliostat", "heliostat_width", "heliostat_height")
-    return frozenset((*FIELD, *SIMULATED, *MAPS, *over_seeds(()), *labels, *keys))
+    labels = (*told.COORDINATES, "heliostat", "heliostat_width", "heliostat_height")
+    return frozenset((*told.FIELD, *told.SIMULATED, *told.MAPS, *told.over_seeds(()), *labels, *keys))
 
 
-def _modules(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
+def _modules(study: BackwardGazingStudy) -> Found:
     """No two modules may share a part of the mirror."""
     modules = study.heliostat.rectangles
     for one, other in itertools.combinations(range(len(modules.size)), 2):
@@ -96,10 +77,10 @@ def _modules(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
             yield study.problem(f"heliostat.modules[{other}]", message)
 
 
-def _pixels(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
+def _pixels(study: BackwardGazingStudy) -> Found:
     """Every module needs pixels, and the machine room for them."""
     modules = study.heliostat.rectangles
-    largest, smallest = max(_ends(study.heliostat.pixel)), min(_ends(study.heliostat.pixel))
+    largest, smallest = max(ends(study.heliostat.pixel)), min(ends(study.heliostat.pixel))
     side, number = float(modules.size.min()), int(np.argmin(modules.size.min(axis=1))) + 1
     span = (modules.centre + 0.5 * modules.size).max(axis=0) - (modules.centre - 0.5 * modules.size).min(axis=0)
     count = float(np.prod(np.ceil(span / smallest)))
@@ -110,39 +91,38 @@ def _pixels(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
         message = f"is too small: {count:.3g} pixels are more than {MAX_PIXELS:,}"
         yield study.problem("heliostat.pixel", f"{message} (got {smallest:g})")
     else:
-        lost = max(_ends(study.erosion))
+        lost = max(ends(study.erosion))
         if side / largest <= 2 * lost + 1:
             message = f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide"
             hint = "lower it, or make heliostat.pixel smaller"
             yield study.problem("erosion", f"{message}; {hint} (got {lost:g})")
 
 
-def _canting(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
+def _canting(study: BackwardGazingStudy) -> Found:
     """Canting is of modules that there are."""
     count = len(study.heliostat.rectangles.size)
+    numbers = set(map(str, range(1, count + 1)))
     for key in study.defects.canting:
-        number = module_number(key)
-        if number is None or not 1 <= number <= count:
+        if key not in numbers:
             yield study.problem(f"defects.canting.{key}", f"no such module: the heliostat has modules 1 to {count}")
 
 
-def _cameras(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
+def _cameras(study: BackwardGazingStudy) -> Found:
     """Seen from the heliostat, the cameras must not stand in one line."""
     cameras, target = study.cameras, study.target
-    names = cameras.arrangement
-    arrangements = [str(name) for name in (names.values() if isinstance(names, Sweep) else (names,))]
-    placed = [_places(name, min(_ends(cameras.radius))) for name in arrangements]
+    arrangements = map(str, ends(cameras.arrangement))
+    placed = [geometry.camera_square(min(ends(cameras.radius)), name) for name in arrangements]
     if cameras.positions is not None:
         placed = [np.array(cameras.positions)]
-        if _in_line(placed[0]):
+        if geometry.in_line(placed[0]):
             message = "stand in one line: two slopes cannot be found from them"
             yield study.problem("cameras.positions", message)
             return
     if target.azimuth is None or target.elevation is None:
         return
-    swept = [_ends(getattr(target, key)) for key in ("azimuth", "elevation", "tilt", "face")]
+    swept = [ends(getattr(target, key)) for key in ("azimuth", "elevation", "tilt", "face")]
     seen = [
-        _in_line(_seen(places, *np.radians(values)))
+        geometry.in_line(_seen(places, *np.radians(values)))
         for places in placed
         for values in itertools.product(*(ends[:20] for ends in swept))
     ]
@@ -152,79 +132,66 @@ def _cameras(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
 
 
 def _seen(places: np.ndarray, azimuth: float, elevation: float, tilt: float, face: float) -> np.ndarray:
-    """Cameras across the line of sight, as the kernels have them: E M."""
-    leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
-    turn = np.array([[math.cos(face), -math.sin(face), 0.0], [math.sin(face), math.cos(face), 0.0], [0.0, 0.0, 1.0]])
-    ca, sa, ch, sh = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
-    return leaning @ turn.T @ np.array([[-sa, ca, 0.0], [-ca * sh, -sa * sh, ch]]).T
+    """Cameras across the line of sight from the heliostat, shape (4, 2). [m]"""
+    return geometry.product(geometry.basis(azimuth, elevation)[1:], geometry.in_space(places, tilt, face))
 
 
-def _in_line(places: np.ndarray) -> bool:
-    """True where points of a plane, shape (N, 2), stand in one line."""
-    spread = places - places.mean(axis=0)
-    spread /= np.abs(spread).max() or 1.0  # squares of far places overflow
-    yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
-    return not yy * zz - yz * yz > 1e-12 * (yy + zz) ** 2
-
-
-def _focal_length(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
+def _focal_length(study: BackwardGazingStudy) -> Found:
     """Half the radius of a sphere that holds the whole heliostat."""
     least = study.heliostat.reach
     for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
         value = getattr(getattr(study, block), key)
-        if value is not None and min(_ends(value)) <= least:
+        if value is not None and min(ends(value)) <= least:
             message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
-            yield study.problem(f"{block}.{key}", f"{message} (got {min(_ends(value)):g})")
+            yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
 
 
-def _maps(study: BackwardGazingStudy, _: list[str]) -> Iterator[Problem]:
+def _maps(study: BackwardGazingStudy) -> Found:
     """Maps of a study have one grid."""
     if study.output.maps and isinstance(study.heliostat.pixel, Sweep):
         yield study.problem("output.maps", "must be false where heliostat.pixel is swept: each pixel has its own grid")
 
 
-def _profile(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
+def _profile(study: BackwardGazingStudy) -> Found:
     """A table must be readable; one that rises is used through its envelope."""
-    name, profiles = study.sun.profile, study.sun_profile
-    names = profiles.values() if isinstance(profiles, Sweep) else (profiles,)
+    name = study.sun.profile
     if name is None:
         return
-    if "table" not in names:
-        notes.append("sun.profile is not used: sun_profile does not name 'table'")
+    if "table" not in ends(study.sun_profile):
+        yield "sun.profile is not used: sun_profile does not name 'table'"
     table = read_profile(study.resolve(name), name)
     if table.rises:
-        notes.append(
+        yield (
             f"{name}: the brightness rises in {table.rises} of {len(table.angle) - 1} steps from the centre to the "
             "edge; method A inverts it through the least falling curve above it"
         )
-    yield from ()
 
 
-def _layout(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
+def _layout(study: BackwardGazingStudy) -> Found:
     """A field needs heliostats that are nowhere at the target."""
     if study.field is None or any(key.startswith("field.layout.") for key in study.sweeps()):
         return
     layout = Layouts(study, reserved(study), "field.layout")[()]
-    above = [up - pivot for up in _ends(study.field.receiver_height) for pivot in _ends(study.field.pivot_height)]
+    above = [up - pivot for up in ends(study.field.receiver_height) for pivot in ends(study.field.pivot_height)]
     least = study.heliostat.reach
     for row in range(len(layout)):
         near = min(math.hypot(layout.x[row], layout.y[row], up - layout.z[row]) for up in above)
         if near <= least:
             yield study.problem("field.layout", f"{layout.where(row)} reaches to the target, {near:.3g} m away")
             return
-    if "heliostat" in _ends(study.field.facing):
+    if "heliostat" in ends(study.field.facing):
         for row in np.flatnonzero(np.hypot(layout.x, layout.y) < _SLACK).tolist():
-            notes.append(
+            yield (
                 f"{layout.where(row)} stands at the foot of the tower: a target that turns to face it "
                 "(facing: heliostat) has no direction to turn to, and its azimuths are arbitrary"
             )
 
 
-def _measured(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]:
+def _measured(study: BackwardGazingStudy) -> Found:
     """Measured images must be images of the heliostat, with its sun."""
     if study.mode != "measured":
         return
-    from heliosweep.families.backward_gazing.measured.images import read_shots, read_sun  # they need the kernels
+    from heliosweep.families.backward_gazing.shots import read_shots, read_sun  # they need the kernels
 
     for key in study.sweeps():
         if key.startswith(SIMULATED):
@@ -233,30 +200,25 @@ def _measured(study: BackwardGazingStudy, notes: list[str]) -> Iterator[Problem]
         yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, as its maps have one grid")
         return
     try:
-        _, more = read_sun(study)
-        notes += more
+        yield from read_sun(study)[1]
     except StudyError as error:
         yield from error.problems
-    try:
-        seen = read_shots(study)
-    except StudyError as error:
-        yield from error.problems
-        return
+    seen = read_shots(study)
     places = seen.positions
-    if places not in (None, study.cameras.positions) and _in_line(np.array(places)):
+    if places not in (None, study.cameras.positions) and geometry.in_line(np.array(places)):
         yield study.problem("images", "the cameras stand in one line: two slopes cannot be found from them")
     if seen.rectified:
         yield from _grid_problems(study, seen)
     else:
-        yield from _corner_problems(study, seen, notes)
-    notes += _contradictions(study, seen)
-    yield from _level_problems(study, seen, notes)
+        yield from _corner_problems(study, seen)
+    yield from _contradictions(study, seen)
+    yield from _level_problems(study, seen)
 
 
-def _grid_problems(study: BackwardGazingStudy, seen: Shots) -> Iterator[Problem]:
+def _grid_problems(study: BackwardGazingStudy, seen: Shots) -> Found:
     """Images on the grid of the mirror have its size."""
     assert not isinstance(study.heliostat.pixel, Sweep)
-    shape = mirror_grid(study.heliostat.rectangles, study.heliostat.pixel).module.shape
+    shape = geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel).module.shape
     here = seen.images.shape[1:]
     if here != shape:
         message = (
@@ -266,9 +228,9 @@ def _grid_problems(study: BackwardGazingStudy, seen: Shots) -> Iterator[Problem]
         yield study.problem("images", message)
 
 
-def _corner_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) -> Iterator[Problem]:
+def _corner_problems(study: BackwardGazingStudy, seen: Shots) -> Found:
     """Marked corners are those of a heliostat in the picture, in their order."""
-    from heliosweep.kernels.gazing.rectification import homography, outline
+    from heliosweep.kernels.gazing.rectification import homography
 
     assert study.images is not None
     rows, columns = seen.images.shape[1:]
@@ -290,7 +252,7 @@ def _corner_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) 
             yield study.problem(key, f"hold {area:.3g} pixels only: too few to tell slopes from")
             continue
         try:
-            homography(outline(study.heliostat.rectangles) * [1.0, -1.0], corners)
+            homography(geometry.outline(study.heliostat.rectangles) * [1.0, -1.0], corners)
         except ValueError as error:
             yield study.problem(key, f"{error}; mark {order} of the heliostat")
             continue
@@ -300,12 +262,12 @@ def _corner_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) 
         if np.count_nonzero(outside) > 2:
             yield study.problem(key, f"{np.count_nonzero(outside)} of 4 corners are outside of the image of {size}")
         elif np.any(outside):
-            notes.append(f"{name}: {np.count_nonzero(outside)} of 4 corners are outside of the image of {size}")
+            yield f"{name}: {np.count_nonzero(outside)} of 4 corners are outside of the image of {size}"
 
 
 def _contradictions(study: BackwardGazingStudy, seen: Shots) -> Iterator[str]:
     """Sun, target and distance of the study that are not those of the metadata."""
-    from heliosweep.families.backward_gazing.measured.images import GEOMETRY
+    from heliosweep.families.backward_gazing.shots import GEOMETRY
 
     for key, (dotted, _) in GEOMETRY.items():
         block, field = dotted.split(".")
@@ -321,12 +283,11 @@ def _contradictions(study: BackwardGazingStudy, seen: Shots) -> Iterator[str]:
             yield f"{dotted} is {stated:g} in the study and {key} {other:g} in the metadata of images; the study counts"
 
 
-def _level_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) -> Iterator[Problem]:
+def _level_problems(study: BackwardGazingStudy, seen: Shots) -> Found:
     """Images that are dark, saturated or have one level only."""
-    from heliosweep.families.backward_gazing.measured.images import bright_level
+    from heliosweep.families.backward_gazing.shots import bright_level
 
-    threshold = study.cameras.threshold
-    least = float(min(threshold[:])) if isinstance(threshold, Sweep) else threshold
+    least = float(min(ends(study.cameras.threshold)))
     assert study.images is not None
     dark = []
     for number, (image, limit) in enumerate(zip(seen.images, seen.saturation, strict=True)):
@@ -339,23 +300,14 @@ def _level_problems(study: BackwardGazingStudy, seen: Shots, notes: list[str]) -
         elif over > MOST_SATURATED:
             yield study.problem(key, f"{name}: {100 * over:.3g} % of its lit pixels are saturated; expose it shorter")
         elif over > 0.0:
-            notes.append(f"{name}: {100 * over:.3g} % of its lit pixels are saturated and not used; expose it shorter")
+            yield f"{name}: {100 * over:.3g} % of its lit pixels are saturated and not used; expose it shorter"
         missing = image.size - known.size
         if missing:
-            notes.append(f"{name}: {missing:,} of its pixels are not numbers and are not used")
+            yield f"{name}: {missing:,} of its pixels are not numbers and are not used"
         if bright_level(known) < least:
             dark.append(name)
     if len(dark) > 1:
         message = f"{' and '.join(dark)} are dark: their brightest pixels are below {least:g} of the level of white"
         yield study.problem("images", f"{message}, and slopes need three cameras; expose longer, or correct 'white'")
     elif dark:
-        notes.append(
-            f"{dark[0]} is dark: its brightest pixels are below {least:g} of the level of white; it is left out"
-        )
-
-
-def _ends(value: Any) -> tuple[Any, ...]:
-    """A value, all of a list, or both ends of a range, which is monotonic."""
-    if not isinstance(value, Sweep):
-        return (value,)
-    return tuple(value[:]) if isinstance(value, Listed) else (value.first, value.last)
+        yield (f"{dark[0]} is dark: its brightest pixels are below {least:g} of the level of white; it is left out")

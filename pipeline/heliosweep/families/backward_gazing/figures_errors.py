@@ -18,10 +18,11 @@ from heliosweep.families.backward_gazing.shown import (
     REFERENTIAL,
     SEEDS,
     Gazing,
+    Way,
     canting,
     study,
 )
-from heliosweep.report.comparison import Comparison, published_in
+from heliosweep.report.comparison import published_in
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import number_text, unit_of
 from heliosweep.report.panels import Panel, curve_figure
@@ -31,28 +32,20 @@ from heliosweep.report.style import COLOURS
 
 #: Panels beside each other; modules of one figure of canting.
 COLUMNS, MOST = 4, 16
-
 #: Values below are shown there. [%]
 FLOOR = 1e-3
-
 #: Half-width of a 95 % interval over the standard error.
 WIDE = float(ndtri(0.975))
-
 #: Swept numbers with curves; lines up to which each has its band.
 MOST_RUNS, MOST_BANDS = 3, 4
-
 #: Least height of an axis of canting [mrad], of errors in percent, and in mrad.
 LEAST_CANTING, LEAST_PERCENT, LEAST_MRAD = 0.02, 0.02, 2e-4
-
 #: From this ratio of the ends on, numbers that are all positive are drawn on a logarithmic axis.
 LOGARITHMIC = 30.0
-
 #: Values below this are rounding and do not stand on logarithmic axes. [mrad]
 ROUNDING = 1e-7
-
 #: Parts of pixels and cameras that change less than this are not shown. [%]
 LEAST_CHANGE = 0.1
-
 #: A line whose least value is a smaller part of its largest comes down to nothing.
 LEAST_PART = 0.01
 
@@ -128,7 +121,7 @@ def _by_referential(shown: Gazing, end: str, *points: Point) -> tuple[dict[str, 
         lines = found.setdefault(key, [empty.copy() for _ in kinds])
         for kind, line in zip(kinds, lines, strict=True):
             if kind in shown.result:
-                line[way.point[METHOD]] = _percent(shown.result, kind) * at(shown.result[kind], *points, way.point)
+                line[way.point[METHOD]] = at(shown.result[kind], *points, way.point)
     bands = {key: (lines[1], lines[2]) for key, lines in found.items() if len(lines) == 3}
     return {key: lines[0] for key, lines in found.items()}, bands
 
@@ -143,19 +136,17 @@ def _marks(shown: Gazing, name: str, where: Point, module: Point) -> xr.DataArra
     marks = xr.DataArray(np.full(len(methods), np.nan), {METHOD: methods}, METHOD)
     for one in [*published_in(result, name), *published_in(result, f"{name}_median")]:
         method = one.where.get(METHOD)
-        if method in methods and all(_same(one, dim, here) for dim in (PROFILE, MODULE)):
+        if method in methods and all(_same(one.where[dim], here[dim]) for dim in one.where.keys() & here.keys()):
             marks[methods.index(method)] = one.published * (1.0 if one.unit == "percent" else 100.0)
     return marks if marks.notnull().any() else None
 
 
-def _same(one: Comparison, dim: str, here: Mapping[str, str]) -> bool:
-    """Whether a published number belongs to where a panel stands, as far as both tell."""
-    if dim not in one.where or dim not in here:
-        return True
+def _same(one: str, other: str) -> bool:
+    """True for the same word, or the same number however it is written."""
     try:
-        return float(one.where[dim]) == float(here[dim])
+        return float(one) == float(other)
     except ValueError:
-        return one.where[dim] == here[dim]
+        return one == other
 
 
 def _published_modules(shown: Gazing, name: str) -> list[dict[str, int]]:
@@ -254,7 +245,7 @@ def relative_errors(shown: Gazing) -> Iterator[NamedFigure]:
     name = f"{_ERROR}{median}"
     if HELIOSTAT in result[name].dims:
         return
-    factor, ways, sorts = _percent(result, name), shown.ways(name), shown.sorts(name)
+    ways, sorts = shown.ways(name), shown.sorts(name)
     for run in shown.numbers(name)[:MOST_RUNS]:
         stands = shown.fixed(name, run, METHOD, REFERENTIAL, shown.sort_dim(name), MODULE)
         (module,) = shown.modules(name, most=1)
@@ -264,8 +255,7 @@ def relative_errors(shown: Gazing) -> Iterator[NamedFigure]:
             for end, direction in DIRECTIONS.items():
                 lines, low, high = (
                     {
-                        way.name: factor
-                        * _along(shown, f"relative_error_{end}{kind}", run, stands, module, where, way.point)
+                        way.name: _along(shown, f"relative_error_{end}{kind}", run, stands, module, where, way.point)
                         for way in ways
                         if kind == median or banded
                     }
@@ -285,16 +275,8 @@ def relative_errors(shown: Gazing) -> Iterator[NamedFigure]:
             f"Mean error of the slopes of {shown.fulls(module) or 'the module'} against the {shown.title(run)}, "
             f"by method and referential.{lines_are if median else ''}{said}{shown.note(stands, sorts)}"
         )
-        figure = curve_figure(
-            panels,
-            shown.label(run),
-            logarithmic=_is_logarithmic(result[run]),
-            floor=floor,
-            same_scale="row",
-            least_span=LEAST_PERCENT,
-            looks={way.name: way.look for way in ways},
-        )
-        yield NamedFigure(f"errors_over_{run}", caption, figure)
+        more: dict[str, Any] = {"floor": floor, "same_scale": "row", "least_span": LEAST_PERCENT}
+        yield _over(shown, "errors", run, panels, caption, ways, **more)
 
 
 def rms_errors(shown: Gazing) -> Iterator[NamedFigure]:
@@ -323,17 +305,13 @@ def rms_errors(shown: Gazing) -> Iterator[NamedFigure]:
             f"{shown.title(run)}; bound: least standard deviation that noise and levels of the cameras leave."
             f"{_over_seeds(result)}{shown.note(stands)}"
         )
+        more: dict[str, Any] = {
+            "logarithmic_values": _many_decades(panels, ROUNDING),
+            "same_scale": True,
+            "least_span": LEAST_MRAD,
+        }
         black = {"color": "#000000", "linestyle": (0, (4, 1.6)), "marker": ""}
-        figure = curve_figure(
-            panels,
-            shown.label(run),
-            logarithmic=_is_logarithmic(result[run]),
-            logarithmic_values=_many_decades(panels, ROUNDING),
-            same_scale=True,
-            least_span=LEAST_MRAD,
-            looks={**{way.name: way.look for way in ways}, _BOUND: black},
-        )
-        yield NamedFigure(f"rms_errors_over_{run}", caption, figure)
+        yield _over(shown, "rms_errors", run, panels, caption, ways, {_BOUND: black}, same_scale=True, **more)
 
 
 def sight(shown: Gazing) -> Iterator[NamedFigure]:
@@ -355,9 +333,7 @@ def sight(shown: Gazing) -> Iterator[NamedFigure]:
                 "Part of the pixels of a module that have slopes, and part of the cameras that see the sun in it, "
                 f"against the {shown.title(run)}.{shown.note(stands, places)}"
             )
-            logarithmic = _is_logarithmic(result[run])
-            figure = curve_figure(panels, shown.label(run), logarithmic=logarithmic, same_scale=True, least_span=5.0)
-            yield NamedFigure(f"sight_over_{run}", caption, figure)
+            yield _over(shown, "sight", run, panels, caption, same_scale=True, least_span=5.0)
 
 
 def grids(shown: Gazing) -> Iterator[NamedFigure]:
@@ -396,14 +372,26 @@ def grids(shown: Gazing) -> Iterator[NamedFigure]:
 FIGURES = (errors, modules, relative_errors, rms_errors, sight, grids)
 
 
+def _over(
+    shown: Gazing,
+    name: str,
+    run: str,
+    panels: Sequence[Panel],
+    caption: str,
+    ways: Iterable[Way] = (),
+    looks: Mapping[str, Any] | None = None,
+    **more: Any,
+) -> NamedFigure:
+    """Curves over one swept number, those of methods in their colours."""
+    looks = {way.name: way.look for way in ways} | dict(looks or {})
+    logarithmic = _is_logarithmic(shown.result[run])
+    figure = curve_figure(panels, shown.label(run), logarithmic=logarithmic, looks=looks, **more)
+    return NamedFigure(f"{name}_over_{run}", caption, figure)
+
+
 def _median(result: xr.Dataset) -> str:
     """End of the name of the relative error: its median over the seeds where there is one."""
     return "_median" if f"{_ERROR}_median" in result else ""
-
-
-def _percent(result: xr.Dataset, name: str) -> float:
-    """What a variable is multiplied with to be in percent."""
-    return 1.0 if result[name].attrs.get("units") == "percent" else 100.0
 
 
 def _title(shown: Gazing, where: Point, module: Point) -> str:

@@ -12,15 +12,9 @@ from heliosweep.report.views import HELIOSTAT, PIXELS, View, is_ordered, shown
 _TYPICAL: dict[str, float | str] = {METHOD: "LM", "referential": "exact", HOUR: 12.0}
 
 _PICTURES = (
-    "slope_x",
-    "slope_y",
-    "true_slope_x",
-    "true_slope_y",
-    "slope_uncertainty_x",
-    "slope_uncertainty_y",
+    *(f"{name}_{end}" for name in ("slope", "true_slope", "slope_uncertainty") for end in "xy"),
     "residual_rms",
 )
-
 #: What most readers look for, first.
 _FIRST = ("relative_error_x_median", "slope_rms_x", "slope_rms_y", "canting_x", "canting_y")
 

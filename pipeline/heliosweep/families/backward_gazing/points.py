@@ -7,33 +7,36 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.families.backward_gazing.shared import NOT_CONVERGED, NOT_IDENTIFIABLE, UNLIT, most_pixels
+from heliosweep.families.backward_gazing.variables import NOT_IDENTIFIABLE, most_pixels
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
-from heliosweep.kernels.gazing.geometry import EXACT, REFERENTIALS, Scene, camera_square, scene, transfers
-from heliosweep.kernels.gazing.linear import (
-    ideal_squares,
-    ideal_wavefront,
-    solutions,
-    transferred,
-    wavefront_departures,
+from heliosweep.kernels.gazing import linear
+from heliosweep.kernels.gazing.geometry import (
+    EXACT,
+    REFERENTIALS,
+    MirrorGrid,
+    Modules,
+    Scene,
+    camera_square,
+    scene,
+    transfers,
 )
-from heliosweep.kernels.gazing.lm import SlopeFit, fit_slopes, graduated
-from heliosweep.kernels.gazing.mirror import MirrorGrid, Modules
+from heliosweep.kernels.gazing.lanes import UNLIT, SlopeFit
+from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.gazing.search import SlopeSearch, search_slopes, search_wavefronts
+from heliosweep.kernels.gazing.search import search_slopes, search_wavefronts
 from heliosweep.kernels.sun.profiles import Profile, jose, tabulated
-from heliosweep.kernels.sun.tables import noisy, smooth_fit
+from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
 
 if TYPE_CHECKING:
+    from heliosweep.families.backward_gazing.files import ProfileTable
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
+    from heliosweep.grid.regions import Variable
 
 Floats = NDArray[np.float64]
-#: A table of the sun: angles [rad] and brightness.
-Table = tuple[tuple[float, ...], tuple[float, ...]]
-
 #: Time of a pixel on one core by each method, for a tabulated profile. [s]
 SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 4.5e-6, "O2": 5e-6, "LM": 1.6e-6}
 #: Overhead of a point. [s]
@@ -46,10 +49,9 @@ KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
     "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "cameras.arrangement", "cameras.radius",
     "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits", "cameras.images",
-    "cameras.supersampling",
-    "cameras.threshold", "cameras.seed", "defects.canting_scale", "defects.waviness", "defects.waviness_length",
-    "defects.focal_length", "defects.seed", "sun_profile", "profile_noise.noise", "profile_noise.nodes",
-    "profile_noise.seed", "profile_error", "erosion",
+    "cameras.supersampling", "cameras.threshold", "cameras.seed", "defects.canting_scale", "defects.waviness",
+    "defects.waviness_length", "defects.focal_length", "defects.seed", "sun_profile", "profile_noise.noise",
+    "profile_noise.nodes", "profile_noise.seed", "profile_error", "erosion",
 )  # fmt: skip
 
 
@@ -114,8 +116,8 @@ class Point(NamedTuple):
         """The ideal heliostat, seen by cameras without noise under the profile by which slopes are found."""
         return self._replace(
             noise=0.0, gain_error=0.0, gain_noise=0.0, bits=0, images="mirror_grid", supersampling=1, camera_seed=0,
-            canting_scale=0.0,
-            waviness=0.0, waviness_length=1.0, true_focal_length=self.focal_length, defect_seed=0, erosion=0,
+            canting_scale=0.0, waviness=0.0, waviness_length=1.0, true_focal_length=self.focal_length, defect_seed=0,
+            erosion=0,
         )  # fmt: skip
 
     def layout(self, positions: Iterable[tuple[float, float]] | None) -> Scene:
@@ -133,14 +135,17 @@ class Point(NamedTuple):
         except ValueError:
             raise Failure(NOT_IDENTIFIABLE) from None
 
-    def profile(self, table: Table | None) -> Profile:
+    def profile(self, table: ProfileTable | None) -> Profile:
         """Profile of the sun. Raises ValueError where noise makes it no darker at its edge."""
         if self.sun_profile == "noisy":
             return noisy(jose(), self.profile_noise, self.nodes, self.profile_seed)
         if self.sun_profile == "table" and table is not None:
-            angle, brightness = table
-            return tabulated(brightness, angle=angle)
+            return tabulated(table.brightness, angle=table.angle)
         return jose()
+
+    def known(self, profile: Profile) -> Profile:
+        """The profile by which slopes are found, of the one that makes the images: wider by `profile_error`."""
+        return scaled(profile, self.profile_error) if self.profile_error else profile
 
 
 _KINDS = get_type_hints(Point)
@@ -191,62 +196,37 @@ def reconstruct(
 ) -> Found:
     """Find slopes by all methods from one set of images, simulated or measured.
 
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    profile : Profile
-        Of the sun.
-    images : ndarray, shape (K, N)
-        Brightness relative to the disc centre; NaN where a camera's pixel cannot be used. [1]
-    mirror : MirrorGrid
-        N pixels.
-    threshold : float
-        Least brightness of a lit camera. [1]
-    solver : Solver
-        Methods.
-
-    Returns
-    -------
-    Found
+    Images (K, N) are NaN where a camera's pixel cannot be used. `threshold` is the least brightness of lit ones. [1]
     """
     y, z = mirror.pixel_y, mirror.pixel_z
     every = transfers(layout)
     matrices = np.ascontiguousarray(every[list(solver.referentials)])
-    ideal = ideal_squares(layout, y, z)
-    departures, lit = wavefront_departures(images, ideal, solutions(layout.gaze), profile, threshold)
-    start = transferred(departures, every[EXACT:])[0]
+    ideal = linear.ideal_squares(layout, y, z)
+    rows = linear.solutions(layout.gaze)
+    departures, lit = linear.wavefront_departures(images, ideal, rows, profile, threshold)
+    start = linear.transferred(departures, every[EXACT:])[0]
     slopes = np.empty((len(solver.methods), len(matrices), 2, y.size))
     quality = np.zeros((len(solver.methods), y.size), np.int64)
     how: dict[str, Any] = {"threshold": threshold, "fit_gain": solver.fit_gain}
     fit = None
     for row, method in enumerate(solver.methods):
         if method == "A":
-            slopes[row] = transferred(departures, matrices)
+            slopes[row] = linear.transferred(departures, matrices)
             quality[row] = UNLIT * ~np.isfinite(departures[0])
         elif method == "O1":
-            wavefront = ideal_wavefront(layout, ideal)
-            search = search_wavefronts(layout, profile, images, wavefront + departures, **how)
-            slopes[row] = transferred(search.slopes - wavefront, matrices)
-            quality[row] = _bits(search)
+            wavefront = linear.ideal_wavefront(layout, ideal)
+            found = search_wavefronts(layout, profile, images, wavefront + departures, **how)
+            slopes[row] = linear.transferred(found.slopes - wavefront, matrices)
+            quality[row] = found.flags
         elif method == "O2":
-            search = search_slopes(layout, profile, images, y, z, start, **how)
-            slopes[row] = search.slopes
-            quality[row] = _bits(search)
+            found = search_slopes(layout, profile, images, y, z, start, **how)
+            slopes[row], quality[row] = found.slopes, found.flags
         else:
             smooth = solver.smooth and profile.table.size > 3
             stages = [smooth_fit(profile)] if smooth else graduated(profile)
             fit = fit_slopes(layout, stages, images, y, z, start, **how)
-            slopes[row] = fit.slopes
-            quality[row] = fit.flags
+            slopes[row], quality[row] = fit.slopes, fit.flags
     return Found(slopes, lit, quality, fit)
-
-
-def _bits(search: SlopeSearch) -> NDArray[np.int64]:
-    """Bits of what a simplex search says of its pixels."""
-    tried = search.evaluations > 0
-    bits: NDArray[np.int64] = UNLIT * ~tried + NOT_CONVERGED * (tried & ~search.converged)
-    return bits
 
 
 def estimates(
@@ -257,43 +237,48 @@ def estimates(
     keep: NDArray[np.bool_],
     focal_length: float,
 ) -> dict[str, Floats]:
-    """Canting, waviness, pointing and focal length, with standard errors.
+    """Canting, waviness, pointing and focal length, with standard errors, by the names of their variables. [mrad], [m]
 
-    Parameters
-    ----------
-    slopes : ndarray, shape (M, T, 2, N)
-        By M methods and T referentials, NaN where unknown. [rad]
-    deviations : iterable of (ndarray, shape (2, N)) or None
-        For each method, known standard deviation of the noise of its slopes. [rad]
-    mirror, modules, keep, focal_length
-        As for `module_estimates`.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The variables of `shared.ESTIMATES`. [mrad], [m]
+    Of slopes (M, T, 2, N) [rad] by M methods and T referentials, NaN where unknown, whose noise is known for each
+    method as a standard deviation (2, N) [rad] or not at all; the rest as for `module_estimates`.
     """
     found = [
-        [
-            module_estimates(np.ascontiguousarray(one), mirror, modules, keep, focal_length, deviation=noise)
-            for one in frames
-        ]
+        [module_estimates(one, mirror, modules, keep, focal_length, deviation=noise) for one in frames]
         for frames, noise in zip(slopes, deviations, strict=True)
     ]
 
     def all_of(name: str) -> Floats:
         return np.array([[getattr(one, name) for one in row] for row in found])
 
-    made = {
-        "focal_length_estimate": all_of("focal_length"),
-        "focal_length_standard_error": all_of("focal_length_error"),
-    }
-    for name in ("canting", "waviness", "pointing"):
-        for axis, letter in enumerate("xy"):
-            made[f"{name}_{letter}"] = 1e3 * all_of(name)[:, :, axis]
-            if name != "waviness":
-                made[f"{name}_{letter}_standard_error"] = 1e3 * all_of(f"{name}_error")[:, :, axis]
+    made = {"focal_length_estimate": all_of("focal_length")}
+    made["focal_length_standard_error"] = all_of("focal_length_error")
+    for name in ("canting", "canting_error", "waviness", "pointing", "pointing_error"):
+        made |= by_axis(name.replace("_error", "_%_standard_error") if "_" in name else f"{name}_%", 1e3 * all_of(name))
     return made
+
+
+def by_axis(name: str, values: Floats, axis: int = 2) -> dict[str, Floats]:
+    """Values of both directions, which are along one axis, by name: ``%`` stands for x and y."""
+    return {name.replace("%", end): one for end, one in zip("xy", np.moveaxis(values, axis, 0), strict=True)}
+
+
+def gathered(
+    variables: Mapping[str, Variable],
+    sizes: Mapping[str, int],
+    points: Iterable[tuple[tuple[int, ...], Mapping[str, Any]]],
+) -> xr.Dataset:
+    """Data set of the values of points, each with its index along the first dimensions; NaN or 0 where there are none.
+
+    `variables` have all their dimensions, and `sizes` are those of the region that is computed.
+    """
+    arrays = {
+        name: np.full([sizes[dim] for dim in one.dims], math.nan if one.dtype.kind == "f" else 0, one.dtype)
+        for name, one in variables.items()
+    }
+    for index, values in points:
+        for name, value in values.items():
+            arrays[name][index] = value
+    return xr.Dataset({name: (variables[name].dims, array) for name, array in arrays.items()})
 
 
 def workload_of_points(
@@ -301,18 +286,8 @@ def workload_of_points(
 ) -> Workload:
     """Sizes and cost of a study of one heliostat, for the plan.
 
-    Parameters
-    ----------
-    study : BackwardGazingStudy
-        Checked study.
-    inner : mapping of str to int
-        Lengths of the dimensions after the swept ones.
-    seconds : float
-        Time of a pixel on one core. [s]
-    held : int
-        What a part takes besides its pixels. [bytes]
-    whole : tuple of str
-        Swept dimensions of statistics.
+    With the lengths of the dimensions after the swept ones, the time of a pixel on one core [s], what a part takes
+    besides its pixels [bytes], and the swept dimensions of statistics.
     """
     pixels = most_pixels(study)
     return Workload(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,18 +15,14 @@ from heliosweep.report.style import COLOURS, DASHES, MARKERS
 
 METHOD, REFERENTIAL, MODULE, PROFILE, HOUR = "slope_method", "referential", "module", "sun_profile", "hour"
 HELIOSTAT, CAMERA = "heliostat", "camera"
-
 #: Directions, as the ends of variables and as words.
 DIRECTIONS = {"x": "horizontal", "y": "vertical"}
-
 #: Dimensions that are drawn from, not swept.
 SEEDS = ("profile_seed", "camera_seed", "defect_seed")
-
 #: Methods from the best to the first; those that need no referential; and referentials in the order of the paper.
 BEST = ("LM", "O2", "O1", "A")
 DIRECT = ("O2", "LM")
 EXACT = ("exact", "roll", "none")
-
 #: Profiles of one figure, modules of one figure.
 MOST_SORTS, MOST_MODULES = 2, 4
 
@@ -36,20 +31,12 @@ _MARKS = dict(zip(METHOD_COLOURS, MARKERS, strict=False))
 _DASHES = {"none": DASHES[0], "roll": DASHES[1], "exact": DASHES[2], "": DASHES[0]}
 
 
-@dataclass(frozen=True)
-class Way:
-    """A method with a referential, which only A and O1 need.
-
-    Parameters
-    ----------
-    method, referential : str
-        Names; the referential is empty where none is needed.
-    point : dict
-        Where it stands in the result.
-    """
+class Way(NamedTuple):
+    """A method with a referential, which only A and O1 need, and where it stands in the result."""
 
     method: str
     referential: str
+    """Empty where none is needed."""
     point: Point
 
     @property

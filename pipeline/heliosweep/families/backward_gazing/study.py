@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from heliosweep.config.faults import Fault
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Listed, Sweep, ends, read_items
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.errors import Problem
 from heliosweep.families.backward_gazing import checks
@@ -31,7 +32,6 @@ from heliosweep.families.backward_gazing.blocks import (
     Target,
     positions_rules,
 )
-from heliosweep.families.backward_gazing.values import Names
 
 MODES = {
     "simulated": "images are made of a heliostat with known defects",
@@ -40,6 +40,24 @@ MODES = {
 #: Keys without which a heliostat is nowhere; a field tells them.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Names(Choice):
+    """One or several of some names, in the order in which they are written; a dimension in any case, never a sweep."""
+
+    sweep: bool = field(default=False, kw_only=True)
+
+    def read(self, raw: Any) -> Any:
+        """Return the names as a tuple. Raises Invalid."""
+        if isinstance(raw, Listed):
+            raw = raw.items
+        return read_items(raw if isinstance(raw, list | tuple) else [raw], self._one)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of a name or a list of them."""
+        one = {"enum": list(self.options)}
+        return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1, "uniqueItems": True}]}
 
 
 class BackwardGazingStudy(Study):
@@ -96,7 +114,7 @@ class BackwardGazingStudy(Study):
             yield from self._measured_faults()
         else:
             yield from self._simulated_faults()
-        if self._profiles() & {"table"} and self.sun.profile is None and self.sun.image is None:
+        if "table" in ends(self.sun_profile) and self.sun.profile is None and self.sun.image is None:
             yield Fault("'sun.profile' is missing: the table that 'sun_profile: table' means", show_value=False)
 
     @property
@@ -116,17 +134,15 @@ class BackwardGazingStudy(Study):
         """Return warnings."""
         return self._checked[1]
 
-    def _profiles(self) -> set[str]:
-        value = self.sun_profile
-        return set(value.values()) if isinstance(value, Sweep) else {value}
-
     def _simulated_faults(self) -> Iterator[Fault]:
-        for key in ("images", "image_geometry"):
-            if getattr(self, key) is not None:
-                yield Fault("is only for mode: measured; remove it or change 'mode'", (key,), show_value=False)
-        if self.sun.image is not None:
-            message = "is only for mode: measured; remove it or change 'mode'"
-            yield Fault(message, ("sun", "image"), show_value=False)
+        measured = {
+            ("images",): self.images,
+            ("image_geometry",): self.image_geometry,
+            ("sun", "image"): self.sun.image,
+        }
+        for where, value in measured.items():
+            if value is not None:
+                yield Fault("is only for mode: measured; remove it or change 'mode'", where, show_value=False)
         for block, key in PLACE:
             given = getattr(getattr(self, block), key) is not None
             if self.field is not None and given:

@@ -1,4 +1,4 @@
-"""Geometry of backward gazing: frames, cameras, the ideal mirror, and rays traced back from a camera to the sun.
+"""Geometry of backward gazing: frames, cameras, the modules of a heliostat and the pixels on its mirror; NumPy only.
 
 Frames [1]_. R_F has x south, y east, z up and its origin O' at the target centre; azimuths here are from south towards
 east, `world_azimuth` converts. `basis(a, h)` turns R_F into a frame whose x axis has azimuth a and elevation h: B_S for
@@ -9,6 +9,8 @@ The mirror of the reconstruction is the series of a sphere of focal length f (Eq
 p = (p_y, p_z) are departures from it: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f, likewise b.
 A camera i at M_i sees the pixel P along R = unit(M_i - P) and in it the sun's disc at S = 2 (N.R) N - R; v and w,
 the 2nd and 3rd components of B_S S, are the sine of the angle eps_i from the disc centre (Eqs. 4 to 6).
+
+Kernels work on the pixels that lie on a module, one row after another; `maps` puts their values back on the grid.
 
 References
 ----------
@@ -22,14 +24,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.compiled import inline
-
 Floats = NDArray[np.float64]
 
 NONE, ROLL, EXACT = 0, 1, 2
 """Referentials: rows of `transfers`."""
 REFERENTIALS = ("none", "roll", "exact")
 """Their names in the order of `transfers`."""
+_SLACK = 1e-9
+"""Rounding that a pixel centre on a module's edge is allowed, in pixels."""
 
 
 class Scene(NamedTuple):
@@ -59,46 +61,73 @@ class Scene(NamedTuple):
     """Angle i of the sun and of the target from the ideal normal. [rad]"""
 
 
+class Modules(NamedTuple):
+    """Rectangular modules of a heliostat; module number n of a study is row n - 1."""
+
+    centre: Floats
+    """(y, z) in the mirror frame, from the heliostat's centre, shape (M, 2). [m]"""
+    size: Floats
+    """Width along y and height along z, shape (M, 2). [m]"""
+
+
+class MirrorGrid(NamedTuple):
+    """Square pixels over the modules; made by `mirror_grid`."""
+
+    y: Floats
+    """Pixel centres along y, rising, shape (ny,). [m]"""
+    z: Floats
+    """Pixel centres along z, rising, shape (nz,). [m]"""
+    module: NDArray[np.int64]
+    """Number of the module at each pixel, from 1; 0 where there is none; shape (nz, ny)."""
+    place: NDArray[np.int64]
+    """Place of the N pixels on modules in the flattened grid, rising, shape (N,)."""
+    pixel_y: Floats
+    """Their y, shape (N,). [m]"""
+    pixel_z: Floats
+    """Their z, shape (N,). [m]"""
+    pixel_module: NDArray[np.int64]
+    """Row of their module, from 0, shape (N,)."""
+
+
 def basis(azimuth: float, elevation: float) -> Floats:
-    """Axes of a frame whose x axis points to an azimuth and elevation.
+    """Axes of a frame whose x axis has an azimuth, from south towards east, and an elevation [rad].
 
-    Parameters
-    ----------
-    azimuth : float
-        From south, positive towards east. [rad]
-    elevation : float
-        Above the horizon. [rad]
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Rows x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch) in R_F. [1]
+    Rows x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch) in R_F, shape (3, 3). [1]
     """
     ca, sa, ch, sh = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
     return np.array([[ca * ch, sa * ch, sh], [-sa, ca, 0.0], [-ca * sh, -sa * sh, ch]])
 
 
 def camera_square(radius: float, arrangement: str = "square") -> Floats:
-    """Four cameras about the target centre.
+    """Four cameras at a distance [m] from the target centre: (y'', z'') in its plane, shape (4, 2). [m]
 
-    Parameters
-    ----------
-    radius : float
-        Distance of each from the centre. [m]
-    arrangement : str
-        `square`: (-a, a), (a, a), (-a, -a), (a, -a) with a = radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0),
-        (0, -r).
-
-    Returns
-    -------
-    ndarray, shape (4, 2)
-        (y'', z'') in the plane of the target: y'' to the east for a target that faces north, z'' upwards. [m]
+    y'' is to the east for a target that faces north, z'' upwards. `square`: (-a, a), (a, a), (-a, -a), (a, -a) with
+    a = radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0), (0, -r). Raises ValueError for any other arrangement.
     """
     if arrangement == "square":
         return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     if arrangement == "cross":
         return radius * np.array([[0.0, 1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
     raise ValueError(f"unknown arrangement of cameras {arrangement!r}")
+
+
+def in_space(places: Floats, tilt: float, face: float) -> Floats:
+    """Places (y'', z'') in the plane of the target, shape (K, 2), in R_F: shape (K, 3). [m]
+
+    The target leans by `tilt` (Eq. 3): its back rises with the angle, so that it faces down to the mirrors; `face`
+    turns it about the vertical, from south towards east. [rad]
+    """
+    leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
+    turn = np.array([[math.cos(face), -math.sin(face), 0.0], [math.sin(face), math.cos(face), 0.0], [0.0, 0.0, 1.0]])
+    return product(turn, leaning)
+
+
+def in_line(places: Floats) -> bool:
+    """True where points of a plane, shape (K, 2), stand in one line, or within a millionth of their spread of it."""
+    spread = places - places.mean(axis=0)
+    spread /= np.abs(spread).max() or 1.0  # squares of far places overflow
+    yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
+    return not yy * zz - yz * yz > 1e-12 * (yy + zz) ** 2
 
 
 def scene(
@@ -120,25 +149,16 @@ def scene(
         Azimuth and elevation of R0, the direction from the mirror to the target; the mirror centre is at -D R0. [rad]
     cameras : array_like, shape (K, 2)
         (y'', z'') in the plane of the target. [m]
-    distance : float
-        D. [m]
-    focal_length : float
-        f of the ideal mirror. [m]
-    tilt : float
-        Angle between the target plane and the vertical (Eq. 3): its back rises with the angle, so that it faces down
-        to the mirrors. [rad]
-    face : float
-        Turn of the target about the vertical, from south towards east; 0 in the paper, where it faces north. [rad]
-
-    Returns
-    -------
-    Scene
+    distance, focal_length : float
+        D, and f of the ideal mirror. [m]
+    tilt, face : float
+        As in `in_space`; the paper's target has no turn and faces north. [rad]
 
     Raises
     ------
     ValueError
         If a length is not positive, sun and target stand opposite each other, or the cameras seen from the mirror are
-        fewer than 3, in one line or nearer to it than a millionth of their spread: two slopes cannot be found then.
+        fewer than 3 or in one line: two slopes cannot be found then.
     """
     places = np.asarray(cameras, np.float64)
     if not (distance > 0.0 and focal_length > 0.0):
@@ -151,24 +171,20 @@ def scene(
     if length < 1e-9:
         raise ValueError("no mirror can send the sun to a target opposite it")
     b_mirror = basis(math.atan2(ideal[1], ideal[0]), math.atan2(ideal[2], math.hypot(ideal[0], ideal[1])))
-    leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
-    turn = np.array([[math.cos(face), -math.sin(face), 0.0], [math.sin(face), math.cos(face), 0.0], [0.0, 0.0, 1.0]])
-    in_space = _rows(turn, leaning)
-    gaze = _rows(b_target[1:], in_space) / distance
-    spread = gaze - gaze.mean(axis=0)
-    yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
-    if not yy * zz - yz * yz > 1e-12 * (yy + zz) ** 2:
+    standing = in_space(places, tilt, face)
+    gaze = product(b_target[1:], standing) / distance
+    if in_line(gaze):
         raise ValueError("cameras in one line as seen from the mirror: two slopes cannot be found")
     half = 0.5 * float(np.sqrt(np.sum((b_sun[0] - b_target[0]) ** 2)))
     return Scene(
         b_sun,
         b_mirror,
         b_target,
-        in_space,
-        _rows(b_mirror, in_space + distance * b_target[0]),
+        standing,
+        product(b_mirror, standing + distance * b_target[0]),
         gaze,
-        _rows(b_mirror, b_sun[1]),
-        _rows(b_mirror, b_sun[2]),
+        product(b_mirror, b_sun[1]),
+        product(b_mirror, b_sun[2]),
         float(distance),
         float(focal_length),
         math.atan2(half, 0.5 * length),
@@ -176,115 +192,100 @@ def scene(
 
 
 def jacobian(layout: Scene) -> Floats:
-    """Change of the wavefront slopes w with the mirror slopes p at the mirror centre.
+    """Change of the wavefront slopes w with the mirror slopes p at the mirror centre, shape (2, 2). [1]
 
-    Parameters
-    ----------
-    layout : Scene
-
-    Returns
-    -------
-    ndarray, shape (2, 2)
-        J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T] with E and T' the 2nd and 3rd rows of B_R and B_H. Its
-        determinant is 4 cos i. [1]
+    J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T] with E and T' the 2nd and 3rd rows of B_R and B_H. Its determinant
+    is 4 cos i.
     """
     e, t = layout.target_axes[1:], layout.mirror_axes[1:]
-    along = _rows(e, layout.mirror_axes[0])[:, np.newaxis] * _rows(t, layout.sun_axes[0])
-    return 2.0 * (along + math.cos(layout.incidence) * _rows(e, t).T)
+    along = product(e, layout.mirror_axes[0])[:, np.newaxis] * product(t, layout.sun_axes[0])
+    return 2.0 * (along + math.cos(layout.incidence) * product(e, t).T)
 
 
 def transfers(layout: Scene) -> Floats:
-    """Matrices that turn wavefront slopes into mirror slopes.
+    """Matrices that turn wavefront slopes into mirror slopes, shape (3, 2, 2). [1]
 
-    Parameters
-    ----------
-    layout : Scene
-
-    Returns
-    -------
-    ndarray, shape (3, 2, 2)
-        `NONE`: I / 2, without the field rotation. `ROLL`: [2 cos i E T'^T]^-1, the rotation of the axes alone.
-        `EXACT`: J^-1. [1]
+    `NONE`: I / 2, without the field rotation. `ROLL`: [2 cos i E T'^T]^-1, the rotation of the axes alone. `EXACT`:
+    J^-1. NaN where a matrix has no inverse.
     """
-    roll = 2.0 * math.cos(layout.incidence) * _rows(layout.target_axes[1:], layout.mirror_axes[1:]).T
+    roll = 2.0 * math.cos(layout.incidence) * product(layout.target_axes[1:], layout.mirror_axes[1:]).T
     return np.stack((0.5 * np.eye(2), _inverted(roll), _inverted(jacobian(layout))))
 
 
-@inline
-def ideal_mirror(focal_length: float, y: float, z: float) -> tuple[float, float, float]:
-    """Height of the ideal mirror and its slopes (Eqs. 1 and 2).
+def themis_8() -> Modules:
+    """Modules of a heliostat like those of THEMIS: 2 columns of 4, each 3.6 m x 1.8 m, with gaps of 5 cm.
 
-    Parameters
-    ----------
-    focal_length : float
-        f. [m]
-    y, z : float
-        Pixel, from the mirror centre. [m]
-
-    Returns
-    -------
-    x : float
-        r^2 / 4 f + r^4 / 64 f^3 along the normal. [m]
-    a, b : float
-        -y (1 + r^2 / 8 f^2) / 2 f and -z (...) / 2 f: N ~ (1, a, b). [rad]
+    Numbers 1 to 4 are the left column from the top, 5 to 8 the right one, left as the cameras at the target see it
+    (y < 0). The positions are an assumption: none are published.
     """
-    curved = (y * y + z * z) / (8.0 * focal_length * focal_length)
-    bend = -(1.0 + curved) / (2.0 * focal_length)
-    return 2.0 * focal_length * curved * (1.0 + 0.5 * curved), bend * y, bend * z
+    size = 3.6, 1.8
+    across, down = size[0] + 0.05, size[1] + 0.05
+    centre = [(side * 0.5 * across, (1.5 - row) * down) for side in (-1, 1) for row in range(4)]
+    return Modules(np.array(centre), np.tile(size, (8, 1)))
 
 
-@inline
-def camera_ray(eyes: Floats, camera: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Unit vector R in the mirror frame from the point (x, y, z) of the mirror to a camera; `eyes` of the scene."""
-    rx, ry, rz = eyes[camera, 0] - x, eyes[camera, 1] - y, eyes[camera, 2] - z
-    scale = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz)
-    return rx * scale, ry * scale, rz * scale
-
-
-@inline
-def mirror_offsets(
-    a: float, b: float, rx: float, ry: float, rz: float, sun_y: Floats, sun_z: Floats
-) -> tuple[float, float, float, float, float, float]:
-    """Point of the disc that the ray to a camera comes from, for a mirror with the normal N ~ (1, a, b).
-
-    Parameters
-    ----------
-    a, b : float
-        Slopes of the normal, those of the ideal mirror and p together. [rad]
-    rx, ry, rz : float
-        R of `camera_ray`. [1]
-    sun_y, sun_z : ndarray, shape (3,)
-        Of the scene.
-
-    Returns
-    -------
-    v, w : float
-        2nd and 3rd components of B_S S. [1]
-    dv/da, dv/db, dw/da, dw/db : float
-        Derivatives by the slopes, that is by p_y and p_z. [1/rad]
+def outline(modules: Modules) -> Floats:
+    """Corners of the smallest rectangle that holds all modules: (y, z) of top left, top right, bottom right and bottom
+    left as the cameras see it, shape (4, 2). [m]
     """
-    scale = 2.0 / (1.0 + a * a + b * b)
-    along = rx + a * ry + b * rz
-    ny = sun_y[0] + a * sun_y[1] + b * sun_y[2]
-    nz = sun_z[0] + a * sun_z[1] + b * sun_z[2]
-    v, w = scale * along * ny, scale * along * nz
-    return (
-        v - (rx * sun_y[0] + ry * sun_y[1] + rz * sun_y[2]),
-        w - (rx * sun_z[0] + ry * sun_z[1] + rz * sun_z[2]),
-        scale * (ry * ny + along * sun_y[1] - a * v),
-        scale * (rz * ny + along * sun_y[2] - b * v),
-        scale * (ry * nz + along * sun_z[1] - a * w),
-        scale * (rz * nz + along * sun_z[2] - b * w),
+    low = (modules.centre - 0.5 * modules.size).min(axis=0)
+    high = (modules.centre + 0.5 * modules.size).max(axis=0)
+    return np.array([[low[0], high[1]], [high[0], high[1]], [high[0], low[1]], [low[0], low[1]]])
+
+
+def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
+    """Pixels of a side [m] over the smallest rectangle that holds all modules, centred on it.
+
+    A pixel belongs to the module that holds its centre. Modules must not overlap, nor be narrower than a pixel.
+    """
+    half = 0.5 * modules.size
+    low, high = (modules.centre - half).min(axis=0), (modules.centre + half).max(axis=0)
+    count = np.maximum(np.ceil((high - low) / pixel - 1e-6), 1.0)
+    y, z = (
+        0.5 * (low[axis] + high[axis]) + pixel * (np.arange(int(count[axis])) - 0.5 * (count[axis] - 1.0))
+        for axis in (0, 1)
     )
+    module = np.zeros((len(z), len(y)), np.int64)
+    for row in reversed(range(len(half))):  # on an edge that two share the first counts
+        on_y, on_z = (
+            np.abs(line - modules.centre[row, axis]) <= half[row, axis] + _SLACK * pixel
+            for axis, line in enumerate((y, z))
+        )
+        module[np.ix_(on_z, on_y)] = row + 1
+    place = np.flatnonzero(module)
+    rows, columns = np.divmod(place, len(y))
+    return MirrorGrid(y, z, module, place, y[columns], z[rows], module.ravel()[place] - 1)
 
 
-def _rows(matrix: Floats, vectors: Floats) -> Floats:
-    """Product of a matrix with each of some vectors, summed in one order whatever their number."""
+def eroded(grid: MirrorGrid, cells: int) -> NDArray[np.bool_]:
+    """Pixels of which all within `cells` rows and columns belong to the same module, shape (N,)."""
+    padded = np.pad(grid.module, cells)
+    keep = padded > 0
+    # The square neighbourhood is a row of pixels after a column of pixels: all equal in both steps, all equal.
+    for axis in (0, 1):
+        inside = keep.copy()
+        for shift in range(1, cells + 1):
+            for turn in (shift, -shift):
+                inside &= np.roll(keep, turn, axis) & (np.roll(padded, turn, axis) == padded)
+        keep = inside
+    rows, columns = grid.module.shape
+    return keep[cells : cells + rows, cells : cells + columns].ravel()[grid.place]
+
+
+def maps(grid: MirrorGrid, values: ArrayLike) -> Floats:
+    """Values of the N pixels on modules, shape (..., N), on the grid: shape (..., nz, ny), NaN between modules."""
+    packed = np.asarray(values, np.float64)
+    full = np.full((*packed.shape[:-1], grid.module.size), math.nan)
+    full[..., grid.place] = packed
+    return full.reshape(*packed.shape[:-1], *grid.module.shape)
+
+
+def product(matrix: Floats, vectors: Floats) -> Floats:
+    """Product of a matrix with each of some vectors, summed in one order whatever their number and on every machine."""
     return np.sum(vectors[..., np.newaxis, :] * matrix, axis=-1)
 
 
 def _inverted(m: Floats) -> Floats:
-    """Inverse of a 2 x 2 matrix; NaN where it has none."""
     determinant = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
     with np.errstate(all="ignore"):
         return np.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]]) / (determinant if determinant != 0.0 else np.nan)

@@ -9,14 +9,48 @@ point of a mirror search is (a, b), slopes of the normal N ~ (1, a, b): the idea
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.gazing.geometry import ideal_mirror
+from heliosweep.kernels.gazing.rays import ideal_mirror, unit
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.uint8]
+
+NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
+"""Flags of a pixel: the search ended at its limit or without a direction; fewer than 3 lit cameras, so there was none;
+a lit camera looks beside the disc at the slopes that LM found, where only the tangent of the profile continues it."""
+
+
+class SlopeFit(NamedTuple):
+    """Slopes of N pixels and what is known about them; NaN where fewer than 3 cameras are lit."""
+
+    slopes: Floats
+    """p relative to the ideal mirror, or w of O1, horizontal and vertical, shape (2, N). [rad]"""
+    deviation: Floats
+    """Standard deviation of the slopes for camera noise of standard deviation 1, shape (2, N), NaN but for LM: the
+    Cramer-Rao bound at the slopes found, for a table at those that its smooth fit finds. [rad]"""
+    gain: Floats
+    """g, 1 where it is not fitted. [1]"""
+    merit: Floats
+    """Sum of squares left. [1]"""
+    evaluations: Integers
+    """Evaluations of the merit, over all stages; 0 where there was no search."""
+    flags: Flags
+    """Sum of `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`."""
+
+
+def begun(images: ArrayLike, start: ArrayLike) -> tuple[Floats, Floats, Integers, Flags]:
+    """Images as kernels take them, and what they fill: rows of `SlopeFit` with the start, evaluations and flags."""
+    seen = np.array(images, np.float64)
+    found = np.full((6, seen.shape[1]), np.nan)
+    found[:2] = np.where(np.isfinite(start), start, 0.0)
+    return seen, found, np.zeros(seen.shape[1], np.int64), np.zeros(seen.shape[1], np.uint8)
+
 
 LANES = 32
 """Pixels in a block: the rows of four cameras fit into the nearest cache."""
@@ -27,9 +61,11 @@ CHUNK = 1000
 A, B, GAIN, MERIT = range(4)
 """Rows of the trial point [rad], the gain there, and the sum of squares."""
 _GY, _GZ, _GYA, _GYB, _GZA, _GZB, _BI, _BB = range(4, 12)
-OWN = 12
+IDEAL_A, IDEAL_B = 12, 13
+"""Rows of the slopes of the ideal mirror at the pixel; 0 for a wavefront. [rad]"""
+OWN = 14
 """First of the caller's rows."""
-FIRST_CAMERA = OWN + 22
+FIRST_CAMERA = OWN + 20
 """First row of the first camera."""
 
 _RX, _RY, _RZ, _RV, _RW, _IMAGE, LIT, SQUARE, VALUE, REST, BY_A, BY_B = range(12)
@@ -88,16 +124,16 @@ def rays_size(cameras: int) -> int:
 
 
 @kernel
-def trace_back(rays, cameras, layout, place, first):
+def trace_back(rays, cameras, layout, pixels, first):
     """Trace the rays from all cameras to the chunk of pixels that begins with `first`; returns where it ends.
 
     Row r of pixel n is `rays[r * CHUNK + n - first]`: slopes of the ideal mirror [rad], then for each camera R in the
     mirror frame, and R.e for the 2nd and 3rd rows e of B_S [1]; none of it changes with the trial slopes.
     """
-    count, focal_length = min(CHUNK, place.shape[1] - first), layout.focal_length
+    count, focal_length = min(CHUNK, pixels.shape[1] - first), layout.focal_length
     sy0, sy1, sy2 = layout.sun_y[0], layout.sun_y[1], layout.sun_y[2]
     sz0, sz1, sz2 = layout.sun_z[0], layout.sun_z[1], layout.sun_z[2]
-    y, z = place[0, first : first + count], place[1, first : first + count]
+    y, z = pixels[0, first : first + count], pixels[1, first : first + count]
     for n in range(count):
         _, rays[n], rays[CHUNK + n] = ideal_mirror(focal_length, y[n], z[n])
     for camera in range(cameras):
@@ -105,7 +141,7 @@ def trace_back(rays, cameras, layout, place, first):
         ex, ey, ez = layout.eyes[camera, 0], layout.eyes[camera, 1], layout.eyes[camera, 2]
         for n in range(count):
             x, _, _ = ideal_mirror(focal_length, y[n], z[n])
-            rx, ry, rz = _unit(ex - x, ey - y[n], ez - z[n])
+            rx, ry, rz = unit(ex - x, ey - y[n], ez - z[n])
             rays[np.uint64(row + n)] = rx
             rays[np.uint64(row + CHUNK + n)] = ry
             rays[np.uint64(row + 2 * CHUNK + n)] = rz
@@ -115,42 +151,42 @@ def trace_back(rays, cameras, layout, place, first):
 
 
 @inline
-def _unit(x, y, z):
-    scale = 1.0 / math.sqrt(x * x + y * y + z * z)
-    return x * scale, y * scale, z * scale
+def next_lit(lanes, k, wavefront, gaze, rays, first, images, threshold, following, end, found, flags):
+    """Put the next pixel with 3 lit cameras into lane k; returns what comes after it, and the pixel or -1.
+
+    Those before it are NaN in `found`, and UNLIT.
+    """
+    while following < end:
+        pixel = following
+        following += 1
+        if place(lanes, k, wavefront, gaze, rays, pixel - first, images, pixel, threshold) >= 3:
+            return following, pixel
+        flags[pixel] = UNLIT
+        for row in range(6):
+            found[row, pixel] = np.nan
+    return following, -1
 
 
 @inline
-def place_pixel(lanes, k, rays, n, images, pixel, threshold):
+def place(lanes, k, wavefront, gaze, rays, n, images, pixel, threshold):
     """Put a pixel, the nth of the chunk in `rays`, into lane k; returns its number of lit cameras.
 
-    Other cameras count in no merit. (Whatever is called for every pixel takes no scene: a tuple of arrays costs
-    reference counting.)
+    For a search among the slopes w of a wavefront `gaze` of the scene takes the place of rays. Cameras that are not lit
+    count in no merit. (Whatever is called for every pixel takes no scene: a tuple of arrays costs reference counting.)
     """
-    for camera in range(images.shape[0]):
-        to = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES + k
-        for row in range(5):
-            lanes[to + row * LANES] = rays[(2 + 5 * camera + row) * CHUNK + n]
-    return _place_images(lanes, k, images, pixel, threshold)
-
-
-@inline
-def place_wavefront(lanes, k, gaze, images, pixel, threshold):
-    """Put a pixel into lane k for a search among wavefront slopes w, with `gaze` of the scene; returns the same."""
-    for camera in range(images.shape[0]):
-        n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES + k
-        lanes[n], lanes[n + LANES] = gaze[camera, 0], gaze[camera, 1]
-    return _place_images(lanes, k, images, pixel, threshold)
-
-
-@inline
-def _place_images(lanes, k, images, pixel, threshold):
+    if not wavefront:
+        lanes[IDEAL_A * LANES + k], lanes[IDEAL_B * LANES + k] = rays[n], rays[CHUNK + n]
     lit = 0
     for camera in range(images.shape[0]):
-        n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES + k
+        to = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES + k
+        if wavefront:
+            lanes[to], lanes[to + LANES] = gaze[camera, 0], gaze[camera, 1]
+        else:
+            for row in range(5):
+                lanes[to + row * LANES] = rays[(2 + 5 * camera + row) * CHUNK + n]
         seen = images[camera, pixel] >= threshold  # False for NaN
-        lanes[n + _IMAGE * LANES] = images[camera, pixel] if seen else 0.0
-        lanes[n + LIT * LANES] = 1.0 if seen else 0.0
+        lanes[to + _IMAGE * LANES] = images[camera, pixel] if seen else 0.0
+        lanes[to + LIT * LANES] = 1.0 if seen else 0.0
         lit += 1 if seen else 0
     return lit
 

@@ -6,7 +6,7 @@ linear in the departure d = w - w_ideal of the wavefront slopes:
 
     eps_i^2 - eps0_i^2 = -2 m_i.d + c
 
-Mirror slopes are p = T d, with T of `gazing_geometry.transfers`. Only lit cameras count, and 3 are needed.
+Mirror slopes are p = T d, with T of `geometry.transfers`. Only lit cameras count, and 3 are needed.
 """
 
 import math
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.gazing.geometry import Scene, camera_ray, ideal_mirror, mirror_offsets
+from heliosweep.kernels.gazing.geometry import Scene
+from heliosweep.kernels.gazing.rays import camera_ray, ideal_mirror, mirror_offsets
 from heliosweep.kernels.sun.profiles import Profile, brightness, inverse_square
 from heliosweep.kernels.sun.tables import smooth_fit
 
@@ -24,60 +25,9 @@ _NEEDED = 3
 """Lit cameras that two slopes and the constant need."""
 
 
-def method_a(
-    images: Floats,
-    layout: Scene,
-    profile: Profile,
-    y: Floats,
-    z: Floats,
-    matrices: Floats,
-    threshold: float = 0.3,
-) -> tuple[Floats, NDArray[np.int64]]:
-    """Slopes of a mirror by method A.
-
-    Parameters
-    ----------
-    images : ndarray, shape (K, N)
-        Brightness relative to the disc centre; NaN where a camera's pixel cannot be used. [1]
-    layout : Scene
-        K cameras.
-    profile : Profile
-        Of the sun.
-    y, z : ndarray, shape (N,)
-        Pixels. [m]
-    matrices : ndarray, shape (T, 2, 2)
-        From wavefront slopes to mirror slopes: `transfers(layout)` or rows of it. [1]
-    threshold : float
-        Least brightness of a lit camera. [1]
-
-    Returns
-    -------
-    slopes : ndarray, shape (T, 2, N)
-        p relative to the ideal mirror, NaN where fewer than 3 cameras are lit or those are in one line. [rad]
-    lit : ndarray of int, shape (N,)
-        Bit i is set where camera i is lit.
-    """
-    ideal = ideal_squares(layout, y, z)
-    departures, lit = wavefront_departures(images, ideal, solutions(layout.gaze), profile, threshold)
-    return transferred(departures, matrices), lit
-
-
 @kernel
 def ideal_squares(layout: Scene, y: Floats, z: Floats) -> Floats:
-    """Squares of the angles eps0_i at which the cameras see the ideal mirror.
-
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    y, z : ndarray, shape (N,)
-        Pixels. [m]
-
-    Returns
-    -------
-    ndarray, shape (K, N)
-        [rad^2]
-    """
+    """Squares of the angles eps0_i at which K cameras see the ideal mirror at N pixels [m], shape (K, N). [rad^2]"""
     cameras, pixels = layout.eyes.shape[0], y.size
     out = np.empty((cameras, pixels))
     eyes, sun_y, sun_z = layout.eyes, layout.sun_y, layout.sun_z
@@ -91,18 +41,10 @@ def ideal_squares(layout: Scene, y: Floats, z: Floats) -> Floats:
 
 
 def solutions(gaze: Floats) -> Floats:
-    """Least-squares solutions for every set of lit cameras.
+    """Least-squares solutions for every set of lit cameras, K from 3 to 8, at m_i = `gaze` of the scene (K, 2) [rad].
 
-    Parameters
-    ----------
-    gaze : ndarray, shape (K, 2)
-        m_i of the scene, K from 3 to 8. [rad]
-
-    Returns
-    -------
-    ndarray, shape (2^K, 2, K)
-        Row s, with bit i of s set where camera i is lit: d = row . (eps0_i^2 - eps_i^2), whatever the constant c; 0
-        for dark cameras, NaN where the set does not determine d. [1/rad]
+    Row s of the result, shape (2^K, 2, K) [1/rad], with bit i of s set where camera i is lit: d = row . (eps0_i^2 -
+    eps_i^2), whatever the constant c; 0 for dark cameras, NaN where the set does not determine d.
     """
     cameras = len(gaze)
     if not _NEEDED <= cameras <= 8:
@@ -125,18 +67,10 @@ def solutions(gaze: Floats) -> Floats:
 
 
 def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
-    """Wavefront slopes w_ideal of the ideal mirror as method A finds them with all cameras.
+    """Wavefront slopes w_ideal, shape (2, N) [rad], of the ideal mirror as method A finds them with all cameras.
 
-    Parameters
-    ----------
-    layout : Scene
-    ideal : ndarray, shape (K, N)
-        From `ideal_squares`. [rad^2]
-
-    Returns
-    -------
-    ndarray, shape (2, N)
-        The aberrations of a mirror that the sun meets at an angle; w of a defect is this and its departure. [rad]
+    From `ideal_squares` (K, N) [rad^2]: the aberrations of a mirror that the sun meets at an angle; w of a defect is
+    this and its departure.
     """
     row = solutions(layout.gaze)[-1]
     seen = np.sum(layout.gaze**2, axis=1)[:, np.newaxis] - ideal
@@ -147,26 +81,11 @@ def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
 def wavefront_departures(
     images: Floats, ideal: Floats, rows: Floats, profile: Profile, threshold: float
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Departures d of the wavefront slopes from those of the ideal mirror.
+    """Departures d of the wavefront slopes from those of the ideal mirror, shape (2, N) [rad], and the lit cameras.
 
-    Parameters
-    ----------
-    images : ndarray, shape (K, N)
-        As `method_a`. [1]
-    ideal : ndarray, shape (K, N)
-        From `ideal_squares`. [rad^2]
-    rows : ndarray, shape (2^K, 2, K)
-        From `solutions`. [1/rad]
-    profile : Profile
-    threshold : float
-        Least brightness of a lit camera. [1]
-
-    Returns
-    -------
-    departures : ndarray, shape (2, N)
-        NaN where the lit cameras do not determine them. [rad]
-    lit : ndarray of int, shape (N,)
-        Bit i is set where camera i is lit.
+    Of the brightness relative to the disc centre in K images (K, N) [1], NaN where a camera's pixel cannot be used,
+    with `ideal_squares`, `solutions` and the least brightness of a lit camera. NaN where fewer than 3 cameras are lit
+    or those are in one line; bit i of a pixel's number is set where camera i is lit.
     """
     cameras, pixels = images.shape
     out, masks = np.empty((2, pixels)), np.empty(pixels, np.int64)
@@ -201,7 +120,7 @@ def transferred(departures: Floats, matrices: Floats) -> Floats:
 
 
 def lit_counts(lit: NDArray[np.int64], cameras: int = 4) -> NDArray[np.int64]:
-    """Number of lit cameras at each pixel from the bits of `method_a`."""
+    """Number of lit cameras at each pixel from the bits of `wavefront_departures`."""
     return np.sum((lit[..., np.newaxis] >> np.arange(cameras)) & 1, axis=-1)
 
 
@@ -234,7 +153,7 @@ def slope_bound(
     fit_gain : bool
         Whether a gain of all cameras is found at each pixel too.
     lit : ndarray of int, shape (N,), optional
-        Bit i is set where camera i counts, from `method_a`; all do where left out.
+        Bit i is set where camera i counts, from `wavefront_departures`; all do where left out.
 
     Returns
     -------

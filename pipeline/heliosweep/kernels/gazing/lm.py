@@ -15,10 +15,9 @@ References
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import Scene
@@ -26,22 +25,30 @@ from heliosweep.kernels.gazing.lanes import (
     BY_A,
     BY_B,
     CAMERA_ROWS,
-    CHUNK,
     FIRST_CAMERA,
     GAIN,
+    IDEAL_A,
+    IDEAL_B,
     LANES,
     LIT,
     MERIT,
+    NOT_CONVERGED,
+    OUTSIDE,
     OWN,
     REST,
     SQUARE,
     VALUE,
     A,
     B,
+    Flags,
+    Floats,
+    Integers,
+    SlopeFit,
     at,
+    begun,
     block_size,
     brighten,
-    place_pixel,
+    next_lit,
     rays_size,
     reflect,
     trace_back,
@@ -50,18 +57,73 @@ from heliosweep.kernels.gazing.lanes import (
 from heliosweep.kernels.sun.profiles import Profile
 from heliosweep.kernels.sun.tables import smooth_fit, smoothed
 
-Floats = NDArray[np.float64]
+GRADUATION = (6.0, 3.0, 1.5, 0.7)
+"""Smoothing of a table before it is used itself, in nodes."""
 
-NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
-"""Flags of a pixel: the search ended at its limit or without a direction; fewer than 3 lit cameras, so there was none;
-a lit camera looks beside the disc at the slopes found, where only the tangent of the profile continues it."""
-
+_SMOOTH_STEP, _TABLE_STEP, _PASSING_STEP = 1e-11, 1e-8, 1e-5
+"""A search ends at a step as short as this: for an analytic profile, for a table, and where another stage follows.
+[rad]"""
 _FARTHEST = 1e-3
 """Longest step. [rad]"""
 _BEST_A, _BEST_B, _BEST_MERIT, _BEST_GAIN, _AA, _AB, _BB, _DOWN_A, _DOWN_B = range(OWN, OWN + 9)
-_DAMPING, _STEP, _COUNT, _IDEAL_A, _IDEAL_B, _VALUES, _VA, _VB = range(OWN + 9, OWN + 17)
-_TRIAL_AA = OWN + 17
+_DAMPING, _STEP, _COUNT, _VALUES, _VA, _VB = range(OWN + 9, OWN + 15)
+_TRIAL_AA = OWN + 15
 """First of five rows: J^T J and J^T r at the trial slopes, in the order of `_AA` to `_DOWN_B`."""
+
+
+def graduated(profile: Profile) -> list[Profile]:
+    """A profile as a series from smooth to rough; the last one is the profile itself.
+
+    An analytic profile alone; before a table its smooth fit and its smoothed copies (`GRADUATION`).
+    """
+    if profile.table.size == 0:
+        return [profile]
+    first = [smooth_fit(profile)] if profile.table.size > 3 else []
+    return [*first, *(smoothed(profile, nodes) for nodes in GRADUATION), profile]
+
+
+def fit_slopes(
+    layout: Scene,
+    profile: Profile | Sequence[Profile],
+    images: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    start: ArrayLike,
+    *,
+    threshold: float = 0.3,
+    fit_gain: bool = False,
+    limit: int = 50,
+) -> SlopeFit:
+    """Slopes of all pixels.
+
+    Parameters
+    ----------
+    layout : Scene
+        K cameras.
+    profile : Profile or sequence of Profile
+        The profile, which is graduated if it is a table; or the stages, from smooth to rough, from `graduated`.
+    images : array_like, shape (K, N)
+        Brightness relative to the disc centre. [1]
+    y, z : array_like, shape (N,)
+        Pixels, from the mirror centre. [m]
+    start : array_like, shape (2, N)
+        First guess of p, from method A; 0 where it is not finite. [rad]
+    threshold : float
+        Least brightness of a lit camera; darker ones, and NaN, do not count. [1]
+    fit_gain : bool
+        Whether every pixel has a gain of its own, common to its cameras: the one that makes the merit least.
+    limit : int
+        Most evaluations in a stage.
+    """
+    stages = graduated(profile) if isinstance(profile, Profile) else list(profile)
+    seen, found, evaluations, flags = begun(images, start)
+    pixels, deviation = np.array([y, z], np.float64), found[2:4]
+    for n, stage in enumerate(stages):
+        enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
+        levenberg_marquardt(layout, stage, seen, pixels, threshold, fit_gain, enough, limit, found, evaluations, flags)
+        if n == 0:  # the steepness of a noisy table says little about that of the sun's disc
+            deviation = found[2:4].copy()
+    return SlopeFit(found[:2], deviation, found[4], found[5], evaluations, flags)
 
 
 @kernel
@@ -69,42 +131,39 @@ def levenberg_marquardt(
     layout: Scene,
     profile: Profile,
     images: Floats,
-    place: Floats,
+    pixels: Floats,
     threshold: float,
     fit_gain: bool,
     enough: float,
     limit: int,
     found: Floats,
-    flags: NDArray[np.uint8],
+    evaluations: Integers,
+    flags: Flags,
 ) -> None:
-    """Improve the slopes of all pixels for one profile.
+    """Improve the slopes of all pixels (y, z), shape (2, N) [m], for one profile; fills what `begun` makes.
 
-    Parameters
-    ----------
-    layout, profile, images, threshold, fit_gain, limit
-        As in `fit_slopes`.
-    place : ndarray, shape (2, N)
-        Pixels (y, z). [m]
-    enough : float
-        Step that ends a search; the step itself is still taken. [rad]
-    found : ndarray, shape (7, N)
-        On entry the first guess of p in rows 0 and 1 and the evaluations so far in row 6; on return p, its standard
-        deviations for noise of 1, the gain, the merit and the evaluations.
-    flags : ndarray of uint8, shape (N,)
-        Filled.
+    A step as short as `enough` [rad] ends a search; the step itself is still taken.
     """
-    cameras, pixels = images.shape[0], images.shape[1]
+    cameras, number = images.shape[0], images.shape[1]
     lanes, pixel_of = np.zeros(block_size(cameras)), np.full(LANES, -1)
-    rays = np.empty(rays_size(cameras))
+    rays, gaze = np.empty(rays_size(cameras)), layout.gaze
     radius_squared = profile.radius * profile.radius
     following, first, end, busy = 0, 0, 0, 0
-    while busy > 0 or following < pixels:
-        if end < pixels and following + LANES > end:
-            first, end = following, trace_back(rays, cameras, layout, place, following)
+    while busy > 0 or following < number:
+        if end < number and following + LANES > end:
+            first, end = following, trace_back(rays, cameras, layout, pixels, following)
         for k in range(LANES):
             if pixel_of[k] < 0:
-                following, pixel_of[k] = _next(lanes, k, rays, first, images, threshold, following, end, found, flags)
-                busy += 1 if pixel_of[k] >= 0 else 0
+                following, pixel = next_lit(
+                    lanes, k, False, gaze, rays, first, images, threshold, following, end, found, flags
+                )
+                if pixel >= 0:
+                    lanes[A * LANES + k] = lanes[IDEAL_A * LANES + k] + found[0, pixel]
+                    lanes[B * LANES + k] = lanes[IDEAL_B * LANES + k] + found[1, pixel]
+                    lanes[_BEST_MERIT * LANES + k] = np.inf
+                    lanes[_DAMPING * LANES + k], lanes[_COUNT * LANES + k] = 0.0, 0.0
+                    pixel_of[k] = pixel
+                    busy += 1
         reflect(lanes, cameras, layout)
         brighten(lanes, cameras, profile)
         weigh(lanes, cameras, fit_gain)
@@ -112,28 +171,9 @@ def levenberg_marquardt(
         for k in range(LANES):
             if pixel_of[k] >= 0 and not (lanes[_STEP * LANES + k] > enough and lanes[_COUNT * LANES + k] < limit):
                 _store(lanes, k, cameras, radius_squared, enough, pixel_of[k], found, flags)
+                evaluations[pixel_of[k]] += int(lanes[_COUNT * LANES + k])
                 pixel_of[k] = -1
                 busy -= 1
-
-
-@inline
-def _next(lanes, k, rays, first, images, threshold, following, end, found, flags):
-    """Put the next pixel with 3 lit cameras into a lane; returns what comes after it, and the pixel or -1."""
-    while following < end:
-        pixel, n = following, following - first
-        following += 1
-        if place_pixel(lanes, k, rays, n, images, pixel, threshold) < 3:
-            flags[pixel] = UNLIT
-            for row in range(6):
-                found[row, pixel] = np.nan
-            continue
-        a, b = rays[n], rays[CHUNK + n]
-        lanes[_IDEAL_A * LANES + k], lanes[_IDEAL_B * LANES + k] = a, b
-        lanes[A * LANES + k], lanes[B * LANES + k] = a + found[0, pixel], b + found[1, pixel]
-        lanes[_BEST_MERIT * LANES + k] = np.inf
-        lanes[_DAMPING * LANES + k], lanes[_COUNT * LANES + k] = 0.0, 0.0
-        return following, pixel
-    return following, -1
 
 
 @inline
@@ -218,13 +258,12 @@ def _store(lanes, k, cameras, radius_squared, enough, pixel, found, flags):
     """Put what a lane has found where it belongs, with the last step if that was short enough."""
     step, flag = lanes[_STEP * LANES + k], 0
     row_a, row_b = (A, B) if step <= enough else (_BEST_A, _BEST_B)
-    found[0, pixel] = lanes[row_a * LANES + k] - lanes[_IDEAL_A * LANES + k]
-    found[1, pixel] = lanes[row_b * LANES + k] - lanes[_IDEAL_B * LANES + k]
+    found[0, pixel] = lanes[row_a * LANES + k] - lanes[IDEAL_A * LANES + k]
+    found[1, pixel] = lanes[row_b * LANES + k] - lanes[IDEAL_B * LANES + k]
     aa, ab, bb = lanes[_AA * LANES + k], lanes[_AB * LANES + k], lanes[_BB * LANES + k]
     determinant = aa * bb - ab * ab
     found[2, pixel], found[3, pixel] = math.sqrt(bb / determinant), math.sqrt(aa / determinant)
     found[4, pixel], found[5, pixel] = lanes[_BEST_GAIN * LANES + k], lanes[_BEST_MERIT * LANES + k]
-    found[6, pixel] += lanes[_COUNT * LANES + k]
     if not step <= enough:
         flag += NOT_CONVERGED
     for camera in range(cameras):
@@ -232,98 +271,3 @@ def _store(lanes, k, cameras, radius_squared, enough, pixel, found, flags):
         if lanes[at(n, LIT, k)] > 0.0 and lanes[at(n, SQUARE, k)] > radius_squared:
             flag |= OUTSIDE
     flags[pixel] = flag
-
-
-GRADUATION = (6.0, 3.0, 1.5, 0.7)
-"""Smoothing of a table before it is used itself, in nodes."""
-
-_SMOOTH_STEP, _TABLE_STEP, _PASSING_STEP = 1e-11, 1e-8, 1e-5
-"""A search ends at a step as short as this: for an analytic profile, for a table, and where another stage follows.
-[rad]"""
-
-
-class SlopeFit(NamedTuple):
-    """Slopes of N pixels and what is known about them; NaN where fewer than 3 cameras are lit."""
-
-    slopes: Floats
-    """p relative to the ideal mirror, horizontal and vertical, shape (2, N). [rad]"""
-    deviation: Floats
-    """Standard deviation of the slopes for camera noise of standard deviation 1, shape (2, N): the Cramer-Rao bound at
-    the slopes found, for a table at those that its smooth fit finds. [rad]"""
-    gain: Floats
-    """g, 1 where it is not fitted. [1]"""
-    merit: Floats
-    """Sum of squares left. [1]"""
-    evaluations: NDArray[np.int64]
-    """Evaluations of the merit over all stages."""
-    flags: NDArray[np.uint8]
-    """Sum of `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`."""
-
-
-def graduated(profile: Profile) -> list[Profile]:
-    """A profile as a series from smooth to rough; the last one is the profile itself.
-
-    Parameters
-    ----------
-    profile : Profile
-
-    Returns
-    -------
-    list of Profile
-        An analytic profile alone; before a table its smooth fit and its smoothed copies (`GRADUATION`).
-    """
-    if profile.table.size == 0:
-        return [profile]
-    first = [smooth_fit(profile)] if profile.table.size > 3 else []
-    return [*first, *(smoothed(profile, nodes) for nodes in GRADUATION), profile]
-
-
-def fit_slopes(
-    layout: Scene,
-    profile: Profile | Sequence[Profile],
-    images: ArrayLike,
-    y: ArrayLike,
-    z: ArrayLike,
-    start: ArrayLike,
-    *,
-    threshold: float = 0.3,
-    fit_gain: bool = False,
-    limit: int = 50,
-) -> SlopeFit:
-    """Slopes of all pixels.
-
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    profile : Profile or sequence of Profile
-        The profile, which is graduated if it is a table; or the stages, from smooth to rough, from `graduated`.
-    images : array_like, shape (K, N)
-        Brightness relative to the disc centre. [1]
-    y, z : array_like, shape (N,)
-        Pixels, from the mirror centre. [m]
-    start : array_like, shape (2, N)
-        First guess of p, from method A; 0 where it is not finite. [rad]
-    threshold : float
-        Least brightness of a lit camera; darker ones, and NaN, do not count. [1]
-    fit_gain : bool
-        Whether every pixel has a gain of its own, common to its cameras.
-    limit : int
-        Most evaluations in a stage.
-
-    Returns
-    -------
-    SlopeFit
-    """
-    stages = graduated(profile) if isinstance(profile, Profile) else list(profile)
-    seen, place = np.array(images, np.float64), np.array([y, z], np.float64)
-    number = seen.shape[1]
-    found, flags = np.zeros((7, number)), np.zeros(number, np.uint8)
-    found[:2] = np.where(np.isfinite(start), start, 0.0)
-    deviation = np.empty((2, number))
-    for n, stage in enumerate(stages):
-        enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
-        levenberg_marquardt(layout, stage, seen, place, threshold, fit_gain, enough, limit, found, flags)
-        if n == 0:  # the steepness of a noisy table says little about that of the sun's disc
-            deviation[:] = found[2:4]
-    return SlopeFit(found[:2], deviation, found[4], found[5], found[6].astype(np.int64), flags)

@@ -16,9 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.gazing.mirror import MirrorGrid, Modules
+from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules
 
 Floats = NDArray[np.float64]
+_BLOCKS = 4
+"""Blocks along each side of a module for what neighbouring pixels share."""
+_FEW = 2 * _BLOCKS
+"""Pixels of a module below which nothing is fitted."""
 _DRAWS = 2000
 """Draws behind the standard errors of pointing and canting; they leave 1.6 % of them to chance."""
 _NEAR = 1.3
@@ -38,16 +42,9 @@ def _draws(modules: int) -> Floats:
 def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats) -> tuple[Floats, Floats]:
     """Standard errors of pointing (2,) and canting (2, M), by drawing the errors of the modules.
 
-    Parameters
-    ----------
-    away : ndarray, shape (2, M)
-        Slopes of the modules, less those of their own sphere, less the pointing. [rad]
-    variance : ndarray, shape (2, M, 3)
-        Variances of level and curvature and their covariance.
-    weight : ndarray, shape (2, M)
-        Of each curvature in that of the heliostat.
-    lever : ndarray, shape (2, M)
-        Centres of the modules. [m]
+    From the slopes of the modules less those of their own sphere and the pointing [rad], variances of level and
+    curvature and their covariance (2, M, 3), the weight of each curvature in that of the heliostat, and the modules'
+    centres (2, M) [m].
     """
     draws = _draws(away.shape[1])
     spread = np.sqrt(variance[:, :, 0])
@@ -64,12 +61,6 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
     pointing -= np.mean(pointing, axis=0)
     canting = level - pointing[:, :, np.newaxis]
     return np.sqrt(np.mean(pointing**2, axis=0)), np.sqrt(np.mean(canting**2, axis=0))
-
-
-_BLOCKS = 4
-"""Blocks along each side of a module for what neighbouring pixels share."""
-_FEW = 2 * _BLOCKS
-"""Pixels of a module below which nothing is fitted."""
 
 
 class ModuleEstimates(NamedTuple):
@@ -97,25 +88,10 @@ class ModuleEstimates(NamedTuple):
 def module_statistics(
     values: Floats, module: NDArray[np.int64], use: NDArray[np.bool_], count: int
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Mean and root mean square over the modules, each summed in the order of its pixels.
+    """Mean and root mean square over the modules, each summed in the order of its pixels, and the number of these.
 
-    Parameters
-    ----------
-    values : ndarray, shape (C, N)
-        NaN where there is none.
-    module : ndarray of int, shape (N,)
-        Row of each pixel's module, from 0.
-    use : ndarray of bool, shape (N,)
-        Pixels that count: those that erosion leaves.
-    count : int
-        M, the number of modules.
-
-    Returns
-    -------
-    mean, rms : ndarray, shape (C, M)
-        NaN for a module without a value.
-    pixels : ndarray of int, shape (C, M)
-        Values of each module that counted.
+    Of values (C, N), NaN where there is none; with the row of each pixel's module and whether it counts (erosion leaves
+    it), shape (N,). Results have the shape (C, M) of C values and M = `count` modules; NaN for a module without any.
     """
     rows, pixels = values.shape
     total, square, number = np.zeros((rows, count)), np.zeros((rows, count)), np.zeros((rows, count), np.int64)
@@ -139,39 +115,22 @@ def module_estimates(
     modules: Modules,
     use: NDArray[np.bool_],
     focal_length: float,
-    reference: Floats | None = None,
     deviation: Floats | None = None,
 ) -> ModuleEstimates:
-    """Canting, pointing and focal length from slopes.
+    """Canting, pointing and focal length from slopes p relative to the ideal mirror (2, N), NaN where unknown. [rad]
 
-    Parameters
-    ----------
-    slopes : ndarray, shape (2, N)
-        p relative to the ideal mirror, NaN where unknown. [rad]
-    grid : MirrorGrid
-    modules : Modules
-    use : ndarray of bool, shape (N,)
-        Pixels that count, from `eroded`.
-    focal_length : float
-        f0 of the ideal mirror. [m]
-    reference : ndarray, shape (2, N), optional
-        Slopes that the same method finds on the ideal heliostat, to be subtracted. [rad]
-    deviation : ndarray, shape (2, N), optional
-        Known standard deviation of the noise of each slope, to be taken out of the waviness. [rad]
+    Of N pixels on M modules, those that `use` marks, from `eroded`; f0 of the ideal mirror [m]; and where it is known
+    the standard deviation of the noise of each slope (2, N) [rad], which is taken out of the waviness.
 
-    Returns
-    -------
-    ModuleEstimates
-        Standard errors are those of each module's scatter about its plane. Where neighbouring pixels share their
-        scatter, as those of a wavy mirror do, it counts by blocks of a sixteenth of a module. Those of pointing and
-        canting are what the median makes of the modules' errors: if the modules that decide it are far apart, it has
-        the errors of one or two of them. An error common to a whole module or heliostat, of the sun profile for
-        instance, does not show in them.
+    Standard errors are those of each module's scatter about its plane. Where neighbouring pixels share their scatter,
+    as those of a wavy mirror do, it counts by blocks of a sixteenth of a module. Those of pointing and canting are what
+    the median makes of the modules' errors: if the modules that decide it are far apart, it has the errors of one or
+    two of them. An error common to a whole module or heliostat, of the sun profile for instance, does not show in them.
     """
-    net = np.array(slopes if reference is None else slopes - reference, np.float64)
-    noise = np.zeros_like(net) if deviation is None else np.ascontiguousarray(deviation)
+    slopes = np.ascontiguousarray(slopes)
+    noise = np.zeros_like(slopes) if deviation is None else np.ascontiguousarray(deviation)
     fit, variance, scatter, known, shared, number = _fitted(
-        net, noise, grid.pixel_y, grid.pixel_z, grid.pixel_module, use, modules.centre, modules.size
+        slopes, noise, grid.pixel_y, grid.pixel_z, grid.pixel_module, use, modules.centre, modules.size
     )
     seen = number >= _FEW
     with np.errstate(all="ignore"):

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.gazing.geometry import Scene, ideal_mirror
-from heliosweep.kernels.gazing.mirror import MirrorGrid, Modules
+from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, outline
+from heliosweep.kernels.gazing.rays import ideal_mirror
 
 Floats = NDArray[np.float64]
 
@@ -50,29 +50,12 @@ def pinholes(
     centre: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
 ) -> Pinholes:
-    """Cameras of a scene, all of which look at the heliostat's centre.
+    """K cameras of a scene, all of which look at the heliostat's centre.
 
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    shape : tuple of int
-        Rows and columns of an image.
-    focal : array_like, shape () or (K,)
-        Focal length over the side of a pixel. [1]
-    centre : array_like, shape (2,) or (K, 2), optional
-        Principal point (u, v), where the heliostat's centre is seen; the middle of the image where left out. [pixels]
-    roll : array_like, shape () or (K,)
-        Turn about the line of sight, clockwise for someone behind the camera: the picture turns the other way. [rad]
-
-    Returns
-    -------
-    Pinholes
-
-    Raises
-    ------
-    ValueError
-        If a focal length is not positive, or a camera looks straight up or down.
+    Of the shape (rows, columns) of an image, focal lengths over the side of a pixel, shape () or (K,), principal points
+    (u, v) where the heliostat's centre is seen, shape (2,) or (K, 2) [pixels], in the middle where left out, and turns
+    about the line of sight, clockwise for someone behind the camera, shape () or (K,) [rad]: pictures turn the other
+    way. Raises ValueError if a focal length is not positive, or a camera looks straight up or down.
     """
     count = len(layout.eyes)
     length = np.array(np.broadcast_to(np.asarray(focal, np.float64), (count,)))
@@ -83,12 +66,12 @@ def pinholes(
     axes = np.empty((count, 3, 3))
     for i, eye in enumerate(layout.eyes):
         forward = -eye / math.sqrt(float(np.sum(eye**2)))
-        right = _cross(forward, layout.mirror_axes[:, 2])  # the vertical of R_F in the mirror frame
+        right = np.cross(forward, layout.mirror_axes[:, 2])  # the vertical of R_F in the mirror frame
         length_right = math.sqrt(float(np.sum(right**2)))
         if length_right < 1e-9:
             raise ValueError("a camera that looks straight up or down has no upright picture")
         right = right / length_right
-        down = _cross(forward, right)
+        down = np.cross(forward, right)
         c, s = math.cos(turn[i]), math.sin(turn[i])
         axes[i] = c * right + s * down, c * down - s * right, forward
     return Pinholes(
@@ -112,60 +95,22 @@ def seen_from(cameras, i, x, y, z):
     )
 
 
-def _cross(a: Floats, b: Floats) -> Floats:
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
+_MARGIN = 0.1
+"""Room between the pixels used and the edge of a module, for what registration leaves. [pixels]"""
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 1, 2, 4, 8, 16
 """Why a camera's value is not used at a pixel of the mirror; the sum where there are several reasons."""
 
 
-def outline(modules: Modules) -> Floats:
-    """Corners of the smallest rectangle that holds all modules: (y, z) of top left, top right, bottom right and bottom
-    left as the cameras see it, shape (4, 2). [m]
-    """
-    low = (modules.centre - 0.5 * modules.size).min(axis=0)
-    high = (modules.centre + 0.5 * modules.size).max(axis=0)
-    return np.array([[low[0], high[1]], [high[0], high[1]], [high[0], low[1]], [low[0], low[1]]])
-
-
 def places_of(cameras: Pinholes, focal_length: float, y: ArrayLike, z: ArrayLike) -> Floats:
-    """Places in the images of points of the ideal mirror.
-
-    Parameters
-    ----------
-    cameras : Pinholes
-        K cameras.
-    focal_length : float
-        Of the ideal mirror. [m]
-    y, z : array_like, shape (N,)
-        Points, from the mirror's centre. [m]
-
-    Returns
-    -------
-    ndarray, shape (K, 2, N)
-        (u, v). [pixels]
-    """
+    """Places (u, v) in the images of points (y, z) [m] of the ideal mirror, shape (K, 2, N). [pixels]"""
     return _places(cameras, float(focal_length), np.array(y, np.float64), np.array(z, np.float64))
 
 
 def homography(here: ArrayLike, there: ArrayLike) -> Floats:
-    """The projective map of a plane that takes some points nearest to others.
+    """The projective map H of a plane, shape (3, 3), that takes points (n, 2) nearest to others: `there` ~ H (here, 1).
 
-    Parameters
-    ----------
-    here, there : array_like, shape (n, 2)
-        n points, 4 at least, no three of four in one line.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        H with `there` ~ H (here, 1); exact for 4 points, of least squares in scaled coordinates for more.
-
-    Raises
-    ------
-    ValueError
-        If the points do not determine the map, or the map turns the picture inside out.
+    Exact for 4 points, of least squares in scaled coordinates for more. Raises ValueError if the points do not
+    determine the map, as where three of four are in one line, or the map turns the picture inside out.
     """
     a, b = np.asarray(here, np.float64), np.asarray(there, np.float64)
     if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 2 or len(a) < 4:
@@ -211,7 +156,6 @@ def rectify(
     corners: ArrayLike | None = None,
     saturation: ArrayLike = math.inf,
     threshold: float = -math.inf,
-    margin: float = 0.1,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Images on the pixels of a mirror.
 
@@ -233,8 +177,6 @@ def rectify(
         Value from which on a pixel is saturated.
     threshold : float
         Least value of a lit pixel.
-    margin : float
-        Room between the pixels used and the edge of the module, for what registration leaves. [pixels]
 
     Returns
     -------
@@ -270,7 +212,7 @@ def rectify(
             places[i], quads[i] = moved(found, places[i].T).T, moved(found, quads[i].T).T
     limits = np.array(np.broadcast_to(np.asarray(saturation, np.float64), (count,)))
     sides = _sides(quads.reshape(count, 2, len(edges), 4))
-    return _rectified(pictures, places, sides, grid.pixel_module, limits, float(threshold), float(margin))
+    return _rectified(pictures, places, sides, grid.pixel_module, limits, float(threshold))
 
 
 def _module_corners(modules: Modules) -> Floats:
@@ -324,7 +266,6 @@ def _rectified(
     module: NDArray[np.int64],
     limits: Floats,
     threshold: float,
-    margin: float,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """`rectify` with places and sides known."""
     count, rows, columns = images.shape
@@ -343,7 +284,7 @@ def _rectified(
             for side in range(4):
                 n_u, n_v = sides[i, module[k], side, 0], sides[i, module[k], side, 1]
                 far = n_u * (column + 0.5) + n_v * (row + 0.5) + sides[i, module[k], side, 2]
-                if not far - 2.0 * (abs(n_u) + abs(n_v)) >= margin:
+                if not far - 2.0 * (abs(n_u) + abs(n_v)) >= _MARGIN:
                     flags[i, k] |= AT_EDGE
             total, square, dark = 0.0, 0.0, 0
             for n in range(16):

@@ -20,25 +20,30 @@ References
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import Scene
 from heliosweep.kernels.gazing.lanes import (
-    CHUNK,
     GAIN,
+    IDEAL_A,
+    IDEAL_B,
     LANES,
     MERIT,
-    OWN,
+    NOT_CONVERGED,
     A,
     B,
+    Flags,
+    Floats,
+    Integers,
+    SlopeFit,
+    begun,
     block_size,
     brighten,
-    place_pixel,
-    place_wavefront,
+    next_lit,
+    place,
     project,
     rays_size,
     reflect,
@@ -64,42 +69,19 @@ EVALUATIONS = 2
 _CENTRE, _REFLECTED, _REFLECTED_VALUE = 9, 11, 13
 _FIRST, _SECOND, _THIRD, _REFLECT, _EXPAND, _OUTSIDE, _INSIDE, _SHRINK, _SHRINK_LAST = range(9)
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-
-@kernel
-def begin(state: Floats, counts: Integers, k: int, simplex: Floats) -> None:
-    """Begin search k at a simplex.
-
-    Parameters
-    ----------
-    state : ndarray, shape (K, STATE)
-        Searches; row k is filled.
-    counts : ndarray of int64, shape (K, COUNTS)
-        Counters; row k is filled.
-    k : int
-        Row.
-    simplex : ndarray, shape (3, 2)
-        Three vertices.
-    """
-    for j in range(3):
-        state[k, 2 * j], state[k, 2 * j + 1] = simplex[j, 0], simplex[j, 1]
-    _reset(state, counts, k)
+SIMPLEX = 0.5e-3
+"""Side of the first simplex. [rad]"""
+XATOL = 1e-7
+"""Size of the last simplex. [rad]"""
+FATOL = 1e-10
+"""Range of the merit in the last simplex. [1]"""
+LIMIT = 400
+"""Most iterations, and most evaluations: SciPy's limits for two unknowns."""
 
 
 @inline
-def corner_simplex(state, counts, k, x, y, size):
-    """Begin search k at the simplex (x, y), (x + size, y), (x, y + size)."""
-    state[k, 0], state[k, 1] = x, y
-    state[k, 2], state[k, 3] = x + size, y
-    state[k, 4], state[k, 5] = x, y + size
-    _reset(state, counts, k)
-
-
-@inline
-def _reset(state, counts, k):
-    """Ask for the first vertex."""
+def begin(state, counts, k):
+    """Begin search k at the simplex whose three vertices are in its first six columns, and ask for the first."""
     for j in range(3):
         state[k, VALUE + j] = np.inf
     counts[k, 0], counts[k, ITERATIONS], counts[k, EVALUATIONS] = _FIRST, 1, 0
@@ -110,25 +92,11 @@ def _reset(state, counts, k):
 def advance(
     state: Floats, counts: Integers, k: int, value: float, xatol: float, fatol: float, iterations: int, evaluations: int
 ) -> bool:
-    """Tell search k the value at its point, and let it find the next.
+    """Tell search k the value at its point, and let it find the next; True while it goes on.
 
-    Parameters
-    ----------
-    state, counts, k
-        As in `begin`.
-    value : float
-        The function at `state[k, POINT]`, `state[k, POINT + 1]`.
-    xatol, fatol : float
-        The search ends when no vertex is further than `xatol` from the best in either coordinate and no value further
-        than `fatol` from the smallest.
-    iterations, evaluations : int
-        Limits of both. (SciPy's are 400 and 400 for two unknowns.)
-
-    Returns
-    -------
-    bool
-        True while the search goes on; afterwards columns 0 and 1 hold the minimum, `VALUE` its value, and the search
-        has converged unless a limit is reached.
+    A search ends when no vertex is further than `xatol` from the best in either coordinate and no value further than
+    `fatol` from the smallest, or at the limits of iterations and evaluations. Afterwards columns 0 and 1 hold the
+    minimum, `VALUE` its value, and the search has converged unless a limit is reached.
     """
     counts[k, EVALUATIONS] += 1
     spent = counts[k, EVALUATIONS] >= evaluations
@@ -247,34 +215,6 @@ def _small(state, k, xatol, fatol):
     return size <= xatol and spread <= fatol
 
 
-SIMPLEX = 0.5e-3
-"""Side of the first simplex. [rad]"""
-XATOL = 1e-7
-"""Size of the last simplex. [rad]"""
-FATOL = 1e-10
-"""Range of the merit in the last simplex. [1]"""
-LIMIT = 400
-"""Most iterations, and most evaluations: SciPy's limits for two unknowns."""
-
-_FROM_A, _FROM_B = OWN, OWN + 1
-"""Rows of the slopes from which those of the search are counted: of the ideal mirror, or 0."""
-
-
-class SlopeSearch(NamedTuple):
-    """Slopes of N pixels found by the simplex method; NaN where fewer than 3 cameras are lit."""
-
-    slopes: Floats
-    """w of O1 or p of O2, horizontal and vertical, shape (2, N). [rad]"""
-    merit: Floats
-    """Sum of squares left. [1]"""
-    gain: Floats
-    """Gain, 1 where it is not fitted. [1]"""
-    evaluations: NDArray[np.int64]
-    """Evaluations of the merit; 0 where there was no search."""
-    converged: NDArray[np.bool_]
-    """False where a limit was reached or there was no search."""
-
-
 def search_slopes(
     layout: Scene,
     profile: Profile,
@@ -285,30 +225,8 @@ def search_slopes(
     *,
     threshold: float = 0.3,
     fit_gain: bool = False,
-) -> SlopeSearch:
-    """Method O2.
-
-    Parameters
-    ----------
-    layout : Scene
-        K cameras.
-    profile : Profile
-        Of the sun.
-    images : array_like, shape (K, N)
-        Brightness relative to the disc centre. [1]
-    y, z : array_like, shape (N,)
-        Pixels, from the mirror centre. [m]
-    start : array_like, shape (2, N)
-        First guess of p, from method A; 0 where it is not finite. [rad]
-    threshold : float
-        Least brightness of a lit camera; darker ones, and NaN, do not count. [1]
-    fit_gain : bool
-        Whether the merit is that of the best gain of the pixel, common to its cameras.
-
-    Returns
-    -------
-    SlopeSearch
-    """
+) -> SlopeFit:
+    """Slopes of all pixels by method O2, from the slopes p that method A finds; parameters as in `lm.fit_slopes`."""
     return _searched(False, layout, profile, images, [y, z], start, threshold, fit_gain)
 
 
@@ -320,53 +238,20 @@ def search_wavefronts(
     *,
     threshold: float = 0.3,
     fit_gain: bool = False,
-) -> SlopeSearch:
-    """Method O1; parameters as in `search_slopes`, with the wavefront slopes w of method A as `start` [rad].
+) -> SlopeFit:
+    """Wavefront slopes w of all pixels by method O1, from those of method A; parameters as in `lm.fit_slopes`.
 
-    Mirror slopes are T (w - w_ideal) with T of `gazing_geometry.transfers` and w_ideal of
-    `gazing_linear.ideal_wavefront`.
+    Mirror slopes are T (w - w_ideal) with T of `geometry.transfers` and w_ideal of `linear.ideal_wavefront`.
     """
     return _searched(True, layout, profile, images, np.zeros_like(start), start, threshold, fit_gain)
 
 
-def _searched(wavefront, layout, profile, images, place, start, threshold, fit_gain):
-    seen, where = np.array(images, np.float64), np.array(place, np.float64)
-    found, counts = np.empty((4, seen.shape[1])), np.zeros((2, seen.shape[1]), np.int64)
-    found[:2] = np.where(np.isfinite(start), start, 0.0)
-    search(wavefront, layout, profile, seen, where, threshold, fit_gain, found, counts)
-    converged = (counts[1] > 0) & (counts[0] < LIMIT) & (counts[1] < LIMIT)
-    return SlopeSearch(found[:2], found[2], found[3], counts[1], converged)
-
-
-@kernel
-def merits(
-    wavefront: bool,
-    layout: Scene,
-    profile: Profile,
-    images: Floats,
-    place: Floats,
-    threshold: float,
-    fit_gain: bool,
-    slopes: Floats,
-) -> Floats:
-    """Sums of squares, shape (N,), of the slopes w of a wavefront, or p, shape (2, N) [rad]; else as `search`."""
-    cameras, pixels = images.shape[0], images.shape[1]
-    lanes, rays, out = np.zeros(block_size(cameras)), np.empty(rays_size(cameras)), np.empty(pixels)
-    following, first, end = 0, 0, 0
-    while following < pixels:
-        if following >= end:
-            first, end = following, trace_back(rays, cameras, layout, place, following)
-        count = min(LANES, end - following)
-        for k in range(count):
-            pixel = following + k
-            _place(lanes, k, wavefront, layout.gaze, rays, pixel - first, images, pixel, threshold)
-            lanes[A * LANES + k] = lanes[_FROM_A * LANES + k] + slopes[0, pixel]
-            lanes[B * LANES + k] = lanes[_FROM_B * LANES + k] + slopes[1, pixel]
-        _evaluate(lanes, cameras, wavefront, layout, profile, fit_gain)
-        for k in range(count):
-            out[following + k] = lanes[MERIT * LANES + k]
-        following += count
-    return out
+def _searched(wavefront, layout, profile, images, pixels, start, threshold, fit_gain):
+    seen, found, evaluations, flags = begun(images, start)
+    search(
+        wavefront, layout, profile, seen, np.array(pixels, np.float64), threshold, fit_gain, found, evaluations, flags
+    )
+    return SlopeFit(found[:2], found[2:4], found[4], found[5], evaluations, flags)
 
 
 @kernel
@@ -375,66 +260,79 @@ def search(
     layout: Scene,
     profile: Profile,
     images: Floats,
-    place: Floats,
+    pixels: Floats,
     threshold: float,
     fit_gain: bool,
     found: Floats,
-    numbers: NDArray[np.int64],
+    evaluations: Integers,
+    flags: Flags,
 ) -> None:
-    """O1 (`wavefront`) or O2.
-
-    Parameters
-    ----------
-    wavefront : bool
-        Whether the unknowns are the slopes w of a wavefront, or p of the mirror.
-    layout, profile, images, threshold, fit_gain
-        As in `search_slopes`.
-    place : ndarray, shape (2, N)
-        Pixels (y, z); not used for a wavefront. [m]
-    found : ndarray, shape (4, N)
-        On entry the first guess in rows 0 and 1; on return slopes [rad], merit and gain.
-    numbers : ndarray of int64, shape (2, N)
-        0 on entry; filled with iterations and evaluations.
-    """
-    cameras, pixels = images.shape[0], images.shape[1]
+    """O1 (`wavefront`) or O2, at the pixels (y, z), shape (2, N) [m]; fills what `begun` makes."""
+    cameras, number = images.shape[0], images.shape[1]
     lanes, pixel_of = np.zeros(block_size(cameras)), np.full(LANES, -1)
     state, counts = np.zeros((LANES, STATE)), np.zeros((LANES, COUNTS), np.int64)
     rays, gaze = np.empty(rays_size(cameras)), layout.gaze
     following, first, end, busy = 0, 0, 0, 0
-    while busy > 0 or following < pixels:
-        if end < pixels and following + LANES > end:
-            first, end = following, trace_back(rays, cameras, layout, place, following)
+    while busy > 0 or following < number:
+        if end < number and following + LANES > end:
+            first, end = following, trace_back(rays, cameras, layout, pixels, following)
         for k in range(LANES):
-            while pixel_of[k] < 0 and following < end:
-                pixel = following
-                following += 1
-                if _place(lanes, k, wavefront, gaze, rays, pixel - first, images, pixel, threshold) >= 3:
-                    corner_simplex(state, counts, k, found[0, pixel], found[1, pixel], SIMPLEX)
+            if pixel_of[k] < 0:
+                following, pixel = next_lit(
+                    lanes, k, wavefront, gaze, rays, first, images, threshold, following, end, found, flags
+                )
+                if pixel >= 0:
+                    x, y = found[0, pixel], found[1, pixel]
+                    state[k, 0], state[k, 1], state[k, 2], state[k, 3] = x, y, x + SIMPLEX, y
+                    state[k, 4], state[k, 5] = x, y + SIMPLEX
+                    begin(state, counts, k)
                     pixel_of[k] = pixel
                     busy += 1
-                    continue
-                found[0, pixel], found[1, pixel], found[2, pixel], found[3, pixel] = np.nan, np.nan, np.nan, np.nan
-            lanes[A * LANES + k] = lanes[_FROM_A * LANES + k] + state[k, POINT]
-            lanes[B * LANES + k] = lanes[_FROM_B * LANES + k] + state[k, POINT + 1]
+            lanes[A * LANES + k] = lanes[IDEAL_A * LANES + k] + state[k, POINT]
+            lanes[B * LANES + k] = lanes[IDEAL_B * LANES + k] + state[k, POINT + 1]
         _evaluate(lanes, cameras, wavefront, layout, profile, fit_gain)
         for k in range(LANES):
             if pixel_of[k] < 0 or advance(state, counts, k, lanes[MERIT * LANES + k], XATOL, FATOL, LIMIT, LIMIT):
                 continue
             pixel = pixel_of[k]
-            found[0, pixel], found[1, pixel], found[2, pixel] = state[k, 0], state[k, 1], state[k, VALUE]
-            found[3, pixel] = lanes[GAIN * LANES + k]  # of the last simplex, which is as small as its tolerances
-            numbers[0, pixel], numbers[1, pixel] = counts[k, ITERATIONS], counts[k, EVALUATIONS]
+            found[0, pixel], found[1, pixel], found[5, pixel] = state[k, 0], state[k, 1], state[k, VALUE]
+            found[4, pixel] = lanes[GAIN * LANES + k]  # of the last simplex, which is as small as its tolerances
+            evaluations[pixel] = counts[k, EVALUATIONS]
+            if counts[k, ITERATIONS] >= LIMIT or counts[k, EVALUATIONS] >= LIMIT:
+                flags[pixel] = NOT_CONVERGED
             pixel_of[k] = -1
             busy -= 1
 
 
-@inline
-def _place(lanes, k, wavefront, gaze, rays, n, images, pixel, threshold):
-    """Put a pixel, the nth of its chunk, into a lane; returns the number of lit cameras."""
-    if wavefront:
-        return place_wavefront(lanes, k, gaze, images, pixel, threshold)
-    lanes[_FROM_A * LANES + k], lanes[_FROM_B * LANES + k] = rays[n], rays[CHUNK + n]
-    return place_pixel(lanes, k, rays, n, images, pixel, threshold)
+@kernel
+def merits(
+    wavefront: bool,
+    layout: Scene,
+    profile: Profile,
+    images: Floats,
+    pixels: Floats,
+    threshold: float,
+    fit_gain: bool,
+    slopes: Floats,
+) -> Floats:
+    """Sums of squares, shape (N,), of the slopes w of a wavefront, or p, shape (2, N) [rad]; else as `search`."""
+    cameras, number = images.shape[0], images.shape[1]
+    lanes, rays, out = np.zeros(block_size(cameras)), np.empty(rays_size(cameras)), np.empty(number)
+    following, first, end = 0, 0, 0
+    while following < number:
+        if following >= end:
+            first, end = following, trace_back(rays, cameras, layout, pixels, following)
+        count = min(LANES, end - following)
+        for k in range(count):
+            pixel = following + k
+            place(lanes, k, wavefront, layout.gaze, rays, pixel - first, images, pixel, threshold)
+            lanes[A * LANES + k] = lanes[IDEAL_A * LANES + k] + slopes[0, pixel]
+            lanes[B * LANES + k] = lanes[IDEAL_B * LANES + k] + slopes[1, pixel]
+        _evaluate(lanes, cameras, wavefront, layout, profile, fit_gain)
+        for k in range(count):
+            out[following + k] = lanes[MERIT * LANES + k]
+        following += count
+    return out
 
 
 @inline

@@ -1,4 +1,6 @@
-"""Images as files: NPY, PNG, TIFF and FITS, told apart by their first bytes, in grey levels and with their metadata.
+"""Files that studies name: images (NPY, PNG, TIFF or FITS, told apart by their first bytes), and profiles of the sun.
+
+Images are read in grey levels and with their metadata.
 
 Metadata are numbers under the keys of `KEYS`: cards of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a
 TIFF's ImageDescription. NPY has none. The first row of a picture is its upper one: in PNG, TIFF and NPY the first row
@@ -10,22 +12,30 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.tables import Column, read_table
 from heliosweep.errors import Problem, StudyError
-
-__all__ = ["KEYS", "Picture", "read_picture"]
 
 #: Largest file, and pixels of an image. [bytes, 1]
 MAX_BYTES, MAX_PIXELS = 512 * 2**20, 25_000_000
 #: Fewest pixels along a side of an image.
 MIN_SIDE = 4
+
+#: Largest table of the sun's brightness. [bytes]
+MAX_TABLE_BYTES = 2**20
+#: Brightness relative to the centre above which it is no sun's, and least part by which a sun falls towards its edge.
+MAX_BRIGHTNESS, LEAST_FALL = 1.5, 0.05
+COLUMNS = {
+    "angle": Column("angle from the disc centre, in mrad, from 0 to its edge", required=True),
+    "brightness": Column("relative to the disc centre", required=True),
+}
 
 #: Metadata that are read: key, and what it says.
 KEYS = {
@@ -55,24 +65,16 @@ _RANGES = {
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image in grey levels.
-
-    Parameters
-    ----------
-    levels : ndarray, shape (rows, columns)
-        Upper row first; NaN where the file has none. [levels]
-    top : float
-        Highest level of the file's type of number; infinite for floating point.
-    metadata : dict of str to float
-        Those of `KEYS` that the file has.
-    name : str
-        Name of the file, as the user gave it.
-    """
+    """An image in grey levels."""
 
     levels: NDArray[np.float64]
-    top: float = math.inf
-    metadata: Mapping[str, float] = field(default_factory=dict)
-    name: str = ""
+    """Upper row first; NaN where the file has none, shape (rows, columns). [levels]"""
+    top: float
+    """Highest level of the file's type of number; infinite for floating point."""
+    metadata: Mapping[str, float]
+    """Those of `KEYS` that the file has."""
+    name: str
+    """Name of the file, as the user gave it."""
 
     @property
     def saturation(self) -> float:
@@ -96,31 +98,27 @@ def read_picture(path: Path, name: str = "") -> Picture:
     name : str
         Name of the file in messages; `path` by default.
 
-    Returns
-    -------
-    Picture
-
     Raises
     ------
     StudyError
         If the file cannot be read, is damaged or is no such image; says what to do about it.
     """
-    file = name or str(path)
+    name = name or str(path)
     try:
         status = path.stat()
     except OSError as error:
-        _fail(file, f"cannot be read: {error.strerror}")
+        _fail(name, f"cannot be read: {error.strerror}")
     except ValueError as error:
-        _fail(file, f"cannot be read: {error}")
+        _fail(name, f"cannot be read: {error}")
     if not path.is_file():
-        _fail(file, "is a folder, not an image" if path.is_dir() else "is not a regular file")
+        _fail(name, "is a folder, not an image" if path.is_dir() else "is not a regular file")
     if status.st_size > MAX_BYTES:
-        _fail(file, f"is larger than {MAX_BYTES // 2**20} MiB; cut the image to the heliostat")
-    return _read_cached(path, status.st_mtime_ns, status.st_size, file)
+        _fail(name, f"is larger than {MAX_BYTES // 2**20} MiB; cut the image to the heliostat")
+    return _read_image(path, status.st_mtime_ns, status.st_size, name)
 
 
 @lru_cache(maxsize=6)
-def _read_cached(path: Path, stamp: int, size: int, name: str) -> Picture:
+def _read_image(path: Path, stamp: int, size: int, name: str) -> Picture:
     """Read a file once while it does not change."""
     try:
         with path.open("rb") as file:
@@ -306,3 +304,84 @@ _MODES = {
     "LA": "an image with transparency",
     **dict.fromkeys(("RGB", "RGBA", "CMYK", "YCbCr", "LAB"), "a colour image"),
 }
+
+
+class ProfileTable(NamedTuple):
+    """A sun profile as it was written."""
+
+    angle: tuple[float, ...]
+    """Angles from the disc centre, rising from 0. [rad]"""
+    brightness: tuple[float, ...]
+    """Relative to the disc centre. [1]"""
+
+    @property
+    def rises(self) -> int:
+        """Steps from the centre to the edge in which the brightness rises."""
+        return int(np.count_nonzero(np.diff(self.brightness) > 0.0))
+
+
+def read_profile(path: Path, name: str) -> ProfileTable:
+    """Read a sun profile.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        CSV in UTF-8 with a header, columns ``angle`` [mrad] and ``brightness`` (relative to the disc centre); empty
+        lines and lines that start with ``#`` are skipped.
+    name : str
+        Name of the file in messages.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read or is no such table; every problem at its line.
+    """
+    try:
+        stamp = path.stat().st_mtime_ns
+    except OSError:
+        stamp = None
+    return _read_table(path, stamp, name)
+
+
+@lru_cache(maxsize=4)
+def _read_table(path: Path, stamp: int | None, name: str) -> ProfileTable:
+    """Read a file once while it does not change (`stamp`)."""
+    table = read_table(path, name, COLUMNS, rows="angles", most_bytes=MAX_TABLE_BYTES)
+    angles, brightness = (table.column(key) for key in COLUMNS)
+    before = None
+    for row in np.flatnonzero(np.isfinite(angles) & np.isfinite(brightness)).tolist():
+        angle, value = angles[row], brightness[row]
+        if value < 0.0:
+            table.add(f"the brightness must not be negative (got {value:g})", row)
+        elif value > MAX_BRIGHTNESS:
+            most = f"must be relative to the disc centre, at most {MAX_BRIGHTNESS:g}"
+            table.add(f"the brightness {most} (got {value:g})", row)
+        if before is None and angle != 0.0:
+            table.add(f"the angles must begin with 0 (got {angle:g})", row)
+        elif before is not None and angle <= before:
+            table.add(f"the angles must rise (got {angle:g})", row)
+        before = angle
+    table.finish()
+    if len(table) < 4:
+        table.add("a sun profile needs 4 rows at least")
+    elif fault := _shape_fault(angles, brightness):
+        table.add(fault)
+    table.finish()
+    return ProfileTable(tuple((1e-3 * angles).tolist()), tuple(brightness.tolist()))
+
+
+def _shape_fault(angles: NDArray[np.float64], brightness: NDArray[np.float64]) -> str:
+    """Fault of a profile as a whole, in words; empty where there is none."""
+    few = max(2, brightness.size // 20)
+    centre, edge = float(brightness[:few].mean()), float(brightness[-few:].mean())
+    if not edge < centre:
+        return "a sun profile must be darker at its edge than at its centre"
+    if edge > (1.0 - LEAST_FALL) * centre:
+        fall = 100.0 * (1.0 - edge / centre)
+        message = f"the brightness falls by only {fall:.2g} % from the centre to the edge: no slopes follow from it"
+        return f"{message}; {100 * LEAST_FALL:g} % are the least"
+    if not 0.8 <= centre <= 1.25:
+        return f"the brightness must be relative to the disc centre, where it is {centre:.4g} instead of 1"
+    if not 1.0 <= angles[-1] <= 20.0:
+        return f"the last angle must be the disc's radius in mrad (got {angles[-1]:g})"
+    return ""

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.backward_gazing import shared
-from heliosweep.families.backward_gazing.field.variables import variables
+from heliosweep.families.backward_gazing import simulated
+from heliosweep.families.backward_gazing import variables as told
 from heliosweep.families.backward_gazing.points import (
     KERNEL_BYTES,
     KEYS,
@@ -24,11 +24,12 @@ from heliosweep.families.backward_gazing.points import (
     Failure,
     Floats,
     Point,
+    by_axis,
     bytes_per_pixel,
+    gathered,
 )
-from heliosweep.families.backward_gazing.shared import BEHIND, CAMERAS, NO_SUN, NOT_SEEN, SEEN
-from heliosweep.families.backward_gazing.simulated import compute as simulated
-from heliosweep.families.backward_gazing.simulated.compute import Given, Observation, bound, observed, seconds_per_pixel
+from heliosweep.families.backward_gazing.simulated import Given, Observation, bound, observed, seconds_per_pixel
+from heliosweep.families.backward_gazing.variables import BEHIND, CAMERAS, NO_SUN, NOT_SEEN, SEEN, STATUS
 from heliosweep.grid.layout_axis import LayoutAxis, longest
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
@@ -47,7 +48,7 @@ _NOTHING = {"usable_fraction": 0.0, "lit_cameras": 0.0}
 
 def workload(study: BackwardGazingStudy) -> Workload:
     """Sizes and cost, for the plan."""
-    heliostats, pixels, inner = longest(study, LAYOUT), shared.most_pixels(study), _inner(study)
+    heliostats, pixels, inner = longest(study, LAYOUT), told.most_pixels(study), _inner(study)
     return Workload(
         parameters=Parameters(study).sizes,
         inner={"heliostat": heliostats, **inner},
@@ -63,10 +64,10 @@ def workload(study: BackwardGazingStudy) -> Workload:
 
 def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory."""
-    labels = Parameters(study).coordinates((*_FIELD_KEYS, *shared.OF_SIMULATIONS))
-    labels |= LayoutAxis(study, LAYOUT).coordinates() | shared.of_methods(study)
-    labels["hour"] = shared.label("hour", _hours(study))
-    return xr.Dataset(coords=labels, attrs=shared.attributes(study))
+    labels = Parameters(study).coordinates((*_FIELD_KEYS, *told.OF_SIMULATIONS))
+    labels |= LayoutAxis(study, LAYOUT).coordinates() | told.of_methods(study)
+    labels["hour"] = told.label("hour", _hours(study))
+    return xr.Dataset(coords=labels, attrs=told.attributes(study))
 
 
 def inputs(study: BackwardGazingStudy) -> tuple[Given, LayoutAxis]:
@@ -91,7 +92,7 @@ def compute(study: BackwardGazingStudy, inputs: tuple[Given, LayoutAxis], region
                     yield (*index, row, hour), _NOTHING | _scene(to_target, sun, facing, values, given, number)
 
     sizes = {**parameters.sizes, "heliostat": len(span), **_inner(study)}
-    return shared.gathered(variables(study), sizes, points())
+    return gathered(told.variables(study), sizes, points())
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
@@ -99,7 +100,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     status = result["scene_status"]
     for code, count in zip(*np.unique(status, return_counts=True), strict=True):
         if code != SEEN:
-            words = shared.STATUS[int(code)].replace("_", " ")
+            words = STATUS[int(code)].replace("_", " ")
             yield f"no slopes in {count:,} of {status.size:,} scenes: {words} (scene_status {code})"
     never = (status == NOT_SEEN).all("hour")
     if bool(never.any()):
@@ -185,7 +186,6 @@ def _whole(seen: Observation, point: Point, given: Given) -> dict[str, Any]:
         "usable_fraction": usable,
         "lit_cameras": float(np.mean(seen.lit[seen.keep])) / CAMERAS,
     }
-    for axis, name in enumerate("xy"):
-        values[f"slope_rms_{name}"], values[f"canting_rms_{name}"] = total[:, :, axis], canting[:, :, axis]
-        values[f"cramer_rao_bound_{name}"] = bounds[axis] if usable.any() else math.nan
-    return values
+    bounds = bounds if usable.any() else np.full(2, math.nan)
+    values |= by_axis("slope_rms_%", total) | by_axis("canting_rms_%", canting)
+    return values | by_axis("cramer_rao_bound_%", bounds, 0)

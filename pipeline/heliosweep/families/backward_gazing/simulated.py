@@ -11,7 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.families.backward_gazing import shared
+from heliosweep.families.backward_gazing import variables as told
+from heliosweep.families.backward_gazing.files import ProfileTable, read_profile
 from heliosweep.families.backward_gazing.points import (
     KEYS,
     SECONDS_PER_METHOD,
@@ -20,25 +21,32 @@ from heliosweep.families.backward_gazing.points import (
     Found,
     Point,
     Solver,
-    Table,
+    by_axis,
     estimates,
+    gathered,
     reconstruct,
     workload_of_points,
 )
-from heliosweep.families.backward_gazing.profile_file import read_profile
-from heliosweep.families.backward_gazing.shared import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
-from heliosweep.families.backward_gazing.simulated.variables import PERCENTILES, seed_dims, variables
+from heliosweep.families.backward_gazing.variables import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
 from heliosweep.grid.parameters import Parameters
-from heliosweep.kernels.gazing.camera_images import Heliostat, camera_set, heliostat, levels
-from heliosweep.kernels.gazing.geometry import Scene
+from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.linear import lit_counts, slope_bound
 from heliosweep.kernels.gazing.lm import graduated
-from heliosweep.kernels.gazing.mirror import MirrorGrid, Modules, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.modules import module_statistics
 from heliosweep.kernels.gazing.rectification import pinholes, rectify
-from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.rendering import (
+    FULL_SCALE,
+    Heliostat,
+    camera_set,
+    expose,
+    heliostat,
+    image_set,
+    levels,
+    module_spheres,
+    waviness,
+)
 from heliosweep.kernels.sun.profiles import Profile
-from heliosweep.kernels.sun.tables import normal_draws, scaled
+from heliosweep.kernels.sun.tables import normal_draws
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
@@ -49,9 +57,7 @@ Pairs = tuple[tuple[float, float], ...]
 
 #: Time of a pixel's images on one core. [s]
 SECONDS_PER_IMAGE = 0.6e-6
-#: Brightness of the highest level of a camera, relative to the disc centre; see `rendering.expose`.
-FULL_SCALE = 1.25
-#: Stream of random numbers of the cameras' gains; `rendering` and `camera_images` have others.
+#: Stream of random numbers of the cameras' gains; `rendering` has others.
 _GAIN_STREAM = 4
 #: Pixels of a camera around the picture of the heliostat.
 _ROOM = 4
@@ -72,7 +78,7 @@ class Given(NamedTuple):
     """[rad]"""
     positions: Pairs | None
     """Cameras in the target's plane instead of an arrangement. [m]"""
-    table: Table | None
+    table: ProfileTable | None
     solver: Solver
 
     @property
@@ -121,13 +127,13 @@ def seconds_per_pixel(study: BackwardGazingStudy) -> float:
 
 def workload(study: BackwardGazingStudy) -> Workload:
     """Sizes and cost, for the plan."""
-    sizes = shared.sizes_of(study, study.output.maps)
-    return workload_of_points(study, sizes, seconds_per_pixel(study), whole=seed_dims(study))
+    sizes = told.sizes_of(study, study.output.maps)
+    return workload_of_points(study, sizes, seconds_per_pixel(study), whole=told.seed_dims(study))
 
 
 def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory."""
-    return shared.coordinates(study, study.output.maps, shared.OF_SIMULATIONS)
+    return told.coordinates(study, study.output.maps, told.OF_SIMULATIONS)
 
 
 def inputs(study: BackwardGazingStudy) -> Given:
@@ -136,15 +142,12 @@ def inputs(study: BackwardGazingStudy) -> Given:
     canting = np.zeros((len(modules.size), 2))
     for key, pair in study.defects.canting.items():
         canting[int(key) - 1] = pair
-    table = None
-    if study.sun.profile is not None:
-        read = read_profile(study.resolve(study.sun.profile), study.sun.profile)
-        table = tuple(read.angle.tolist()), tuple(read.brightness.tolist())
-    horizontal, vertical = study.defects.pointing
-    centres, sizes, turns = (
-        tuple(map(tuple, values.tolist())) for values in (modules.centre, modules.size, 1e-3 * canting)
+    name = study.sun.profile
+    table = None if name is None else read_profile(study.resolve(name), name)
+    centres, sizes, turns, (pointing,) = (
+        tuple(map(tuple, values.tolist()))
+        for values in (modules.centre, modules.size, 1e-3 * canting, 1e-3 * np.array([study.defects.pointing]))
     )
-    pointing = 1e-3 * horizontal, 1e-3 * vertical
     return Given(centres, sizes, turns, pointing, study.cameras.positions, table, Solver.of(study))
 
 
@@ -155,7 +158,7 @@ def compute(study: BackwardGazingStudy, given: Given, region: Region) -> xr.Data
     points are remembered, as those that differ by a seed that has no part in them are the same.
     """
     parameters = Parameters(study, region)
-    made = {name: one for name, one in variables(study).items() if not one.finished}
+    made = {name: one for name, one in told.variables(study).items() if not one.finished}
     area = float(np.prod(given.sizes, axis=1).sum())
 
     def points() -> Iterator[tuple[tuple[int, ...], dict[str, Any]]]:
@@ -164,19 +167,19 @@ def compute(study: BackwardGazingStudy, given: Given, region: Region) -> xr.Data
             result = _remembered if area / point.pixel**2 <= MOST_REMEMBERED else of_point
             yield index, result(point, given, study.output.maps)
 
-    return shared.gathered(made, {**parameters.sizes, **shared.sizes_of(study, study.output.maps)}, points())
+    return gathered(made, {**parameters.sizes, **told.sizes_of(study, study.output.maps)}, points())
 
 
 def finish(study: BackwardGazingStudy, given: Given, region: Region, computed: xr.Dataset) -> xr.Dataset:
     """Median and percentiles of the relative errors over the seeds, NaN left out; linear between values."""
-    seeds = seed_dims(study)
+    seeds = told.seed_dims(study)
     made: dict[str, Any] = {}
     for name in ("relative_error_x", "relative_error_y"):
         array = computed[name].transpose(..., *seeds)
         dims = array.dims[: array.ndim - len(seeds)]
         ordered = np.sort(array.to_numpy().reshape(*array.shape[: len(dims)], -1), axis=-1)  # NaN last
         last = np.maximum(np.count_nonzero(np.isfinite(ordered), axis=-1) - 1, 0)
-        for ending, percent in PERCENTILES.items():
+        for ending, (percent, _) in told.PERCENTILES.items():
             place = 0.01 * percent * last
             below = np.floor(place).astype(np.int64)
             low, high = (
@@ -198,7 +201,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         )
     for code, count in zip(*np.unique(status, return_counts=True), strict=True):
         if code not in (SEEN, NOT_SEEN):
-            words = shared.STATUS[int(code)].replace("_", " ")
+            words = told.STATUS[int(code)].replace("_", " ")
             yield f"no slopes at {count:,} of {status.size:,} points: {words} (scene_status {code})"
     usable = result["usable_fraction"].where(result["scene_status"] == SEEN)
     partly = usable.where(usable < 1.0)
@@ -235,12 +238,8 @@ def _errors(seen: Observation, point: Point, given: Given) -> dict[str, Any]:
     """Errors of the slopes of each module, shape (M, T, modules). [mrad], [percent]"""
     mean, rms, _ = seen.over_modules(1e3 * (seen.net - seen.true))
     entered = 1e3 * np.hypot(*np.transpose(point.canting_scale * np.array(given.canting)))
-    entered = np.where(entered > 0.0, entered, NOT_CANTED)
-    made = {}
-    for axis, name in enumerate("xy"):
-        made[f"slope_bias_{name}"], made[f"slope_rms_{name}"] = mean[:, :, axis], rms[:, :, axis]
-        made[f"relative_error_{name}"] = 100.0 * np.abs(mean[:, :, axis]) / entered
-    return made
+    relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
+    return by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
 
 
 def _sight(seen: Observation, least: Floats) -> dict[str, Any]:
@@ -251,32 +250,26 @@ def _sight(seen: Observation, least: Floats) -> dict[str, Any]:
     _, square, _ = seen.over_modules(1e3 * least)
     with np.errstate(invalid="ignore"):
         made = {"usable_fraction": usable / kept, "lit_cameras": lit}
-    return made | {f"cramer_rao_bound_{name}": square[axis] for axis, name in enumerate("xy")}
+    return made | by_axis("cramer_rao_bound_%", square, 0)
 
 
 def _maps(seen: Observation) -> dict[str, Any]:
     """Images, slopes and what is known of each pixel, on the grid. [1], [mrad]"""
     mirror = seen.mirror
-    made: dict[str, Any] = {"image": maps(mirror, seen.images)}
-    for axis, name in enumerate("xy"):
-        made[f"slope_{name}"] = maps(mirror, 1e3 * seen.net[:, :, axis])
-        made[f"true_slope_{name}"] = maps(mirror, 1e3 * seen.true[axis])
     mask = np.where(seen.keep, np.where(seen.lit >= NEEDED, 3, 2), 1)
-    made["mask"] = np.nan_to_num(maps(mirror, mask))
-    made["quality"] = np.nan_to_num(maps(mirror, seen.found.quality | EDGE * ~seen.keep))
-    return made
+    return {
+        "image": maps(mirror, seen.images),
+        **by_axis("slope_%", maps(mirror, 1e3 * seen.net)),
+        **by_axis("true_slope_%", maps(mirror, 1e3 * seen.true), 0),
+        "mask": np.nan_to_num(maps(mirror, mask)),
+        "quality": np.nan_to_num(maps(mirror, seen.found.quality | EDGE * ~seen.keep)),
+    }
 
 
 def observed(point: Point, given: Given) -> Observation:
-    """Render, expose and reconstruct a point.
-
-    Raises
-    ------
-    Failure
-        Where no slopes can be found whatever the images.
-    """
+    """Render, expose and reconstruct a point. Raises Failure where no slopes can be found whatever the images."""
     layout, profile = point.layout(given.positions), _profile(point, given)
-    known = scaled(profile, point.profile_error) if point.profile_error else profile
+    known = point.known(profile)
     mirror, keep = _mirror(given, point.pixel, point.erosion)
     wavy = None
     if point.waviness:
@@ -293,13 +286,7 @@ def observed(point: Point, given: Given) -> Observation:
         )
         images, share = _camera_views(layout, profile, given.modules, mirror, truth, point, gains - 1.0)
     else:
-        images = expose(
-            images * gains[:, np.newaxis],
-            noise=point.noise,
-            bits=point.bits,
-            seed=point.camera_seed,
-            full_scale=FULL_SCALE,
-        )
+        images = expose(images * gains[:, np.newaxis], point.noise, point.bits, point.camera_seed)
     found = reconstruct(layout, known, images, mirror, point.threshold, given.solver)
     ideal_found, ideal_true = _ideal(point.ideal, given)
     net = found.slopes - ideal_found.slopes
@@ -327,8 +314,7 @@ def bound(seen: Observation, point: Point, given: Given, method: str | None = No
 @lru_cache(maxsize=2)
 def _ideal(point: Point, given: Given) -> tuple[Found, Floats]:
     """Slopes that all methods find on the ideal heliostat, and its true ones; arrays that nobody may change."""
-    layout, profile = point.layout(given.positions), _profile(point, given)
-    known = scaled(profile, point.profile_error) if point.profile_error else profile
+    layout, known = point.layout(given.positions), point.known(_profile(point, given))
     mirror, _ = _mirror(given, point.pixel, 0)
     spheres = module_spheres(given.modules, point.focal_length, np.zeros((len(given.sizes), 2)))
     images, true = image_set(layout, mirror, known, spheres)

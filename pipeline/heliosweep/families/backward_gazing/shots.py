@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.measured.image_files import Picture, read_picture
-from heliosweep.families.backward_gazing.profile_file import read_profile
+from heliosweep.families.backward_gazing.files import Picture, ProfileTable, read_picture, read_profile
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope
 from heliosweep.kernels.sun.tables import SunDisc, disc_profile
 
 if TYPE_CHECKING:
-    from heliosweep.families.backward_gazing.points import Table
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
 Floats = NDArray[np.float64]
@@ -140,7 +138,7 @@ def bright_level(image: Floats) -> float:
     return float(-np.partition(-known, few)[few])
 
 
-def read_sun(study: BackwardGazingStudy) -> tuple[Table | None, list[str]]:
+def read_sun(study: BackwardGazingStudy) -> tuple[ProfileTable | None, list[str]]:
     """Profile of the study's sun image or table: angles [rad] and brightness; None without either; and notes.
 
     Raises
@@ -151,8 +149,7 @@ def read_sun(study: BackwardGazingStudy) -> tuple[Table | None, list[str]]:
     if study.sun.image is None:
         if study.sun.profile is None:
             return None, []
-        read = read_profile(study.resolve(study.sun.profile), study.sun.profile)
-        return (tuple(read.angle.tolist()), tuple(read.brightness.tolist())), []
+        return read_profile(study.resolve(study.sun.profile), study.sun.profile), []
     picture = _read(study, "sun.image", study.sun.image)
     saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
     if saturated > 0.0:
@@ -170,8 +167,8 @@ def read_sun(study: BackwardGazingStudy) -> tuple[Table | None, list[str]]:
         "to the edge; the least falling curve above it is used"
     )
     angle = np.linspace(0.0, radius, len(disc.brightness))
-    table = tuple(angle.tolist()), tuple(falling_envelope(np.maximum(disc.brightness, 0.0)).tolist())
-    return table, [note] if rises else []
+    falling = falling_envelope(np.maximum(disc.brightness, 0.0))
+    return ProfileTable(tuple(angle.tolist()), tuple(falling.tolist())), [note] if rises else []
 
 
 def _stated(study: BackwardGazingStudy, key: str) -> Any:

@@ -16,16 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.families.backward_gazing import shared
-from heliosweep.families.backward_gazing.measured import variables as own
-from heliosweep.families.backward_gazing.measured.images import (
-    BRIGHTEST,
-    GEOMETRY,
-    SUN_IMAGE,
-    Shots,
-    read_shots,
-    read_sun,
-)
+from heliosweep.families.backward_gazing import variables as told
 from heliosweep.families.backward_gazing.points import (
     KEYS,
     SECONDS_PER_METHOD,
@@ -33,22 +24,22 @@ from heliosweep.families.backward_gazing.points import (
     Floats,
     Point,
     Solver,
-    Table,
+    by_axis,
     estimates,
+    gathered,
     reconstruct,
     workload_of_points,
 )
-from heliosweep.families.backward_gazing.shared import NEEDED, NOT_CONVERGED, NOT_IDENTIFIABLE, NOT_SEEN, SEEN
+from heliosweep.families.backward_gazing.shots import BRIGHTEST, GEOMETRY, SUN_IMAGE, Shots, read_shots, read_sun
+from heliosweep.families.backward_gazing.variables import NEEDED, NOT_CONVERGED, NOT_IDENTIFIABLE, NOT_SEEN, SEEN
 from heliosweep.grid.parameters import Parameters, coordinate_attributes
 from heliosweep.kernels.gazing import rectification as why
-from heliosweep.kernels.gazing.geometry import Scene
-from heliosweep.kernels.gazing.lm import SlopeFit
-from heliosweep.kernels.gazing.mirror import MirrorGrid, Modules, eroded, maps, mirror_grid
-from heliosweep.kernels.gazing.rectification import pinholes
+from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
+from heliosweep.kernels.gazing.lanes import SlopeFit
 from heliosweep.kernels.gazing.search import merits
-from heliosweep.kernels.sun.tables import scaled
 
 if TYPE_CHECKING:
+    from heliosweep.families.backward_gazing.files import ProfileTable
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region
@@ -61,11 +52,11 @@ LEAST_PIXELS = 20
 _CHI_SQUARED = (0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121)
 #: What keeps a camera's pixel from being used, and its bit of `quality`.
 _REASONS = {
-    why.AT_EDGE: shared.EDGE,
-    why.SATURATED: shared.SATURATED,
-    why.NOT_A_NUMBER: own.NOT_A_NUMBER,
-    why.OUT_OF_FRAME: own.OUT_OF_FRAME,
-    why.AT_LIMB: shared.OUTSIDE,
+    why.AT_EDGE: told.EDGE,
+    why.SATURATED: told.SATURATED,
+    why.NOT_A_NUMBER: told.NOT_A_NUMBER,
+    why.OUT_OF_FRAME: told.OUT_OF_FRAME,
+    why.AT_LIMB: told.OUTSIDE,
 }
 #: Parts below which a camera counts as dark and a module as hardly seen; residuals over the noise stated, of which they
 #: are about 0.6 where all is right.
@@ -77,7 +68,7 @@ class Inputs(NamedTuple):
 
     shots: Shots
     modules: Modules
-    table: Table | None
+    table: ProfileTable | None
     methods: int
     """Methods that the study asks for."""
     solver: Solver
@@ -98,12 +89,12 @@ class Seen(NamedTuple):
 def workload(study: BackwardGazingStudy) -> Workload:
     """Sizes and cost, for the plan. Raises StudyError where the images cannot be read."""
     seconds = SECONDS_PER_PIXEL + sum(SECONDS_PER_METHOD[name] for name in study.method)
-    return workload_of_points(study, shared.sizes_of(study, True), seconds, 2 * read_shots(study).images.nbytes)
+    return workload_of_points(study, told.sizes_of(study, True), seconds, 2 * read_shots(study).images.nbytes)
 
 
 def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory, those that metadata give too."""
-    found, shots, said = shared.coordinates(study, True, shared.LABELS), read_shots(study), {}
+    found, shots, said = told.coordinates(study, True, told.LABELS), read_shots(study), {}
     for key, name in GEOMETRY.values():
         if name in shots.geometry:
             block, field = key.split(".")
@@ -113,7 +104,7 @@ def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
     for name in ("sun_azimuth", "target_azimuth"):
         if name in said:
             world = name.replace("_", "_world_")
-            said[world] = xr.DataArray((180.0 - shots.geometry[name]) % 360.0, attrs=shared.COORDINATES[world])
+            said[world] = told.label(world, (180.0 - shots.geometry[name]) % 360.0)
     corners = np.isfinite(shots.corners).any()
     return found.assign_coords(said).assign_attrs(
         image_files=", ".join(PurePath(entry.file).name for entry in study.images or ()),
@@ -143,14 +134,13 @@ def compute(study: BackwardGazingStudy, inputs: Inputs, region: Region) -> xr.Da
             except Failure as failure:
                 yield index, {"scene_status": failure.status}
 
-    return shared.gathered(own.variables(study), {**parameters.sizes, **shared.sizes_of(study, True)}, points())
+    return gathered(told.variables(study), {**parameters.sizes, **told.sizes_of(study, True)}, points())
 
 
 def _solved(point: Point, inputs: Inputs) -> dict[str, Any]:
     """Values of the variables at a point of the grid. Raises Failure."""
     solver, shots = inputs.solver, inputs.shots
-    layout, profile = point.layout(shots.positions), point.profile(inputs.table)
-    profile = scaled(profile, point.profile_error) if point.profile_error else profile
+    layout, profile = point.layout(shots.positions), point.known(point.profile(inputs.table))
     mirror = mirror_grid(inputs.modules, point.pixel)
     keep, seen = eroded(mirror, point.erosion), _on_mirror(layout, mirror, point, inputs)
     found = reconstruct(layout, profile, seen.images, mirror, point.threshold, solver)
@@ -179,10 +169,9 @@ def _solved(point: Point, inputs: Inputs) -> dict[str, Any]:
     reasons = np.zeros(len(keep), np.int64)
     for reason, bit in _REASONS.items():
         reasons |= bit * np.any(seen.flags & reason, axis=0)
-    for axis, name in enumerate("xy"):
-        values[f"slope_{name}"] = maps(mirror, 1e3 * slopes[:, :, axis])
-        values[f"slope_uncertainty_{name}"] = maps(mirror, 1e3 * deviation[axis])
     return values | {
+        **by_axis("slope_%", maps(mirror, 1e3 * slopes)),
+        **by_axis("slope_uncertainty_%", maps(mirror, 1e3 * deviation), 0),
         "image": maps(mirror, seen.images),
         "residual_rms": maps(mirror, rms),
         "mask": np.nan_to_num(maps(mirror, np.where(~keep, 1, np.where(cameras < NEEDED, 2, 3)))),
@@ -205,7 +194,7 @@ def _on_mirror(layout: Scene, mirror: MirrorGrid, point: Point, inputs: Inputs) 
         return Seen(np.where(flags == 0, images, np.nan), flags.astype(np.int64), np.where(flags == 0, 1.0, np.nan))
     rows, columns = shots.images.shape[1:]
     try:
-        cameras = pinholes(layout, (rows, columns), shots.focal, shots.centre, shots.roll)
+        cameras = why.pinholes(layout, (rows, columns), shots.focal, shots.centre, shots.roll)
         return Seen(
             *why.rectify(
                 shots.images,
@@ -250,9 +239,9 @@ def _of_modules(
     usable = np.isfinite(slopes[:, 0, 0])
     values["usable_fraction"] = np.array([[np.mean(one[here]) for here in inside] for one in usable])
     values["lit_cameras"] = np.array([np.mean(lit[:, here]) for here in inside])
-    for axis, name in enumerate("xy"):
-        square = [deviation[axis, here][np.isfinite(deviation[axis, here])] ** 2 for here in inside]
-        values[f"cramer_rao_bound_{name}"] = [1e3 * math.sqrt(one.mean()) if one.size else math.nan for one in square]
+    for end, one in zip("xy", deviation, strict=True):
+        squares = [one[here & np.isfinite(one)] ** 2 for here in inside]
+        values[f"cramer_rao_bound_{end}"] = [1e3 * math.sqrt(few.mean()) if few.size else math.nan for few in squares]
     return values
 
 

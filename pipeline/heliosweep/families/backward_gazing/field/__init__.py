@@ -1,1 +1,0 @@
-"""Simulated heliostats of a field at some hours."""

@@ -1,1 +1,0 @@
-"""A heliostat in four measured images."""

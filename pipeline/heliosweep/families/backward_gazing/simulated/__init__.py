@@ -1,1 +1,0 @@
-"""One simulated heliostat."""

@@ -1,0 +1,375 @@
+"""Variables, flags and coordinates of results: names, CF attributes and what each means, in the order of the file.
+
+X is horizontal (y of the mirror: to the right as seen from the target), Y vertical (z, up), as in the paper's Table 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.regions import Variable
+from heliosweep.kernels.gazing.geometry import mirror_grid
+
+if TYPE_CHECKING:
+    from heliosweep.families.backward_gazing.study import BackwardGazingStudy
+
+#: Cameras, and those that must be lit for slopes.
+CAMERAS, NEEDED = 4, 3
+
+#: Values of `scene_status`.
+SEEN, NOT_SEEN, NO_SUN, BEHIND, NOT_IDENTIFIABLE, NO_PROFILE, NO_HELIOSTAT = 0, 1, 2, 3, 4, 5, -1
+STATUS = {
+    NO_HELIOSTAT: "no_heliostat",
+    SEEN: "slopes_found",
+    NOT_SEEN: "nowhere_three_cameras_see_the_sun",
+    NO_SUN: "sun_below_the_horizon",
+    BEHIND: "heliostat_behind_the_target",
+    NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
+    NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
+}
+#: Bits of `quality`; the first three are those of the kernels that search, the last two are of measured images alone.
+NOT_CONVERGED, UNLIT, OUTSIDE, EDGE, SATURATED, NOT_A_NUMBER, OUT_OF_FRAME = 1, 2, 4, 8, 16, 32, 64
+QUALITY = {
+    NOT_CONVERGED: "not_converged",
+    UNLIT: "fewer_than_three_cameras_lit",
+    OUTSIDE: "beside_the_disc",
+    EDGE: "at_the_edge_of_a_module",
+    SATURATED: "saturated",
+    NOT_A_NUMBER: "not_a_number",
+    OUT_OF_FRAME: "out_of_frame",
+}
+#: Values of `mask`.
+MASKS = ("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts")
+
+PLANE = ("z", "y")
+OF_METHOD = ("slope_method", "referential")
+OF_MODULE = (*OF_METHOD, "module")
+_HOUR = ("heliostat", "hour")
+
+
+def _quantity(dims: tuple[str, ...], units: str, long_name: str, comment: str = "", **more: Any) -> Variable:
+    said = {"comment": comment} if comment else {}
+    return Variable(dims, {"units": units, "long_name": long_name, **said, **more})
+
+
+def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", units: str = "mrad") -> dict[str, Any]:
+    """A quantity in both directions; ``%`` in the name stands for x or y, in the long name for the direction."""
+    words = {"x": "horizontal", "y": "vertical"}
+    return {
+        name.replace("%", axis): _quantity(dims, units, long_name.replace("%", word), comment)
+        for axis, word in words.items()
+    }
+
+
+def _part(dims: tuple[str, ...], long_name: str, comment: str = "") -> Variable:
+    """A part of a whole, from 0 to 1."""
+    return _quantity(dims, "1", long_name, comment, valid_range=[0.0, 1.0])
+
+
+def _flags(
+    dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
+) -> Variable:
+    """Numbers with meanings, of which each value has one, or the sum of several with ``flag_masks``."""
+    attrs = {kind: np.array(list(meanings), np.int8), "flag_meanings": " ".join(meanings.values())}
+    return replace(_quantity(dims, "1", long_name, comment, **attrs), dtype=np.dtype(np.int8))
+
+
+def _quality(bits: Mapping[int, str], comment: str = "") -> Variable:
+    return _flags(("slope_method", *PLANE), "what is doubtful about a slope", bits, comment, "flag_masks")
+
+
+#: What a plant wants to know, with standard errors.
+_ESTIMATES = {
+    **_both(
+        "canting_%",
+        OF_MODULE,
+        "% slope at the centre of a module, less the pointing of the heliostat",
+        "what its screws would have to undo, against the ideal heliostat: modules on a sphere of another focal length "
+        "are canted too; by a plane through the slopes of the eroded module",
+    ),
+    **_both(
+        "canting_%_standard_error",
+        OF_MODULE,
+        "standard error of the % canting",
+        "of the scatter of the module and of those that decide the pointing, alone",
+    ),
+    **_both("waviness_%", OF_MODULE, "root mean square of what a plane leaves of the % slopes of a module"),
+    **_both(
+        "pointing_%",
+        OF_METHOD,
+        "% pointing error of the heliostat",
+        "median of the slopes at the centres of its modules, less those of a sphere of focal_length_estimate",
+    ),
+    **_both(
+        "pointing_%_standard_error",
+        OF_METHOD,
+        "standard error of the % pointing",
+        "of the scatter of the modules that decide the median, and of the focal length, alone",
+    ),
+    "focal_length_estimate": _quantity(OF_METHOD, "m", "focal length of the modules"),
+    "focal_length_standard_error": _quantity(
+        OF_METHOD, "m", "standard error of the focal length of the modules", "of scatter alone"
+    ),
+    "usable_fraction": _part(("slope_method", "module"), "part of the eroded module for which there are slopes"),
+    "lit_cameras": _part(
+        ("module",), "part of the cameras that see the sun in the module", "mean over the pixels of the eroded module"
+    ),
+}
+#: What noise leaves of the slopes of a pixel; of a module it is a mean.
+_BOUND = "least standard deviation that the cameras leave to % slopes of a pixel"
+
+#: Of the whole scene.
+_SCENE = {
+    "scene_status": _flags((), "whether there are slopes, and why not", STATUS),
+    "incidence": _quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
+}
+_MASK = _flags(PLANE, "which pixels count", dict(enumerate(MASKS)))
+_NET = (
+    "error of a pixel: slope found, less the slope that the same method finds on images of the ideal heliostat without "
+    "noise or error of gain, less the true slope; over the pixels of the eroded module that have slopes"
+)
+_WAVEFRONT = "of O2 and LM the same for every referential, which they do not need"
+
+#: One simulated heliostat.
+SIMULATED = {
+    **_both("slope_bias_%", OF_MODULE, "mean error of the % slopes of a module", f"{_NET}; {_WAVEFRONT}"),
+    **_both("slope_rms_%", OF_MODULE, "root mean square error of the % slopes of a module", _NET),
+    **_both(
+        "relative_error_%",
+        OF_MODULE,
+        "magnitude of the mean error of the % slopes relative to the module's entered canting",
+        "as in Table 1 of Defieux et al. (2020); relative to 1 mrad where no canting is entered",
+        "percent",
+    ),
+    **_ESTIMATES,
+    **_both(
+        "cramer_rao_bound_%",
+        ("module",),
+        _BOUND,
+        "Cramer-Rao bound for noise and levels of the cameras at the true slopes; root mean square over the pixels of "
+        "the eroded module that three cameras see; 0 without noise and levels; for a tabulated profile that of its "
+        "smooth fit, not of a search on the rough table; with fit_gain that of methods that find a gain, not of A",
+    ),
+    **_SCENE,
+}
+#: With ``output: {maps: true}``.
+MAPS = {
+    "image": _quantity(
+        ("camera", *PLANE),
+        "1",
+        "brightness relative to the sun's centre",
+        "as the reconstruction gets it, with the noise of the cameras; missing between the modules",
+    ),
+    **_both(
+        "slope_%",
+        (*OF_METHOD, *PLANE),
+        "% slope of the mirror relative to the ideal heliostat",
+        "less the slope that the same method finds on the ideal heliostat; missing where fewer than three cameras are "
+        f"lit; {_WAVEFRONT}",
+    ),
+    **_both("true_slope_%", PLANE, "true % slope of the mirror relative to the ideal heliostat"),
+    "mask": _MASK,
+    "quality": _quality({bit: name for bit, name in QUALITY.items() if bit <= SATURATED}),
+}
+
+#: Heliostats of a field.
+FIELD = {
+    "slant_range": _quantity(("heliostat",), "m", "distance from the heliostat's centre to the target's"),
+    **{name: replace(one, dims=_HOUR) for name, one in _SCENE.items()},
+    **_both(
+        "slope_rms_%",
+        (*_HOUR, *OF_METHOD),
+        "root mean square error of the % slopes of a heliostat",
+        _NET.replace("of the eroded module", "of all eroded modules"),
+    ),
+    **_both(
+        "canting_rms_%",
+        (*_HOUR, *OF_METHOD),
+        "root mean square over the modules of the mean error of their % slopes",
+        "of the modules that have slopes",
+    ),
+    "usable_fraction": _part((*_HOUR, "slope_method"), "part of the eroded modules for which there are slopes"),
+    "lit_cameras": _part(
+        _HOUR, "part of the cameras that see the sun in the heliostat", "mean over the pixels of the eroded modules"
+    ),
+    **{name: replace(SIMULATED[name], dims=_HOUR) for name in ("cramer_rao_bound_x", "cramer_rao_bound_y")},
+}
+
+#: Measured images; what simulations have too is called as there, and means the same.
+MEASURED = {
+    **_ESTIMATES,
+    **_both(
+        "cramer_rao_bound_%",
+        ("module",),
+        _BOUND,
+        "root mean square of the slope uncertainty over the eroded module",
+    ),
+    "lit_fraction": _part(
+        ("camera",),
+        "part of the mirror's pixels in which a camera sees the sun",
+        "of those that are not at the edge of a module",
+    ),
+    "saturated_fraction": _part(
+        ("camera",), "part of the mirror's pixels in which an image is saturated", "these are not used"
+    ),
+    "white_level": _quantity(("camera",), "1", "level of the sun's centre, the dark level included"),
+    "pixel_noise": _quantity(
+        (),
+        "1",
+        "standard deviation of a pixel of the images relative to the sun's centre",
+        "as the study states it, or from the median of the squared residuals of LM",
+    ),
+    "gain": _quantity((), "1", "median over the pixels of the gain that LM finds", "1 where no gain is fitted"),
+    **_SCENE,
+    "image": _quantity(
+        ("camera", *PLANE),
+        "1",
+        "brightness relative to the sun's centre",
+        "put on the grid of the mirror; missing between modules, and where a pixel cannot be used",
+    ),
+    **_both(
+        "slope_%",
+        (*OF_METHOD, *PLANE),
+        "% slope of the mirror relative to the ideal heliostat",
+        f"missing where fewer than three cameras are lit and usable; {_WAVEFRONT}",
+    ),
+    **_both(
+        "slope_uncertainty_%",
+        PLANE,
+        "standard uncertainty of the % slope of a pixel",
+        "of the slopes of LM, also where other methods are asked for: from the noise of the images alone, by the "
+        "derivatives at the slopes that LM finds; an error of the sun's "
+        "profile, of the geometry, or of one camera's gain against another's does not show in it (the last shifts all "
+        "slopes alike, as a pointing error would)",
+    ),
+    "residual_rms": _quantity(
+        (*OF_METHOD, *PLANE),
+        "1",
+        "root mean square over the lit cameras of the brightness seen less that of the slopes found",
+    ),
+    "mask": _MASK,
+    "quality": _quality(
+        QUALITY,
+        "a camera that is saturated, not a number, out of frame, at an edge or at the limb of the disc is left out at "
+        "the pixel",
+    ),
+}
+
+#: Keys along which scenes differ by their random numbers alone.
+SEEDS = ("cameras.seed", "defects.seed", "profile_noise.seed")
+#: Percentiles over the seeds, by ending, and what they are called.
+PERCENTILES = {"median": (50.0, "median"), "low": (5.0, "5th percentile"), "high": (95.0, "95th percentile")}
+
+
+def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
+    """Swept dimensions along which nothing but seeds varies."""
+    return tuple(dim.name for dim in study.dimensions() if set(dim.sweeps) <= set(SEEDS))
+
+
+def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
+    """Variables of a study's result; of one simulated heliostat with percentiles over swept seeds."""
+    dims, seeds = tuple(dim.name for dim in study.dimensions()), seed_dims(study)
+    simulated = SIMULATED | (MAPS if study.output.maps else {})
+    table = MEASURED if study.mode == "measured" else simulated if study.field is None else FIELD
+    found = {name: replace(one, dims=(*dims, *one.dims)) for name, one in table.items()}
+    if table is simulated and seeds:
+        found |= over_seeds(tuple(dim for dim in dims if dim not in seeds))
+    return found
+
+
+def over_seeds(dims: tuple[str, ...]) -> dict[str, Variable]:
+    """Percentiles of the relative errors over all dimensions but those of the seeds."""
+    found: dict[str, Variable] = {}
+    for ending, (_, which) in PERCENTILES.items():
+        long_name = f"{which} over the seeds of the relative error of the % slopes"
+        found |= _both(f"relative_error_%_{ending}", (*dims, *OF_MODULE), long_name, units="percent")
+    return {name: replace(one, finished=True) for name, one in found.items()}
+
+
+#: Coordinates besides those of the study's keys: long name, and units of numbers.
+COORDINATES = {
+    "slope_method": ("how slopes are found",),
+    "referential": ("how slopes of the wavefront become slopes of the mirror",),
+    "module": ("number of the module, from 1", "1"),
+    "module_y": ("centre of the module, to the right as seen from the target", "m"),
+    "module_z": ("centre of the module, up", "m"),
+    "module_width": ("width of the module", "m"),
+    "module_height": ("height of the module", "m"),
+    "camera": ("number of the camera, from 1", "1"),
+    "y": ("place on the mirror, to the right as seen from the target", "m"),
+    "z": ("place on the mirror, up", "m"),
+    "module_of_pixel": ("number of the module that holds the pixel, 0 for none", "1"),
+    "hour": ("solar hour", "h"),
+    "sun_world_azimuth": ("azimuth of the sun, clockwise from north", "degree"),
+    "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
+}
+
+#: Keys of the study that label a result also where they are not swept, and those that label simulated ones.
+LABELS = (
+    "heliostat.focal_length", "heliostat.distance", "heliostat.pixel",
+    "target.azimuth", "target.elevation", "target.tilt", "target.face", "sun.azimuth", "sun.elevation",
+    "cameras.arrangement", "cameras.radius", "cameras.threshold", "sun_profile", "profile_error",
+)  # fmt: skip
+OF_SIMULATIONS = (
+    *LABELS, "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "defects.canting_scale", "defects.waviness"
+)  # fmt: skip
+
+
+def label(name: str, values: Any, *dims: str) -> xr.DataArray:
+    """One of `COORDINATES`: along itself, the dimensions that are named, or none for a single number."""
+    attrs = dict(zip(("long_name", "units"), COORDINATES[name], strict=False))
+    return xr.DataArray(values, dims=dims or (name if np.ndim(values) else ()), attrs=attrs)
+
+
+def of_methods(study: BackwardGazingStudy) -> dict[str, xr.DataArray]:
+    """Methods and referentials as coordinates."""
+    names = {"slope_method": study.method, "referential": study.referential}
+    return {name: label(name, np.array(values, dtype=object)) for name, values in names.items()}
+
+
+def attributes(study: BackwardGazingStudy) -> dict[str, str]:
+    """Global attribute on the use that LM makes of a tabulated profile of the sun."""
+    return {"profile_of_lm": "smooth fit" if study.smooth else "as it is"}
+
+
+def sizes_of(study: BackwardGazingStudy, maps: bool) -> dict[str, int]:
+    """Lengths of the dimensions after the swept ones, those of maps too where they are wanted."""
+    modules = study.heliostat.rectangles
+    sizes = dict(zip(OF_MODULE, (len(study.method), len(study.referential), len(modules.size)), strict=True))
+    if maps:
+        span = (modules.centre + 0.5 * modules.size).max(axis=0) - (modules.centre - 0.5 * modules.size).min(axis=0)
+        columns, rows = np.maximum(np.ceil(span / study.heliostat.pixel - 1e-6), 1.0)  # as mirror_grid has them
+        sizes |= {"camera": CAMERAS, "z": int(rows), "y": int(columns)}
+    return sizes
+
+
+def most_pixels(study: BackwardGazingStudy) -> int:
+    """Pixels on the modules, for the smallest pixel of the study."""
+    smallest = float(Parameters(study).parameter("heliostat.pixel").min())
+    return math.ceil(float(np.prod(study.heliostat.rectangles.size, axis=1).sum()) / smallest**2)
+
+
+def coordinates(study: BackwardGazingStudy, maps: bool, keys: Sequence[str]) -> xr.Dataset:
+    """Coordinates of the result of one heliostat; those of `keys` also where they are not swept."""
+    parameters, modules = Parameters(study), study.heliostat.rectangles
+    labels = parameters.coordinates(keys)
+    for block in ("sun", "target"):
+        if parameters.has(f"{block}.azimuth"):
+            world = (180.0 - parameters.parameter(f"{block}.azimuth")) % 360.0
+            labels[f"{block}_world_azimuth"] = label(f"{block}_world_azimuth", world.to_numpy(), *map(str, world.dims))
+    labels |= of_methods(study)
+    labels["module"] = label("module", np.arange(1, len(modules.size) + 1))
+    for name, column in zip(("y", "z", "width", "height"), (*modules.centre.T, *modules.size.T), strict=True):
+        labels[f"module_{name}"] = label(f"module_{name}", column, "module")
+    if maps:
+        mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
+        labels |= {"camera": label("camera", np.arange(1, CAMERAS + 1)), "z": label("z", mirror.z)}
+        labels |= {"y": label("y", mirror.y), "module_of_pixel": label("module_of_pixel", mirror.module, *PLANE)}
+    return xr.Dataset(coords=labels, attrs=attributes(study))
