@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.curves import conics
+from heliosweep.kernels.spots.curves import deviation_curves
 from heliosweep.kernels.spots.deviation import (
     AZIMUTH,
     CANTING,
@@ -21,6 +21,10 @@ from tests.kernels.spots.test_deviation import DATA, KINDS, MORNING, PIVOT, fiel
 
 ROWS = slice(0, 6)
 ECCENTRICITY, FOCUS = 6, slice(7, 9)
+
+
+def conics(*arguments):
+    return deviation_curves(*arguments).conic
 
 
 def powers(y, z):

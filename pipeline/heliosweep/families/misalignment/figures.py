@@ -20,17 +20,7 @@ MOST_FIGURES = 10
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Figures of a result, each drawn when it is asked for.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        From `heliosweep.open_result`; values are read as they are needed.
-
-    Yields
-    ------
-    NamedFigure
-    """
+    """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
     spots, tolerances = figures_curves.SPOTS, figures_curves.TOLERANCES
     field = result.sizes.get(HELIOSTAT, 0) >= FIELD
     first = (*tolerances, *spots) if field else (*spots, *tolerances)
@@ -40,16 +30,6 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Tables of a result; none where its variables have numbers of the whole.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        From `heliosweep.open_result`.
-
-    Yields
-    ------
-    Table
-    """
+    """Tables of a result; none where its variables have numbers of the whole."""
     shown = Spots(result)
     return chain(figures_calibration.tables(shown), figures_mount_errors.tables(shown))

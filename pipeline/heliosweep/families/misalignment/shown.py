@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.report.panels import Panel
 from heliosweep.report.pictures import FieldMap, field_map
 from heliosweep.report.selection import Point, Shown, at, evenly
 from heliosweep.report.tracks import Look
@@ -20,16 +22,6 @@ HOUR, HELIOSTAT, AXIS, PARAMETER = "hour", "heliostat", "axis", "parameter"
 #: Dimensions that are neither swept nor instants.
 NOT_SWEPT = {*DAYS, HOUR, HELIOSTAT, PARAMETER, "parameter_2", "spot", "percentile", "tolerance_axis", "detector"}
 NOT_SWEPT |= {"conic_coefficient", "sample"}
-
-#: The errors, in the order of the family.
-MOUNT_ERRORS = (
-    "azimuth_reference",
-    "elevation_reference",
-    "tilt_about_east",
-    "tilt_about_north",
-    "non_orthogonality",
-    "collimation",
-)
 
 #: Panels of one figure, lines of one panel, maps of one figure.
 MOST_PANELS, MOST_LINES, MOST_MAPS = 6, 6, 6
@@ -66,7 +58,7 @@ class Spots(Shown):
         "receiver_width": "aperture width",
         "receiver_height_extent": "height",
     }
-    typical: ClassVar = {**dict.fromkeys(MOUNT_ERRORS, 0.0), HOUR: 12.0, "error_scale": 1.0}
+    typical: ClassVar = {**dict.fromkeys(ERRORS, 0.0), HOUR: 12.0, "error_scale": 1.0}
     not_swept = frozenset(NOT_SWEPT)
     told: ClassVar = dict.fromkeys(("latitude", "mount_kind", "receiver_width", "receiver_height_extent"))
     longest = 24
@@ -131,10 +123,25 @@ class Spots(Shown):
         known = {str(name).replace("_", "-"): {AXIS: i} for i, name in enumerate(self.coordinate(AXIS).to_numpy())}
         return sorted(known.items(), key=lambda item: list(AXES).index(item[0]) if item[0] in AXES else len(AXES))
 
+    def of_heliostats(self, name: str, least: int = 1) -> bool:
+        """Test whether there is a variable along the heliostats, of which there are so many at least."""
+        return self.has(name) and HELIOSTAT in self.result[name].dims and self.result.sizes[HELIOSTAT] >= least
+
+    def panels_of_axes(
+        self, name: str, title: str, stands: Point, lines: Callable[[xr.DataArray], dict[str, xr.DataArray]]
+    ) -> list[Panel]:
+        """A panel for each axis of the error in which a line of a variable has a value."""
+        panels = []
+        for axis, point in self.axes(name):
+            drawn = lines(at(self.result[name], stands, point).compute())
+            if any_known(list(drawn.values())):
+                panels.append(Panel(title, drawn, f"{axis} axis" if point else ""))
+        return panels
+
     def error(self) -> str | None:
         """Dimension of the size of an error."""
         dims = self.numbers("spot_y") if "spot_y" in self.result else []
-        return next((dim for dim in ("error_size", *MOUNT_ERRORS) if dim in dims), None)
+        return next((dim for dim in ("error_size", *ERRORS) if dim in dims), None)
 
     def map(self, values: np.ndarray, stands: Point, title: str) -> FieldMap | None:
         """Map of one number of each heliostat; none where the result does not tell the places."""
@@ -147,7 +154,7 @@ class Spots(Shown):
         if PARAMETER in self.result.coords:
             name = str(self.result[PARAMETER].to_numpy()[index])
         else:
-            name = MOUNT_ERRORS[index] if index < len(MOUNT_ERRORS) else f"parameter {index + 1}"
+            name = ERRORS[index] if index < len(ERRORS) else f"parameter {index + 1}"
         return name.replace("non_", "non-").replace("_", " ")
 
     def best(self, quantity: str, *shown: str | None) -> dict[str, int]:
