@@ -56,31 +56,6 @@ def test_numbers_of_the_oracle():
     assert float(curve["eccentricity"]) == pytest.approx(oracle["elevation curve", "eccentricity"], abs=1e-9)
 
 
-def test_no_error_is_a_point_and_all_else_lies_on_the_conic():
-    result = computed(time=solar(80, 172, 355), mount={"mirror_offset": 0.5}, error=error(size=[-20, 0, 20]))
-    y, z = result["spot_y"], result["spot_z"]
-    assert float(np.hypot(y, z).sel(error_size=0).max()) < 1e-12
-    a, b, c, d, e, f = (result["conic"].sel(conic_coefficient=name) for name in "ABCDEF")
-    size = abs(a * y * y) + abs(b * y * z) + abs(c * z * z) + abs(d * y) + abs(e * z) + abs(f)
-    residual = (a * y * y + b * y * z + c * z * z + d * y + e * z + f) / size
-    assert float(abs(residual.sel(error_size=[-20, 20])).max()) < 1e-11
-
-
-def test_tolerance_lands_on_the_edge():
-    blocks = {
-        "time": solar(172, hours=[9]),
-        "heliostats": {"positions": [[-16, 150, 0]]},
-        "mount": {"mirror_offset": 0.5},
-    }
-    for source in ("canting", "encoder", "tilt"):
-        for axis in ("elevation", "azimuth", "encoder_azimuth"):
-            tolerance = float(computed(**blocks, error=error(source=source, axis=axis))["tracking_tolerance"].squeeze())
-            sizes = [-tolerance * 1.0001, -tolerance * 0.9999, tolerance * 0.9999, tolerance * 1.0001]
-            inside = computed(**blocks, error=error(source=source, axis=axis, size=sizes))["inside"].squeeze()
-            assert inside.values.tolist()[1:3] == [1, 1]
-            assert 0 in inside.values.tolist()
-
-
 def test_hit_fractions_and_the_least_tolerance():
     result = computed(time=solar(80, 172, hours={"start": 4, "stop": 20, "step": 0.5}), error=error(size=[0, 8]))
     sun = (result["spot_status"] != NO_SUN).sel(error_size=0).isel(heliostat=0)

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 from matplotlib.patches import Ellipse, Rectangle
 
+from heliosweep.families.misalignment.curves.figures import conic_curve, other_focus
 from heliosweep.families.misalignment.figures import MOST_FIGURES, figures
-from heliosweep.families.misalignment.figures_curves import conic_curve, other_focus
 from heliosweep.report.style import image
 from tests.families.misalignment import report_results as results
 

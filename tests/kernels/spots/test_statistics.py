@@ -38,10 +38,7 @@ def remaining(one, kind, actual, known, sun, places):
         parts = [v @ axes.T for v in (along, ray - along, np.cross(axis, ray))]
         tangents = []
         for side in (-1.0, 1.0):
-            for edge in (
-                (side * one.half_width[0] - py, px, 0.0 * px),
-                (side * one.half_height[0] - pz, 0.0 * px, px),
-            ):
+            for edge in ((side * one.half_width[0] - py, px, 0.0 * px), (side * one.half_height[0] - pz, 0.0 * px, px)):
                 # k + a cos 2 e + b sin 2 e = 0 on the plane through the mirror centre and the edge
                 k, a, b = (sum(m * part[..., i] for i, m in enumerate(edge)) for part in parts)
                 root = b * b + a * a - k * k

@@ -46,11 +46,7 @@ ERRORS = (
 )
 #: What is said of keys that only drawn errors make something of.
 NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
-LOSSES = {
-    "squared": "least squares",
-    "huber": "linear beyond loss_scale",
-    "cauchy": "logarithmic beyond loss_scale",
-}
+LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}
 
 
 @dataclass(frozen=True)

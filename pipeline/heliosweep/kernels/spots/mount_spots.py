@@ -33,15 +33,7 @@ from heliosweep.kernels.mounts.kinematics import (
     stand_terms,
     turn,
 )
-from heliosweep.kernels.spots.receiver import (
-    BEHIND_FACE,
-    REACHES,
-    Face,
-    Setting,
-    compiled_setting,
-    face_vectors,
-    trace,
-)
+from heliosweep.kernels.spots.receiver import BEHIND_FACE, REACHES, Face, Setting, compiled_setting, face_vectors, trace
 from heliosweep.kernels.vectors import PACKET, whole
 
 Floats = NDArray[np.float64]
@@ -259,14 +251,7 @@ def _terms(errors, at, apart, here, lanes, room, to):
 
 @kernel
 def spot_lanes(
-    sample: Floats,
-    state: Floats,
-    sun: Floats,
-    face: Face,
-    offset: float,
-    axis_offset: float,
-    out: Floats,
-    lanes: int,
+    sample: Floats, state: Floats, sun: Floats, face: Face, offset: float, axis_offset: float, out: Floats, lanes: int
 ) -> None:
     """Write the rows of spots of a packet of lanes.
 

@@ -40,11 +40,7 @@ _ANGLES = {"azimuth": "primary", "elevation": "secondary"}
 #: Residuals, and spots before and after the calibration: what is said of synthetic ones, at each instant, and of
 #: measured ones, each.
 _SPOTS = {
-    "residual_{}": (
-        "measured minus predicted spot",
-        "missing on days that are not used",
-        "in the order of the file",
-    ),
+    "residual_{}": ("measured minus predicted spot", "missing on days that are not used", "in the order of the file"),
     "spot_{}_before": (
         "spot before the calibration",
         "where the true errors send the beam; without noise",
@@ -134,10 +130,7 @@ def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:
             "largest over smallest singular value, all errors in the same unit",
         ),
         "residual_rms": quantity(
-            lead,
-            "m",
-            "root mean square of the residuals, per coordinate",
-            "over the spots used, outliers among them",
+            lead, "m", "root mean square of the residuals, per coordinate", "over the spots used, outliers among them"
         ),
         "leave_one_out_rms": quantity(
             lead,

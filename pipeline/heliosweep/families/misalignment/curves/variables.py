@@ -61,9 +61,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             "day": quantity(curve, "1", "day of the year of the least tolerance", _FIRST),
             "declination": quantity(curve, "degree", "declination of the sun at the least tolerance", _FIRST),
             "date": Variable(
-                curve,
-                {"long_name": "local date of the least tolerance", "comment": _FIRST},
-                np.dtype("datetime64[ns]"),
+                curve, {"long_name": "local date of the least tolerance", "comment": _FIRST}, np.dtype("datetime64[ns]")
             ),
         }
         found[f"{day}_of_least_tolerance"] = of_least[day]

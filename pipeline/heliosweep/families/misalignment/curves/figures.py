@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.shown import (
+from heliosweep.families.misalignment.figures import (
     AXES,
     AXIS,
     FIELD,
@@ -173,7 +173,7 @@ def conics(shown: Spots) -> Iterator[NamedFigure]:
 
 def tolerance_over_day(shown: Spots) -> Iterator[NamedFigure]:
     """Least error that drives the spot out, over the hours: of each heliostat, or the spread over a field."""
-    result, name = shown.result, shown.tolerance
+    result, name = shown.result, "tracking_tolerance"
     if not shown.of_heliostats(name) or not shown.several(HOUR):
         return
     stands = shown.fixed(name, HOUR, AXIS, HELIOSTAT)
@@ -279,7 +279,7 @@ def _spots(shown: Spots, along: str, *points: Point) -> tuple[np.ndarray, np.nda
 
 
 def _aim(shown: Spots) -> Track:
-    known = shown.tolerance in shown.result or SIZE in shown.result.coords
+    known = "tracking_tolerance" in shown.result or SIZE in shown.result.coords
     return origin("no error" if known else "aim")
 
 

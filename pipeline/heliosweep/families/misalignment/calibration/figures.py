@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri, stdtrit
 
-from heliosweep.families.misalignment.shown import (
+from heliosweep.families.misalignment.figures import (
     DAYS,
     FIELD,
     HELIOSTAT,

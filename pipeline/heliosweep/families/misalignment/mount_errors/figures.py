@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.families.misalignment.shown import (
+from heliosweep.families.misalignment.figures import (
     DAYS,
     FIELD,
     HELIOSTAT,
