@@ -12,6 +12,7 @@ from scipy.stats import t as student
 from heliosweep.kernels.spots.calibration import CAUCHY, HUBER, SQUARED, Spots, calibrate
 from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, TOO_FEW
 from tests.families.misalignment.mount_twin import Twin, solar_vector
+from tests.kernels.mounts.normals import normal_and_centre
 
 TRUE = np.array([1.5, -0.8, 0.9, -1.2, 0.6, -0.7]) * 1e-3
 #: Equinox and solstices.
@@ -41,9 +42,9 @@ class Case:
 
     def predict(self, errors):
         """Spots for errors of shape (..., 6), by the independent model."""
-        pairs, table = zip(self.angles, self.suns, strict=True), np.reshape(errors, (-1, 6))
-        spots = [self.twin.spots(*self.twin.mirror(angles, table), sun)[0] for angles, sun in pairs]
-        return np.stack(spots, axis=1).reshape(*np.shape(errors)[:-1], len(spots), 2)
+        twin, each = self.twin, np.asarray(errors)[..., np.newaxis, :]
+        normal, centre = normal_and_centre(twin.frame, self.angles, each, twin.offsets)
+        return twin.spots(normal, np.array(twin.pivot) + centre, self.suns)[0]
 
     def spots(self):
         first = np.arange(self.seeds + 1) * self.count

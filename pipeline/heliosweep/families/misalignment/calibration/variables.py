@@ -32,8 +32,8 @@ STATUS = {
 KNOWN = (codes.ESTIMATED, codes.INDISTINCT, EXACT)
 
 _SIDES = {
-    "y": "to the right; to the right of the aim point for someone in the field who looks at the receiver",
-    "z": "upwards; above the aim point, along the receiver's face",
+    "y": ("to the right", "to the right of the aim point for someone in the field who looks at the receiver"),
+    "z": ("upwards", "above the aim point, along the receiver's face"),
 }
 _ANGLES = {"azimuth": "primary", "elevation": "secondary"}
 
@@ -81,8 +81,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         meaning = "error with which the synthetic spots were made"
         found["true_error"] = quantity((*lead, "parameter"), "mrad", meaning)
     for name, (meaning, *said) in _SPOTS.items():
-        for side, words in _SIDES.items():
-            towards, where = words.split("; ")
+        for side, (towards, where) in _SIDES.items():
             comment = f"{where}; {said[0] if synthetic else said[1]}"
             dims = each if synthetic else (*lead, "spot")
             found[name.format(side)] = quantity(dims, "m", f"{meaning}, {towards}", comment)
