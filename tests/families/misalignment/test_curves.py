@@ -42,7 +42,7 @@ def test_numbers_of_the_oracle():
         rows = [tuple(row) for row in csv.reader(file)][1:]
     oracle = {(case, quantity): float(value) for case, quantity, value in rows}
     result = computed(mount={"mirror_offset": [0, 0.5]}).isel(heliostat=0, hour=0, declination=0)
-    cases = [(f"{axis} +12 mrad, r=0", 0, "canting", axis) for axis in ("elevation", "azimuth", "encoder_azimuth")]
+    cases = [(f"{axis} +12 mrad, r=0", 0.0, "canting", axis) for axis in ("elevation", "azimuth", "encoder_azimuth")]
     cases += [("elevation +12 mrad, r=0.5 about the pivot", 0.5, "encoder", "elevation")]
     for case, offset, source, axis in cases:
         spot = result.sel(mirror_offset=offset, source=source, axis=axis, error_size=12)

@@ -25,8 +25,8 @@ NEAR = Twin((-16.0, 150.0, 0.0), 143.0, offsets=(0.5, 0.0, 0.0))
 def aimed(twin, days, hours):
     """Suns of hours of days, and the angles that a mount without errors is sent to."""
     suns = [solar_vector(37.4, day, hour) for day in days for hour in hours]
-    suns = np.array([sun for sun in suns if sun[2] > 0.02])
-    return suns, np.array([twin.aim(sun) for sun in suns])
+    high = [sun for sun in suns if sun[2] > 0.02]
+    return np.array(high), np.array([twin.aim(sun) for sun in high])
 
 
 class Case:
