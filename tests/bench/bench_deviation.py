@@ -11,11 +11,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.spots import curves as conic_kernels
 from heliosweep.kernels.spots import deviation
-from heliosweep.kernels.spots.curves import conics, crossings
+from heliosweep.kernels.spots.curves import deviation_curves
 from heliosweep.kernels.spots.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, deviation_spots
-from heliosweep.kernels.spots.tolerances import tolerances
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured, show
@@ -85,12 +83,9 @@ def rows() -> Iterator[Row]:
         ("march, primary axis", CANTING, ENCODER_AZIMUTH, 0.5),
     ):
         case = setting(mirror_offset=offset), [source], [axis]
-        yield measured(f"tolerance, {name}", "mirror-instant", partial(tolerances, *case, sun, pivots), places)
-        crossing = partial(crossings, *case, LINES, sun, pivots)
-        yield measured(f"crossing of a line, {name}", "mirror-instant", crossing, places * len(LINES))
-    conic = partial(conics, setting(), [CANTING], [ELEVATION], sun, pivots)
-    count = counted(1, 0.0) + operations(conic_kernels._conic)
-    yield measured("conic of a curve", "mirror-instant", conic, places, operations=count)
+        for what, lines in (("tolerance", ()), (f"tolerance and {len(LINES)} crossings", LINES)):
+            whole = partial(deviation_curves, *case, sun, pivots, lines)
+            yield measured(f"{what}, {name}", "mirror-instant", whole, places)
 
 
 if __name__ == "__main__":

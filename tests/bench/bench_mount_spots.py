@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.mounts import aiming as mount_aiming
 from heliosweep.kernels.mounts import kinematics as mount_terms
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION
-from heliosweep.kernels.spots import records as spot_lanes
+from heliosweep.kernels.spots import mount_spots as spot_lanes
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import Setting, face_axes
 from heliosweep.kernels.spots.statistics import spot_statistics
@@ -121,7 +121,7 @@ def counted(instants: int, samples: int) -> float:
     """Operations of a spot: aiming is shared by the samples, what an error makes of a mount by the instants."""
     aiming = operations(mount_aiming.aim_lanes, {"while": STEPS}, loops_only=True)
     aiming += operations(mount_aiming.aim_rows, loops_only=True)
-    sample = operations(mount_terms.small_terms) + operations(spot_lanes.sample_record)
+    sample = operations(mount_terms.small_terms) + operations(spot_lanes.actual_lanes, loops_only=True)
     known = operations(mount_terms.small_terms) + operations(mount_aiming.known_record)
     own = operations(spot_lanes.spot_lanes, loops_only=True)
     return own + aiming / samples + sample / instants + known / (instants * samples)
@@ -134,21 +134,21 @@ def groups() -> Iterator[Iterator[Row]]:
 
 def rows() -> Iterator[Row]:
     """Spots, then statistics of them."""
-    for heliostats, instants, samples in ((317, 1000, 1), (3170, 15, 1), (200_000, 1, 1), (317, 15, 4), (50, 15, 1000)):
-        arguments, spots = scene(heliostats, instants, samples), heliostats * instants * samples
+    for heliostats, instants in ((317, 1000), (3170, 15), (200_000, 1)):
+        actual, known, sun, places = scene(heliostats, instants, 1)
         # In NumPy as many heliostats at a time as is best for its caches.
-        part = max(1, 20_000 // (instants * samples))
-        few = (arguments[0][:, :part], arguments[1][:, :part], arguments[2], arguments[3][:, :part])
-        made, (y, z) = mount_spots(SETTING, *few), plain(*few)
-        apart = np.abs(np.where(np.hypot(y, z) < 20.0, made[:2, 0] - np.stack((y, z)), 0.0))
+        part = max(1, 20_000 // instants)
+        few = (actual[:, :part], known[:, :part], sun, places[:, :part])
+        made, (y, z) = mount_spots(SETTING, few[0][:, :, 0], *few[1:]), plain(*few)
+        apart = np.abs(np.where(np.hypot(y, z) < 20.0, made[:2, 0, ..., np.newaxis] - np.stack((y, z)), 0.0))
         assert np.nanquantile(apart, 0.99) < 1e-9
         yield measured(
-            f"mount spots, {heliostats} x {instants} x {samples}",
+            f"mount spots, {heliostats} x {instants}",
             "spot",
-            partial(mount_spots, SETTING, *arguments),
-            spots,
-            beside={"NumPy": best(partial(plain, *few), 3) / (part * instants * samples)},
-            operations=counted(instants, samples),
+            partial(mount_spots, SETTING, actual[:, :, 0], known, sun, places),
+            heliostats * instants,
+            beside={"NumPy": best(partial(plain, *few), 3) / (part * instants)},
+            operations=counted(instants, 1),
             times=3,
         )
     arguments, spots = scene(317, 15, 1000), 317 * 15 * 1000

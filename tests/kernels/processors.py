@@ -50,7 +50,7 @@ def dish() -> Named:
 
 def curves() -> Named:
     """Deviation curves of all mounts: spots, conics, tolerances, lines of detectors."""
-    from heliosweep.kernels.spots.curves import conics, crossings
+    from heliosweep.kernels.spots.curves import deviation_curves
     from heliosweep.kernels.spots.deviation import (
         AZIMUTH,
         CANTING,
@@ -60,7 +60,6 @@ def curves() -> Named:
         TILT,
         deviation_spots,
     )
-    from heliosweep.kernels.spots.tolerances import tolerances
     from tests.kernels.spots.test_mount_spots import KINDS, pivots, setting, suns
 
     errors = [(CANTING, ELEVATION), (CANTING, AZIMUTH), (ENCODER, ENCODER_AZIMUTH), (TILT, ELEVATION)]
@@ -69,9 +68,7 @@ def curves() -> Named:
     sky = suns(7), pivots(5)
     for size in (-4e-3, 0.0, 3e-3):
         yield f"spots {size:g}", deviation_spots(*curve, np.full(len(source), size), *sky)
-    yield from _parts("conics", conics(*curve, *sky))
-    yield from _parts("tolerances", tolerances(*curve, *sky))
-    yield from _parts("crossings", crossings(*curve, [[1.0, 0.0, 1.0], [0.6, 0.8, -2.0]], *sky))
+    yield from _parts("curves", deviation_curves(*curve, *sky, [[1.0, 0.0, 1.0], [0.6, 0.8, -2.0]]))
 
 
 def mounts() -> Named:
@@ -81,9 +78,9 @@ def mounts() -> Named:
     from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting, suns
 
     points, sky = len(KINDS), (suns(7), pivots(5))
-    mount = setting(KINDS), errors(points, 5, 75), errors(points, 5, seed=3, spread=1e-3)
-    yield from _parts("spots", mount_spots(*mount, *sky))
-    yield from _parts("statistics", spot_statistics(*mount, *sky))
+    actual, known = errors(points, 5, 75), errors(points, 5, seed=3, spread=1e-3)
+    yield from _parts("spots", mount_spots(setting(KINDS), actual[:, :, 0], known, *sky))
+    yield from _parts("statistics", spot_statistics(setting(KINDS), actual, known, *sky))
 
 
 def calibration() -> Named:

@@ -20,6 +20,12 @@ ROW = PACKET + GROUP
 rows of short packets, as a low sun makes them, would crowd into an eighth of the places of the processor's cache."""
 
 
+@inline
+def whole(count: int, unit: int = GROUP) -> int:
+    """Smallest multiple of a unit that is not below a count."""
+    return -(-count // unit) * unit
+
+
 @kernel
 def rows(count: int) -> NDArray[np.float64]:
     """Room for rows of lanes, one after the other, from the start of a cache line: a load across two costs double."""

@@ -50,19 +50,14 @@ def warm_dish() -> None:
 
 
 @_timed
-def warm_curves(detectors: bool = False) -> None:
-    """Make the kernels of deviation curves ready, those of detector lines too where they are asked for."""
-    from heliosweep.kernels.spots.curves import conics, crossings
+def warm_curves() -> None:
+    """Make the kernels of deviation curves ready."""
+    from heliosweep.kernels.spots.curves import deviation_curves
     from heliosweep.kernels.spots.deviation import deviation_spots
-    from heliosweep.kernels.spots.tolerances import tolerances
 
     curve, sky = (_setting(), [0], [0]), _sky()
-
     deviation_spots(*curve, [0.0], *sky)
-    conics(*curve, *sky)
-    tolerances(*curve, *sky)
-    if detectors:
-        crossings(*curve, [[1.0, 0.0, 1.0]], *sky)
+    deviation_curves(*curve, *sky)
 
 
 @_timed
@@ -71,9 +66,11 @@ def warm_mount_errors(drawn: bool = True) -> None:
     from heliosweep.kernels.spots.mount_spots import mount_spots
     from heliosweep.kernels.spots.statistics import spot_statistics
 
-    mount = _setting(), np.zeros((1, 1, 1, 6)), np.zeros((1, 1, 6))
-    face: Callable[..., object] = spot_statistics if drawn else mount_spots
-    face(*mount, *_sky())
+    known = np.zeros((1, 1, 6))
+    if drawn:
+        spot_statistics(_setting(), known[:, :, np.newaxis], known, *_sky())
+    else:
+        mount_spots(_setting(), known, known, *_sky())
 
 
 @_timed
@@ -86,7 +83,7 @@ def warm_calibration() -> None:
     sun, pivot = _sky()
     spots = Spots(np.array([0, 1]), sun[0], np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
 
-    mount_spots(_setting(), np.zeros((1, 1, 1, 6)), np.zeros((1, 1, 6)), sun, pivot)
+    mount_spots(_setting(), np.zeros((1, 1, 6)), np.zeros((1, 1, 6)), sun, pivot)
     calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
 
 

@@ -19,16 +19,8 @@ NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, 
 #: Line that is replaced, what it becomes, what is said.
 BAD: list[tuple[str, str, list[str]]] = [
     ("mode", "mode: curve", ["2:7: mode: unknown choice; did you mean 'curves'? (got 'curve')"]),
-    (
-        "site",
-        "",
-        ["1:1: give 'site' or 'sites': the sun depends on the latitude"],
-    ),
-    (
-        "time",
-        "",
-        ["1:1: give 'time', with days and hours, or 'sun', with azimuth and elevation"],
-    ),
+    ("site", "", ["1:1: give 'site' or 'sites': the sun depends on the latitude"]),
+    ("time", "", ["1:1: give 'time', with days and hours, or 'sun', with azimuth and elevation"]),
     (
         "time",
         "time: {clock: solar, hours: 12}\nsun: {azimuth: 101, elevation: 50}",
@@ -122,11 +114,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         "time: {clock: solar, days: [355, 80, 172], hours: {start: 16, stop: 8, step: -1}}",
         ["4:28: time.days: must rise", "4:51: time.hours: must rise"],
     ),
-    (
-        "time",
-        "time: {clock: solar, declination: [10, 0], hours: 12}",
-        ["4:35: time.declination: must rise"],
-    ),
+    ("time", "time: {clock: solar, declination: [10, 0], hours: 12}", ["4:35: time.declination: must rise"]),
     (
         "mount",
         "mount: {axis_azimuth: [0, 90]}",
@@ -140,11 +128,7 @@ BAD: list[tuple[str, str, list[str]]] = [
             "(got 300)"
         ],
     ),
-    (
-        "error",
-        "",
-        ["1:1: 'error' is missing: {source, axis, size}, the misalignment whose curves are traced"],
-    ),
+    ("error", "", ["1:1: 'error' is missing: {source, axis, size}, the misalignment whose curves are traced"]),
     (
         "error",
         "error: {source: cant, axis: elev, size: 3 m}",
@@ -224,18 +208,12 @@ BAD_MOUNTS: list[tuple[str, str, list[str]]] = [
     (
         "mount_errors",
         "mount_errors: {azimuth_reference: 1, scale: [1, 2], samples: 9}",
-        [
-            "8:45: mount_errors.scale: " + NOT_DRAWN,
-            "8:62: mount_errors.samples: " + NOT_DRAWN,
-        ],
+        ["8:45: mount_errors.scale: " + NOT_DRAWN, "8:62: mount_errors.samples: " + NOT_DRAWN],
     ),
     (
         "mount_errors",
         "mount_errors: {azimuth_reference: [1, 2], seed: 9}\nstatistics: {percentiles: [5, 95]}",
-        [
-            "8:49: mount_errors.seed: " + NOT_DRAWN,
-            "9:13: statistics: " + NOT_DRAWN,
-        ],
+        ["8:49: mount_errors.seed: " + NOT_DRAWN, "9:13: statistics: " + NOT_DRAWN],
     ),
     (
         "calibration",

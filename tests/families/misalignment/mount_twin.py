@@ -95,14 +95,14 @@ class Twin:
         return (self.frame.T @ normal)[..., 0], np.array(self.pivot) + (self.frame.T @ centre)[..., 0]
 
     def spots(self, normal: Floats, centre: Floats, sun: Floats) -> tuple[Floats, Floats]:
-        """Spots (K, 2) on the receiver's plane, NaN where there is none, and whether there is one."""
-        lit = normal @ sun
-        ray = 2 * lit[:, np.newaxis] * normal - sun
+        """Spots (..., 2) on the receiver's plane, NaN where there is none, and whether there is one."""
+        lit = np.sum(normal * sun, axis=-1)
+        ray = 2 * lit[..., np.newaxis] * normal - sun
         out, *across = self.axes
         before, towards = (centre - self.target) @ out, -(ray @ out)
         real = (before > 0) & (towards > 0) & (lit > 0)
         length = np.where(real, before, np.nan) / np.where(real, towards, 1.0)
-        point = centre + length[:, np.newaxis] * ray - self.target
+        point = centre + length[..., np.newaxis] * ray - self.target
         return point @ np.array(across).T, real
 
     def aim(self, sun: Floats) -> Floats:

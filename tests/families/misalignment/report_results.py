@@ -9,21 +9,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.families.misalignment.blocks import ERRORS
+
 POSITIONS = ((-16, 150, 0), (-60, 300, 0), (-120, 600, 0), (45, 150, 0), (120, 300, 0), (200, 500, 0))
 SIZES = np.arange(-12.0, 13.0)
 CURVES = {"source": ["canting", "encoder"], "axis": ["elevation", "azimuth"], "error_size": SIZES}
 Numbers = Sequence[float] | np.ndarray
 
-PARAMETERS = (
-    "azimuth_reference",
-    "elevation_reference",
-    "tilt_about_east",
-    "tilt_about_north",
-    "non_orthogonality",
-    "collimation",
-)
 UNITS = {"error_size": "mrad", "hour": "h", "declination": "degree", "latitude": "degrees_north", "days_used": "1"}
-UNITS |= dict.fromkeys(PARAMETERS, "mrad") | {"receiver_height": "m", "noise": "m", "percentile": "1"}
+UNITS |= dict.fromkeys(ERRORS, "mrad") | {"receiver_height": "m", "noise": "m", "percentile": "1"}
 UNITS |= {"sun_azimuth": "degree", "sun_elevation": "degree", "error_scale": "1"}
 
 
@@ -232,5 +226,5 @@ def calibration(
     for when, values in (("before", before), ("after", after)):
         for side, part in zip("yz", values, strict=True):
             data[f"spot_{side}_{when}"] = (tuple(spot), part, {"units": "m"})
-    axes = {**sweep, "parameter": PARAMETERS[:parameters], "day": (80, 172, 355), "hour": (8, 10, 12, 14, 16)}
+    axes = {**sweep, "parameter": ERRORS[:parameters], "day": (80, 172, 355), "hour": (8, 10, 12, 14, 16)}
     return labelled(data, axes, pivots, "calibration", **scalars)

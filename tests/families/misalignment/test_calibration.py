@@ -5,57 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import dask
 import numpy as np
 import pytest
-import xarray as xr
-from scipy.stats import t as student
 
 from heliosweep import api
-from heliosweep.config.load import load_mapping
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.calibration import compute as calibration
 from heliosweep.families.misalignment.calibration.fits import _known, _rms, _status
 from heliosweep.families.misalignment.calibration.variables import EXACT, NO_SPOTS
-from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.kernels.spots.calibration import Calibration, Spots
 from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
-from heliosweep.store.read import file_digest
 from tests.conftest import STUDIES
 
+from . import studies
 from .mount_twin import Twin, solar_vector
+from .studies import computed
 
-POSITIONS = [[-16.0, 150.0, 0.0], [120.0, 300.0, 5.0], [-60.0, 300.0, 2.0]]
-DAYS, HOURS = [81, 172, 355], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0]
-TRUE = dict(zip(ERRORS, (1.5, -0.8, 0.9, -1.2, 0.6, -0.7), strict=True))
+POSITIONS = studies.CALIBRATION["heliostats"]["positions"]
+DAYS, HOURS = studies.CALIBRATION["time"]["days"], studies.CALIBRATION["time"]["hours"]
+TRUE = studies.CALIBRATION["mount_errors"]
 DRAWN = {name: {"normal": [0.0, 1.0]} for name in ERRORS}
 
 
-def study_data(calibration: dict[str, Any], **changes: Any) -> dict[str, Any]:
-    """A small study, blocks replaced; None removes one."""
-    base: dict[str, Any] = {
-        "family": "misalignment",
-        "mode": "calibration",
-        "site": {"latitude": 37.4},
-        "time": {"clock": "solar", "days": DAYS, "hours": HOURS},
-        "receiver": {"height": 143, "width": 9, "height_extent": 9},
-        "heliostats": {"positions": POSITIONS},
-        "mount": {"mirror_offset": 0.5, "axis_offset": 0.2, "pedestal_height": 4, "axis_azimuth": 20},
-        "mount_errors": TRUE,
-        "calibration": calibration,
-    }
-    return {key: value for key, value in (base | changes).items() if value is not None}
-
-
-def study(calibration: dict[str, Any], **changes: Any) -> MisalignmentStudy:
-    return load_mapping(study_data(calibration, **changes), {"misalignment": MisalignmentStudy})
-
-
-def computed(made: MisalignmentStudy, **chunks: int) -> xr.Dataset:
-    execution = made.execution.model_copy(update={"chunks": chunks})
-    with dask.config.set(scheduler="synchronous"):
-        return api.build(made.model_copy(update={"execution": execution})).compute()
+def study(calibration: dict[str, Any] | None, **changes: Any) -> Any:
+    return studies.study(studies.CALIBRATION, calibration=calibration, **changes)
 
 
 @pytest.mark.parametrize("kind", ["azimuth_elevation", "target_aligned", "polar", "tilt_roll"])
@@ -115,25 +89,9 @@ def test_swept_parameters_days_and_losses():
 
 
 def test_a_calibration_without_its_block_is_the_usual_one():
-    data = study_data({})
-    del data["calibration"]
-    made = load_mapping(data, {"misalignment": MisalignmentStudy})
+    made = study(None)
     assert made == study({})
     assert computed(made).equals(computed(study({"parameters": 4})))
-
-
-def test_intervals_cover_the_truth_of_a_thousand_draws():
-    made = study(
-        {"parameters": 6, "noise": 0.02},
-        mount_errors={**DRAWN, "samples": 1000, "seed": 5},
-        heliostats={"positions": POSITIONS[:1]},
-    )
-    result = computed(made).isel(heliostat=0)
-    most = student.ppf(0.975, 2 * result.spots_used - 6)[:, np.newaxis] * result.standard_error
-    covered = (np.abs(result.estimated_error - result.true_error) <= most).mean("sample")
-    assert ((covered >= 0.93) & (covered <= 0.97)).all()
-    variances = np.diagonal(result.covariance, axis1=1, axis2=2)
-    np.testing.assert_allclose(np.sqrt(variances), result.standard_error, rtol=1e-12)
 
 
 def test_draws_do_not_depend_on_their_number_nor_on_other_heliostats():
@@ -153,24 +111,8 @@ def test_draws_do_not_depend_on_their_number_nor_on_other_heliostats():
         assert np.array_equal(many[name].isel(sample=slice(2)), few[name], equal_nan=True), name
     assert np.array_equal(used.estimated_error.isel(heliostat=[0]), alone.estimated_error, equal_nan=True)
     assert np.array_equal(used.residual_y.isel(heliostat=[0], day=[0]), alone.residual_y)
-
-
-def test_same_bytes_however_it_is_cut(tmp_path):
-    data = study_data(
-        {"parameters": [4, 6], "noise": 0.02, "days_used": [1, 2]},
-        mount_errors={**DRAWN, "samples": 3, "seed": 5, "scale": [0.5, 1.0]},
-    )
-    digests = set()
-    for number, execution in enumerate(
-        (
-            {"scheduler": "synchronous"},
-            {"scheduler": "threads", "workers": 2, "chunks": {"heliostat": 1, "parameters": 1}},
-            {"scheduler": "threads", "workers": 2, "chunks": {"heliostat": 2, "days_used": 1}},
-        )
-    ):
-        made = load_mapping({**data, "execution": execution}, {"misalignment": MisalignmentStudy})
-        digests.add(file_digest(api.run(made, tmp_path / str(number), report=False).path))
-    assert len(digests) == 1
+    variances = np.diagonal(many.covariance, axis1=-2, axis2=-1)
+    np.testing.assert_allclose(np.sqrt(variances), many.standard_error, rtol=1e-12)
 
 
 def test_heliostats_that_are_not_there_or_see_nothing():
@@ -287,7 +229,7 @@ def spot_rows(heliostat: int, days: Any = (81, 172), hours: Any = HOURS, angles:
     return rows
 
 
-def measured(folder: Path, rows: list[str], header: str = HEADER, **options: Any) -> MisalignmentStudy:
+def measured(folder: Path, rows: list[str], header: str = HEADER, **options: Any) -> Any:
     return study(
         {"parameters": 6, **options, "spots": table(folder, rows, header)},
         mount_errors=None,
@@ -361,6 +303,8 @@ def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
     assert "mount_errors: is the truth of synthetic spots" in problems(tmp_path, good, mount_errors=TRUE)
     assert "belong to one site" in problems(tmp_path, good, site={"latitude": [30, 40]})
     assert "6 errors need 3 spots of a heliostat" in problems(tmp_path, good[:2])
+    weightless = problems(tmp_path, [f"{row},0" for row in good], f"{HEADER},weight")
+    assert "no spot has a weight above 0" in weightless
     timed = ["0,0.1,0.1,2024-06-21T12:00:00Z"] * 3
     said = problems(tmp_path, timed, "heliostat,y,z,time")
     assert "site.longitude: is missing: the sun at the times of the spots depends on it" in said
@@ -380,11 +324,6 @@ def test_a_heliostat_with_too_few_spots_is_a_note(tmp_path):
     said = list(calibration.remarks(result))
     assert said[0].startswith("1 of 3 calibrations have fewer spots than the errors need")
     assert said[1].startswith("1 of 3 calibrations have no spots")
-
-
-def test_spots_without_any_weight_are_refused(tmp_path):
-    rows = [f"{row},0" for row in spot_rows(0)]
-    assert "no spot has a weight above 0" in problems(tmp_path, rows, f"{HEADER},weight")
 
 
 def test_names_that_look_like_numbers_are_a_note(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import subprocess
 import sys
 from pathlib import Path
@@ -16,10 +15,10 @@ from heliosweep.config.load import load
 from heliosweep.config.study import json_schema
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
-from heliosweep.families.misalignment.checks import RESERVED
-from heliosweep.families.misalignment.study import MisalignmentStudy
+from heliosweep.families.misalignment.study import RESERVED, MisalignmentStudy
 from tests.conftest import STUDIES
 
+from . import studies
 from .bad_studies import BAD, BAD_MOUNTS, LINES
 
 REGISTRY = {"misalignment": MisalignmentStudy}
@@ -57,8 +56,7 @@ SMALL: dict[str, Any] = {
 
 
 def study(**blocks: Any) -> Any:
-    content = {**copy.deepcopy(SMALL), **blocks}
-    return api.load({key: value for key, value in content.items() if value is not None})
+    return studies.study(SMALL, **blocks)
 
 
 def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import csv
 from pathlib import Path
 from typing import Any
@@ -11,34 +10,23 @@ import numpy as np
 import pytest
 
 from heliosweep import api
-from heliosweep.families.misalignment.instants import instant_sizes, wall_clock
+from heliosweep.families.misalignment.points import instant_sizes, wall_clock
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT
 from heliosweep.families.misalignment.spots import status_remarks as remarks
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
-from heliosweep.store.read import file_digest
+
+from . import studies
+from .test_same_bytes import SWEPT
 
 ORACLE = Path(__file__).parents[2] / "data" / "misalignment_oracle.csv"
-SMALL: dict[str, Any] = {
-    "family": "misalignment",
-    "site": {"latitude": 37.4},
-    "time": {"clock": "solar", "declination": [23.45], "hours": [8]},
-    "receiver": {"height": 143, "azimuth": 0, "tilt": 0, "width": 9, "height_extent": 9},
-    "heliostats": {"positions": [[-16, 150, 0], [-120, 600, 0]]},
-    "error": {
-        "source": ["canting", "encoder", "tilt"],
-        "axis": ["elevation", "azimuth", "encoder_azimuth"],
-        "size": [-12, 0, 12],
-    },
-}
 
 
 def study(**blocks: Any) -> Any:
-    content = {**copy.deepcopy(SMALL), **blocks}
-    return api.load({key: value for key, value in content.items() if value is not None})
+    return studies.study(studies.CURVES, **blocks)
 
 
 def computed(**blocks: Any) -> Any:
-    return api.build(study(**blocks)).compute()
+    return studies.computed(study(**blocks))
 
 
 def solar(*days: int, hours: Any = (8, 10, 12, 14, 16)) -> dict[str, Any]:
@@ -54,47 +42,18 @@ def test_numbers_of_the_oracle():
         rows = [tuple(row) for row in csv.reader(file)][1:]
     oracle = {(case, quantity): float(value) for case, quantity, value in rows}
     result = computed(mount={"mirror_offset": [0, 0.5]}).isel(heliostat=0, hour=0, declination=0)
-    for axis in ("elevation", "azimuth", "encoder_azimuth"):
-        spot = result.sel(mirror_offset=0, source="canting", axis=axis, error_size=12)
+    cases = [(f"{axis} +12 mrad, r=0", 0.0, "canting", axis) for axis in ("elevation", "azimuth", "encoder_azimuth")]
+    cases += [("elevation +12 mrad, r=0.5 about the pivot", 0.5, "encoder", "elevation")]
+    for case, offset, source, axis in cases:
+        spot = result.sel(mirror_offset=offset, source=source, axis=axis, error_size=12)
         for side in "yz":
-            assert float(spot[f"spot_{side}"]) == pytest.approx(
-                oracle[f"{axis} +12 mrad, r=0", f"spot_{side}_m"], abs=1e-9
-            )
-    spot = result.sel(mirror_offset=0.5, source="encoder", axis="elevation", error_size=12)
-    for side in "yz":
-        case = "elevation +12 mrad, r=0.5 about the pivot"
-        assert float(spot[f"spot_{side}"]) == pytest.approx(oracle[case, f"spot_{side}_m"], abs=1e-9)
+            assert float(spot[f"spot_{side}"]) == pytest.approx(oracle[case, f"spot_{side}_m"], abs=1e-9)
     curve = result.sel(mirror_offset=0, source="canting", axis="elevation")
     for name in "CDE":
         assert float(curve["conic"].sel(conic_coefficient=name)) == pytest.approx(
             oracle["elevation curve conic, A=1", name], abs=1e-7
         )
     assert float(curve["eccentricity"]) == pytest.approx(oracle["elevation curve", "eccentricity"], abs=1e-9)
-
-
-def test_no_error_is_a_point_and_all_else_lies_on_the_conic():
-    result = computed(time=solar(80, 172, 355), mount={"mirror_offset": 0.5}, error=error(size=[-20, 0, 20]))
-    y, z = result["spot_y"], result["spot_z"]
-    assert float(np.hypot(y, z).sel(error_size=0).max()) < 1e-12
-    a, b, c, d, e, f = (result["conic"].sel(conic_coefficient=name) for name in "ABCDEF")
-    size = abs(a * y * y) + abs(b * y * z) + abs(c * z * z) + abs(d * y) + abs(e * z) + abs(f)
-    residual = (a * y * y + b * y * z + c * z * z + d * y + e * z + f) / size
-    assert float(abs(residual.sel(error_size=[-20, 20])).max()) < 1e-11
-
-
-def test_tolerance_lands_on_the_edge():
-    blocks = {
-        "time": solar(172, hours=[9]),
-        "heliostats": {"positions": [[-16, 150, 0]]},
-        "mount": {"mirror_offset": 0.5},
-    }
-    for source in ("canting", "encoder", "tilt"):
-        for axis in ("elevation", "azimuth", "encoder_azimuth"):
-            tolerance = float(computed(**blocks, error=error(source=source, axis=axis))["tracking_tolerance"].squeeze())
-            sizes = [-tolerance * 1.0001, -tolerance * 0.9999, tolerance * 0.9999, tolerance * 1.0001]
-            inside = computed(**blocks, error=error(source=source, axis=axis, size=sizes))["inside"].squeeze()
-            assert inside.values.tolist()[1:3] == [1, 1]
-            assert 0 in inside.values.tolist()
 
 
 def test_hit_fractions_and_the_least_tolerance():
@@ -263,38 +222,16 @@ def test_detectors():
         assert float(spot[f"spot_{side}"]) == pytest.approx(float(one[f"crossing_{side}"]), abs=1e-9)
 
 
-SWEPT: dict[str, Any] = {
-    "time": solar(80, 172),
-    "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": [0, 0.5]},
-    "receiver": {**SMALL["receiver"], "azimuth": [0, 30]},
-    "heliostats": {"positions": [[10 * k - 40, 100 + 7 * k, k] for k in range(9)]},
-    "detectors": {"lines": [[1, 0, 2]]},
-    "error": error(axis=["elevation", "azimuth"], source=["canting", "tilt"]),
-}
-EXECUTIONS: list[dict[str, Any]] = [
-    {"scheduler": "synchronous", "workers": 1},
-    {"scheduler": "threads", "workers": 3, "chunks": {"heliostat": 2, "error_size": 1}},
-    {"scheduler": "processes", "workers": 2, "chunks": {"heliostat": 4, "mirror_offset": 1, "source": 1}},
-]
-
-
-def test_same_bytes_however_it_is_cut(tmp_path):
-    digests = [
-        file_digest(api.run(study(**SWEPT, execution=how), tmp_path / str(number), report=False).path)
-        for number, how in enumerate(EXECUTIONS)
-    ]
-    assert len(set(digests)) == 1
-
-
 def test_points_of_a_sweep_are_those_of_single_studies():
-    result = computed(**SWEPT)
-    single = computed(
-        **{
-            **SWEPT,
-            "mount": {"kind": "target_aligned", "mirror_offset": 0.5},
-            "receiver": {**SMALL["receiver"], "azimuth": 30},
-            "error": error(axis="azimuth", source="tilt", size=-3),
-        }
+    receiver = studies.CURVES["receiver"]
+    result = studies.computed(studies.study(SWEPT, receiver={**receiver, "azimuth": [0, 30]}))
+    single = studies.computed(
+        studies.study(
+            SWEPT,
+            mount={"kind": "target_aligned", "mirror_offset": 0.5},
+            receiver={**receiver, "azimuth": 30},
+            error=error(axis="azimuth", source="tilt", size=-3),
+        )
     )
     here = result.sel(
         mount_kind="target_aligned", mirror_offset=0.5, receiver_azimuth=30, axis="azimuth", source="tilt"

@@ -4,54 +4,31 @@ from __future__ import annotations
 
 from typing import Any
 
-import dask
 import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep import api
 from heliosweep.config.distribution import Distribution
-from heliosweep.config.load import load_mapping
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import standard_deviates, widths_of
 from heliosweep.families.misalignment.mount_errors import compute as mount_errors
-from heliosweep.families.misalignment.study import MisalignmentStudy
-from heliosweep.store.read import file_digest
 
+from . import studies
 from .mount_twin import Twin, solar_vector
+from .studies import computed
 
-POSITIONS = [[-16.0, 150.0, 7.0], [120.0, 90.0, 5.0], [-200.0, 60.0, 12.0]]
-HOURS, DAYS = [8.0, 12.5, 16.0], [80, 355]
-FIXED = dict(zip(ERRORS, (1.5, -0.8, 0.7, -1.1, 0.9, -0.6), strict=True))
+POSITIONS = studies.MOUNT_ERRORS["heliostats"]["positions"]
+HOURS, DAYS = studies.MOUNT_ERRORS["time"]["hours"], studies.MOUNT_ERRORS["time"]["days"]
+FIXED = studies.MOUNT_ERRORS["mount_errors"]
 KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
 
 
-def study_data(**changes: Any) -> dict[str, Any]:
-    """A small study, blocks replaced."""
-    base: dict[str, Any] = {
-        "family": "misalignment",
-        "mode": "mount_errors",
-        "site": {"latitude": 37.4},
-        "time": {"clock": "solar", "days": DAYS, "hours": HOURS},
-        "receiver": {"height": 100, "azimuth": 5, "tilt": -10, "width": 3, "height_extent": 2},
-        "heliostats": {"positions": POSITIONS},
-        "mount": {"mirror_offset": 0.5, "axis_offset": 0.3, "pedestal_height": 4, "axis_azimuth": 20},
-        "mount_errors": FIXED,
-    }
-    return base | changes
-
-
-def study(**changes: Any) -> MisalignmentStudy:
-    return load_mapping(study_data(**changes), {"misalignment": MisalignmentStudy})
+def study(**changes: Any) -> Any:
+    return studies.study(studies.MOUNT_ERRORS, **changes)
 
 
 def drawn(samples: int, **errors: Any) -> dict[str, Any]:
     return {"samples": samples, "seed": 7, **errors}
-
-
-def computed(made: MisalignmentStudy) -> xr.Dataset:
-    with dask.config.set(scheduler="synchronous"):
-        return api.build(made).compute()
 
 
 def twins(kind: str = "azimuth_elevation", offsets: tuple[float, float, float] = (0.5, 0.3, 4.0)) -> list[Twin]:
@@ -88,9 +65,8 @@ def test_without_errors_every_spot_is_on_the_aim_point() -> None:
 
 
 def test_swept_errors_are_dimensions() -> None:
-    made = computed(
-        study(mount_errors={"azimuth_reference": [0, 1], "collimation": {"start": -1, "stop": 1, "step": 1}})
-    )
+    swept = {"azimuth_reference": [0, 1], "collimation": {"start": -1, "stop": 1, "step": 1}}
+    made = computed(study(mount_errors=swept))
     assert made.spot_y.dims == ("azimuth_reference", "collimation", "heliostat", "day", "hour")
     one = computed(study(mount_errors={"azimuth_reference": 1, "collimation": -1}))
     same = made.spot_y.sel(azimuth_reference=1, collimation=-1)
@@ -109,7 +85,7 @@ DRAWN: dict[str, Any] = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_statistics_are_those_of_the_twin_with_the_same_draws(kind: str) -> None:
-    samples, percentiles = 40, [0, 30, 75]
+    samples, percentiles = 15, [0, 30, 75]
     offsets = {"mirror_offset": 0.5, "axis_offset": 0.3, "pedestal_height": 4}
     drawing = study(
         mount={"kind": kind, "axis_azimuth": 20, **offsets},
@@ -178,24 +154,6 @@ def test_small_errors_spread_as_the_first_order_says(kind: str) -> None:
 
 
 ALL_DRAWN: dict[str, Any] = {name: {"normal": [0.1, 2.0]} for name in ERRORS}
-EXECUTIONS: list[dict[str, Any]] = [
-    {"scheduler": "synchronous", "workers": 1},
-    {"scheduler": "threads", "workers": 3},
-    {"scheduler": "processes", "workers": 2},
-    {"chunks": {"heliostat": 1}},
-    {"chunks": {"heliostat": 2, "error_scale": 1}},
-    {"chunks": {"error_scale": 2}},
-]
-
-
-@pytest.mark.parametrize("errors", [drawn(31, **ALL_DRAWN, scale=[0, 1, 2]), FIXED | {"collimation": [0, 1, 2]}])
-def test_same_bytes_however_the_work_is_cut(errors: dict[str, Any], tmp_path: Any) -> None:
-    digests = {}
-    for number, execution in enumerate(EXECUTIONS):
-        renamed = {key: value for key, value in execution.items() if "scale" in errors or key != "chunks"}
-        made = api.load(study_data(execution=renamed, mount_errors=errors))
-        digests[number] = file_digest(api.run(made, tmp_path / str(number), report=False).path)
-    assert len(set(digests.values())) == 1, digests
 
 
 def test_heliostats_at_a_time_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -265,15 +223,15 @@ def test_pivots_behind_the_plane_have_no_spots_and_the_note_and_the_remark_say_s
 
 def test_the_blind_cone_has_no_spots_and_is_counted() -> None:
     """The sun opposite the target: the normal is the vertical, along the primary axis, and an axis offset swings it."""
-    data = study_data(
-        receiver={"height": 100, "width": 3, "height_extent": 3},
-        heliostats={"positions": [[0, 100, 0], [-16, 150, 7]]},
-        sun={"azimuth": 0, "elevation": 45},
-        mount={"axis_offset": 0.2},
-    )
-    del data["time"]
+    place: dict[str, Any] = {
+        "receiver": {"height": 100, "width": 3, "height_extent": 3},
+        "heliostats": {"positions": [[0, 100, 0], [-16, 150, 7]]},
+        "sun": {"azimuth": 0, "elevation": 45},
+        "time": None,
+        "mount": {"axis_offset": 0.2},
+    }
     for errors in ({"collimation": 0}, drawn(9, collimation={"normal": [0, 0.1]})):
-        made = computed(load_mapping(data | {"mount_errors": errors}, {"misalignment": MisalignmentStudy}))
+        made = computed(study(**place, mount_errors=errors))
         assert made.spot_status.values.ravel().tolist() == [4, 0]
         for name in ("spot_y", "spot_z") if "spot_y" in made else ("spot_y_mean", "spot_z_mean", "spot_y_variance"):
             assert np.isnan(made[name].values.ravel()).tolist() == [True, False]
@@ -305,9 +263,8 @@ def test_the_result_says_what_was_drawn() -> None:
 def test_shorter_layouts_are_padded_and_change_nothing(errors: dict[str, Any]) -> None:
     def field(rings: Any) -> xr.Dataset:
         layout = {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": rings}}
-        base = study_data(layout=layout, heliostats={"pivot_height": 5}, mount_errors=errors)
-        base["receiver"] = base["receiver"] | {"tilt": -90}
-        return computed(load_mapping(base, {"misalignment": MisalignmentStudy}))
+        receiver = studies.MOUNT_ERRORS["receiver"] | {"tilt": -90}
+        return computed(study(layout=layout, heliostats={"pivot_height": 5}, mount_errors=errors, receiver=receiver))
 
     both, short = field([1, 2]), field(1)
     count = short.sizes["heliostat"]
@@ -323,10 +280,8 @@ def test_shorter_layouts_are_padded_and_change_nothing(errors: dict[str, Any]) -
 
 
 def test_a_sun_that_stands_still_and_several_sites() -> None:
-    lamp = study_data(mount_errors=drawn(9, **ALL_DRAWN), sun={"azimuth": [90, 180], "elevation": 40})
-    made = computed(
-        load_mapping({key: lamp[key] for key in lamp if key != "time"}, {"misalignment": MisalignmentStudy})
-    )
+    lamp = {"azimuth": [90, 180], "elevation": 40}
+    made = computed(study(mount_errors=drawn(9, **ALL_DRAWN), sun=lamp, time=None))
     assert made.hit_fraction.dims == ("sun_azimuth", "heliostat", "day", "hour")
     assert not bool(made.spot_y_mean.isnull().any())
     polar = {"kind": "polar"}

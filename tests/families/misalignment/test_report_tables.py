@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from heliosweep.families.misalignment.figures import figures, tables
-from heliosweep.families.misalignment.shown import MOST_ROWS
+from heliosweep.families.misalignment.figures import MOST_ROWS, figures, tables
 from tests.families.misalignment import report_results as results
 
 PM = "\N{PLUS-MINUS SIGN}"

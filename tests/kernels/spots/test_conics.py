@@ -1,11 +1,9 @@
 """Conic sections of deviation curves."""
 
-import csv
-
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.curves import conics
+from heliosweep.kernels.spots.curves import deviation_curves
 from heliosweep.kernels.spots.deviation import (
     AZIMUTH,
     CANTING,
@@ -17,10 +15,14 @@ from heliosweep.kernels.spots.deviation import (
 )
 from heliosweep.kernels.spots.receiver import REACHES
 from tests.kernels.spots.deviations import setting
-from tests.kernels.spots.test_deviation import DATA, KINDS, MORNING, PIVOT, field, sun_at
+from tests.kernels.spots.test_deviation import KINDS, MORNING, field, sun_at
 
 ROWS = slice(0, 6)
 ECCENTRICITY, FOCUS = 6, slice(7, 9)
+
+
+def conics(*arguments):
+    return deviation_curves(*arguments).conic
 
 
 def powers(y, z):
@@ -35,18 +37,6 @@ def traced(settings, axis, sun, pivots):
     which = np.zeros(len(sizes), int), np.full(len(sizes), axis)
     y, z, status = deviation_spots(many, *which, sizes, sun, pivots)[:, :, 0, 0]
     return y[status == REACHES], z[status == REACHES]
-
-
-def test_values_of_an_independent_implementation():
-    """tests/data/misalignment_oracle.csv, made by another program."""
-    found = conics(setting(), [CANTING], [ELEVATION], MORNING, PIVOT)[:, 0, 0, 0]
-    with (DATA / "misalignment_oracle.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.reader(file) if row[0].startswith("elevation curve")]
-    assert len(rows) == 4
-    for _, name, expected in rows:
-        value = found[ECCENTRICITY] if name == "eccentricity" else found["ABCDEF".index(name)]
-        assert abs(value - float(expected)) < 1e-9
-    assert found[0] == 1.0
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -97,18 +87,6 @@ def test_focus_is_that_of_the_branch_that_rays_trace(axis):
         if found[ECCENTRICITY, h, t] > 1.0:
             assert np.all(distance < other)
     assert ellipses > 3 or axis == AZIMUTH
-
-
-def test_hyperbolas_of_figure_7():
-    """Both traces are hyperbolas, foci on opposite sides: places of Sect. 4.2; eccentricities of another program."""
-    eccentricities, sides = [], []
-    for east, azimuth, elevation in ((-16.0, 101.0, 50.0), (-45.0, 260.0, 48.0)):
-        sun = sun_at(np.radians(azimuth), np.radians(elevation))
-        found = conics(setting(), [CANTING], [ELEVATION], sun, [[[east, 150.0, 0.0]]])[:, 0, 0, 0]
-        eccentricities.append(found[ECCENTRICITY])
-        sides.append(np.sign(found[7]))
-    np.testing.assert_allclose(eccentricities, [1.8935, 1.6781], rtol=0, atol=5e-5)
-    assert sides == [1.0, -1.0]
 
 
 def test_sun_perpendicular_to_the_axis_gives_a_straight_line():

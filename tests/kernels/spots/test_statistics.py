@@ -14,6 +14,11 @@ from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting,
 PERCENTILES = np.array([0.0, 5.0, 50.0, 62.5, 95.0, 100.0])
 
 
+def sampled(one, actual, known, sun, places):
+    """Spots (3, P, H, T, K) of K samples of the errors, one after the other."""
+    return np.stack([mount_spots(one, each, known, sun, places) for each in np.moveaxis(actual, 2, 0)], axis=-1)
+
+
 def remaining(one, kind, actual, known, sun, places):
     """Remaining tolerances (H, T, K, 2) by the tangent of half the angle of each edge's equation, in NumPy."""
     offsets = (one.mirror_offset[0], one.axis_offset[0], one.pedestal_height[0])
@@ -33,10 +38,7 @@ def remaining(one, kind, actual, known, sun, places):
         parts = [v @ axes.T for v in (along, ray - along, np.cross(axis, ray))]
         tangents = []
         for side in (-1.0, 1.0):
-            for edge in (
-                (side * one.half_width[0] - py, px, 0.0 * px),
-                (side * one.half_height[0] - pz, 0.0 * px, px),
-            ):
+            for edge in ((side * one.half_width[0] - py, px, 0.0 * px), (side * one.half_height[0] - pz, 0.0 * px, px)):
                 # k + a cos 2 e + b sin 2 e = 0 on the plane through the mirror centre and the edge
                 k, a, b = (sum(m * part[..., i] for i, m in enumerate(edge)) for part in parts)
                 root = b * b + a * a - k * k
@@ -53,7 +55,7 @@ def test_against_stored_spots(kind, samples):
     one, sun, places = setting([kind]), suns(6), pivots(3)
     actual, known = errors(1, 3, samples, spread=3e-3), errors(1, 3, seed=3, spread=1e-3)
     made = spot_statistics(one, actual, known, sun, places, PERCENTILES)
-    y, z, status = mount_spots(one, actual, known, sun, places)
+    y, z, status = sampled(one, actual, known, sun, places)
     whole = (status == REACHES).all(axis=-1)
     assert np.mean(whole) > 0.6
     y, z, status = y[whole], z[whole], status[whole]
@@ -96,7 +98,7 @@ def test_one_sample():
     one, known, sun, places = setting(), np.zeros((1, 1, 6)), suns(4), pivots(2)
     actual = errors(1, 2, 1, spread=1e-4)
     made = spot_statistics(one, actual, known, sun, places)
-    spots = mount_spots(one, actual, known, sun, places)[..., 0]
+    spots = mount_spots(one, actual[:, :, 0], known, sun, places)
     np.testing.assert_array_equal(made["mean_y"], spots[0])
     np.testing.assert_array_equal(made["mean_z"], spots[1])
     for name in ("variance_y", "variance_z", "covariance"):
@@ -125,7 +127,7 @@ def test_a_large_mean_costs_no_variance():
     actual[..., 0] += 0.3
     one, known, sun, places = setting(axis_offset=0.0), np.zeros((1, 1, 6)), suns(3), pivots(1)
     made = spot_statistics(one, actual, known, sun, places)
-    y = mount_spots(one, actual, known, sun, places)[0]
+    y = sampled(one, actual, known, sun, places)[0]
     seen = np.isfinite(y).all(axis=-1)
     assert seen.any()
     deviation = y - y[..., :1]  # exact differences

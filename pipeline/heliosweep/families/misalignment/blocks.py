@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from dataclasses import dataclass, field
+from typing import Annotated, Any, TypeAlias
 
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import MAX_SAMPLES, MAX_SEED, Distribution, Uncertain
-from heliosweep.config.faults import Fault
+from heliosweep.config.faults import Fault, Invalid
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, ListOfNumbers, Quantity, Samples
-from heliosweep.families.misalignment.values import Lines, OneOf, Triple
+
+Triple = tuple[float, float, float]
 
 #: Kinds of mounts, in the order of their codes in the kernels.
 MOUNTS = {
@@ -43,11 +45,39 @@ ERRORS = (
 )
 #: What is said of keys that only drawn errors make something of.
 NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
-LOSSES = {
-    "squared": "least squares",
-    "huber": "linear beyond loss_scale",
-    "cauchy": "logarithmic beyond loss_scale",
-}
+LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}
+
+
+@dataclass(frozen=True)
+class Lines(ListOfNumbers):
+    """Lines ``l0 Y + l1 Z = l2`` on the receiver's plane."""
+
+    def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
+        """The first two numbers are the direction across the line: not both may be zero."""
+        if entry[0] == 0.0 and entry[1] == 0.0:
+            yield Fault("is no line: its first two numbers must not both be zero")
+
+
+@dataclass(frozen=True)
+class OneOf(Quantity):
+    """One of a few numbers, `options`."""
+
+    options: tuple[int, ...] = field(default=(), kw_only=True)
+
+    def bounds(self) -> str:
+        """Return the numbers in words."""
+        *most, last = map(str, self.options)
+        return f"{', '.join(most)} or {last}"
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of the number, or of a list of them."""
+        one = {"enum": list(self.options)}
+        listed = {"type": "array", "items": one, "minItems": 1, "uniqueItems": True, "description": "Swept: a list"}
+        return {"anyOf": [one, listed]} if self.sweep else one
+
+    def _check(self, value: float) -> None:
+        if value not in self.options:
+            raise Invalid(f"must be {self.bounds()}")
 
 
 class Sun(Block):
@@ -185,36 +215,25 @@ def _angle(description: str, title: str) -> Uncertain:
     return Uncertain(description, "mrad", ge=-500, le=500, title=title)
 
 
+_AZIMUTH = "Offset of the primary encoder's zero, positive clockwise seen from the end of the primary axis"
+_ELEVATION = "Offset of the secondary encoder's zero, positive up"
+_EAST = "Tilt of the primary axis about the first axis of the mount's frame (east)"
+_NORTH = "Tilt of the primary axis about the second axis of the mount's frame (north)"
+_ASKEW = "Angle between the secondary axis and the normal plane of the primary axis"
+_COLLIMATION = "Angle between the mirror's normal and the normal plane of the secondary axis"
+
+Angle: TypeAlias = float | Sweep | Distribution
+
+
 class MountErrors(Block):
     """Errors of the mount: fixed, swept, or drawn from distributions."""
 
-    azimuth_reference: Annotated[
-        float | Sweep | Distribution,
-        _angle(
-            "Offset of the primary encoder's zero, positive clockwise seen from the end of the primary axis",
-            "azimuth reference error",
-        ),
-    ] = 0.0
-    elevation_reference: Annotated[
-        float | Sweep | Distribution,
-        _angle("Offset of the secondary encoder's zero, positive up", "elevation reference error"),
-    ] = 0.0
-    tilt_about_east: Annotated[
-        float | Sweep | Distribution,
-        _angle("Tilt of the primary axis about the first axis of the mount's frame (east)", "tilt about east"),
-    ] = 0.0
-    tilt_about_north: Annotated[
-        float | Sweep | Distribution,
-        _angle("Tilt of the primary axis about the second axis of the mount's frame (north)", "tilt about north"),
-    ] = 0.0
-    non_orthogonality: Annotated[
-        float | Sweep | Distribution,
-        _angle("Angle between the secondary axis and the normal plane of the primary axis", "non-orthogonality"),
-    ] = 0.0
-    collimation: Annotated[
-        float | Sweep | Distribution,
-        _angle("Angle between the mirror's normal and the normal plane of the secondary axis", "collimation error"),
-    ] = 0.0
+    azimuth_reference: Annotated[Angle, _angle(_AZIMUTH, "azimuth reference error")] = 0.0
+    elevation_reference: Annotated[Angle, _angle(_ELEVATION, "elevation reference error")] = 0.0
+    tilt_about_east: Annotated[Angle, _angle(_EAST, "tilt about east")] = 0.0
+    tilt_about_north: Annotated[Angle, _angle(_NORTH, "tilt about north")] = 0.0
+    non_orthogonality: Annotated[Angle, _angle(_ASKEW, "non-orthogonality")] = 0.0
+    collimation: Annotated[Angle, _angle(_COLLIMATION, "collimation error")] = 0.0
     scale: Annotated[
         float | Sweep,
         Quantity(

@@ -35,24 +35,10 @@ _BATCH = 4
 def standard_uniforms(
     seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Uniform draws between 0 and 1, both excluded, symmetric about 1/2.
+    """Uniform draws between 0 and 1, both excluded, symmetric about 1/2: multiples of 2^-53, shape (H, samples).
 
-    Parameters
-    ----------
-    seed, stream : int
-        What the draws follow from, and what they are for: the number of an error of the mount, for instance. Both
-        from 0 to 2^63 - 1.
-    heliostats : array_like of int, shape (H,)
-        Numbers of the heliostats, from 0.
-    samples : int
-        Draws per heliostat.
-    first : int
-        Sample to begin with.
-
-    Returns
-    -------
-    ndarray, shape (H, samples)
-        Multiples of 2^-53. [1]
+    They follow from a seed and from a stream, what they are for, such as the number of an error of the mount, both from
+    0 to 2^63 - 1, and from the numbers of the heliostats, from 0; `first` is the sample to begin with.
     """
     numbers = np.asarray(heliostats, np.int64).ravel()
     key = np.array([seed, stream], np.uint64)
@@ -68,17 +54,9 @@ def standard_uniforms(
 def standard_normals(
     seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Draws from the normal distribution of mean 0 and standard deviation 1, by inversion.
+    """Draws from the normal distribution of mean 0 and standard deviation 1, by inversion, between -8.3 and 8.3.
 
-    Parameters
-    ----------
-    seed, stream, heliostats, samples, first
-        As for `standard_uniforms`.
-
-    Returns
-    -------
-    ndarray, shape (H, samples)
-        Between -8.3 and 8.3. [1]
+    Arguments and shape as for `standard_uniforms`.
     """
     normals: NDArray[np.float64] = ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
     return normals
@@ -87,25 +65,10 @@ def standard_normals(
 def standard_deviates(
     errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Standard normal draws of errors, or uniform ones between -1 and 1; 0 for what is not drawn.
+    """Standard normal draws of E errors, or uniform ones between -1 and 1; 0 for others, shape (H, samples, E).
 
-    Parameters
-    ----------
-    errors : sequence, length E
-        A Distribution for each error that is drawn; the position of an error is the stream of its draws.
-    heliostats : array_like of int, shape (H,)
-        Numbers of the heliostats, from 0.
-    samples : int
-        Draws per heliostat, whatever the distributions say.
-    seed : int
-        Seed of the distributions that give none themselves.
-    first : int
-        Sample to begin with.
-
-    Returns
-    -------
-    ndarray, shape (H, samples, E)
-        Draws of an error are ``error.mean + error.width * deviate``.
+    Draws of an error are ``error.mean + error.width * deviate``. The position of an error is the stream of its draws;
+    `seed` is for distributions that give none themselves, `samples` and `first` count whatever these say.
     """
     numbers = np.asarray(heliostats, np.int64).ravel()
     result = np.zeros((numbers.size, samples, len(errors)))

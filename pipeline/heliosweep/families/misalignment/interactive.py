@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import xarray as xr
 
-from heliosweep.families.misalignment.shown import AXES, DAYS, HOUR, NOT_SWEPT, aperture
+from heliosweep.families.misalignment.figures import AXES, DAYS, HOUR, NOT_SWEPT, aperture
 from heliosweep.report.views import HELIOSTAT, View, is_ordered, shown
 
 #: Spots of one kind: to the right of the aim point, above it.

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.misalignment.instants import instant_sizes
+from heliosweep.families.misalignment.points import Points, instant_sizes, swept_dims
 from heliosweep.grid.regions import Variable
-from heliosweep.kernels.spots import receiver
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, REACHES, TOO_NEAR
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from heliosweep.families.misalignment.points import Points
     from heliosweep.families.misalignment.study import MisalignmentStudy
 
 #: Status of heliostats that there are not, where a shorter layout is padded.
@@ -29,68 +28,51 @@ DAYS_AND_HOURS = ("day", "declination", "date", "hour")
 
 _STATUS = {
     NO_HELIOSTAT: "no_heliostat",
-    receiver.REACHES: "reaches_the_plane",
-    receiver.MISSES: "ray_misses_the_plane_or_back_of_the_mirror_is_lit",
-    receiver.BEHIND_FACE: "mirror_on_or_behind_the_plane",
-    receiver.NO_SUN: "sun_below_the_horizon",
-    receiver.BLIND_CONE: "mount_cannot_point_there",
-    receiver.TOO_NEAR: "offsets_not_smaller_than_the_distance",
+    REACHES: "reaches_the_plane",
+    MISSES: "ray_misses_the_plane_or_back_of_the_mirror_is_lit",
+    BEHIND_FACE: "mirror_on_or_behind_the_plane",
+    NO_SUN: "sun_below_the_horizon",
+    BLIND_CONE: "mount_cannot_point_there",
+    TOO_NEAR: "offsets_not_smaller_than_the_distance",
 }
 _SEEN = "for someone in the field who looks at the receiver; missing where spot_status is not 0"
-_INT8 = np.dtype(np.int8)
 
 
-def flag_attributes(long_name: str, meanings: dict[int, str], comment: str = "") -> dict[str, Any]:
-    """Attributes of a variable of codes, from the meaning of each."""
-    attrs = {
-        "units": "1",
-        "long_name": long_name,
-        "flag_values": np.array(list(meanings), dtype=np.int8),
-        "flag_meanings": " ".join(meanings.values()),
-    }
-    return attrs | ({"comment": comment} if comment else {})
+def quantity(dims: tuple[str, ...], units: str, long_name: str, comment: str = "", **more: Any) -> Variable:
+    """Variable of real numbers."""
+    said = {"comment": comment} if comment else {}
+    return Variable(dims, {"units": units, "long_name": long_name, **said, **more})
 
 
-#: The spot at each instant.
-_SPOTS: dict[str, dict[str, Any]] = {
-    "spot_y": {
-        "units": "m",
-        "long_name": "spot on the receiver's plane, to the right of the aim point",
-        "comment": f"to the right {_SEEN}",
-    },
-    "spot_z": {
-        "units": "m",
-        "long_name": "spot on the receiver's plane, above the aim point",
-        "comment": f"up along the face {_SEEN}",
-    },
-}
-#: Properties of the ray at each instant.
-_FLAGS: dict[str, dict[str, Any]] = {
-    "spot_status": flag_attributes("whether there is a spot, and why not", _STATUS),
-    "is_real": flag_attributes("whether the reflected ray reaches the receiver's plane", {0: "no_spot", 1: "spot"}),
-    "inside": flag_attributes("whether the spot lies in the aperture", {0: "outside_or_no_spot", 1: "inside"}),
-}
-_HIT_FRACTION: dict[str, Any] = {
-    "units": "1",
-    "long_name": "part of the hours with sun in which the spot lies in the aperture",
-    "comment": "missing on days without sun and where there is no heliostat",
-    "cell_methods": "time: mean (over the hours with sun)",
-    "valid_range": [0.0, 1.0],
-}
-
-
-def swept_dims(study: MisalignmentStudy) -> tuple[str, ...]:
-    """Swept dimensions of a study, in the order of its result."""
-    return (*(() if study.sites is None else ("site",)), *(dim.name for dim in study.dimensions()))
+def flags(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
+    """Variable of codes, from the meaning of each."""
+    attrs = {"flag_values": np.array(list(meanings), np.int8), "flag_meanings": " ".join(meanings.values())}
+    return replace(quantity(dims, "1", long_name, comment, **attrs), dtype=np.dtype(np.int8))
 
 
 def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Spots, flags and the hit fraction of each day."""
     day, hour = instant_sizes(study)
     dims = (*swept_dims(study), "heliostat", day, hour)
-    found = {name: Variable(dims, attrs) for name, attrs in _SPOTS.items()}
-    found |= {name: Variable(dims, attrs, _INT8) for name, attrs in _FLAGS.items()}
-    return found | {"hit_fraction": Variable(dims[:-1], _HIT_FRACTION)}
+    return {
+        "spot_y": quantity(
+            dims, "m", "spot on the receiver's plane, to the right of the aim point", f"to the right {_SEEN}"
+        ),
+        "spot_z": quantity(
+            dims, "m", "spot on the receiver's plane, above the aim point", f"up along the face {_SEEN}"
+        ),
+        "spot_status": flags(dims, "whether there is a spot, and why not", _STATUS),
+        "is_real": flags(dims, "whether the reflected ray reaches the receiver's plane", {0: "no_spot", 1: "spot"}),
+        "inside": flags(dims, "whether the spot lies in the aperture", {0: "outside_or_no_spot", 1: "inside"}),
+        "hit_fraction": quantity(
+            dims[:-1],
+            "1",
+            "part of the hours with sun in which the spot lies in the aperture",
+            "missing on days without sun and where there is no heliostat",
+            cell_methods="time: mean (over the hours with sun)",
+            valid_range=[0.0, 1.0],
+        ),
+    }
 
 
 def spot_values(points: Points, spots: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
@@ -127,10 +109,7 @@ _OF_RAYS = {
 def status_remarks(result: xr.Dataset) -> Iterator[str]:
     """Yield how many heliostats and rays have no spot and why, and at how many instants the sun is down.
 
-    Parameters
-    ----------
-    result : xarray.Dataset
-        With ``spot_status``; read part by part.
+    ``spot_status`` is read part by part.
     """
     status = result["spot_status"]
     instants = [dim for dim in status.dims if dim in ("site", "latitude", *DAYS_AND_HOURS)]

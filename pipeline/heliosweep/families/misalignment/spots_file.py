@@ -6,6 +6,7 @@ import datetime as dt
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,13 @@ from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_tab
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
 from heliosweep.errors import Problem, StudyError, listed
 
-__all__ = ["COLUMNS", "MeasuredSpots", "read_spots"]
-
 #: Largest file, and spots in it. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 #: How far the length of a sun vector may be from 1.
 SUN_LENGTH = 1e-3
 
+#: Suns, and commands, that differ by less are the same.
+SAME = 1e-9
 #: Farthest spot from the aim point, and largest angle. [m, deg]
 FARTHEST, LARGEST = 1e6, 720.0
 
@@ -117,18 +118,25 @@ class MeasuredSpots:
         """True where the spots have times, from which the sun is still to be found."""
         return len(self) > 0 and bool(np.isnan(self.sun[0, 0]))
 
+    @property
+    def most(self) -> int:
+        """Spots of the heliostat with most of them."""
+        return int(np.bincount(self.heliostat).max(initial=1))
+
+    def moved(self, count: int) -> NDArray[np.bool_]:
+        """Heliostats whose spots with a weight are of more than one sun, or command, shape (count,)."""
+        used = np.flatnonzero(self.weight > 0)
+        of, seen = self.heliostat[used], np.nan_to_num(np.hstack([self.sun, self.angles])[used])
+        first = np.zeros(count, np.int64)
+        first[of[::-1]] = np.arange(of.size)[::-1]
+        other = (np.abs(seen - seen[first[of]]) > SAME).any(axis=1)
+        moved: NDArray[np.bool_] = np.bincount(of, other, count) > 0
+        return moved
+
     def under(self, sun: Floats) -> MeasuredSpots:
-        """The spots with the sun of their times.
+        """The spots with the sun of their times, unit vectors of shape (S, 3).
 
-        Parameters
-        ----------
-        sun : ndarray, shape (S, 3)
-            Unit vectors to the sun. [1]
-
-        Raises
-        ------
-        StudyError
-            Where a spot was taken with the sun at or below the horizon.
+        Raises StudyError where a spot was taken with the sun at or below the horizon.
         """
         low = np.flatnonzero(~(sun[:, 2] > 0))
         if low.size:
@@ -138,6 +146,36 @@ class MeasuredSpots:
             ]
             raise StudyError(listed(problems, MAX_LISTED, low.size))
         return replace(self, sun=np.array(sun, np.float64))
+
+
+def spots_under_suns(
+    path: Path, count: int, names: tuple[str, ...], latitude: float, longitude: float | None, altitude: float
+) -> MeasuredSpots:
+    """Spots of a file, see `read_spots`, with their suns at a site; those with times have none without a longitude."""
+    try:
+        stamp = path.stat().st_mtime_ns
+    except OSError:
+        stamp = 0
+    return _read_cached(path, stamp, count, names, latitude, longitude, altitude)
+
+
+@lru_cache(maxsize=4)
+def _read_cached(
+    path: Path,
+    stamp: int,
+    count: int,
+    names: tuple[str, ...],
+    latitude: float,
+    longitude: float | None,
+    altitude: float,
+) -> MeasuredSpots:
+    """Read a file once while it does not change (`stamp`)."""
+    measured = read_spots(path, count, names)
+    if not measured.timed or longitude is None:
+        return measured
+    from heliosweep.grid.sun import sun_vectors
+
+    return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
 
 
 def read_spots(path: str | Path, heliostats: int, names: Sequence[str] = (), name: str | None = None) -> MeasuredSpots:

@@ -1,22 +1,25 @@
-"""The study file of the family `misalignment`."""
+"""The study file of the family `misalignment`, and checks across its blocks, its layouts and the sun."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
 from heliosweep.config.blocks import Layout, Site, Sites
 from heliosweep.config.faults import Fault, one_of
+from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import CivilTime, SolarTime, Time
 from heliosweep.config.values import Choice
-from heliosweep.errors import Problem
-from heliosweep.families.misalignment import checks
+from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.blocks import (
     BLOCKS_OF_MODES,
     ERRORS,
@@ -31,6 +34,33 @@ from heliosweep.families.misalignment.blocks import (
     Statistics,
     Sun,
 )
+from heliosweep.families.misalignment.spots_file import WHOLE, MeasuredSpots, spots_under_suns
+from heliosweep.grid.daylight import dark_latitudes
+from heliosweep.layouts.layout import Layout as Places
+from heliosweep.layouts.resolve import Layouts
+
+#: Layouts of a sweep, and heliostats in all of them, that are looked at here; the kernels flag what is wrong in any.
+MAX_LAYOUTS, MAX_HELIOSTATS = 50, 300_000
+
+#: Written out, as the modules of the variables load the kernels, which validation has no time for; a test compares.
+_NAMES_OF_RESULTS = """
+    heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
+    sun_azimuth sun_elevation time day declination date hour utc sample percentile tolerance_axis spot receiver_height
+    receiver_azimuth receiver_tilt receiver_width receiver_height_extent mount_kind mirror_offset axis_offset
+    pedestal_height axis_azimuth source axis error_size conic_coefficient detector error_scale parameter parameter_2
+    parameters noise days_used loss loss_scale l0 l1 l2
+    spot_y spot_z spot_status is_real inside hit_fraction tracking_tolerance conic eccentricity focus_y focus_z
+    least_tolerance day_of_least_tolerance hour_of_least_tolerance declination_of_least_tolerance
+    date_of_least_tolerance crossing_y crossing_z crossing_error
+    spot_y_mean spot_z_mean spot_y_variance spot_z_variance spot_yz_covariance real_fraction remaining_tolerance
+    day_hit_fraction field_hit_fraction
+    estimated_error true_error standard_error covariance condition_number residual_rms leave_one_out_rms spots_used
+    instants_without_command calibration_status least_known_direction residual_y residual_z
+    spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
+    corrected_elevation
+"""
+#: Names that columns of a layout must leave to the result.
+RESERVED = frozenset((*ERRORS, *_NAMES_OF_RESULTS.split()))
 
 MODES = {
     "curves": "where single misalignments send the beam, and how much of one the aperture tolerates",
@@ -88,7 +118,14 @@ class MisalignmentStudy(Study):
 
     @cached_property
     def _checked(self) -> tuple[list[Problem], list[str]]:
-        return checks.check(self)
+        problems: list[Problem] = []
+        notes: list[str] = []
+        for find in (_sun, _days_used, _distances, _spots):
+            try:
+                problems += find(self, notes)
+            except StudyError as error:
+                problems += (problem for problem in error.problems if problem not in problems)
+        return problems, notes
 
     def check(self) -> list[Problem]:
         """Return what is wrong between blocks, with the layout or with the sun."""
@@ -97,6 +134,30 @@ class MisalignmentStudy(Study):
     def notes(self) -> list[str]:
         """Return warnings."""
         return self._checked[1]
+
+    def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
+        """Number of heliostats of the first layout, and their names where they have some."""
+        if self.layout is None:
+            return len(self.heliostats.positions or ()), ()
+        layout = Layouts(self)[()]
+        column = layout.columns.get("name")
+        return len(layout), tuple(map(str, column)) if column is not None else ()
+
+    def measured_spots(self) -> MeasuredSpots | None:
+        """The measured spots with their suns; None where spots are synthetic. Raises StudyError."""
+        if self.calibration is None or self.calibration.spots is None:
+            return None
+        assert self.site is not None
+        latitude, longitude, altitude = self.site.latitude, self.site.longitude, self.site.altitude
+        assert not isinstance(latitude, Sweep)
+        assert not isinstance(longitude, Sweep)
+        assert not isinstance(altitude, Sweep)
+        path, (count, names) = self.resolve(self.calibration.spots), self.heliostat_names()
+        measured = spots_under_suns(path, count, names, latitude, longitude, altitude)
+        if measured.timed:
+            message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
+            raise StudyError(self.problem("site.longitude", message))
+        return measured
 
     def _place_faults(self) -> Iterator[Fault]:
         if self.layout is None and self.heliostats.positions is None:
@@ -114,7 +175,7 @@ class MisalignmentStudy(Study):
         elif self.site is None and self.sites is None:
             if self.time is not None:
                 yield Fault("give 'site' or 'sites': the sun depends on the latitude", show_value=False)
-            elif "polar" in _values(self.mount.kind):
+            elif "polar" in _ends(self.mount.kind):
                 yield Fault("give 'site' or 'sites': a polar mount depends on the latitude", show_value=False)
         if self.time is not None:
             yield from _unsorted(self.time)
@@ -123,7 +184,7 @@ class MisalignmentStudy(Study):
 
     def _idle_faults(self) -> Iterator[Fault]:
         """Keys that change nothing: what is drawn of errors that are not, and an axis that no mount has."""
-        if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in _values(self.mount.kind):
+        if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in _ends(self.mount.kind):
             yield Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))
         errors = self.mount_errors
         if self.mode != "mount_errors" or errors is None:
@@ -145,7 +206,7 @@ class MisalignmentStudy(Study):
             if self.error is None:
                 message = "'error' is missing: {source, axis, size}, the misalignment whose curves are traced"
                 yield Fault(message, show_value=False)
-            if any(offset != 0 for offset in _values(self.mount.axis_offset)):
+            if any(offset != 0 for offset in _ends(self.mount.axis_offset)):
                 message = "must be 0 in mode: curves, whose mounts have both axes through the pivot"
                 yield Fault(message, ("mount", "axis_offset"))
         elif self.mount_errors is None and (self.calibration is None or self.calibration.spots is None):
@@ -172,11 +233,170 @@ def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
             yield Fault("must rise", ("time", key), show_value=False)
 
 
-def _values(value: object) -> tuple[object, ...]:
-    """Values of a key: the one it has, or the ends and the names of its sweep."""
+def _sun(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
+    """The sun must rise at some site; where it does not at another, there are no spots there."""
+    if study.time is None:
+        return
+    solar = isinstance(study.time, SolarTime)
+    if not solar and (missing := list(civil_clock_problems(study))):
+        yield from missing
+        return
+    dark, everywhere = dark_latitudes(study)
+    if everywhere:
+        key, what = ("time.hours", "latitudes, days and hours") if solar else ("time.window", "sites, dates and hours")
+        yield study.problem(key, f"the sun never rises at these {what}")
+    elif dark.size:
+        listed = ", ".join(f"{value:g}" for value in dark[:6]) + (" and others" if dark.size > 6 else "")
+        notes.append(f"the sun never rises at latitude {listed} deg: there are no spots (NaN) there")
+
+
+def _days_used(study: MisalignmentStudy, _: list[str]) -> Iterator[Problem]:
+    """Spots can be taken only on days that there are."""
+    used = None if study.calibration is None else study.calibration.days_used
+    if used is None or study.time is None:
+        return
+    time = study.time
+    days: Any = time.declination or time.days if isinstance(time, SolarTime) else time.date_list()
+    most = max(_ends(used))
+    if most > len(days):
+        message = f"must be at most {len(days)}, the number of days of 'time' (got {most:g})"
+        yield study.problem("calibration.days_used", message)
+
+
+def _distances(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
+    """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
+    offsets = [_sizes(value) for value in (study.mount.mirror_offset, study.mount.axis_offset)]
+    least, most = (sum(ends) for ends in zip(*offsets, strict=True))
+    heights = _ends(study.receiver.height)
+    above = _ends(study.heliostats.pivot_height or 0.0)
+    behind = near = count = 0
+    for layout in _layouts(study):
+        z = [layout.z + pivot - aim for pivot in above for aim in heights]
+        farthest = np.sqrt(layout.x**2 + layout.y**2 + np.max(np.square(z), axis=0))
+        nearest = np.sqrt(layout.x**2 + layout.y**2 + np.min(np.square(z), axis=0))
+        never = np.flatnonzero(least >= farthest) if least > 0 else np.empty(0, int)
+        if never.size:
+            row = int(never[np.argmin(farthest[never])])
+            where = layout.where(row) + (f" of {layout.name}" if layout.name else "")
+            key, other = ("mirror_offset", "") if offsets[0][0] >= farthest[row] else ("axis_offset", "mirror_offset")
+            together = f" together with {other}" if other and offsets[0][0] > 0 else ""
+            message = (
+                f"must{together} be smaller than the distance from {where} to the aim point, {farthest[row]:.6g} m"
+            )
+            yield study.problem(f"mount.{key}", f"{message} (got {offsets[0 if not other else 1][0]:g})")
+            return
+        count += len(layout)
+        near += int(np.count_nonzero(most >= nearest)) if most > 0 else 0
+        behind += int(np.count_nonzero(_always_behind(study, layout, z)))
+    if near:
+        notes.append(
+            f"{near:,} of {count:,} heliostats are not farther from the aim point than the largest offsets of the "
+            f"mirror, {most:g} m: there they have no spots"
+        )
+    if behind:
+        notes.append(
+            f"{behind:,} of {count:,} heliostats stand on the plane of the receiver or behind it: they have no spots"
+        )
+
+
+def _always_behind(study: MisalignmentStudy, layout: Places, heights: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Heliostats on or behind the plane whatever the swept height; none told where the receiver turns."""
+    azimuth, tilt = study.receiver.azimuth, study.receiver.tilt
+    if isinstance(azimuth, Sweep) or isinstance(tilt, Sweep):
+        return np.zeros(len(layout), bool)
+    around, up = np.radians(azimuth), np.radians(tilt)
+    out = np.cos(up) * (np.sin(around) * layout.x + np.cos(around) * layout.y)
+    before: NDArray[np.bool_] = np.max([out + np.sin(up) * z for z in heights], axis=0) <= 0
+    return before
+
+
+def _layouts(study: MisalignmentStudy) -> Iterator[Places]:
+    """Yield the layouts to look at; the positions of the study as one."""
+    if study.layout is None:
+        yield Places(*np.array(study.heliostats.positions).T)
+        return
+    layouts = Layouts(study, RESERVED)
+    dims = layouts.dimensions
+    evenly = (np.linspace(0, len(dim) - 1, min(len(dim), MAX_LAYOUTS)).round().astype(int).tolist() for dim in dims)
+    looked_at = 0
+    for index in itertools.islice(itertools.product(*evenly), MAX_LAYOUTS):
+        layout = layouts[index]
+        yield layout
+        looked_at += len(layout)
+        if looked_at > MAX_HELIOSTATS:
+            return
+
+
+def _ends(value: Any) -> tuple[Any, ...]:
+    """A value, all of a list, or both ends of a range, which is monotonic."""
     if not isinstance(value, Sweep):
         return (value,)
-    return tuple(value[:]) if len(value) <= 1000 else (value.first, value.last)
+    return tuple(value[:]) if isinstance(value, Listed) else (value.first, value.last)
+
+
+def _sizes(value: float | Sweep) -> tuple[float, float]:
+    """Least and largest magnitude of a value or of a sweep."""
+    ends = _ends(value)
+    passes_zero = not isinstance(value, Listed) and min(ends) < 0 < max(ends)
+    return 0.0 if passes_zero else min(map(abs, ends)), max(map(abs, ends))
+
+
+def _spots(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
+    """Problems of measured spots: keys that do not go with them, and the file itself."""
+    block = study.calibration
+    if block is None or block.spots is None:
+        return
+    for key in ("days_used", "noise"):
+        if getattr(block, key) not in (None, 0.0):
+            yield study.problem(f"calibration.{key}", "is for synthetic spots; remove it, or 'spots'")
+    if study.mount_errors is not None:
+        yield study.problem("mount_errors", "is the truth of synthetic spots; remove it, or 'calibration.spots'")
+    one_place = study.site is not None and not any(key.startswith(("site.", "layout.")) for key in study.sweeps())
+    if not one_place:
+        yield study.problem("calibration.spots", "belong to one site and one layout; leave out what sweeps them")
+        return
+    try:
+        measured = study.measured_spots()
+    except StudyError as error:
+        yield from (replace(problem, key=problem.key or "calibration.spots") for problem in error.problems)
+        return
+    assert measured is not None
+    counts = np.bincount(measured.heliostat, measured.weight > 0, study.heliostat_names()[0])
+    if not counts.any():
+        yield study.problem("calibration.spots", "no spot has a weight above 0: nothing can be estimated")
+        return
+    value = block.parameters
+    needed = int(max(value[:]) if isinstance(value, Sweep) else value)
+    few = np.flatnonzero((counts > 0) & (2 * counts < needed))
+    if few.size and few.size == np.count_nonzero(counts):
+        message = f"{needed} errors need {needed // 2} spots of a heliostat, and none has so many"
+        yield study.problem("calibration.parameters", message)
+    elif few.size:
+        notes.append(f"heliostat {_listed(few)}: fewer spots than {needed} errors need; nothing is estimated there")
+    none = np.flatnonzero(counts == 0)
+    if none.size:
+        what = "no spots in the file, or none with a weight above 0"
+        notes.append(f"heliostat {_listed(none)}: {what}; nothing is estimated there")
+    still = np.flatnonzero((2 * counts >= needed) & (counts > 0) & ~measured.moved(len(counts)))
+    if still.size and needed > 2:
+        what = "all spots are of one sun; more than two errors cannot be told apart there"
+        notes.append(f"heliostat {_listed(still)}: {what}")
+    notes.extend(_names_as_numbers(study))
+
+
+def _listed(numbers: NDArray[np.int64]) -> str:
+    return ", ".join(map(str, numbers[:6])) + (f" and {numbers.size - 6:,} others" if numbers.size > 6 else "")
+
+
+def _names_as_numbers(study: MisalignmentStudy) -> Iterator[str]:
+    """A name counts before a row: names that are other rows' numbers are easily meant as rows."""
+    _, names = study.heliostat_names()
+    other = [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]
+    if other:
+        yield (
+            f"{len(other):,} names of heliostats are whole numbers but not their rows, as {names[other[0]]!r} of row "
+            f"{other[0]}: the file of the spots is read as if it gave names"
+        )
 
 
 STUDY = MisalignmentStudy

@@ -57,26 +57,11 @@ _LEVEL = 1e-12
 
 @kernel
 def aim_lanes(rows: Floats, state: Floats, work: Floats, offset: float, axis_offset: float, lanes: int) -> int:
-    """Aim each lane of a packet.
+    """Aim each lane of a packet; returns the most steps that a lane took.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (AIM_ROWS * PACKET,)
-        What to aim at, by rows.
-    state : ndarray, shape (STATE_ROWS * PACKET,)
-        Receives the rows of angles and status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not smaller than the distance)
-        or `BLIND_CONE` (no way to point there).
-    work : ndarray, shape (WORK_ROWS * PACKET,)
-        Room for the iteration.
-    offset, axis_offset : float
-        Offsets r and q. [m]
-    lanes : int
-        Lanes of the packet.
-
-    Returns
-    -------
-    int
-        Most steps that a lane took.
+    `rows` has the `AIM_ROWS`, `state` gets the `STATE_ROWS` of angles and status: `REACHES`, `NO_SUN`, `TOO_NEAR`
+    (offsets not smaller than the distance) or `BLIND_CONE` (no way to point there); `work` is room for `WORK_ROWS`;
+    `offset` and `axis_offset` are r and q. [m]
     """
     reach = abs(offset) + abs(axis_offset)
     for k in range(lanes):
@@ -133,15 +118,9 @@ def _normals(rows, work, lanes):
 def _points(rows, work, state, lanes):
     """Angles that give the normals, and in the last row of the state the room that is left, see `point`."""
     for k in range(lanes):
-        cg, sg, ca, sa, room = point(
-            work[4 * PACKET + k],
-            work[5 * PACKET + k],
-            work[6 * PACKET + k],
-            rows[6 * PACKET + k],
-            rows[7 * PACKET + k],
-            rows[8 * PACKET + k],
-            rows[9 * PACKET + k],
-        )
+        nx, ny, nz = work[4 * PACKET + k], work[5 * PACKET + k], work[6 * PACKET + k]
+        ce, se, cm, sm = rows[6 * PACKET + k], rows[7 * PACKET + k], rows[8 * PACKET + k], rows[9 * PACKET + k]
+        cg, sg, ca, sa, room = point(nx, ny, nz, ce, se, cm, sm)
         state[k], state[PACKET + k], state[2 * PACKET + k], state[3 * PACKET + k] = cg, sg, ca, sa
         state[4 * PACKET + k] = room
 
@@ -152,21 +131,11 @@ def _steps(rows, work, state, offset, axis_offset, lanes):
     for k in range(lanes):
         cx, cy, cz, open_lane = work[k], work[PACKET + k], work[2 * PACKET + k], work[3 * PACKET + k]
         nx, ny, nz = work[4 * PACKET + k], work[5 * PACKET + k], work[6 * PACKET + k]
-        tx, ty, tz, inverse = (
-            work[7 * PACKET + k],
-            work[8 * PACKET + k],
-            work[9 * PACKET + k],
-            work[10 * PACKET + k],
-        )
+        tx, ty, tz, inverse = work[7 * PACKET + k], work[8 * PACKET + k], work[9 * PACKET + k], work[10 * PACKET + k]
         cg, sg, ca, sa = state[k], state[PACKET + k], state[2 * PACKET + k], state[3 * PACKET + k]
         room = state[4 * PACKET + k]
         dx, dy, dz = rows[3 * PACKET + k], rows[4 * PACKET + k], rows[5 * PACKET + k]
-        ce, se, cm, sm = (
-            rows[6 * PACKET + k],
-            rows[7 * PACKET + k],
-            rows[8 * PACKET + k],
-            rows[9 * PACKET + k],
-        )
+        ce, se, cm, sm = rows[6 * PACKET + k], rows[7 * PACKET + k], rows[8 * PACKET + k], rows[9 * PACKET + k]
         # Centre F(c), and columns of C: by a (x, y, z) and by g (fy, -fx, 0).
         fx, fy, fz = bore(ca, sa, ce, se, 0.0, offset)
         fx, fy = turn(cg, sg, fx, fy + axis_offset)
@@ -221,21 +190,12 @@ def known_record(
     f: int = 0,
     t: int = 0,
 ) -> None:
-    """Write what all lanes of one mount share.
+    """Write what all lanes of one mount share: `KNOWN` numbers.
 
-    Arrays one number after the other, or so many `apart`: a lane of rows. Frame and terms begin in places `f` and `t`.
-
-    Parameters
-    ----------
-    dx, dy, dz : float
-        From the pivot to the aim point. [m]
-    frame, terms : ndarray
-        From `kinematics.mount_frame` and `error_terms`, with the known errors.
-    pedestal : float
-        Offset h. [m]
-    record : ndarray
-        Receives, from place `to` on, the matrix Rtilt^T Q by rows (0 to 8), the aim point d (9 to 11), cosine and sine
-        of eta and mu (12 to 15).
+    They are Rtilt^T Q by rows (0 to 8), the aim point d (9 to 11), cosine and sine of eta and mu (12 to 15). Of the way
+    from the pivot to the aim point [m], the frame of `kinematics.mount_frame` from place `f` on, the terms of the known
+    errors of `error_terms` from `t` on and the offset h [m], to the record from place `to` on. Arrays have one number
+    after the other, or so many `apart`: a lane of rows.
     """
     for m in range(3):
         g = f + m * apart
@@ -252,29 +212,16 @@ def known_record(
 
 @inline
 def aim_rows(record: Floats, sun: Floats, first: int, last: int, rows: Floats, at: int = 0, apart: int = 1) -> None:
-    """Write lanes first..last of the rows of `aim_lanes`, all of one mount.
+    """Write lanes first..last of the rows of `aim_lanes`, all of one mount: its record begins in place `at`.
 
-    Parameters
-    ----------
-    record : ndarray
-        The mount, from `known_record`, in places `at` on, so many numbers `apart`.
-    sun : ndarray, shape (3 * PACKET,)
-        Rows x, y, z of the unit vectors to the sun, world frame. [1]
-    first, last : int
-        The lanes.
-    rows : ndarray, shape (AIM_ROWS * PACKET,)
-        Receives them.
+    `sun` has rows x, y, z of the unit vectors to the sun in the world frame, `PACKET` apart; the numbers of the record
+    of `known_record` are so many `apart`.
     """
     xx, xy, xz = record[at], record[at + apart], record[at + 2 * apart]
     yx, yy, yz = record[at + 3 * apart], record[at + 4 * apart], record[at + 5 * apart]
     zx, zy, zz = record[at + 6 * apart], record[at + 7 * apart], record[at + 8 * apart]
     dx, dy, dz = record[at + 9 * apart], record[at + 10 * apart], record[at + 11 * apart]
-    ce, se, cm, sm = (
-        record[at + 12 * apart],
-        record[at + 13 * apart],
-        record[at + 14 * apart],
-        record[at + 15 * apart],
-    )
+    ce, se, cm, sm = record[at + 12 * apart], record[at + 13 * apart], record[at + 14 * apart], record[at + 15 * apart]
     for k in range(first, last):
         _aim_row(xx, xy, xz, yx, yy, yz, zx, zy, zz, dx, dy, dz, ce, se, cm, sm, sun, k, rows)
 

@@ -90,21 +90,10 @@ def primary_axis(kind: int, latitude: float, axis_azimuth: float, to_target: Vec
 def mount_frame(
     kind: int, latitude: float, axis_azimuth: float, dx: float, dy: float, dz: float, frame: Floats
 ) -> None:
-    """Write the axes of a mount.
+    """Write the axes x, y, z of a mount one after the other, shape (9,), see `primary_axis`. [1]
 
-    Parameters
-    ----------
-    kind : int
-        `AZIMUTH_ELEVATION` (rows east, north, up), `TARGET_ALIGNED` (z to the aim point, y the upward perpendicular, or
-        north where z is vertical), `POLAR` (z to the celestial north pole, x east) or `TILT_ROLL` (z horizontal, y up).
-    latitude : float
-        Geographic latitude, of polar mounts. [rad]
-    axis_azimuth : float
-        Azimuth of the primary axis, of tilt-roll mounts. [rad]
-    dx, dy, dz : float
-        From the pivot to the aim point, of target-aligned mounts. [m]
-    frame : ndarray, shape (9,)
-        Receives the rows x, y, z, one after the other. [1]
+    Of its kind, the latitude of polar mounts and the azimuth of the primary axis of tilt-roll mounts [rad], and the way
+    from the pivot to the aim point of target-aligned mounts [m].
     """
     z, x = primary_axis(kind, latitude, axis_azimuth, (dx, dy, dz))
     y = cross(z, x)
@@ -114,15 +103,7 @@ def mount_frame(
 
 @kernel
 def error_terms(errors: Floats, terms: Floats) -> None:
-    """Write what every spot of a mount shares of its errors.
-
-    Parameters
-    ----------
-    errors : ndarray, shape (6,)
-        The errors, in the order of `ERRORS`. [rad]
-    terms : ndarray, shape (TERMS,)
-        Receives the terms. [1]
-    """
+    """Write the `TERMS` numbers that all spots of a mount share of its errors, shape (6,), in the order of `ERRORS`."""
     stand_terms(errors, 0, terms, 0)
     e, n = errors[2], errors[3]
     square = e * e + n * n
@@ -135,26 +116,10 @@ def error_terms(errors: Floats, terms: Floats) -> None:
     else:
         du, dv = 0.5 * (math.cos(math.sqrt(square)) - u) / square, 0.5 * (u - 2.0 * v) / square
     ue, ve, un, vn = 2.0 * e * du, 2.0 * e * dv, 2.0 * n * du, 2.0 * n * dv
-    _rotation(
-        terms,
-        17,
-        -ve * n * n,
-        ve * e * n + v * n,
-        -ve * e * e - 2.0 * v * e,
-        ue * n,
-        ue * e + u,
-        -ve * square - 2.0 * v * e,
-    )
-    _rotation(
-        terms,
-        26,
-        -vn * n * n - 2.0 * v * n,
-        vn * e * n + v * e,
-        -vn * e * e,
-        un * n + u,
-        un * e,
-        -vn * square - 2.0 * v * n,
-    )
+    xx, xy, yy, zz = -ve * n * n, ve * e * n + v * n, -ve * e * e - 2.0 * v * e, -ve * square - 2.0 * v * e
+    _rotation(terms, 17, xx, xy, yy, ue * n, ue * e + u, zz)
+    xx, xy, yy, zz = -vn * n * n - 2.0 * v * n, vn * e * n + v * e, -vn * e * e, -vn * square - 2.0 * v * n
+    _rotation(terms, 26, xx, xy, yy, un * n + u, un * e, zz)
 
 
 @inline
@@ -258,19 +223,9 @@ def turn(cg, sg, x, y):
 def point(nx, ny, nz, ce, se, cm, sm):
     """Angles that a mount has to turn to, in the frame of its tilted primary axis.
 
-    Parameters
-    ----------
-    nx, ny, nz : float
-        Normal wanted, n' = Rtilt^T Q n. [1]
-    ce, se, cm, sm : float
-        Cosines and sines of eta and mu. [1]
-
-    Returns
-    -------
-    cg, sg, ca, sa : float
-        Cosine and sine of g + g0 and of a + a0. A normal along the primary axis takes g + g0 = 0. [1]
-    room : float
-        Negative in the blind cone, where the angles mean nothing.
+    Of the normal wanted, n' = Rtilt^T Q n, and the cosines and sines of eta and mu. Returns cosine and sine of g + g0
+    and of a + a0 (a normal along the primary axis takes g + g0 = 0), and what is negative in the blind cone, where the
+    angles mean nothing.
     """
     level = nx * nx + ny * ny
     defined = level > _NO_LEVEL
@@ -309,24 +264,12 @@ def back(m, first, x, y, z, apart=1):
 
 
 @inline
-def offset_normal(
-    sx: float, sy: float, sz: float, dx: float, dy: float, dz: float, r: float
-) -> tuple[float, float, float]:
-    """Normal that reflects the sun to the aim point.
+def offset_normal(sx: float, sy: float, sz: float, dx: float, dy: float, dz: float, r: float) -> Vector:
+    """Unit normal that reflects the sun to the aim point.
 
-    Parameters
-    ----------
-    sx, sy, sz : float
-        Unit vector to the sun. [1]
-    dx, dy, dz : float
-        From the pivot to the aim point. [m]
-    r : float
-        Mirror offset: distance of the mirror centre from the pivot along the normal. [m]
-
-    Returns
-    -------
-    nx, ny, nz : float
-        Unit normal; NaN where |r| is not smaller than the distance, or the sun stands opposite to the aim point. [1]
+    Of the unit vector to the sun, the way d from the pivot to the aim point and the distance r of the mirror centre
+    from the pivot along the normal [m]; NaN where |r| is not smaller than |d|, or the sun stands opposite to the aim
+    point.
     """
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
     near = 1.0 / distance if distance > 0.0 else math.nan

@@ -149,17 +149,6 @@ def calibrate(
         evaluations=np.zeros(number, np.int64),
     )
     geometry = (rows.reshape(number, 9), places, axes.reshape(9), lengths)
-    fit_all(
-        first,
-        sun,
-        turns,
-        position,
-        weight,
-        *geometry,
-        parameters,
-        loss,
-        float(loss_scale),
-        float(condition_limit),
-        result,
-    )
+    spots_seen = first, sun, turns, position, weight
+    fit_all(*spots_seen, *geometry, parameters, loss, float(loss_scale), float(condition_limit), result)
     return result

@@ -1,7 +1,31 @@
-"""Conic sections that deviation curves are part of, and where the curves cross lines of detectors.
+"""What belongs to a whole deviation curve: its tolerance, the conic section it is part of, its detectors' crossings.
 
-About an axis a in the mirror the reflected rays satisfy a.R = -a.S = k: they form a cone with its apex p in the mirror
-centre, and on the plane of the receiver the points x = y Y + z Z (relative to the aim point) of the trace satisfy
+**Tolerance**: smallest error at which the spot of a mirror leaves the aperture. Homogeneous coordinates of the spot:
+with the mirror centre p relative to the aim point and the reflected ray R,
+
+    U = Z.(p x R),  V = -Y.(p x R),  W = -X.R,   spot (y, z) = (U, V) / W,   real where W > 0
+
+The spot lies on the line l0 y + l1 z = l2 where g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the
+lines (1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h), and their four g are positive as long as the spot is inside: the sum
+of the first two is 2 w W, so that W > 0 is said with them. The first exit is therefore the root of smallest magnitude
+of the four g, on either side of no error, and nothing has to be scanned. The mirror must be lit there, S.n > 0.
+
+Mirror centre fixed, axis a in the mirror. R(eps) = Rot(a, 2 eps) R(0), and g is linear in R: g = c0 + c1 cos 2 eps +
+c2 sin 2 eps, with the roots
+
+    cot eps = (-c2 +- sqrt(c2^2 - (c0 - c1) (c0 + c1))) / (c0 + c1)
+
+R has the period pi, and of the angles eps + j pi the mirror is lit at one. On it, cot |eps| = cot eps times the sign
+of (S.n) cot eps + S.(a x n); the tolerance has the largest of these cotangents over the edges and roots.
+
+Mirror centre or primary axis that move. g is a trigonometric polynomial of degree 2 or 3. A march from no error takes
+steps h that are the closed form of the distance at which a root can be at the earliest, g + g' h - M h^2 / 2 = 0 with
+a bound M of |g''|: no root can be passed over, and close to one the steps are those of Newton's method, with his
+convergence.
+
+**Conic**: about an axis a in the mirror the reflected rays satisfy a.R = -a.S = k: they form a cone with its apex p in
+the mirror centre, and on the plane of the receiver the points x = y Y + z Z (relative to the aim point) of the trace
+satisfy
 
     (x - p)^T m (x - p) = 0,  m = a a^T - k^2 I:   A y^2 + B y z + C z^2 + D y + E z + F = 0
 
@@ -12,70 +36,143 @@ cone where a.(x - p) has the sign of k. The sphere inside this half that touches
 apex, the plane (Dandelin's) touches the plane in a focus: inside the branch that rays trace. Its centre is
 p + s sign(k) a with s = X.p / (sqrt(1 - k^2) - sign(k) a_x).
 
-A heliostat whose facets carry reflecting cylinders, or that sweeps through an error, draws a whole deviation curve;
-detectors along lines l0 y + l1 z = l2 see where it crosses them (Optics Express 27 (8), A257 (2019), Sect. 4.3).
+**Crossings**: a heliostat whose facets carry reflecting cylinders, or that sweeps through an error, draws a whole
+deviation curve; detectors along lines l0 y + l1 z = l2 see where it crosses them (Optics Express 27 (8), A257 (2019),
+Sect. 4.3).
 """
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.spots.deviation import Curve, curve_of, draws_conic, face_vectors, prepared, spot_at
-from heliosweep.kernels.spots.receiver import REACHES, Face, Setting
-from heliosweep.kernels.spots.tolerances import crossing_cotangent, first_crossing
-from heliosweep.kernels.vectors import at_angle, dot
+from heliosweep.kernels.spots.deviation import Curve, curve_of, draws_conic, prepared, spot_at
+from heliosweep.kernels.spots.receiver import REACHES, Face, Setting, face_vectors
+from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, mixed, slope_at_angle, turning
 
+Floats = NDArray[np.float64]
+Line = Vector
+"""Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2."""
+
+_STEPS = 10_000
+"""More than any march was seen to take."""
+_LAST_STEP = 1e-9
+"""Step after which the error, of the order of its square, is below rounding. [rad]"""
+_PARALLEL = 1e-12
+"""Sine of the angle to the plane below which a ray runs along it: what it would hit is rounding. [1]"""
+_EDGE_ON = 1e-12
+"""Cosine of incidence at which a mirror counts as turned away from the sun."""
 _STRAIGHT = 1e-14
 """Cosine |k| of the half angle of a cone that is taken for a plane: smaller ones are rounding. [1]"""
 _ROUNDING = 1e-12
 """Ratio of A to the larger of B and C up to which A is rounding. [1]"""
 
-Floats = NDArray[np.float64]
+
+class Curves(NamedTuple):
+    """What belongs to the curves of P parameter points, H heliostats and T instants.
+
+    All is NaN where the spot of no error does not reach the plane.
+    """
+
+    tolerance: Floats
+    """Smallest |error| at which the spot leaves the aperture, shape (P, H, T); infinity where it never crosses an edge,
+    or the mirror turns its back to the sun before it does. [rad]"""
+    conic: Floats
+    """Shape (9, P, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest
+    magnitude where A is 0 to rounding, beside B and C); eccentricity [1]; focus y and z [m] inside the branch that real
+    rays trace, the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun perpendicular to
+    the axis) gives a straight line: eccentricity infinity, no focus. NaN where the curve is no conic: errors of the
+    encoder or the pedestal with a mirror centre that moves, and of the primary axis."""
+    crossing: Floats
+    """Shape (3, P, H, T, L): y and z [m] of the first crossing of each line and the error [rad] with its sign: of all
+    crossings by real rays the one of smallest |error|; NaN where there is none."""
 
 
-def conics(setting: Setting, source: ArrayLike, axis: ArrayLike, sun: ArrayLike, pivots: ArrayLike) -> Floats:
-    """Conic sections of deviation curves; parameters as in `deviation.deviation_spots`.
+def deviation_curves(
+    setting: Setting,
+    source: ArrayLike,
+    axis: ArrayLike,
+    sun: ArrayLike,
+    pivots: ArrayLike,
+    lines: Sequence[Sequence[float]] | NDArray[np.float64] = (),
+) -> Curves:
+    """Tolerances, conics and crossings of deviation curves; other parameters as in `deviation.deviation_spots`.
 
-    Returns
-    -------
-    ndarray, shape (9, P, H, T)
-        Coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest magnitude where A
-        is 0 to rounding, beside B and C); eccentricity [1]; focus y and z [m] inside the branch that real rays trace,
-        the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun perpendicular to the
-        axis) gives a straight line: eccentricity infinity, no focus. NaN where the spot of no error does not reach the
-        plane, and where the curve is no conic: errors of the encoder or the pedestal with a mirror centre that moves,
-        and of the primary axis.
+    Parameters
+    ----------
+    lines : array_like, shape (L, 3)
+        Coefficients l0, l1 [1] and l2 [m] of lines of detectors l0 y + l1 z = l2; l0 and l1 not both 0.
+
+    Raises
+    ------
+    ValueError
+        As `deviation.prepared`, and for lines of another shape or without a direction.
     """
     settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
-    out = np.full((9, len(sources), places.shape[1], suns.shape[1]), np.nan)
-    fill_conics(settings, sources, axes, suns, places, out)
-    return out
+    detectors = np.require(lines, np.float64, ["C", "W", "O"]) if len(lines) else np.empty((0, 3))
+    if detectors.ndim != 2 or detectors.shape[1] != 3 or not np.all(np.any(detectors[:, :2] != 0.0, axis=1)):
+        raise ValueError("lines must have the shape (number, 3), with l0 and l1 not both 0")
+    shape = len(sources), places.shape[1], suns.shape[1]
+    found = Curves(*(np.full(whole, np.nan) for whole in (shape, (9, *shape), (3, *shape, len(detectors)))))
+    fill_curves(settings, sources, axes, detectors, suns, places, *found)
+    return found
 
 
 @kernel
-def fill_conics(
+def fill_curves(
     setting: Setting,
     source: NDArray[np.int64],
     axis: NDArray[np.int64],
+    lines: Floats,
     sun: Floats,
     pivots: Floats,
-    out: Floats,
+    tolerance: Floats,
+    conic: Floats,
+    crossing: Floats,
 ) -> None:
-    """Fill `out`, shape (9, P, H, T), see `conics`."""
+    """Fill the arrays of `Curves`."""
     for p in range(len(source)):
-        if not draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p]):
-            continue
+        closed = draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p])
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
-        for h in range(pivots.shape[1]):
+        w, h = setting.half_width[p], setting.half_height[p]
+        for i in range(pivots.shape[1]):
             for t in range(sun.shape[1]):
-                curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, h, t)
+                curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, i, t)
                 _, _, status = spot_at(curve, face, 1.0, 0.0)
-                if curve.status == REACHES and status == REACHES:
+                if curve.status != REACHES or status != REACHES:
+                    continue
+                n = at_angle(curve.normal, 1.0, 0.0)
+                if closed:
+                    cotangent = canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h)
+                    tolerance[p, i, t] = math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
                     numbers = _conic(curve, face)
-                    for i in range(9):
-                        out[i, p, h, t] = numbers[i]
+                    for m in range(9):
+                        conic[m, p, i, t] = numbers[m]
+                else:
+                    edges = ((1.0, 0.0, w), (-1.0, 0.0, w), (0.0, 1.0, h), (0.0, -1.0, h))
+                    up = first_crossing(curve, face, edges, 1.0, math.pi)
+                    down = first_crossing(curve, face, edges, -1.0, min(up, math.pi))
+                    tolerance[p, i, t] = min(up, down) if up == up and down == down else math.nan
+                for m in range(len(lines)):
+                    line = (lines[m, 0], lines[m, 1], lines[m, 2])
+                    if line[2] == 0.0:
+                        # through the aim point: crossed by the spot of no error
+                        error = 0.0
+                    elif closed:
+                        cotangent, side = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, line)
+                        error = side * math.atan2(1.0, cotangent) if cotangent > -math.inf else math.nan
+                    else:
+                        up = first_crossing(curve, face, (line,), 1.0, math.pi)
+                        down = first_crossing(curve, face, (line,), -1.0, min(up, math.pi))
+                        error = -down if down < up else up
+                    if not abs(error) < math.inf:
+                        continue
+                    y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
+                    if status == REACHES:
+                        crossing[0, p, i, t, m], crossing[1, p, i, t, m], crossing[2, p, i, t, m] = y, z, error
 
 
 @inline
@@ -112,71 +209,114 @@ def _conic(curve: Curve, face: Face) -> tuple[float, float, float, float, float,
     )
 
 
-def crossings(
-    setting: Setting, source: ArrayLike, axis: ArrayLike, lines: ArrayLike, sun: ArrayLike, pivots: ArrayLike
-) -> Floats:
-    """First crossings of detector lines by deviation curves; other parameters as in `deviation.deviation_spots`.
+@inline
+def canting_cotangent(
+    sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Face, half_width: float, half_height: float
+) -> float:
+    """Cotangent of the tolerance to an error about an axis in the mirror that leaves the mirror centre where it is.
 
-    Parameters
-    ----------
-    lines : array_like, shape (L, 3)
-        Coefficients l0, l1 [1] and l2 [m] of the lines l0 y + l1 z = l2; l0 and l1 not both 0.
-
-    Returns
-    -------
-    ndarray, shape (3, P, H, T, L)
-        y and z [m] of the crossing and the error [rad] with its sign: of all crossings by real rays the one of
-        smallest |error|. NaN where there is none, or the spot of no error does not reach the plane.
-
-    Raises
-    ------
-    ValueError
-        As `deviation.prepared`, and for lines of another shape or without a direction.
+    Of unit vectors to the sun, of the mirror and of the axis, perpendicular to the normal [1], the mirror centre
+    relative to the aim point [m] and the half sides of the aperture along Y and Z [m]. The tolerance is
+    atan2(1, cotangent), or infinity where this is -infinity. The spot of no error must be real and inside the aperture.
     """
-    settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
-    detectors = np.require(lines, np.float64, ["C", "W", "O"])
-    if detectors.ndim != 2 or detectors.shape[1] != 3 or not np.all(np.any(detectors[:, :2] != 0.0, axis=1)):
-        raise ValueError("lines must have the shape (number, 3), with l0 and l1 not both 0")
-    out = np.full((3, len(sources), places.shape[1], suns.shape[1], len(detectors)), np.nan)
-    fill_crossings(settings, sources, axes, detectors, suns, places, out)
-    return out
+    # One by one: written as a loop, this is not vectorised.
+    one, _ = crossing_cotangent(sun, normal, axis, centre, face, (1.0, 0.0, half_width))
+    two, _ = crossing_cotangent(sun, normal, axis, centre, face, (-1.0, 0.0, half_width))
+    three, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, 1.0, half_height))
+    four, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, -1.0, half_height))
+    return max(max(one, two), max(three, four))
 
 
-@kernel
-def fill_crossings(
-    setting: Setting,
-    source: NDArray[np.int64],
-    axis: NDArray[np.int64],
-    lines: Floats,
-    sun: Floats,
-    pivots: Floats,
-    out: Floats,
-) -> None:
-    """Fill `out`, shape (3, P, H, T, L), see `crossings`."""
-    for p in range(len(source)):
-        closed = draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p])
-        face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
-        for h in range(pivots.shape[1]):
-            for t in range(sun.shape[1]):
-                curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, h, t)
-                _, _, status = spot_at(curve, face, 1.0, 0.0)
-                if curve.status != REACHES or status != REACHES:
-                    continue
-                n = at_angle(curve.normal, 1.0, 0.0)
-                for i in range(len(lines)):
-                    line = (lines[i, 0], lines[i, 1], lines[i, 2])
-                    if line[2] == 0.0:
-                        # through the aim point: crossed by the spot of no error
-                        error = 0.0
-                    elif closed:
-                        cotangent, side = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, line)
-                        error = side * math.atan2(1.0, cotangent) if cotangent > -math.inf else math.nan
-                    else:
-                        up = first_crossing(curve, face, (line,), 1.0, math.pi)
-                        down = first_crossing(curve, face, (line,), -1.0, min(up, math.pi))
-                        error = -down if down < up else up
-                    if not abs(error) < math.inf:
-                        continue
-                    y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
-                    if status == REACHES:
-                        out[0, p, h, t, i], out[1, p, h, t, i], out[2, p, h, t, i] = y, z, error
+@inline
+def crossing_cotangent(
+    sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Face, line: Line
+) -> tuple[float, float]:
+    """First crossing of a line by the curve of an error about an axis in the mirror, with the mirror centre at rest.
+
+    Parameters as in `canting_cotangent`. Returns the cotangent of the smallest |error| at which the spot is real and on
+    the line, -infinity where there is none, and the sign of this error.
+    """
+    lit = dot(sun, normal)
+    lit_side = dot(sun, cross(axis, normal))
+    still, first, second = turning(axis, mixed(2.0 * lit, normal, -1.0, sun))
+    u0, v0, w0 = _homogeneous(centre, still, face)
+    u1, v1, w1 = _homogeneous(centre, first, face)
+    u2, v2, w2 = _homogeneous(centre, second, face)
+    c0 = line[2] * w0 - line[0] * u0 - line[1] * v0
+    c1 = line[2] * w1 - line[0] * u1 - line[1] * v1
+    c2 = line[2] * w2 - line[0] * u2 - line[1] * v2
+    discriminant = c2 * c2 - (c0 - c1) * (c0 + c1)
+    larger = -(c2 + math.copysign(math.sqrt(max(discriminant, 0.0)), c2))
+    best, side = -math.inf, 1.0
+    for cotangent in (larger / (c0 + c1), (c0 - c1) / larger):
+        towards = 1.0 if lit * cotangent + lit_side > 0.0 else -1.0
+        square = cotangent * cotangent
+        real = w0 * (square + 1.0) + w1 * (square - 1.0) + 2.0 * w2 * cotangent
+        if discriminant >= 0.0 and real > _PARALLEL * (square + 1.0) and towards * cotangent > best:
+            best, side = towards * cotangent, towards
+    return best, side
+
+
+@inline
+def _homogeneous(p: Vector, r: Vector, face: Face) -> Vector:
+    """Homogeneous coordinates U, V [m] and W [1] of the spot of a ray r from p."""
+    moment = cross(p, r)
+    return dot(face[2], moment), -dot(face[1], moment), -dot(face[0], r)
+
+
+@inline
+def first_crossing(curve: Curve, face: Face, lines: tuple[Line, ...], side: float, limit: float) -> float:
+    """Smallest |error| of the sign `side` at which the spot is real and on one of the lines. [rad]
+
+    There is one line; or several with the spot of no error on the side of all of them where g > 0, and no virtual
+    crossing before the first real one (edges of an aperture). Infinity where there is none up to `limit` [rad], or the
+    mirror turns away from the sun before; NaN where the march would not end.
+    """
+    arm = math.sqrt(dot(curve.centre[2], curve.centre[2]))
+    start = at_angle(curve.centre, 1.0, 0.0)
+    reach = math.sqrt(dot(start, start)) + 2.0 * arm
+    error, sign = 0.0, 0.0
+    for _ in range(_STEPS):
+        cosine, sine = math.cos(error), side * math.sin(error)
+        n, n_slope = at_angle(curve.normal, cosine, sine), slope_at_angle(curve.normal, cosine, sine)
+        p, p_slope = at_angle(curve.centre, cosine, sine), slope_at_angle(curve.centre, cosine, sine)
+        lit, lit_slope = dot(curve.sun, n), dot(curve.sun, n_slope)
+        r = mixed(2.0 * lit, n, -1.0, curve.sun)
+        r_slope = mixed(2.0 * lit_slope, n, 2.0 * lit, n_slope)
+        u, v, w = _homogeneous(p, r, face)
+        a, b, w_slope = _homogeneous(p, r_slope, face)
+        c, d, _ = _homogeneous(p_slope, r, face)
+        to_root, past_root = math.inf, 0.0
+        for line in lines:
+            g = line[2] * w - line[0] * u - line[1] * v
+            slope = line[2] * w_slope - line[0] * (a + c) - line[1] * (b + d)
+            # |R'| <= 2, |R''| <= 8, |p'| and |p''| <= arm
+            size = math.sqrt(line[0] * line[0] + line[1] * line[1])
+            bound = size * (5.0 * arm + 8.0 * reach) + 8.0 * abs(line[2])
+            if sign == 0.0:
+                sign = 1.0 if g >= 0.0 else -1.0
+            earliest = _earliest_root(sign * g, sign * side * slope, bound)
+            if earliest < to_root:
+                to_root, past_root = earliest, abs(slope) / bound
+        if to_root < _LAST_STEP:
+            if w > _PARALLEL:
+                return error + to_root if error + to_root <= limit else math.inf
+            # a crossing of the virtual branch: no other lies within 2 |g'| / M beyond it; the sign there is not always
+            # the opposite, the curve may have touched the line
+            sign = 0.0
+            to_root = max(past_root, _LAST_STEP)
+        if not lit > _EDGE_ON:
+            return math.inf
+        error += min(to_root, _earliest_root(lit, side * lit_slope, 1.0))
+        if not error <= limit:
+            return math.inf
+    return math.nan
+
+
+@inline
+def _earliest_root(value: float, slope: float, bound: float) -> float:
+    """Least distance over which a function of this value, slope and bound of |second derivative| stays positive."""
+    if not value > 0.0:
+        return 0.0
+    root = math.sqrt(slope * slope + 2.0 * bound * value)
+    return 2.0 * value / (root - slope) if slope < 0.0 else (slope + root) / bound

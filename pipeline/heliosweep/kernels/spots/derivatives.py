@@ -24,8 +24,7 @@ from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.kinematics import back, bore, times, turn
 from heliosweep.kernels.spots.least_squares import BLOCK, COLUMNS, total
 from heliosweep.kernels.spots.receiver import REACHES, rows_of, trace
-from heliosweep.kernels.spots.records import VECTOR, whole
-from heliosweep.kernels.vectors import PACKET
+from heliosweep.kernels.vectors import PACKET, whole
 
 Floats = NDArray[np.float64]
 
@@ -44,27 +43,13 @@ STATUS = 7
 def derivative_lanes(
     seen: Floats, first: int, terms: Floats, frame: Floats, face: Floats, lengths: Floats, out: Floats, lanes: int
 ) -> None:
-    """Spots and derivatives of a packet.
+    """Write the block of spots and derivatives of a packet.
 
-    Parameters
-    ----------
-    seen : ndarray
-        Rows of what is known of the spots, of all packets.
-    first : int
-        First spot of the packet, a multiple of `PACKET`.
-    terms : ndarray, shape (TERMS,)
-        The errors, from `kinematics.error_terms`.
-    frame : ndarray, shape (9,)
-        Rows of Q, from `kinematics.mount_frame`. [1]
-    face : ndarray, shape (9,)
-        Rows of `receiver.face_axes`. [1]
-    lengths : ndarray, shape (6,)
-        Offsets r, q and h, and x, y, z from the pivot to the aim point. [m]
-    out : ndarray
-        Receives a block of `BLOCK` numbers in places `first // PACKET * BLOCK` on: rows of derivatives of y and of
-        predicted minus measured y, NaN where there is no spot; the status; the same of z. [m/rad, m]
-    lanes : int
-        Lanes of the packet.
+    `seen` has the rows of what is known of the spots of all packets, `first` is the first spot of this one, a multiple
+    of `PACKET`; `terms` are the errors, from `kinematics.error_terms`; `frame` and `face`, shape (9,), the rows of Q
+    and of `receiver.face_axes`; `lengths`, shape (6,), the offsets r, q and h, and x, y, z from the pivot to the aim
+    point [m]. `out` gets, in places `first // PACKET * BLOCK` on, rows of derivatives of y and of predicted minus
+    measured y, NaN where there is no spot; the status; the same of z. [m/rad, m]
     """
     offset, axis_offset, pedestal, dx, dy, dz = lengths[0], lengths[1], lengths[2], lengths[3], lengths[4], lengths[5]
     ce, se, cm, sm = terms[4], terms[5], terms[6], terms[7]
@@ -138,16 +123,11 @@ def _slopes(real, along, face, row, frame, terms, stand, out, to):
 def seen_rows(sun: Floats, turns: Floats, position: Floats, seen: Floats) -> None:
     """Bring the spots of a mount into packets, see `SEEN_ROWS`; the last one is filled up with copies of its last lane.
 
-    Parameters
-    ----------
-    sun, turns, position : ndarray, shape (S, 3), (S, 4), (S, 2)
-        Unit vectors to the sun; cosine and sine of g, then of a [1]; measured spots [m].
-    seen : ndarray
-        Receives the rows of every packet.
+    Of unit vectors to the sun (S, 3), cosine and sine of g, then of a (S, 4), and measured spots (S, 2) [m].
     """
     for first in range(0, len(sun), PACKET):
         lanes = min(PACKET, len(sun) - first)
-        for k in range(whole(lanes, VECTOR)):
+        for k in range(whole(lanes)):
             i, to = first + min(k, lanes - 1), first * SEEN_ROWS + k
             for m in range(3):
                 seen[to + m * PACKET] = sun[i, m]

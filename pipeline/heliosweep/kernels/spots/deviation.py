@@ -26,7 +26,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.kinematics import offset_normal, primary_axis
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR, Face, Setting, trace
+from heliosweep.kernels.spots.receiver import (
+    BEHIND_FACE,
+    MISSES,
+    NO_SUN,
+    REACHES,
+    TOO_NEAR,
+    Face,
+    Setting,
+    compiled_setting,
+    face_vectors,
+    trace,
+)
 from heliosweep.kernels.vectors import PACKET, Vector, at_angle, cross, dot, mixed, turning
 
 CANTING = 0
@@ -74,22 +85,9 @@ def deviation_curve(
 ) -> Curve:
     """Curve of one mirror at one instant.
 
-    Parameters
-    ----------
-    source : int
-        `CANTING`, `ENCODER` or `TILT`.
-    axis : int
-        `ELEVATION`, `AZIMUTH` or `ENCODER_AZIMUTH`.
-    sun : Vector
-        Unit vector to the sun: east, north, up. [1]
-    to_target : Vector
-        From the pivot to the aim point. [m]
-    z, x : Vector
-        From `primary_axis`. [1]
-    offset : float
-        Distance of the mirror centre from the pivot along the normal. [m]
-    pedestal : float
-        Height of the pivot above the base. [m]
+    Of source and axis of the error, the unit vector to the sun, the way from the pivot to the aim point [m], z and x
+    from `primary_axis`, the distance of the mirror centre from the pivot along the normal and the height of the pivot
+    above the base [m].
     """
     sx, sy, sz = sun
     dx, dy, dz = to_target
@@ -132,13 +130,6 @@ def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float
 
 
 @inline
-def face_vectors(azimuth: float, tilt: float) -> Face:
-    """Face axes X, Y, Z; `receiver.face_axes` for compiled code. [1]"""
-    sine, cosine, up, out = math.sin(azimuth), math.cos(azimuth), math.sin(tilt), math.cos(tilt)
-    return (out * sine, out * cosine, up), (-cosine, sine, 0.0), (-up * sine, -up * cosine, out)
-
-
-@inline
 def curve_of(
     setting: Setting, p: int, face: Face, source: int, axis: int, sun: Floats, pivots: Floats, h: int, t: int
 ) -> Curve:
@@ -164,18 +155,13 @@ def prepared(
     ValueError
         If the numbers of parameter points do not agree, or an axis offset is not zero.
     """
-
-    def array(values: ArrayLike, dtype: type) -> NDArray:
-        return np.require(values, dtype, ["C", "W", "O"])
-
-    points = len(setting.kind)
-    settings = Setting(*(array(values, np.int64 if values is setting.kind else np.float64) for values in setting))
+    points, settings = len(setting.kind), compiled_setting(setting)
     if any(values.shape != (points,) for values in settings):
         raise ValueError("every entry of the setting needs one number for each parameter point")
     if np.any(settings.axis_offset != 0.0):
         raise ValueError("curves of a single error know no axis offset")
-    sources, axes = array(source, np.int64), array(axis, np.int64)
-    suns, places = array(sun, np.float64), array(pivots, np.float64)
+    sources, axes = (np.require(codes, np.int64, ["C", "W", "O"]) for codes in (source, axis))
+    suns, places = (np.require(vectors, np.float64, ["C", "W", "O"]) for vectors in (sun, pivots))
     if sources.shape != (points,) or axes.shape != (points,):
         raise ValueError("source and axis need one number for each parameter point")
     for name, values in (("sun", suns), ("pivots", places)):

@@ -24,8 +24,7 @@ from heliosweep.kernels.spots.derivatives import (
     weigh,
 )
 from heliosweep.kernels.spots.least_squares import BLOCK, COLUMNS, inverted, orthogonalise, singular_values
-from heliosweep.kernels.spots.records import VECTOR, whole
-from heliosweep.kernels.vectors import PACKET
+from heliosweep.kernels.vectors import PACKET, whole
 
 ESTIMATED = 0
 """The errors are estimated."""
@@ -145,7 +144,7 @@ def fit_all(
         seen_rows(sun[a:b], turns[a:b], position[a:b], seen)
         for m in range(3):
             lengths[m], lengths[3 + m] = offsets[m], -pivots[f, m]
-        scene = Fit(seen, counted, whole(b - a, VECTOR), frames[f], face, lengths, parameters)
+        scene = Fit(seen, counted, whole(b - a), frames[f], face, lengths, parameters)
         x[:] = 0.0
         predict(scene, x, work.terms, work.rows)
         used = _count(work.rows, weight[a:b], counted)

@@ -37,20 +37,10 @@ Floats = NDArray[np.float64]
 def orthogonalise(rows: Floats, lanes: int, columns: int, upper: Floats, sums: Floats) -> None:
     """Factor the first columns of a matrix and project what stands behind them.
 
-    Parameters
-    ----------
-    rows : ndarray
-        Blocks of the matrix and the right-hand side in column `columns`; replaced by orthogonal columns and the part of
-        the right-hand side that is orthogonal to them all.
-    lanes : int
-        Lanes of all blocks.
-    columns : int
-        Columns of the matrix.
-    upper : ndarray, shape (COLUMNS, COLUMNS)
-        Gets the triangular factor, and in column `columns` the right-hand side in terms of the orthonormal columns.
-        Row j is zero where column j depends on those before it.
-    sums : ndarray
-        Room for `PACKET` sums.
+    `rows` has the blocks of the matrix of so many lanes in all, with the right-hand side in column `columns`; they are
+    replaced by orthogonal columns and the part of the right-hand side that is orthogonal to them all. `upper`, shape
+    (COLUMNS, COLUMNS), gets the triangular factor, and in column `columns` the right-hand side in terms of the
+    orthonormal columns; row j is zero where column j depends on those before it. `sums` is room for `PACKET` sums.
     """
     upper[:] = 0.0
     products = upper[columns]  # the row below the factor: of column j with those from j on
@@ -131,20 +121,10 @@ def inverted(upper: Floats, columns: int, inverse: Floats) -> float:
 
 @kernel
 def singular_values(upper: Floats, columns: int, values: Floats, right: Floats, projected: Floats) -> None:
-    """Singular value decomposition of the triangular factor of `orthogonalise`.
+    """Singular value decomposition of the triangular factor of `orthogonalise`, which is overwritten.
 
-    Parameters
-    ----------
-    upper : ndarray, shape (COLUMNS, COLUMNS)
-        From `orthogonalise`; overwritten.
-    columns : int
-        Columns of the matrix.
-    values : ndarray, shape (COLUMNS,)
-        Gets the singular values, falling.
-    right : ndarray, shape (COLUMNS, COLUMNS)
-        Gets the right singular vectors as columns; the largest element of each is positive.
-    projected : ndarray, shape (COLUMNS,)
-        Gets the right-hand side in terms of the left singular vectors; 0 for a singular value of 0.
+    Gives the singular values, falling; the right singular vectors as columns, the largest element of each positive; and
+    the right-hand side in terms of the left singular vectors, 0 for a singular value of 0.
     """
     for a in range(columns):
         for b in range(columns):

@@ -62,24 +62,22 @@ class Setting(NamedTuple):
     """Height of the pivot above the base about which the pedestal tilts. [m]"""
 
 
+def compiled_setting(setting: Setting) -> Setting:
+    """The same as kernels take it: contiguous, writable arrays of one type."""
+    dtypes = (np.int64 if name == "kind" else np.float64 for name in Setting._fields)
+    return Setting(*(np.require(each, dtype, ["C", "W", "O"]) for each, dtype in zip(setting, dtypes, strict=True)))
+
+
+@inline
+def face_vectors(azimuth: float, tilt: float) -> Face:
+    """Face axes X, Y, Z for azimuth (clockwise from north) and tilt (up) of the outward normal. [rad, 1]"""
+    sine, cosine, up, out = math.sin(azimuth), math.cos(azimuth), math.sin(tilt), math.cos(tilt)
+    return (out * sine, out * cosine, up), (-cosine, sine, 0.0), (-up * sine, -up * cosine, out)
+
+
 def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
-    """Axes of a receiver face.
-
-    Parameters
-    ----------
-    azimuth : float
-        Azimuth of the outward normal, from north, clockwise. [rad]
-    tilt : float
-        Tilt of the outward normal above the horizontal. [rad]
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Rows X (outward normal), Y and Z (on the face). [1]
-    """
-    sine, cosine = math.sin(azimuth), math.cos(azimuth)
-    up, out = math.sin(tilt), math.cos(tilt)
-    return np.array([[out * sine, out * cosine, up], [-cosine, sine, 0.0], [-up * sine, -up * cosine, out]])
+    """The same as the rows of an array, shape (3, 3)."""
+    return np.array(face_vectors(float(azimuth), float(tilt)))
 
 
 @inline
@@ -92,23 +90,8 @@ def rows_of(face: NDArray[np.float64]) -> Face:
 def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, int]:
     """Spot of the ray from the sun s that a mirror with the unit normal n at p reflects: p + l R, R = 2 (s.n) n - s.
 
-    Parameters
-    ----------
-    p : Vector
-        Mirror centre relative to the aim point. [m]
-    n : Vector
-        Unit normal of the mirror. [1]
-    s : Vector
-        Unit vector to the sun. [1]
-    face : Face
-        Face axes X, Y, Z. [1]
-
-    Returns
-    -------
-    y, z : float
-        Spot on the plane of the receiver, NaN where there is none. [m]
-    status : int
-        `REACHES`, `MISSES`, `BEHIND_FACE` or `NO_SUN`.
+    The mirror centre p is relative to the aim point [m]. Returns y and z on the plane of the receiver, NaN where there
+    is no spot [m], and the status: `REACHES`, `MISSES`, `BEHIND_FACE` or `NO_SUN`.
     """
     (px, py, pz), (nx, ny, nz), (sx, sy, sz) = p, n, s
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = face

@@ -15,51 +15,37 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows
-from heliosweep.kernels.mounts.kinematics import TERMS, stand_terms
-from heliosweep.kernels.spots.mount_spots import checked, vectors
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, NO_SUN, REACHES, Setting, rows_of
-from heliosweep.kernels.spots.records import (
+from heliosweep.kernels.spots.curves import canting_cotangent
+from heliosweep.kernels.spots.mount_spots import (
+    FRAMES,
+    ROOM_ROWS,
     SAMPLE,
     SPOT_ROWS,
-    VECTOR,
-    base_of,
-    mount_records,
-    sample_terms,
+    actual_lanes,
+    checked,
+    known_lanes,
     spot_lanes,
-    spread,
     sun_rows,
-    transposed,
-    whole,
 )
-from heliosweep.kernels.spots.tolerances import canting_cotangent
-from heliosweep.kernels.vectors import PACKET, cross, dot
+from heliosweep.kernels.spots.receiver import (
+    BEHIND_FACE,
+    NO_SUN,
+    REACHES,
+    Face,
+    Setting,
+    compiled_setting,
+    face_vectors,
+)
+from heliosweep.kernels.vectors import PACKET, Vector, cross, dot, whole
 
 Floats = NDArray[np.float64]
 
 
 def ranks_of(percentiles: ArrayLike, count: int) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Places of percentiles among values in rising order.
+    """Places of percentiles, 0 to 100, among `count` values in rising order.
 
-    Parameters
-    ----------
-    percentiles : array_like, shape (Q,)
-        Percentiles, 0 to 100. [%]
-    count : int
-        Number of values.
-
-    Returns
-    -------
-    lower : ndarray of int64, shape (Q,)
-        Rank of the value below each.
-    part : ndarray, shape (Q,)
-        How far each lies from it towards the next. [1]
-    ranks : ndarray of int64
-        All ranks that are needed, rising.
-
-    Raises
-    ------
-    ValueError
-        If a percentile is none.
+    Returns the rank of the value below each percentile, how far each lies from it towards the next, and all ranks that
+    are needed, rising. Raises ValueError if a percentile is none.
     """
     wanted = np.array(percentiles, np.float64).ravel()
     if not np.all((wanted >= 0.0) & (wanted <= 100.0)):
@@ -80,16 +66,8 @@ def percentiles_of(
 ) -> None:
     """Write percentiles of angles, interpolated as `numpy.percentile` does; infinite ones are values like all others.
 
-    Parameters
-    ----------
-    keys : ndarray, shape (K,)
-        -cot of each angle; infinity for an infinite one, -infinity for zero. They are put into another order.
-    lower, part, ranks : ndarray
-        From `ranks_of`.
-    bounds : ndarray of int64, shape (64, 4)
-        Room to work in.
-    angles : ndarray, shape (Q,)
-        Receives the percentiles. [rad]
+    `keys`, shape (K,), is -cot of each angle, infinity for an infinite one, -infinity for zero, and is put into another
+    order; `lower`, `part` and `ranks` are from `ranks_of`; `bounds`, shape (64, 4), is room; `angles` [rad] is written.
     """
     last = len(keys) - 1
     # Put the middle rank into its place, then those below it and those above it, each between what stands already.
@@ -104,12 +82,8 @@ def percentiles_of(
         _select(keys, first, stop, ranks[middle])
         bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3] = low, middle, first, ranks[middle]
         depth += 1
-        bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3] = (
-            middle + 1,
-            high,
-            ranks[middle] + 1,
-            stop,
-        )
+        after = ranks[middle] + 1
+        bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3] = middle + 1, high, after, stop
         depth += 1
     for q in range(len(lower)):
         one, two = _angle(keys[lower[q]]), _angle(keys[min(lower[q] + 1, last)])
@@ -168,12 +142,14 @@ def spot_statistics(
     pivots: ArrayLike,
     percentiles: ArrayLike = (5.0, 50.0, 95.0),
 ) -> dict[str, Floats]:
-    """Statistics of the spots that `mount_spots` makes; arguments as there.
+    """Statistics of the spots that `mount_spots` makes, over samples of the errors.
 
     Parameters
     ----------
-    setting, actual, known, sun, pivots
-        As in `mount_spots.mount_spots`; K samples, at least one.
+    setting, known, sun, pivots
+        As in `mount_spots.mount_spots`.
+    actual : array_like, shape (P or 1, H or 1, K, 6)
+        K samples of the errors, at least one. [rad]
     percentiles : array_like, shape (Q,)
         Percentiles of the remaining tolerance, 0 to 100. [%]
 
@@ -196,24 +172,21 @@ def spot_statistics(
     ValueError
         If shapes do not agree, there is no sample, or a percentile is none.
     """
-    faces, samples, corrected, suns, places = checked(setting, actual, known, sun, pivots)
+    samples, corrected, suns, places = checked(len(setting.kind), actual, known, sun, pivots)
     count = samples.shape[2]
     if count == 0:
         raise ValueError("statistics of no sample")
-    lower, part, ranks = ranks_of(percentiles, count)
-    shape = (len(faces), places.shape[1], suns.shape[2])
-    moments, tolerance = np.empty((len(MOMENTS), *shape)), np.empty((*shape, len(lower), 2))
+    ranks = ranks_of(percentiles, count)
+    shape = (len(setting.kind), places.shape[1], suns.shape[2])
+    moments, tolerance = np.empty((len(MOMENTS), *shape)), np.empty((*shape, len(ranks[0]), 2))
     if moments.size:
-        fill_statistics(
-            vectors(setting), faces, samples, corrected, suns, places, lower, part, ranks, moments, tolerance
-        )
+        fill_statistics(compiled_setting(setting), samples, corrected, suns, places, *ranks, moments, tolerance)
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
 
 
 @kernel
 def fill_statistics(
     setting: Setting,
-    faces: Floats,
     actual: Floats,
     known: Floats,
     sun: Floats,
@@ -224,54 +197,57 @@ def fill_statistics(
     moments: Floats,
     tolerance: Floats,
 ) -> None:
-    """Statistics of all parameter combinations; percentiles by `percentiles.ranks_of`."""
+    """Statistics of all parameter combinations; percentiles by `ranks_of`."""
     heliostats, instants, samples = moments.shape[2], moments.shape[3], actual.shape[2]
     blocks = whole(samples, PACKET) // PACKET
-    frame, mount, record = np.empty(9), np.empty(KNOWN), np.empty(samples * SAMPLE)
-    terms, corrected = np.empty(samples * TERMS), np.empty(TERMS)
+    room, mount, table = np.empty(ROOM_ROWS * PACKET), np.empty(KNOWN * PACKET), np.empty((blocks, SAMPLE * PACKET))
     rows, state, work = np.empty(AIM_ROWS * PACKET), np.empty(STATE_ROWS * PACKET), np.empty(WORK_ROWS * PACKET)
     suns, one_sun, one_state = np.empty(3 * PACKET), np.empty(3 * PACKET), np.empty(STATE_ROWS * PACKET)
-    table, out = np.empty((blocks, SAMPLE * PACKET)), np.empty(SPOT_ROWS * PACKET)
-    spots, keys = np.empty((blocks, 2 * PACKET)), np.empty((2, blocks * PACKET))
+    out, spots, keys = np.empty(SPOT_ROWS * PACKET), np.empty((blocks, 2 * PACKET)), np.empty((2, blocks * PACKET))
     sums, bounds = np.empty(4 * PACKET), np.empty((64, 4), np.int64)
-    for p in range(len(faces)):
-        a, n = min(p, len(actual) - 1), min(p, len(known) - 1)
-        errors, corrections = actual[a].reshape(-1), known[n].reshape(-1)
-        base = base_of(setting, p)
+    for p in range(moments.shape[1]):
+        errors, corrections = actual[min(p, len(actual) - 1)].reshape(-1), known[min(p, len(known) - 1)].reshape(-1)
         light, places = sun[min(p, len(sun) - 1)], pivots[min(p, len(pivots) - 1)]
-        face, offset, axis_offset = faces[p], setting.mirror_offset[p], setting.axis_offset[p]
+        face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
+        offset, axis_offset, pedestal = setting.mirror_offset[p], setting.axis_offset[p], setting.pedestal_height[p]
         width, height = setting.half_width[p], setting.half_height[p]
         for h in range(heliostats):
-            if h == 0 or known.shape[1] > 1:
-                stand_terms(corrections, 6 * min(h, known.shape[1] - 1), corrected, 0)
-            if h == 0 or actual.shape[1] > 1:
-                sample_terms(errors, min(h, actual.shape[1] - 1), samples, terms)
-            mount_records(base, places, h, face, corrected, terms, samples, frame, mount, record, 0)
-            transposed(record, samples, table)
+            # All lanes are of one heliostat, and samples of its errors.
+            apart = 6 if known.shape[1] > 1 else 0
+            known_lanes(setting, p, places, h, 1, PACKET, corrections, apart, room, mount)
+            first = min(h, actual.shape[1] - 1) * samples * 6
+            for b in range(blocks):
+                lanes = min(PACKET, samples - b * PACKET)
+                actual_lanes(errors, first + b * PACKET * 6, 6, lanes, face, pedestal, room, table[b])
+            level = room[FRAMES], room[FRAMES + PACKET], room[FRAMES + 2 * PACKET]
+            primary = room[FRAMES + 6 * PACKET], room[FRAMES + 7 * PACKET], room[FRAMES + 8 * PACKET]
             for start in range(0, instants, PACKET):
                 count = min(PACKET, instants - start)
                 sun_rows(light, start, count, suns)
-                full = whole(count, VECTOR)
-                aim_rows(mount, suns, 0, full, rows)
+                full = whole(count)
+                aim_rows(mount, suns, 0, full, rows, 0, PACKET)
                 aim_lanes(rows, state, work, offset, axis_offset, full)
                 for k in range(count):
                     t = start + k
                     status = state[4 * PACKET + k]
-                    status = BEHIND_FACE if (status == REACHES and not record[20] > 0.0) else status
+                    status = BEHIND_FACE if (status == REACHES and not table[0, 20 * PACKET] > 0.0) else status
                     if status != REACHES:
                         _nothing(moments[:, p, h, t], tolerance[p, h, t], status)
                         continue
-                    spread(state, suns, k, one_state, one_sun)
+                    for m in range(STATE_ROWS):
+                        one_state[m * PACKET : (m + 1) * PACKET] = state[m * PACKET + k]
+                    for m in range(3):
+                        one_sun[m * PACKET : (m + 1) * PACKET] = suns[m * PACKET + k]
                     for b in range(blocks):
                         lanes = min(PACKET, samples - b * PACKET)
-                        full = whole(lanes, VECTOR)
+                        full = whole(lanes)
                         spot_lanes(table[b], one_state, one_sun, face, offset, axis_offset, out, full)
                         spots[b] = out[: 2 * PACKET]
                         for m in range(2):
                             spots[b, m * PACKET + lanes : (m + 1) * PACKET] = math.nan
                         if len(lower) > 0:
-                            at = b * PACKET
-                            _turns(out, one_sun, frame, face, width, height, keys[0, at:], keys[1, at:], full)
+                            turns = keys[0, b * PACKET :], keys[1, b * PACKET :]
+                            _turns(out, one_sun, level, primary, face, width, height, *turns, full)
                     _moments(spots, samples, width, height, sums, moments[:, p, h, t])
                     moments[7, p, h, t] = status
                     for axis in range(2):
@@ -291,8 +267,9 @@ def _nothing(moments: Floats, tolerance: Floats, status: float) -> None:
 def _turns(
     out: Floats,
     sun: Floats,
-    frame: Floats,
-    face: Floats,
+    level: Vector,
+    primary: Vector,
+    face: Face,
     width: float,
     height: float,
     elevation: Floats,
@@ -301,9 +278,9 @@ def _turns(
 ) -> None:
     """Write -cot of the remaining tolerance about the elevation and the azimuth axis, which rises with it.
 
-    Infinity where the spot does not leave the aperture, -infinity where it is not in it.
+    Infinity where the spot does not leave the aperture, -infinity where it is not in it. `level` and `primary` are the
+    axes x and z of the mount's frame.
     """
-    axes, (level, _, primary) = rows_of(face), rows_of(frame)
     for k in range(lanes):
         s = (sun[k], sun[PACKET + k], sun[2 * PACKET + k])
         p = (out[3 * PACKET + k], out[4 * PACKET + k], out[5 * PACKET + k])
@@ -318,9 +295,9 @@ def _turns(
             e[2] * scale if defined else level[2],
         )
         inside = abs(out[k]) <= width and abs(out[PACKET + k]) <= height
-        cotangent = canting_cotangent(s, n, e, p, axes, width, height)
+        cotangent = canting_cotangent(s, n, e, p, face, width, height)
         elevation[k] = -cotangent if inside else -math.inf
-        cotangent = canting_cotangent(s, n, cross(e, n), p, axes, width, height)
+        cotangent = canting_cotangent(s, n, cross(e, n), p, face, width, height)
         azimuth[k] = -cotangent if inside else -math.inf
 
 

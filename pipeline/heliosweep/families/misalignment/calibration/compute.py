@@ -26,13 +26,12 @@ from heliosweep.families.misalignment.draws import (
     standard_normals,
     widths_of,
 )
-from heliosweep.families.misalignment.instants import instant_sizes
-from heliosweep.families.misalignment.measured import measured_spots, most_spots
 from heliosweep.families.misalignment.points import (
     Points,
     codes_of,
     coordinates_of,
     heliostat_count,
+    instant_sizes,
     place_bytes,
     places_of,
 )
@@ -73,9 +72,9 @@ def workload(study: MisalignmentStudy) -> Workload:
     count = math.prod(instants.values())
     inner = {"heliostat": heliostats} | ({"sample": samples} if samples else {})
     inner |= {"parameter": len(ERRORS), "parameter_2": len(ERRORS), **instants}
-    measured = measured_spots(study)
+    measured = study.measured_spots()
     if measured is not None:
-        inner["spot"] = most_spots(measured)
+        inner["spot"] = measured.most
         count += inner["spot"]
     draws = max(1, samples)
     values = bytes_of(variables(study), {**dict.fromkeys(parameters.sizes, 1), **inner, "heliostat": 1})
@@ -99,7 +98,7 @@ def workload(study: MisalignmentStudy) -> Workload:
 def coordinates(study: MisalignmentStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory."""
     keys = [f"calibration.{key}" for key in ("parameters", "loss", "loss_scale")]
-    samples, measured = draw_count(study), measured_spots(study)
+    samples, measured = draw_count(study), study.measured_spots()
     if measured is None:
         assert study.mount_errors is not None
         drawn = study.mount_errors.drawn()
@@ -111,7 +110,7 @@ def coordinates(study: MisalignmentStudy) -> xr.Dataset:
         labels["sample"] = _numbers("sample", samples, "number of the draw, from 0")
     if measured is not None:
         meaning = "number of the spot of a heliostat, from 0, in the order of the file"
-        labels["spot"] = _numbers("spot", most_spots(measured), meaning)
+        labels["spot"] = _numbers("spot", measured.most, meaning)
     found = coordinates_of(study, keys).assign_coords(labels)
     return found.assign_attrs(spots="synthetic" if measured is None else "measured")
 
@@ -123,25 +122,13 @@ def prepare(study: MisalignmentStudy) -> tuple[float, bool]:
 
 def inputs(study: MisalignmentStudy) -> Inputs:
     """Layouts or positions of the study, and its measured spots."""
-    return Inputs(places_of(study), measured_spots(study))
+    return Inputs(places_of(study), study.measured_spots())
 
 
 def compute(study: MisalignmentStudy, inputs: Inputs, region: Region) -> xr.Dataset:
-    """Estimated errors and commands of a region.
+    """Estimated errors and commands of a region along the swept dimensions and ``heliostat``.
 
-    Parameters
-    ----------
-    study : MisalignmentStudy
-        Checked study.
-    inputs : Inputs
-        Its heliostats and measured spots.
-    region : Region
-        Along the swept dimensions and ``heliostat``.
-
-    Returns
-    -------
-    xarray.Dataset
-        NaN, and a status that says so, where a shorter layout is padded.
+    NaN, and a status that says so, where a shorter layout is padded.
     """
     points = Points.of(study, inputs.places, region)
     made: dict[str, list[NDArray[Any]]] = {}
@@ -153,7 +140,7 @@ def compute(study: MisalignmentStudy, inputs: Inputs, region: Region) -> xr.Data
         for name, array in zip(("nominal_azimuth", "nominal_elevation"), np.moveaxis(nominal, -1, 0), strict=True):
             made.setdefault(name, []).append(array)
     inner = {"parameter": len(ERRORS), "parameter_2": len(ERRORS), "sample": draw_count(study)}
-    inner["spot"] = most_spots(inputs.measured) if inputs.measured else 0
+    inner["spot"] = inputs.measured.most if inputs.measured else 0
     return xr.Dataset(
         points.labelled(variables(study), {name: np.stack(arrays) for name, arrays in made.items()}, **inner)
     )
@@ -216,20 +203,14 @@ def _numbers(dim: str, count: int, meaning: str) -> tuple[str, NDArray[np.int64]
 def remarks(result: xr.Dataset) -> Iterator[str]:
     """Remarks on a finished result: numbers of calibrations that the spots do not allow, and why."""
     status, condition = result["calibration_status"].to_numpy(), result["condition_number"].to_numpy()
-    meanings = dict(
-        zip(
-            np.asarray(result["calibration_status"].attrs["flag_values"]).tolist(),
-            str(result["calibration_status"].attrs["flag_meanings"]).split(),
-            strict=True,
-        )
-    )
+    meant = np.asarray(result["calibration_status"].attrs["flag_values"]).tolist()
     said = {
         TOO_FEW: "have fewer spots than the errors need: nothing is estimated; add spots or estimate fewer errors",
         NOT_CONVERGED: "did not converge: their estimates are not to be trusted, and no commands are made of them",
         EXACT: "have as many equations as errors: estimated, but without standard errors; add spots",
         NO_SPOTS: "have no spots that could be used: nothing is estimated",
     }
-    for code in (code for code in said if code in meanings):
+    for code in (code for code in said if code in meant):
         if count := int(np.count_nonzero(status == code)):
             yield f"{count:,} of {status.size:,} calibrations {said[code]} (calibration_status {code})"
     directions = result["least_known_direction"].to_numpy()

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.calibration.variables import EXACT, KNOWN, NO_SPOTS
-from heliosweep.families.misalignment.measured import most_spots
 from heliosweep.families.misalignment.points import Points
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT
 from heliosweep.families.misalignment.spots_file import MeasuredSpots
@@ -71,12 +70,12 @@ class Mounts(NamedTuple):
         return self.commands(np.zeros((len(self.pivots), len(ERRORS))))
 
     def spots(self, actual: Floats, known: Floats) -> Floats:
-        """Spots y and z for actual and known errors of shape (H, K, 6), shape (H, K, T, 2). [m]"""
+        """Spots y and z for actual errors (H, K, 6) and known ones (the same, or (1, 1, 6)), shape (H, K, T, 2). [m]"""
         samples = actual.shape[1]
         setting = Setting(*(np.repeat(values, samples) for values in self.setting))  # type: ignore[arg-type]
-        each = np.ascontiguousarray(np.swapaxes(actual, 0, 1))[:, :, np.newaxis]
-        spots = mount_spots(setting, each, np.swapaxes(known, 0, 1), self.sun[np.newaxis], self.pivots[np.newaxis])
-        return np.transpose(spots[:2, ..., 0], (2, 1, 3, 0))
+        each = np.swapaxes(actual, 0, 1), np.swapaxes(known, 0, 1)
+        spots = mount_spots(setting, *each, self.sun[np.newaxis], self.pivots[np.newaxis])
+        return np.transpose(spots[:2], (2, 1, 3, 0))
 
     def calibrate(self, spots: Spots, repeats: int, **options: Any) -> Calibration:
         """Estimates for every heliostat, or for so many lists of spots of each."""
@@ -85,31 +84,15 @@ class Mounts(NamedTuple):
 
 
 def from_synthetic(mounts: Mounts, drawn: Floats, noise: Floats | float, used: int, **options: Any) -> Found:
-    """Calibration from synthetic spots.
+    """Variables of a calibration from synthetic spots by name, shape (H, K, ...).
 
-    Parameters
-    ----------
-    mounts : Mounts
-        The mounts, under the suns of all instants.
-    drawn : ndarray, shape (H, K, 6)
-        True errors. [mrad]
-    noise : ndarray, shape (H, K, used, 2), or float
-        Added to the spots. [m]
-    used : int
-        Number of instants at which spots are taken, the first ones.
-    **options
-        Of `heliosweep.kernels.spots.calibration.calibrate`.
-
-    Returns
-    -------
-    dict of ndarray
-        Variables by name, shape (H, K, ...).
+    The mounts are under the suns of all instants; spots are taken at so many `used`, the first ones. `drawn` are the
+    true errors, shape (H, K, 6) [mrad]; `noise`, shape (H, K, used, 2) or a float, is added to the spots [m]; options
+    are those of `heliosweep.kernels.spots.calibration.calibrate`.
     """
     count, samples, _ = drawn.shape
     actual = drawn * 1e-3
-    sky = mounts.sun[np.newaxis], mounts.pivots[np.newaxis]
-    true = mount_spots(mounts.setting, actual[np.newaxis], _NONE[np.newaxis, np.newaxis], *sky)[:2, 0]
-    before = np.transpose(true, (1, 3, 2, 0))
+    before = mounts.spots(actual, np.zeros((1, 1, len(ERRORS))))
     measured = before[:, :, :used] + noise
     fits = count * samples
     spots = Spots(
@@ -130,25 +113,12 @@ def from_synthetic(mounts: Mounts, drawn: Floats, noise: Floats | float, used: i
 
 
 def from_measured(mounts: Mounts, numbers: NDArray[np.int64], measured: MeasuredSpots, **options: Any) -> Found:
-    """Calibration from measured spots.
+    """Variables of a calibration from measured spots by name, shape (H, 1, ...).
 
-    Parameters
-    ----------
-    mounts : Mounts
-        The mounts, under the suns at which commands are wanted.
-    numbers : ndarray of int64, shape (H,)
-        Numbers of the heliostats, rising.
-    measured : MeasuredSpots
-        The spots of all heliostats, with their suns.
-    **options
-        Of `heliosweep.kernels.spots.calibration.calibrate`.
-
-    Returns
-    -------
-    dict of ndarray
-        Variables by name, shape (H, 1, ...).
+    The mounts are under the suns at which commands are wanted; `numbers` of the heliostats rise; `measured` are the
+    spots of all heliostats, with their suns; options as for `from_synthetic`.
     """
-    count, most = numbers.size, most_spots(measured)
+    count, most = numbers.size, measured.most
     order = np.argsort(measured.heliostat, kind="stable")
     of = measured.heliostat[order] - numbers[0]
     order, of = (array[(of >= 0) & (of < count)] for array in (order, of))

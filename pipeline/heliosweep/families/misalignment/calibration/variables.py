@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from heliosweep.families.misalignment.blocks import ERRORS, Calibration
-from heliosweep.families.misalignment.instants import instant_sizes
-from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flag_attributes, swept_dims
+from heliosweep.families.misalignment.points import instant_sizes, swept_dims
+from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flags, quantity
 from heliosweep.grid.regions import Variable
 from heliosweep.kernels.spots import fit as codes
 
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
-
-_RIGHT = "to the right of the aim point for someone in the field who looks at the receiver"
-_UP = "above the aim point, along the receiver's face"
-_ANGLES = {"azimuth": "primary", "elevation": "secondary"}
 
 #: Codes beside those of the kernel: as many equations as errors, and no spot at all.
 EXACT, NO_SPOTS = 5, 6
@@ -34,124 +31,26 @@ STATUS = {
 #: What has an estimate that commands may take.
 KNOWN = (codes.ESTIMATED, codes.INDISTINCT, EXACT)
 
-_FIT = (
-    "missing for errors that are not estimated, and where calibration_status says that nothing is; of a fit that did "
-    "not converge its last point"
-)
-
-#: Of each heliostat and draw: attributes, the dimensions beyond those, and the type where it is not float64.
-_ESTIMATES: dict[str, tuple[Any, ...]] = {
-    "estimated_error": ({"units": "mrad", "long_name": "estimate of the mount error", "comment": _FIT}, ("parameter",)),
-    "standard_error": (
-        {
-            "units": "mrad",
-            "long_name": "standard error of the estimate",
-            "comment": "root of the diagonal of the covariance; 95 % intervals take the t distribution with "
-            "2 spots_used - parameters degrees of freedom: they hold the truth in 95 % of the cases where the spots "
-            "are of two days or more, but in 85 to 90 % where six errors are estimated from the spots of one day; "
-            "missing where there are as many equations as errors",
-        },
-        ("parameter",),
-    ),
-    "covariance": (
-        {
-            "units": "mrad2",
-            "long_name": "covariance of the estimates",
-            "comment": "scaled by the variance of the residuals; with a robust loss that of an M-estimator (Huber and "
-            "Ronchetti 2009, section 7.6)",
-        },
-        ("parameter", "parameter_2"),
-    ),
-    "condition_number": (
-        {
-            "units": "1",
-            "long_name": "condition number of the Jacobian at the estimate",
-            "comment": "largest over smallest singular value, all errors in the same unit",
-        },
-        (),
-    ),
-    "residual_rms": (
-        {
-            "units": "m",
-            "long_name": "root mean square of the residuals, per coordinate",
-            "comment": "over the spots used, outliers among them",
-        },
-        (),
-    ),
-    "leave_one_out_rms": (
-        {
-            "units": "m",
-            "long_name": "root mean square, per coordinate, of the residuals of predictions that leave out the spot",
-            "comment": "to first order, by the block of the hat matrix of each spot; missing where a spot alone "
-            "determines some combination of the errors",
-        },
-        (),
-    ),
-    "spots_used": ({"units": "1", "long_name": "number of spots used"}, (), np.int32),
-    "instants_without_command": (
-        {
-            "units": "1",
-            "long_name": "instants with sun and an estimate at which no command brings the beam to the aim point",
-            "comment": "in the blind cone of the mount, or nearer to the aim point than the offsets of the mirror",
-        },
-        (),
-        np.int32,
-    ),
-    "calibration_status": (flag_attributes("whether the errors are estimated, and why not", STATUS), (), np.int8),
-    "least_known_direction": (
-        flag_attributes(
-            "error with the largest part in the combination of errors that the spots know least",
-            dict(enumerate(("nothing_estimated", *ERRORS), -1)),
-        ),
-        (),
-        np.int8,
-    ),
+_SIDES = {
+    "y": ("to the right", "to the right of the aim point for someone in the field who looks at the receiver"),
+    "z": ("upwards", "above the aim point, along the receiver's face"),
 }
-_TRUE_ERROR = {"units": "mrad", "long_name": "error with which the synthetic spots were made"}
+_ANGLES = {"azimuth": "primary", "elevation": "secondary"}
 
-
-def _sides(name: str, long_name: str, comment: str) -> dict[str, dict[str, Any]]:
-    """Attributes of the coordinates y and z of spots or of residuals."""
-    sides = (("y", "to the right", _RIGHT), ("z", "upwards", _UP))
-    return {
-        name.format(side): {"units": "m", "long_name": f"{long_name}, {towards}", "comment": f"{where}; {comment}"}
-        for side, towards, where in sides
-    }
-
-
-def _spots(residual: str, before: str, after: str) -> dict[str, dict[str, Any]]:
-    """Attributes of residuals, and of spots before and after the calibration, from what is said of each."""
-    return {
-        **_sides("residual_{}", "measured minus predicted spot", residual),
-        **_sides("spot_{}_before", "spot before the calibration", before),
-        **_sides("spot_{}_after", "spot after the calibration", after),
-    }
-
-
-#: Of synthetic spots, at each instant.
-_SYNTHETIC = _spots(
-    "missing on days that are not used",
-    "where the true errors send the beam; without noise",
-    "where the beam goes with corrected commands; without noise",
-)
-#: Of measured ones, each.
-_MEASURED = _spots(
-    "in the order of the file",
-    "as measured; in the order of the file",
-    "residual of the prediction that leaves out the spot itself; in the order of the file",
-)
-#: Commands, at each instant, without and with the estimated errors.
-_NOMINAL: dict[str, dict[str, Any]] = {
-    f"nominal_{name}": {"units": "degree", "long_name": f"angle commanded of the {axis} axis without calibration"}
-    for name, axis in _ANGLES.items()
-}
-_CORRECTED: dict[str, dict[str, Any]] = {
-    f"corrected_{name}": {
-        "units": "degree",
-        "long_name": f"angle to command of the {axis} axis with the estimated errors",
-        "comment": "missing without sun, in the blind cone and where no estimate is to be trusted",
-    }
-    for name, axis in _ANGLES.items()
+#: Residuals, and spots before and after the calibration: what is said of synthetic ones, at each instant, and of
+#: measured ones, each.
+_SPOTS = {
+    "residual_{}": ("measured minus predicted spot", "missing on days that are not used", "in the order of the file"),
+    "spot_{}_before": (
+        "spot before the calibration",
+        "where the true errors send the beam; without noise",
+        "as measured; in the order of the file",
+    ),
+    "spot_{}_after": (
+        "spot after the calibration",
+        "where the beam goes with corrected commands; without noise",
+        "residual of the prediction that leaves out the spot itself; in the order of the file",
+    ),
 }
 
 
@@ -172,19 +71,87 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Variables of a study's result."""
     block, swept, instants = calibration_block(study), swept_dims(study), tuple(instant_sizes(study))
     lead = (*swept, *(("sample",) if draw_count(study) else ()), "heliostat")
-    found = {
-        name: Variable((*lead, *inner), attrs, np.dtype(*dtype or [np.float64]))
-        for name, (attrs, inner, *dtype) in _ESTIMATES.items()
-    }
+    each, synthetic = (*lead, *instants), block.spots is None
+    found = _estimates(lead)
     if block.condition_limit is not None:
-        given = found["condition_number"]
         limit = {"condition_limit": float(block.condition_limit)}
-        found["condition_number"] = Variable(given.dims, {**given.attrs, **limit})
-    if block.spots is None:
-        found["true_error"] = Variable((*lead, "parameter"), _TRUE_ERROR)
-        spots = {name: Variable((*lead, *instants), attrs) for name, attrs in _SYNTHETIC.items()}
-    else:
-        spots = {name: Variable((*lead, "spot"), attrs) for name, attrs in _MEASURED.items()}
-    corrected = {name: Variable((*lead, *instants), attrs) for name, attrs in _CORRECTED.items()}
-    nominal = {name: Variable((*swept, "heliostat", *instants), attrs) for name, attrs in _NOMINAL.items()}
-    return found | spots | corrected | nominal
+        given = found["condition_number"]
+        found["condition_number"] = replace(given, attrs={**given.attrs, **limit})
+    if synthetic:
+        meaning = "error with which the synthetic spots were made"
+        found["true_error"] = quantity((*lead, "parameter"), "mrad", meaning)
+    for name, (meaning, *said) in _SPOTS.items():
+        for side, (towards, where) in _SIDES.items():
+            comment = f"{where}; {said[0] if synthetic else said[1]}"
+            dims = each if synthetic else (*lead, "spot")
+            found[name.format(side)] = quantity(dims, "m", f"{meaning}, {towards}", comment)
+    for name, axis in _ANGLES.items():
+        meaning = f"angle to command of the {axis} axis with the estimated errors"
+        comment = "missing without sun, in the blind cone and where no estimate is to be trusted"
+        found[f"corrected_{name}"] = quantity(each, "degree", meaning, comment)
+    for name, axis in _ANGLES.items():
+        meaning = f"angle commanded of the {axis} axis without calibration"
+        found[f"nominal_{name}"] = quantity((*swept, "heliostat", *instants), "degree", meaning)
+    return found
+
+
+def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:
+    """What is estimated of each heliostat and draw."""
+    count = np.dtype(np.int32)
+    return {
+        "estimated_error": quantity(
+            (*lead, "parameter"),
+            "mrad",
+            "estimate of the mount error",
+            "missing for errors that are not estimated, and where calibration_status says that nothing is; of a fit "
+            "that did not converge its last point",
+        ),
+        "standard_error": quantity(
+            (*lead, "parameter"),
+            "mrad",
+            "standard error of the estimate",
+            "root of the diagonal of the covariance; 95 % intervals take the t distribution with "
+            "2 spots_used - parameters degrees of freedom: they hold the truth in 95 % of the cases where the spots "
+            "are of two days or more, but in 85 to 90 % where six errors are estimated from the spots of one day; "
+            "missing where there are as many equations as errors",
+        ),
+        "covariance": quantity(
+            (*lead, "parameter", "parameter_2"),
+            "mrad2",
+            "covariance of the estimates",
+            "scaled by the variance of the residuals; with a robust loss that of an M-estimator (Huber and "
+            "Ronchetti 2009, section 7.6)",
+        ),
+        "condition_number": quantity(
+            lead,
+            "1",
+            "condition number of the Jacobian at the estimate",
+            "largest over smallest singular value, all errors in the same unit",
+        ),
+        "residual_rms": quantity(
+            lead, "m", "root mean square of the residuals, per coordinate", "over the spots used, outliers among them"
+        ),
+        "leave_one_out_rms": quantity(
+            lead,
+            "m",
+            "root mean square, per coordinate, of the residuals of predictions that leave out the spot",
+            "to first order, by the block of the hat matrix of each spot; missing where a spot alone determines some "
+            "combination of the errors",
+        ),
+        "spots_used": replace(quantity(lead, "1", "number of spots used"), dtype=count),
+        "instants_without_command": replace(
+            quantity(
+                lead,
+                "1",
+                "instants with sun and an estimate at which no command brings the beam to the aim point",
+                "in the blind cone of the mount, or nearer to the aim point than the offsets of the mirror",
+            ),
+            dtype=count,
+        ),
+        "calibration_status": flags(lead, "whether the errors are estimated, and why not", STATUS),
+        "least_known_direction": flags(
+            lead,
+            "error with the largest part in the combination of errors that the spots know least",
+            dict(enumerate(("nothing_estimated", *ERRORS), -1)),
+        ),
+    }

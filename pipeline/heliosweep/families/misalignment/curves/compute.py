@@ -10,26 +10,23 @@ import xarray as xr
 
 from heliosweep.families.misalignment.blocks import AXES, SOURCES
 from heliosweep.families.misalignment.curves.variables import COEFFICIENTS, size_dims, variables
-from heliosweep.families.misalignment.instants import instant_sizes
 from heliosweep.families.misalignment.points import (
     Points,
     codes_of,
     coordinates_of,
     heliostat_count,
+    instant_sizes,
     place_bytes,
     places_of,
 )
 from heliosweep.families.misalignment.spots import spot_values, status_remarks
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
-from heliosweep.kernels.spots.curves import conics, crossings
+from heliosweep.kernels.spots.curves import deviation_curves
 from heliosweep.kernels.spots.deviation import deviation_spots
-from heliosweep.kernels.spots.tolerances import tolerances
 from heliosweep.kernels.warm import warm_curves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from heliosweep.families.misalignment.study import MisalignmentStudy
@@ -76,44 +73,29 @@ def workload(study: MisalignmentStudy) -> Workload:
 def coordinates(study: MisalignmentStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory."""
     name = {"long_name": "coefficient of the deviation curve"}
-    added = {
-        "conic_coefficient": xr.DataArray(np.array(COEFFICIENTS, dtype=object), dims="conic_coefficient", attrs=name)
-    }
+    added: dict[str, Any] = {"conic_coefficient": ("conic_coefficient", np.array(COEFFICIENTS, dtype=object), name)}
     if study.detectors is not None:
         lines = np.array(study.detectors.lines, np.float64)
-        added["detector"] = xr.DataArray(np.arange(len(lines)), dims="detector", attrs=_DETECTOR)
+        added["detector"] = "detector", np.arange(len(lines)), _DETECTOR
         for column, key, unit in zip(lines.T, ("l0", "l1", "l2"), ("1", "1", "m"), strict=True):
             attrs = {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit}
-            added[key] = xr.DataArray(column, dims="detector", attrs=attrs)
+            added[key] = "detector", column, attrs
     return coordinates_of(study, _LABELS).assign_coords(added)
 
 
 def prepare(study: MisalignmentStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    return warm_curves(study.detectors is not None)
+    return warm_curves()
 
 
-def inputs(study: MisalignmentStudy) -> LayoutAxis:
-    """Layouts of the study, or its positions."""
-    return places_of(study)
+inputs = places_of
+remarks = status_remarks
 
 
 def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.Dataset:
-    """Spots of a region, and the tolerances, conics and crossings of its curves.
+    """Spots of a region along the swept dimensions and ``heliostat``, tolerances, conics and crossings of its curves.
 
-    Parameters
-    ----------
-    study : MisalignmentStudy
-        Checked study.
-    places : LayoutAxis
-        Where its heliostats stand.
-    region : Region
-        Along the swept dimensions and ``heliostat``.
-
-    Returns
-    -------
-    xarray.Dataset
-        NaN, and flags that say so, where a shorter layout is padded.
+    NaN, and flags that say so, where a shorter layout is padded.
     """
     points, stated = Points.of(study, places, region), variables(study)
     source, axis = codes_of(points.values("error.source"), SOURCES), codes_of(points.values("error.axis"), AXES)
@@ -129,18 +111,13 @@ def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.
     return xr.Dataset(made | points.labelled(stated, curves, **inner))
 
 
-def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Numbers of heliostats and rays without a spot, and why."""
-    return status_remarks(result)
-
-
 def _of_curves(
     points: Points, source: NDArray[np.int64], axis: NDArray[np.int64], lines: NDArray[np.float64]
 ) -> dict[str, NDArray[Any]]:
     """Variables of whole curves, shape (P, H, T, ...), from codes of the error and lines of detectors."""
-    curve, sky = (points.setting, source, axis), (points.sun, points.pivots)
-    tolerance = 1e3 * tolerances(*curve, *sky)
-    *coefficients, eccentricity, focus_y, focus_z = conics(*curve, *sky)
+    curves = deviation_curves(points.setting, source, axis, points.sun, points.pivots, lines)
+    tolerance = 1e3 * curves.tolerance
+    *coefficients, eccentricity, focus_y, focus_z = curves.conic
     made = {
         "tracking_tolerance": tolerance,
         "conic": np.stack(coefficients, axis=-1),
@@ -150,7 +127,7 @@ def _of_curves(
         **_least(points, tolerance),
     }
     if len(lines):
-        y, z, crossed = crossings(*curve, lines, *sky)
+        y, z, crossed = curves.crossing
         made |= {"crossing_y": y, "crossing_z": z, "crossing_error": 1e3 * crossed}
     return made
 
@@ -160,10 +137,8 @@ def _least(points: Points, tolerance: NDArray[np.float64]) -> dict[str, NDArray[
     first = np.where(np.isnan(tolerance), np.inf, tolerance).argmin(axis=-1)
     least = np.take_along_axis(tolerance, first[..., np.newaxis], axis=-1)[..., 0]
     made = {"least_tolerance": np.where(np.isnan(tolerance).all(axis=-1), np.nan, least)}
-    labels = points.instants.labels
-    for dim, index in zip(
-        points.instants.sizes, np.unravel_index(first, tuple(points.instants.sizes.values())), strict=True
-    ):
+    sizes, labels = points.instants.sizes, points.instants.labels
+    for dim, index in zip(sizes, np.unravel_index(first, tuple(sizes.values())), strict=True):
         if dim in labels:
             label = labels[dim].to_numpy()[index]
             missing = np.datetime64("NaT", "ns") if label.dtype.kind == "M" else np.nan

@@ -16,9 +16,15 @@ import xarray as xr
 from heliosweep.config.distribution import NORMAL, Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import mean_errors, standard_deviates, widths_of
-from heliosweep.families.misalignment.instants import instant_sizes
 from heliosweep.families.misalignment.mount_errors.variables import TOLERANCE_AXES, errors_block, is_drawn, variables
-from heliosweep.families.misalignment.points import Points, coordinates_of, heliostat_count, place_bytes, places_of
+from heliosweep.families.misalignment.points import (
+    Points,
+    coordinates_of,
+    heliostat_count,
+    instant_sizes,
+    place_bytes,
+    places_of,
+)
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT, spot_values, status_remarks
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
@@ -109,27 +115,13 @@ def prepare(study: MisalignmentStudy) -> tuple[float, bool]:
     return warm_mount_errors(is_drawn(study))
 
 
-def inputs(study: MisalignmentStudy) -> LayoutAxis:
-    """Layouts of the study, or its positions."""
-    return places_of(study)
+inputs = places_of
 
 
 def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.Dataset:
-    """Spots of a region or, as soon as one error is drawn, statistics over the draws.
+    """Spots of a region along the swept dimensions and ``heliostat`` or, where an error is drawn, their statistics.
 
-    Parameters
-    ----------
-    study : MisalignmentStudy
-        Checked study.
-    places : LayoutAxis
-        Where its heliostats stand.
-    region : Region
-        Along the swept dimensions and ``heliostat``.
-
-    Returns
-    -------
-    xarray.Dataset
-        NaN, and a status that says so, where a shorter layout is padded.
+    NaN, and a status that says so, where a shorter layout is padded.
     """
     points, block = Points.of(study, places, region), errors_block(study)
     if is_drawn(study):
@@ -137,9 +129,9 @@ def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.
         made = _statistics(points, block, percentiles)
         inner = {"percentile": percentiles.size, "tolerance_axis": len(TOLERANCE_AXES)}
         return xr.Dataset(points.labelled(variables(study), made, **inner))
-    actual = mean_errors(points, block)[:, np.newaxis, np.newaxis] * 1e-3
+    actual = mean_errors(points, block)[:, np.newaxis] * 1e-3
     spots = mount_spots(points.setting, actual, _UNKNOWN, points.sun, points.pivots)
-    return xr.Dataset(points.labelled(variables(study), spot_values(points, spots[..., 0])))
+    return xr.Dataset(points.labelled(variables(study), spot_values(points, spots)))
 
 
 def finish(study: MisalignmentStudy, places: LayoutAxis, region: Region, computed: xr.Dataset) -> xr.Dataset:

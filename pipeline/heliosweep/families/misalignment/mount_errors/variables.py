@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from heliosweep.families.misalignment.instants import instant_sizes
-from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flag_attributes, spot_variables, swept_dims
+from heliosweep.families.misalignment.points import instant_sizes, swept_dims
+from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flags, quantity, spot_variables
 from heliosweep.grid.regions import Variable
 from heliosweep.kernels.spots import receiver
 
@@ -15,40 +14,17 @@ if TYPE_CHECKING:
     from heliosweep.families.misalignment.blocks import MountErrors
     from heliosweep.families.misalignment.study import MisalignmentStudy
 
-_RIGHT = "positive to the right for someone in the field who looks at the receiver"
-_UP = "positive upwards along the receiver's face"
-_REAL = "over the draws whose ray reaches the receiver's plane; missing without any, and without sun"
-_DRAWS = "realization: {} (over the draws of the mount errors)"
-
-
-def _moment(long_name: str, units: str, method: str) -> dict[str, Any]:
-    return {"long_name": long_name, "units": units, "comment": _REAL, "cell_methods": _DRAWS.format(method)}
-
-
 #: In-mirror axes of the remaining tolerance.
 TOLERANCE_AXES = ("elevation", "azimuth")
 
-#: Statistics over the draws, per heliostat and instant.
-_STATISTICS: dict[str, dict[str, Any]] = {
-    "spot_y_mean": _moment(f"mean spot to the right of the aim point, {_RIGHT}", "m", "mean"),
-    "spot_z_mean": _moment(f"mean spot above the aim point, {_UP}", "m", "mean"),
-    "spot_y_variance": _moment("variance of the spot to the right (n - 1)", "m2", "variance"),
-    "spot_z_variance": _moment("variance of the spot upwards (n - 1)", "m2", "variance"),
-    "spot_yz_covariance": _moment("covariance of the spot to the right and upwards (n - 1)", "m2", "mean"),
-    "hit_fraction": {
-        "long_name": "part of the draws whose spot lies in the aperture",
-        "units": "1",
-        "comment": "of all draws, those without a spot among them; missing without sun",
-        "cell_methods": _DRAWS.format("mean"),
-    },
-    "real_fraction": {
-        "long_name": "part of the draws whose ray reaches the receiver's plane",
-        "units": "1",
-        "comment": "missing without sun",
-        "cell_methods": _DRAWS.format("mean"),
-    },
-}
-
+_RIGHT = (
+    "mean spot to the right of the aim point, positive to the right for someone in the field who looks at the receiver"
+)
+_UP = "mean spot above the aim point, positive upwards along the receiver's face"
+_REAL = "over the draws whose ray reaches the receiver's plane; missing without any, and without sun"
+_DRAWS = "realization: {} (over the draws of the mount errors)"
+_MEAN = _DRAWS.format("mean")
+_DAY_MEAN = f"{_MEAN} time: mean (where the sun is above the horizon)"
 _AIMED = {
     NO_HELIOSTAT: "no_heliostat",
     receiver.REACHES: "mount_aims",
@@ -56,30 +32,6 @@ _AIMED = {
     receiver.NO_SUN: "sun_below_the_horizon",
     receiver.BLIND_CONE: "mount_cannot_point_there",
     receiver.TOO_NEAR: "offsets_not_smaller_than_the_distance",
-}
-_STATUS = flag_attributes(
-    "whether the mount can aim, and why not",
-    _AIMED,
-    "of the mount without errors; with a value other than 0 no draw has a spot",
-)
-_TOLERANCE: dict[str, Any] = {
-    "long_name": "angle by which the mirror may still turn about its centre until its spot leaves the aperture",
-    "units": "mrad",
-    "comment": (
-        "percentile over the draws of the least angle about the in-mirror axis; 0 for a draw whose spot lies outside "
-        "or is not real, infinite where no angle takes the spot out"
-    ),
-}
-_DAY_HITS: dict[str, Any] = {
-    "long_name": "part of the draws and of the hours with sun in which the spot lies in the aperture",
-    "units": "1",
-    "cell_methods": f"{_DRAWS.format('mean')} time: mean (where the sun is above the horizon)",
-}
-_FIELD_HITS: dict[str, Any] = {
-    "long_name": "part of the draws and of the heliostats whose spot lies in the aperture",
-    "units": "1",
-    "comment": "mean over the heliostats, each counting the same; missing without sun",
-    "cell_methods": _DRAWS.format("mean"),
 }
 
 
@@ -100,9 +52,39 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         return spot_variables(study)
     swept, (day, hour) = swept_dims(study), instant_sizes(study)
     dims = (*swept, "heliostat", day, hour)
-    found = {name: Variable(dims, attrs) for name, attrs in _STATISTICS.items()}
-    found["spot_status"] = Variable(dims, _STATUS, np.dtype(np.int8))
-    found["remaining_tolerance"] = Variable((*dims, "percentile", "tolerance_axis"), _TOLERANCE)
-    found["day_hit_fraction"] = Variable(dims[:-1], _DAY_HITS)
-    found["field_hit_fraction"] = Variable((*swept, day, hour), _FIELD_HITS, finished=True)
-    return found
+
+    def moment(units: str, long_name: str, method: str) -> Variable:
+        return quantity(dims, units, long_name, _REAL, cell_methods=_DRAWS.format(method))
+
+    part = "part of the draws whose ray reaches the receiver's plane"
+    hits = "part of the draws whose spot lies in the aperture"
+    found = {
+        "spot_y_mean": moment("m", _RIGHT, "mean"),
+        "spot_z_mean": moment("m", _UP, "mean"),
+        "spot_y_variance": moment("m2", "variance of the spot to the right (n - 1)", "variance"),
+        "spot_z_variance": moment("m2", "variance of the spot upwards (n - 1)", "variance"),
+        "spot_yz_covariance": moment("m2", "covariance of the spot to the right and upwards (n - 1)", "mean"),
+        "hit_fraction": quantity(
+            dims, "1", hits, "of all draws, those without a spot among them; missing without sun", cell_methods=_MEAN
+        ),
+        "real_fraction": quantity(dims, "1", part, "missing without sun", cell_methods=_MEAN),
+        "spot_status": flags(
+            dims,
+            "whether the mount can aim, and why not",
+            _AIMED,
+            "of the mount without errors; with a value other than 0 no draw has a spot",
+        ),
+        "remaining_tolerance": quantity(
+            (*dims, "percentile", "tolerance_axis"),
+            "mrad",
+            "angle by which the mirror may still turn about its centre until its spot leaves the aperture",
+            "percentile over the draws of the least angle about the in-mirror axis; 0 for a draw whose spot lies "
+            "outside or is not real, infinite where no angle takes the spot out",
+        ),
+    }
+    hits = "part of the draws and of the hours with sun in which the spot lies in the aperture"
+    found["day_hit_fraction"] = quantity(dims[:-1], "1", hits, cell_methods=_DAY_MEAN)
+    hits = "part of the draws and of the heliostats whose spot lies in the aperture"
+    comment = "mean over the heliostats, each counting the same; missing without sun"
+    field = quantity((*swept, day, hour), "1", hits, comment, cell_methods=_MEAN)
+    return found | {"field_hit_fraction": replace(field, finished=True)}

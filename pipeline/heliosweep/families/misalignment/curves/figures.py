@@ -8,22 +8,21 @@ from itertools import islice
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.misalignment.shown import (
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.figures import (
     AXES,
     AXIS,
     FIELD,
     HELIOSTAT,
     HOUR,
     MOST_PANELS,
-    MOUNT_ERRORS,
     Spots,
-    any_known,
     aperture,
     mean,
 )
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import MINUS, number_text
-from heliosweep.report.panels import Panel, curve_figure
+from heliosweep.report.panels import curve_figure
 from heliosweep.report.pictures import FieldMap, Shades, from_zero, picture_figure, symbols, within
 from heliosweep.report.selection import Point, at
 from heliosweep.report.tracks import Look, Plane, Track, cut, origin, plane_figure
@@ -49,12 +48,12 @@ _PATH: Look = {"color": "#666666", "linewidth": 0.7, "marker": "o", "markersize"
 
 def deviation_curves(shown: Spots) -> Iterator[NamedFigure]:
     """Curves on the receiver plane over the error, a panel for each heliostat, a line for each hour."""
-    if not shown.has("spot_y", "spot_z"):
-        return
     result, error = shown.result, shown.error()
-    if error is None or HELIOSTAT not in result["spot_y"].dims or result.sizes[error] < LEAST_SIZES:
+    if not shown.of_heliostats("spot_y") or not shown.has("spot_z"):
         return
-    others = shown.numbers("spot_y", AXIS, SIZE, *MOUNT_ERRORS)
+    if error is None or result.sizes[error] < LEAST_SIZES:
+        return
+    others = shown.numbers("spot_y", AXIS, SIZE, *ERRORS)
     line = next((dim for dim in (HOUR, shown.day, *others) if shown.several(dim)), None)
     stands = shown.fixed("spot_y", error, line, AXIS, HELIOSTAT)
     heliostats = shown.heliostats("spot_y", stands)
@@ -86,9 +85,7 @@ def deviation_curves(shown: Spots) -> Iterator[NamedFigure]:
 def spot_drift(shown: Spots) -> Iterator[NamedFigure]:
     """Spots over the day, coloured by the hour, for some sizes of the error; a figure for each axis of it."""
     result = shown.result
-    if not shown.has("spot_y", "spot_z") or HELIOSTAT not in result["spot_y"].dims:
-        return
-    if result.sizes.get(HOUR, 1) < LEAST_HOURS:
+    if not shown.of_heliostats("spot_y") or not shown.has("spot_z") or result.sizes.get(HOUR, 1) < LEAST_HOURS:
         return
     error = shown.error()
     stands = shown.fixed("spot_y", error, HOUR, AXIS, HELIOSTAT)
@@ -125,7 +122,7 @@ def spot_drift(shown: Spots) -> Iterator[NamedFigure]:
 def conics(shown: Spots) -> Iterator[NamedFigure]:
     """Whole conics with their foci, and the part that was traced; a panel for each heliostat and sun."""
     result = shown.result
-    if not shown.has("conic", "eccentricity", "focus_y", "focus_z") or HELIOSTAT not in result["conic"].dims:
+    if not shown.of_heliostats("conic") or not shown.has("eccentricity", "focus_y", "focus_z"):
         return
     if result.sizes[HELIOSTAT] > MOST_PANELS:
         return
@@ -176,38 +173,36 @@ def conics(shown: Spots) -> Iterator[NamedFigure]:
 
 def tolerance_over_day(shown: Spots) -> Iterator[NamedFigure]:
     """Least error that drives the spot out, over the hours: of each heliostat, or the spread over a field."""
-    result, name = shown.result, shown.tolerance
-    if not shown.has(name) or result.sizes.get(HOUR, 1) < 2 or HELIOSTAT not in result[name].dims:
+    result, name = shown.result, "tracking_tolerance"
+    if not shown.of_heliostats(name) or not shown.several(HOUR):
         return
     stands = shown.fixed(name, HOUR, AXIS, HELIOSTAT)
     field = result.sizes[HELIOSTAT] >= FIELD
-    panels = []
-    for axis, point in shown.axes(name):
-        values = at(result[name], stands, point)
-        values = values.where(np.isfinite(values)).compute()
-        if field:
-            parts = {"least": 0.0, "5 % point": 0.05, "median": 0.5}
-            known = values.notnull().any(HELIOSTAT)
-            filled = values.where(known, 0.0)  # NumPy warns of quantiles of nothing
-            lines = {word: filled.quantile(part, HELIOSTAT).where(known) for word, part in parts.items()}
-        else:
-            lines = _each(shown, stands, values)
-        if any_known(list(lines.values())):
-            panels.append(Panel("tolerance (mrad)", lines, f"{axis} axis" if point else ""))
+
+    def lines(values: xr.DataArray) -> dict[str, xr.DataArray]:
+        values = values.where(np.isfinite(values))
+        if not field:
+            return _each(shown, stands, values)
+        known = values.notnull().any(HELIOSTAT)
+        filled = values.where(known, 0.0)  # NumPy warns of quantiles of nothing
+        parts = {"least": 0.0, "5 % point": 0.05, "median": 0.5}
+        return {word: filled.quantile(part, HELIOSTAT).where(known) for word, part in parts.items()}
+
+    panels = shown.panels_of_axes(name, "tolerance (mrad)", stands, lines)
     if not panels:
         return
     caption = "Tolerance: smallest error, of either sign, with which the centre of the beam leaves the aperture."
     if field:
         caption += f" Least, 5 % point and median of {result.sizes[HELIOSTAT]} heliostats."
     columns = 3 if len(panels) == 3 else 2
-    figure = curve_figure(panels, _hours(shown), same_scale=True, columns=columns)
+    figure = curve_figure(panels, shown.label(HOUR), same_scale=True, columns=columns)
     yield NamedFigure("tolerance_over_day", caption + shown.note(stands), figure)
 
 
 def tolerance_map(shown: Spots) -> Iterator[NamedFigure]:
     """Least tolerance over all instants on the map of a field, and the hour in which it falls."""
     result, name, when = shown.result, "least_tolerance", "hour_of_least_tolerance"
-    if not shown.has(name) or result.sizes.get(HELIOSTAT, 0) < FIELD:
+    if not shown.of_heliostats(name, FIELD):
         return
     stands = shown.fixed(name, AXIS, HELIOSTAT)
     least: list[FieldMap] = []
@@ -240,25 +235,24 @@ def tolerance_map(shown: Spots) -> Iterator[NamedFigure]:
             "Hour in which the tolerance of each heliostat is least, of all days and hours. "
             f"{symbols(hours, missing=missing)}{note}"
         )
-        shades = within(_hours(shown), [one.values for one in hours], held=1.0)
+        shades = within(shown.label(HOUR), [one.values for one in hours], held=1.0)
         yield NamedFigure("tolerance_hour_map", caption, picture_figure(hours, shades))
 
 
 def hits_over_error(shown: Spots) -> Iterator[NamedFigure]:
     """Part of the hours in which the spot is inside, over the size of the error."""
     result, name, error = shown.result, "hit_fraction", shown.error()
-    if error is None or not shown.has(name) or not shown.several(HOUR) or result.sizes[error] < LEAST_SIZES:
+    if error is None or not shown.of_heliostats(name) or not shown.several(HOUR) or result.sizes[error] < LEAST_SIZES:
         return
-    dims = result[name].dims
-    if error not in dims or HOUR in dims or HELIOSTAT not in dims:
+    if error not in result[name].dims or HOUR in result[name].dims:
         return
     stands, field = shown.fixed(name, error, AXIS, HELIOSTAT), result.sizes[HELIOSTAT] >= FIELD
-    panels = []
-    for axis, point in shown.axes(name):
-        values = 100 * at(result[name], stands, point).compute()
-        lines = {"": mean(values)} if field else _each(shown, stands, values)
-        panels.append(Panel("hours inside (%)", lines, f"{axis} axis" if point else ""))
-    if not any_known([line for panel in panels for line in panel.lines.values()]):
+
+    def lines(values: xr.DataArray) -> dict[str, xr.DataArray]:
+        return {"": mean(100 * values)} if field else _each(shown, stands, 100 * values)
+
+    panels = shown.panels_of_axes(name, "hours inside (%)", stands, lines)
+    if not panels:
         return
     of = f", mean of {result.sizes[HELIOSTAT]} heliostats" if field else ""
     caption = f"Part of the hours with sun in which the centre of the beam is inside the aperture{of}."
@@ -270,10 +264,6 @@ def hits_over_error(shown: Spots) -> Iterator[NamedFigure]:
 #: Figures of the spots, and of the tolerances, which come first for a field.
 SPOTS = (deviation_curves, spot_drift, conics)
 TOLERANCES = (tolerance_map, tolerance_over_day, hits_over_error)
-
-
-def _hours(shown: Spots) -> str:
-    return shown.label(HOUR)
 
 
 def _each(shown: Spots, stands: Point, values: xr.DataArray) -> dict[str, xr.DataArray]:
@@ -289,7 +279,7 @@ def _spots(shown: Spots, along: str, *points: Point) -> tuple[np.ndarray, np.nda
 
 
 def _aim(shown: Spots) -> Track:
-    known = shown.tolerance in shown.result or SIZE in shown.result.coords
+    known = "tracking_tolerance" in shown.result or SIZE in shown.result.coords
     return origin("no error" if known else "aim")
 
 
@@ -321,21 +311,10 @@ def _far(planes: Sequence[Plane]) -> str:
 
 
 def principal(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centre, eigenvalues and eigenvectors of ``A y2 + B y z + C z2 + D y + E z + F``, eigenvalues over minus the rest.
+    """Centre, eigenvalues over minus the rest, and eigenvectors of ``A y2 + B y z + C z2 + D y + E z + F``.
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (6,)
-        A to F.
-
-    Returns
-    -------
-    centre : ndarray, shape (2,)
-        NaN for a parabola.
-    inverse : ndarray, shape (2,)
-        In the frame of the eigenvectors ``inverse[0] u2 + inverse[1] v2 = 1``.
-    vectors : ndarray, shape (2, 2)
-        Eigenvectors in columns.
+    In the frame of the eigenvectors, in columns, ``inverse[0] u2 + inverse[1] v2 = 1``; centre and inverse are NaN for
+    a parabola.
     """
     a, b, c, d, e, f = coefficients
     matrix = np.array([[a, b / 2], [b / 2, c]])
@@ -348,17 +327,9 @@ def principal(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def conic_curve(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a conic, its branches apart from each other by a missing point; none for a parabola or a pair of lines.
+    """Both coordinates of points of a conic A to F, its branches apart by a missing point.
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (6,)
-        A to F.
-
-    Returns
-    -------
-    tuple of ndarray
-        Both coordinates.
+    There are none for a parabola or a pair of lines.
     """
     centre, inverse, vectors = principal(coefficients)
     nothing = np.full((1, 2), np.nan)

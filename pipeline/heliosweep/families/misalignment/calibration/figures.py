@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri, stdtrit
 
-from heliosweep.families.misalignment.shown import (
+from heliosweep.families.misalignment.figures import (
     DAYS,
     FIELD,
     HELIOSTAT,
@@ -180,7 +180,7 @@ def knowledge(shown: Spots) -> Iterator[NamedFigure]:
 def residual_map(shown: Spots) -> Iterator[NamedFigure]:
     """Residual of each heliostat of a field."""
     result, name = shown.result, "residual_rms"
-    if not shown.has(name) or result.sizes.get(HELIOSTAT, 0) < FIELD or HELIOSTAT not in result[name].dims:
+    if not shown.of_heliostats(name, FIELD):
         return
     stands = {**shown.fixed(name, HELIOSTAT), **shown.best(name)}
     values = at(result[name], stands).to_numpy()

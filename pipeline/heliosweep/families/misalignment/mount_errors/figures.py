@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.families.misalignment.shown import (
+from heliosweep.families.misalignment.figures import (
     DAYS,
     FIELD,
     HELIOSTAT,
@@ -105,7 +105,7 @@ def hits_over_day(shown: Spots) -> Iterator[NamedFigure]:
 def hits_over_sweep(shown: Spots) -> Iterator[NamedFigure]:
     """Hits of a whole day over each swept number, a line for each day; a field by its mean and its worst heliostat."""
     result, name = shown.result, "day_hit_fraction"
-    if not shown.has(name) or HELIOSTAT not in result[name].dims:
+    if not shown.of_heliostats(name):
         return
     day = next((dim for dim in DAYS if dim in result[name].dims), None)
     for dim in shown.numbers(name)[:2]:
@@ -131,7 +131,7 @@ def hits_over_sweep(shown: Spots) -> Iterator[NamedFigure]:
 def hit_map(shown: Spots) -> Iterator[NamedFigure]:
     """Hits of a whole day on the map of a field, for some days or some values of what is swept."""
     result, name = shown.result, "day_hit_fraction"
-    if not shown.has(name) or result.sizes.get(HELIOSTAT, 0) < FIELD or HELIOSTAT not in result[name].dims:
+    if not shown.of_heliostats(name, FIELD):
         return
     dims = [*shown.swept(name), *(dim for dim in DAYS if dim in result[name].dims)]
     run = next((dim for dim in dims if shown.several(dim)), None)
