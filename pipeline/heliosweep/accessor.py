@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.files import user_path
 from heliosweep.plots import Drawing, plot_curve, plot_map
 from heliosweep.share import frames, sam
 
@@ -167,7 +168,7 @@ class HeliosweepAccessor:
         from heliosweep.report.comparison import compare
         from heliosweep.report.published import read_published
 
-        table, result = read_published(Path(published)), self._result
+        table, result = read_published(user_path(published)), self._result
         asked = {value.quantity for value in table.values} & set(map(str, result.data_vars))
         compared = compare(result.assign({name: result[name].compute() for name in asked}), table)
         rows = [

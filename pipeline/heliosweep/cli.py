@@ -374,12 +374,11 @@ def _export(options: argparse.Namespace) -> None:
 
 def _read_for(source: str) -> set[Any]:
     """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
-    from pathlib import Path
-
     from heliosweep import api
+    from heliosweep.files import user_path
     from heliosweep.share.files import sources_of
 
-    files, path = {Path(source)}, Path(source)
+    files, path = {user_path(source)}, user_path(source)
     if path.is_dir():
         path = path / "study.resolved.yaml"
     if path.suffix.lower() in (".yaml", ".yml"):

@@ -14,13 +14,28 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 _numbers = itertools.count()
 #: Tells this process from an earlier one of the same number: in a container that starts again, every run has it.
 _token = os.urandom(3).hex()
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
 _FULL = 2**20
+
+
+def user_path(path: str | os.PathLike[str]) -> Path:
+    """Path that a user gave, with ``~`` and ``~name`` as home folders, also where no shell has seen it.
+
+    Raises
+    ------
+    StudyError
+        There is no such home folder.
+    """
+    name = os.fspath(path)
+    expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
+    if expanded == name and name.startswith("~"):
+        raise StudyError(Problem("there is no such home folder; write ./ before it if it is a file's name", file=name))
+    return Path(expanded)
 
 
 @contextmanager

@@ -113,6 +113,9 @@ class Job(Block):
         tuple[Annotated[str, Line("Line of shell")], ...],
         Field(description="Lines of shell that run in each job before its workers, as to activate an environment"),
     ] = ()
+    interface: Annotated[
+        str | None, Line("Network interface for scheduler and workers, such as ib0; by default that of this host's name")
+    ] = None
     python: Annotated[str | None, Line("Python in which heliosweep is installed; by default the one that submits")] = (
         None
     )

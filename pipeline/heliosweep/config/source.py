@@ -18,6 +18,7 @@ import yaml
 
 from heliosweep.config.faults import Path, printable
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import user_path
 
 MAX_BYTES = 2**20
 MAX_DEPTH = 50
@@ -121,7 +122,7 @@ def read(path: str | os.PathLike[str]) -> Source:
         keys and values, a top level that is not a mapping.
     """
     try:
-        path = pathlib.Path(path)
+        path = user_path(path)
     except TypeError:
         raise TypeError(f"a study is the path of a study file or a mapping, not {type(path).__name__}") from None
     try:

@@ -21,6 +21,7 @@ from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import user_path
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Study(Block):
 
     def resolve(self, name: str) -> pathlib.Path:
         """Return the path of a file that the study names, relative to the study file."""
-        return self._source.directory / name
+        return self._source.directory / user_path(name)
 
     def place_of(self, name: str) -> pathlib.Path:
         """Return where that file is: ``..`` after a link to a folder leads to where that folder is."""

@@ -21,7 +21,7 @@ from markupsafe import Markup, escape
 from pydantic import Field
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import write_whole
+from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.published import read_published
@@ -123,7 +123,7 @@ def write_report(
     from heliosweep.store.checks import blaming_damage, sound
     from heliosweep.store.read import locate
 
-    place = Path(folder)
+    place = user_path(folder)
     if study is None:  # else it was checked or written just now
         sound(place, as_written=True)
     with blaming_damage(place), open_result(place) as result:

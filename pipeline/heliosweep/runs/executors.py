@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 TRIES = 3
 #: How often a pool is looked after while nothing comes from it. [s]
 LOOK_SECONDS = 1.0
+#: Variable of the environment with which Python imports nothing that lies in the working directory.
+SAFE_PATH = "PYTHONSAFEPATH"
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,20 @@ def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
             return done.get(timeout=LOOK_SECONDS)
         except queue.Empty:
             pool.look()
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Let the Python processes that are started in the context import nothing that lies in the working directory."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before
 
 
 @contextmanager

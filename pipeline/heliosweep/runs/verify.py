@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.files import human_bytes
+from heliosweep.files import human_bytes, user_path
 from heliosweep.store.checks import check, check_apart
 from heliosweep.store.folder import MANIFEST, RESULTS, holder, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
@@ -71,7 +71,7 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
     Verification
         Damage of any kind is told in it, and never raised.
     """
-    place = Path(folder)
+    place = user_path(folder)
     verification = Verification(place)
     try:
         if not place.is_dir():

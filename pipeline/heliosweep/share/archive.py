@@ -21,7 +21,7 @@ from heliosweep.config.load import load
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import study_classes
-from heliosweep.files import written_whole
+from heliosweep.files import user_path, written_whole
 from heliosweep.runs.verify import verify
 from heliosweep.share.described import DEFAULT, Column, Described, Licence
 from heliosweep.share.texts import METADATA, citation, crate, notebook, readme
@@ -77,7 +77,7 @@ def pack_result(
     StudyError
         Where the archive cannot have the name, or the licence is unknown.
     """
-    place = Path(folder)
+    place = user_path(folder)
     target = _target(place, output, force)
     if license is not None:
         _checked(license)
@@ -103,7 +103,7 @@ def pack_result(
 
 def _target(folder: Path, output: str | os.PathLike[str] | None, force: bool) -> Path:
     named = folder if folder.name not in ("", "..") else folder.resolve()
-    target = named.with_name(f"{named.name}.zip") if output is None else Path(output)
+    target = named.with_name(f"{named.name}.zip") if output is None else user_path(output)
     if target.suffix.lower() != ".zip":
         raise StudyError(Problem("an archive's name ends with .zip", file=str(target)))
     if target.is_dir():

@@ -98,7 +98,7 @@ def netcdf_file(path: Path, skeleton: Skeleton, level: int, named: Path) -> Iter
         It cannot be written; says how much room there is.
     """
     with _library(named):
-        file = netCDF4.Dataset(path, "w", format="NETCDF4")
+        file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
     try:
         with _library(named):
             _define(file, skeleton, level)

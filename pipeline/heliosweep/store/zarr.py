@@ -71,7 +71,7 @@ def _create(path: Path, skeleton: Skeleton, compression: str, level: int) -> dic
     from numcodecs import VLenUTF8  # type: ignore[import-untyped]
 
     types: dict[str, dict[str, str]] = {}
-    group = zarr.create_group(path, zarr_format=2, attributes=_plain("", skeleton.attributes, types))
+    group = zarr.create_group(path.absolute(), zarr_format=2, attributes=_plain("", skeleton.attributes, types))
 
     def create(name: str, dims: Any, shape: Any, attrs: Mapping[str, Any], **options: Any) -> Any:
         attributes = {"_ARRAY_DIMENSIONS": list(dims), **_plain(name, attrs, types)}
