@@ -177,6 +177,9 @@ def result_folder(study: Study, output: str | os.PathLike[str] | None = None) ->
         return Path(OUTPUTS) / f"{printable}-{study.study_id}"
     if not os.fspath(output):
         raise StudyError(Problem("the name of the result folder is empty"))
+    if "\\" in os.fspath(output) and os.name == "posix":
+        problem = "the NetCDF library takes a backslash for what parts folders; name another folder with --output"
+        raise StudyError(Problem(problem, file=os.fspath(output)))
     folder = user_path(output)
     try:
         str(folder.absolute()).encode()

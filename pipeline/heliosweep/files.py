@@ -35,7 +35,8 @@ def user_path(path: str | os.PathLike[str]) -> Path:
     expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
     if expanded == name and name.startswith("~"):
         raise StudyError(Problem("there is no such home folder; write ./ before it if it is a file's name", file=name))
-    return Path(expanded)
+    place = Path(expanded)  # which drops the "./" of "./~"
+    return place.absolute() if place.parts[:1] and place.parts[0].startswith("~") else place
 
 
 @contextmanager

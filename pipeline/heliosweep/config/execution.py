@@ -114,7 +114,8 @@ class Job(Block):
         Field(description="Lines of shell that run in each job before its workers, as to activate an environment"),
     ] = ()
     interface: Annotated[
-        str | None, Line("Network interface for scheduler and workers, such as ib0; by default that of this host's name")
+        str | None,
+        Line("Network interface of scheduler and workers, such as ib0; by default this host's first"),
     ] = None
     python: Annotated[str | None, Line("Python in which heliosweep is installed; by default the one that submits")] = (
         None

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol, TextIO
 
+from heliosweep.errors import printable
 from heliosweep.grid.machine import human_seconds
 
 #: Without a terminal: a line at most so often. [s]
@@ -56,7 +57,7 @@ class _Bar:
 @contextmanager
 def show_progress(title: str, total: int, stream: TextIO | None = None) -> Iterator[Progress]:
     """Show the progress of `total` blocks on `stream` (standard error) while the context lasts."""
-    stream = stream or sys.stderr
+    stream, title = stream or sys.stderr, printable(title)
     if not stream.isatty():
         yield _Lines(title, total, stream)
         return
