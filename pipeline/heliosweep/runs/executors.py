@@ -243,14 +243,18 @@ def forking_context() -> BaseContext:
     """How worker processes are started: forked from one that has imported what they need, where the system can."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
-    from multiprocessing import forkserver
+    from multiprocessing import forkserver, resource_tracker
 
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["heliosweep.runs.executors", "heliosweep.kernels.compiled"])
-    try:
+    context.set_forkserver_preload([f"{__package__}.forked", __name__, "heliosweep.kernels.compiled"])
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
+    try:  # a closed terminal must not take what these two look after from under the run
+        resource_tracker.ensure_running()
         forkserver.ensure_running()
     except OSError:  # the folder for temporary files has too long a name for a socket
         return multiprocessing.get_context("spawn")
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return context
 
 
