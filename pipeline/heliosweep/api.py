@@ -17,7 +17,7 @@ from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.family import Family, families, study_classes
-from heliosweep.files import user_path
+from heliosweep.files import refuse_devices, remove_leftovers, user_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -308,6 +308,7 @@ def run(
     def prepared() -> Run:
         return Run(family_of(asked), asked, folder, lambda: _planned(asked, folder, connect=True))
 
+    refuse_devices(folder)
     now = prepared()
     # A result that is there needs no disk, no memory, no cluster and no right to write.
     if not force and (not report or page.exists()) and is_tidy(folder) and (found := now.complete()):
@@ -317,6 +318,7 @@ def run(
         _say_what_changed(asked, folder)
     check_contents(folder, asked, force)
     with made(folder), claimed(folder):
+        remove_leftovers(folder)
         before, now = now, prepared()  # another run may have been at work
         if before.study_id != now.study_id:
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))

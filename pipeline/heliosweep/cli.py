@@ -53,6 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         gc.set_threshold(_BETWEEN_COLLECTIONS)
         atexit.register(gc.freeze)
+    # Results are written under names of their own and held by a claim; not every file system has HDF5's locks.
+    os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
     given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
     if not given:
         parser.print_help(sys.stderr)
@@ -399,11 +401,12 @@ def _export(options: argparse.Namespace) -> None:
 def _read_for(source: str) -> set[Any]:
     """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
     from heliosweep import api
-    from heliosweep.files import user_path
+    from heliosweep.files import refuse_devices, user_path
     from heliosweep.share.files import sources_of
 
     files, path = {user_path(source)}, user_path(source)
     if path.is_dir():
+        refuse_devices(path)
         path = path / "study.resolved.yaml"
     if path.suffix.lower() in (".yaml", ".yml"):
         with suppress(HeliosweepError, OSError):  # whoever needs the study says what is wrong with it

@@ -39,6 +39,22 @@ def user_path(path: str | os.PathLike[str]) -> Path:
     return place.absolute() if place.parts[:1] and place.parts[0].startswith("~") else place
 
 
+def refuse_devices(place: Path) -> None:
+    """Refuse a file, or a folder with a file in it or in its folders, that is a pipe, a socket or a device.
+
+    Reading one may wait for ever, or never end.
+
+    Raises
+    ------
+    StudyError
+        Names the first one.
+    """
+    folders = [place, *(each for each in place.glob("*") if each.is_dir())] if place.is_dir() else []
+    for path in (place, *(each for folder in folders for each in folder.iterdir())):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise StudyError(Problem("is a pipe, a socket or a device, and no file; move it away", file=str(path)))
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """A name to write a file under, which takes the name `path` when it is complete and on the disk.

@@ -20,7 +20,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from pydantic import Field
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
@@ -215,6 +215,8 @@ def digest(script: str) -> str:
 
 def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
+    if folder.is_symlink():
+        raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
     written, embedded, before = [], 0, _text(folder / DRAWN).splitlines()
     for named in figures:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, Problem, StudyError
-from heliosweep.files import remove_leftovers, temporary_name
+from heliosweep.files import temporary_name
 from heliosweep.store.folder import DESCRIPTIONS, LOCK, RESULTS, read_json
 from heliosweep.store.parts import WORKING
 from heliosweep.store.read import is_zarr
+
+#: Variable of the environment by which the HDF5 library goes without locks.
+_HDF5_LOCKS = "HDF5_USE_FILE_LOCKING"
 
 
 @contextmanager
@@ -30,7 +34,6 @@ def made(folder: Path) -> Iterator[None]:
                 _make(folder, created)
             except (FileExistsError, FileNotFoundError):  # another run left nothing, and took the folder with it
                 _make(folder, created)
-            remove_leftovers(folder)
         except OSError as error:
             problem = f"cannot write there: {error.strerror}; name another folder with --output"
             raise StudyError(Problem(problem, file=str(folder))) from None
@@ -49,7 +52,27 @@ def _make(folder: Path, created: list[Path]) -> None:
             created.append(place)
     probe = temporary_name(folder / "result.nc")
     probe.touch()
-    probe.unlink()
+    try:
+        _check_locks(probe)
+    finally:
+        probe.unlink()
+
+
+def _check_locks(probe: Path) -> None:
+    """Check that the HDF5 library, which wants to lock what it writes, finds locks or is told to go without."""
+    from filelock import lock_descriptor
+
+    if os.environ.get(_HDF5_LOCKS, "").upper() in ("FALSE", "0"):
+        return
+    with probe.open("a") as file:
+        try:
+            lock_descriptor(file.fileno(), blocking=False)
+        except OSError as error:
+            problem = (
+                f"has no locks ({error.strerror}), which the HDF5 library wants: set {_HDF5_LOCKS}=FALSE in the "
+                "environment before Python starts, or name another folder with --output"
+            )
+            raise StudyError(Problem(problem, file=str(probe.parent))) from None
 
 
 def is_tidy(folder: Path) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import human_bytes
+from heliosweep.files import human_bytes, refuse_devices
 from heliosweep.grid.machine import human_seconds
 from heliosweep.grid.plan import Plan
 from heliosweep.store import parts
@@ -55,6 +55,7 @@ def status_of(folder: Path) -> Status:
     try:
         running = holder(folder)
         try:
+            refuse_devices(folder)
             return _status(folder, running)
         except HeliosweepError as error:
             if running:  # which takes away or puts there what was looked for

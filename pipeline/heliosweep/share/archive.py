@@ -81,7 +81,7 @@ def pack_result(
     target = _target(place, output, force)
     if license is not None:
         _checked(license)
-    found = verify(place)
+    found = verify(place)  # which refuses what is no file
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
     study = load(next(place / name for name in _STUDIES if (place / name).exists()), study_classes())

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.files import user_path
+from heliosweep.files import refuse_devices, user_path
 from heliosweep.grid.regions import Part, Region
 from heliosweep.store.encoding import little_endian
 from heliosweep.store.folder import RESULTS, read_manifest
@@ -62,6 +62,7 @@ def locate(path: str | os.PathLike[str]) -> Path:
     place = user_path(path)
     if not place.exists():
         raise StudyError(Problem("no such file or folder", file=str(place)))
+    refuse_devices(place)
     if not place.is_dir() or is_zarr(place):
         return place
     found = [name for name in RESULTS if (place / name).exists()]
