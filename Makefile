@@ -14,7 +14,7 @@ PYTEST_ARGS ?=
 SHARED := -n logical --maxprocesses 2 --dist worksteal
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults check docs bench setup clean help
+.PHONY: studies run test faults check docs bench setup lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
@@ -51,9 +51,19 @@ $(STAMP): pyproject.toml constraints.txt
 	  || { echo "heliosweep needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 2; }
 	@echo "setting up $(VENV)/ (once)" >&2
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 \
-	  $(BIN)/python -m pip install -q -e ".[test,check,docs]"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q --require-hashes --no-deps -r constraints.txt
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 	@touch $@
+
+lock: $(STAMP)  ## pin what pyproject.toml asks for in constraints.txt, with the digests of all files
+	@$(BIN)/python -m pip install -q uv
+	@$(BIN)/uv pip compile -q --universal --python-version 3.11.7 --generate-hashes --no-emit-index-url --no-annotate \
+	  --custom-compile-command "make lock" --extra test --extra check --extra docs -o constraints.txt pyproject.toml
+
+audit: $(STAMP)  ## look up the pinned versions among known vulnerabilities, where that list can be had
+	@$(BIN)/python -m pip install -q pip-audit
+	@$(BIN)/pip-audit --strict --require-hashes --disable-pip -r constraints.txt \
+	  || { echo "some versions are vulnerable, or could not be looked up from here: see above" >&2; exit 1; }
 
 clean:  ## remove the environment and caches, keep outputs/
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from importlib import metadata
 
@@ -11,6 +12,15 @@ from packaging.utils import canonicalize_name
 from tests.conftest import ROOT
 
 EXTRAS = ("test", "check", "docs")
+
+
+def test_every_version_has_the_digests_of_its_files() -> None:
+    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    entries = re.split(r"\n(?=\S)", re.sub(r"^#.*\n", "", text, flags=re.MULTILINE).strip())
+    assert len(entries) > 100
+    for entry in entries:
+        assert re.match(r"[\w.-]+==[\w.]+( ; [^\\]+)?( \\\n    --hash=sha256:[0-9a-f]{64})+$", entry), entry
+    assert "://" not in text
 
 
 def test_everything_is_pinned() -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.files import user_path
 from heliosweep.report.contents import NamedFigure
 from heliosweep.share import frames, sam
 
@@ -244,7 +245,7 @@ class HeliosweepAccessor:
 
         from heliosweep.report.comparison import compare, read_published
 
-        table, result = read_published(Path(published)), self._result
+        table, result = read_published(user_path(published)), self._result
         asked = {one.quantity for one in table.values} & set(map(str, result.data_vars))
         compared = compare(result.assign({name: result[name].compute() for name in asked}), table)
         columns = ("computed", "published", "difference", "tolerance", "unit", "agrees")

@@ -17,6 +17,7 @@ from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.family import Family, families, study_classes
+from heliosweep.files import refuse_devices, remove_leftovers, user_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -67,7 +68,7 @@ def family_of(study: Study) -> Family:
 
 
 def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:
-    """What a study will cost and how it will be cut.
+    """What a study will cost and how it will be cut; no scheduler is asked for its workers.
 
     Parameters
     ----------
@@ -85,14 +86,18 @@ def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) ->
     PlanError
         Where the study cannot fit this machine; names the axis to shrink.
     """
-    study = _loaded(study)
+    return _planned(_loaded(study), output, connect=False)
+
+
+def _planned(study: Study, output: str | os.PathLike[str] | None, *, connect: bool) -> Plan:
+    """Plan of a study; `connect` says whether a scheduler that it names is asked for its workers."""
     from heliosweep.grid.machine import machine_limits
     from heliosweep.grid.plan import make_plan
     from heliosweep.store.parts import WORKING
 
     execution, folder = study.execution.resolved(), result_folder(study, output)
     try:
-        elsewhere = _workers_elsewhere(execution)
+        elsewhere = _workers_elsewhere(execution, connect=connect)
     except StudyError as error:
         written = execution.scheduler in repr(study.source.data.get("execution"))  # and not asked for otherwise
         raise (_located(error, study) if written else error) from None
@@ -123,13 +128,13 @@ def _located(error: StudyError, study: Study) -> StudyError:
     )
 
 
-def _workers_elsewhere(execution: Execution) -> int | None:
+def _workers_elsewhere(execution: Execution, *, connect: bool) -> int | None:
     """How many workers there are that are not of this machine; None where they are."""
     if execution.scheduler in ("synchronous", "threads", "processes", "distributed"):
         return None
     from heliosweep.runs.cluster import worker_count
 
-    return worker_count(execution)
+    return worker_count(execution, connect=connect)
 
 
 def build(study: Study | Source) -> xr.Dataset:
@@ -172,7 +177,10 @@ def result_folder(study: Study, output: str | os.PathLike[str] | None = None) ->
         return Path(OUTPUTS) / f"{printable}-{study.study_id}"
     if not os.fspath(output):
         raise StudyError(Problem("the name of the result folder is empty"))
-    folder = Path(output)
+    if "\\" in os.fspath(output) and os.name == "posix":
+        problem = "the NetCDF library takes a backslash for what parts folders; name another folder with --output"
+        raise StudyError(Problem(problem, file=os.fspath(output)))
+    folder = user_path(output)
     try:
         str(folder.absolute()).encode()
     except UnicodeEncodeError:
@@ -297,8 +305,9 @@ def run(
     page = folder / "report.html"
 
     def prepared() -> Run:
-        return Run(family_of(asked), asked, folder, lambda: plan(asked, folder))
+        return Run(family_of(asked), asked, folder, lambda: _planned(asked, folder, connect=True))
 
+    refuse_devices(folder)
     now = prepared()
     # A result that is there needs no disk, no memory, no cluster and no right to write.
     if not force and (not report or page.exists()) and is_tidy(folder) and (found := now.complete()):
@@ -308,6 +317,7 @@ def run(
         _say_what_changed(asked, folder)
     check_contents(folder, asked, force)
     with made(folder), claimed(folder):
+        remove_leftovers(folder)
         before, now = now, prepared()  # another run may have been at work
         if before.study_id != now.study_id:
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
@@ -349,7 +359,8 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
     if not of:
         return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
-    return [status_of(Path(path) if Path(path).is_dir() else result_folder(load(path))) for path in of]
+    places = map(user_path, of)
+    return [status_of(place if place.is_dir() else result_folder(load(place))) for place in places]
 
 
 def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Path:

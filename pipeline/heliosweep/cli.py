@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from heliosweep import __version__
-from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
+from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.runs.signals import ignore_interruptions, interruptible
 
 if TYPE_CHECKING:
@@ -42,12 +42,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         gc.set_threshold(_BETWEEN_COLLECTIONS)
         atexit.register(gc.freeze)
+    # Results are written under names of their own and held by a claim; not every file system has HDF5's locks.
+    os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
     given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
     if not given:
         parser.print_help(sys.stderr)
         return 2
     options = parser.parse_args(_joined(given))
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Printable("%(message)s"))
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])
     logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
     with interruptible():
         return _exit_code(options, ends_process=arguments is None)
@@ -60,7 +64,7 @@ def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
     except (RunInterrupted, KeyboardInterrupt) as stop:
         if ends_process:
             ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
-        print(str(stop) or "interrupted", file=sys.stderr)
+        _say(str(stop) or "interrupted", sys.stderr)
         return RunInterrupted.exit_code
     except HeliosweepError as error:
         print(error, file=sys.stderr)
@@ -74,25 +78,47 @@ def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
     except OSError as error:
         if options.verbose:
             raise
-        print(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
+        _say(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
         return 1
 
 
+class _Printable(logging.Formatter):
+    """Messages in which nothing is left that a terminal would obey."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
+
+def _say(text: object, file: Any = None) -> None:
+    """Print text that may hold names and titles of anybody."""
+    print(printable(text), file=file)
+
+
+def _say_path(path: Any) -> None:
+    """Print a path: as it is for another program, so that it is found there."""
+    print(printable(path) if sys.stdout.isatty() else path)
+
+
 def _print_anything() -> None:
-    """Let file names that are no text, and text that the terminal cannot show, be printed as escapes."""
+    """Let text that the terminal cannot show be printed as escapes."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
+class _Parser(argparse.ArgumentParser):
+    def _print_message(self, message: str, file: Any = None) -> None:
+        super()._print_message(printable(message), file)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="heliosweep",
         description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",
         epilog=_EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"heliosweep {__version__}")
-    common = argparse.ArgumentParser(add_help=False)
+    common = _Parser(add_help=False)
     common.add_argument("-v", "--verbose", action="store_true", help="say what is going on, and how long it takes")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
@@ -277,7 +303,7 @@ def _asked(options: argparse.Namespace) -> dict[str, Any]:
 
 def _warn(study: Study) -> None:
     for note in study.notes():
-        print(f"warning: {note}", file=sys.stderr)
+        _say(f"warning: {note}", sys.stderr)
 
 
 def _validate(options: argparse.Namespace) -> int:
@@ -292,7 +318,7 @@ def _validate(options: argparse.Namespace) -> int:
             code = error.exit_code
         else:
             _warn(study)
-            print(f"{path}: valid {study.family} study {study.study_id}")
+            _say(f"{path}: valid {study.family} study {study.study_id}")
     return code
 
 
@@ -302,7 +328,7 @@ def _plan(options: argparse.Namespace) -> None:
 
     study = _load(options)
     folder = api.result_folder(study, options.output)
-    print(plan_text(study, api.plan(study, folder), folder))
+    _say(plan_text(study, api.plan(study, folder), folder))
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -312,7 +338,7 @@ def _run(options: argparse.Namespace) -> None:
     result = api.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
-    print(result.path)
+    _say_path(result.path)
 
 
 def _status(options: argparse.Namespace) -> None:
@@ -320,7 +346,7 @@ def _status(options: argparse.Namespace) -> None:
     from heliosweep.runs.status import status_lines
 
     found = api.status(*options.of)
-    print("\n".join(status_lines(found)) or f"no study was run in {api.OUTPUTS}/ yet")
+    _say("\n".join(status_lines(found)) or f"no study was run in {api.OUTPUTS}/ yet")
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -329,7 +355,7 @@ def _verify(options: argparse.Namespace) -> int:
     code = 0
     for folder in options.folders:
         found = verify(folder)
-        print(found.text)
+        _say(found.text)
         code = code if found.ok else 1
     return code
 
@@ -338,7 +364,7 @@ def _compare(options: argparse.Namespace) -> int:
     from heliosweep.store.compare import compare
 
     found = compare(options.first, options.second, rtol=options.rtol, atol=options.atol)
-    print(found.text)
+    _say(found.text)
     return 0 if found.same else 1
 
 
@@ -352,24 +378,24 @@ def _export(options: argparse.Namespace) -> None:
         target_file(options.csv, options.force, sources=_read_for(options.source))
         sound(options.source, as_written=True)
         with blaming_damage(options.source), api.open_result(options.source) as result:
-            print(write_csv(result, options.csv, options.variable, force=options.force))
+            _say_path(write_csv(result, options.csv, options.variable, force=options.force))
         return
     if options.variable:
         raise StudyError(Problem("is for --csv", "--variable"))
     from heliosweep.store.result import export
 
-    print(export(options.source, options.output, compression=options.compression, force=options.force))
+    _say_path(export(options.source, options.output, compression=options.compression, force=options.force))
 
 
 def _read_for(source: str) -> set[Any]:
     """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
-    from pathlib import Path
-
     from heliosweep import api
+    from heliosweep.files import refuse_devices, user_path
     from heliosweep.store.targets import sources_of
 
-    files, path = {Path(source)}, Path(source)
+    files, path = {user_path(source)}, user_path(source)
     if path.is_dir():
+        refuse_devices(path)
         path = path / "study.resolved.yaml"
     if path.suffix.lower() in (".yaml", ".yml"):
         with suppress(HeliosweepError, OSError):  # whoever needs the study says what is wrong with it
@@ -385,7 +411,7 @@ def _convert(options: argparse.Namespace) -> None:
     is_study = options.source.lower().endswith((".yaml", ".yml"))
     target_file(options.target, options.force, sources=_read_for(options.source))
     layout = layout_of(api.load(options.source)) if is_study else read_layout(options.source)
-    print(write_layout(layout, options.target, options.to, force=options.force))
+    _say_path(write_layout(layout, options.target, options.to, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
@@ -402,19 +428,19 @@ def _table(options: argparse.Namespace) -> None:
         elevation=options.elevation,
         factor=options.factor,
     )
-    print(write_table(table, options.output, options.form, force=options.force))
+    _say_path(write_table(table, options.output, options.form, force=options.force))
 
 
 def _report(options: argparse.Namespace) -> None:
     from heliosweep import api
 
-    print(api.report(options.folder, vector=[kind for kind in options.format if kind != "png"]))
+    _say_path(api.report(options.folder, vector=[kind for kind in options.format if kind != "png"]))
 
 
 def _pack(options: argparse.Namespace) -> None:
     from heliosweep.share.archive import pack_result
 
-    print(pack_result(options.folder, options.output, license=options.license, force=options.force))
+    _say_path(pack_result(options.folder, options.output, license=options.license, force=options.force))
 
 
 def _schema(options: argparse.Namespace) -> None:

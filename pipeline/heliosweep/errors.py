@@ -12,6 +12,17 @@ from itertools import islice
 #: What replaces or begins anew, in messages: the option of the command line, and the argument of the functions.
 FORCE = "--force (force=True in Python)"
 
+#: White space that is shown as it is.
+_SPACE = frozenset("\n\t\u00a0\u2007\u2009\u202f")
+
+
+def printable(text: object) -> str:
+    """Text with everything that a terminal would obey, or not show, as escapes: names and titles may hold anything."""
+    return "".join(
+        letter if letter.isprintable() or letter in _SPACE else letter.encode("unicode_escape").decode("ascii")
+        for letter in str(text)
+    )
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -54,6 +65,9 @@ class HeliosweepError(Exception):
     """Base class of all errors that heliosweep raises on purpose."""
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class StudyError(HeliosweepError):

@@ -14,13 +14,45 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 _numbers = itertools.count()
 #: Tells this process from an earlier one of the same number: in a container that starts again, every run has it.
 _token = os.urandom(3).hex()
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
 _FULL = 2**20
+
+
+def user_path(path: str | os.PathLike[str]) -> Path:
+    """Path that a user gave, with ``~`` and ``~name`` as home folders, also where no shell has seen it.
+
+    Raises
+    ------
+    StudyError
+        There is no such home folder.
+    """
+    name = os.fspath(path)
+    expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
+    if expanded == name and name.startswith("~"):
+        raise StudyError(Problem("there is no such home folder; write ./ before it if it is a file's name", file=name))
+    place = Path(expanded)  # which drops the "./" of "./~"
+    return place.absolute() if place.parts[:1] and place.parts[0].startswith("~") else place
+
+
+def refuse_devices(place: Path) -> None:
+    """Refuse a file, or a folder with a file in it or in its folders, that is a pipe, a socket or a device.
+
+    Reading one may wait for ever, or never end.
+
+    Raises
+    ------
+    StudyError
+        Names the first one.
+    """
+    folders = [place, *(each for each in place.glob("*") if each.is_dir())] if place.is_dir() else []
+    for path in (place, *(each for folder in folders for each in folder.iterdir())):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise StudyError(Problem("is a pipe, a socket or a device, and no file; move it away", file=str(path)))
 
 
 @contextmanager

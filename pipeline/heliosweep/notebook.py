@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.api import build, load, open_result
 from heliosweep.config.study import Study
+from heliosweep.files import user_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -113,12 +114,12 @@ def efficiency_table(
     from heliosweep.store.checks import blaming_damage, sound
 
     asked = azimuth is not None or elevation is not None
-    if not isinstance(source, Study) and Path(source).is_dir():
+    if not isinstance(source, Study) and user_path(source).is_dir():
         sound(source, as_written=True)
         with blaming_damage(source), open_result(source) as result:
             if "sun_azimuth" in result.coords and not asked:
                 return sam.efficiency_table(result, select, factor=factor)
-        source = Path(source) / "study.resolved.yaml"
+        source = user_path(source) / "study.resolved.yaml"
     field = source if isinstance(source, Study) else load(source)
     if asked or not sam.is_directed(field):
         field = sam.at_directions(field, azimuth, elevation)

@@ -7,11 +7,15 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
+import xarray as xr
 import yaml
 
+from heliosweep import api
 from heliosweep.cli import main
 from heliosweep.runs.verify import verify
 from tests.faults.kills import TINY
@@ -35,11 +39,13 @@ def folder(tmp_path, monkeypatch) -> Path:
         ("n" * 300, "cannot write there: File name too long"),
         ("taken", "taken/result.nc: is a folder"),
         (os.fsdecode(b"\xff"), "is no text"),
+        ("a\\b", "the NetCDF library takes a backslash for what parts folders"),
+        ("~nobody-of-this-name/x", "there is no such home folder; write ./ before it"),
         ("file", "cannot write there"),
         ("file/below", "cannot write there"),
         ("mine", "mine/working: is none of heliosweep's"),
     ],
-    ids=["empty", "long", "folder", "bytes", "file", "below a file", "no store"],
+    ids=["empty", "long", "folder", "bytes", "backslash", "no home", "file", "below a file", "no store"],
 )
 def test_output(folder, capsys, output, message):
     before = set(folder.rglob("*"))
@@ -47,6 +53,34 @@ def test_output(folder, capsys, output, message):
     assert message in capsys.readouterr().err
     assert set(folder.rglob("*")) == before
     assert (folder / "file").read_text() == "mine"
+
+
+def test_the_home_folder(folder, capsys, monkeypatch):
+    """``~`` that no shell has expanded, and a folder of that name, are what they are for every command and library."""
+    monkeypatch.setenv("HOME", str(folder / "home"))
+    (folder / "home").mkdir()
+    (folder / "~").mkdir()
+    other = {**TINY, "receiver": {"height": 80}}
+    (folder / "home/study.yaml").write_text(yaml.safe_dump(other))
+
+    def heights(place: Any) -> Any:
+        with api.open_result(place) as result:
+            return yaml.safe_load(result.attrs["study"])["receiver"]["height"]
+
+    for study, place, there in (
+        ("study.yaml", "~/result", folder / "home/result"),
+        ("~/study.yaml", "./~/result", folder / "~/result"),
+    ):
+        assert main(["run", study, "--no-report", "-q", "--output", place]) == 0
+        assert (there / "result.nc").is_file()
+        export = ["export", "--csv", f"{place}.csv", "--variable", "cosine_efficiency"]
+        for command in (["verify"], ["report"], ["status"], ["compare", str(there)], export):
+            assert main([*command, place]) == 0, capsys.readouterr().err
+        assert heights(place) == heights(there)
+        assert there.with_suffix(".csv").is_file()
+        assert (there / "report.html").is_file()
+    assert heights("~/result") == 60
+    assert heights("./~/result") == 80
 
 
 @pytest.fixture
@@ -74,6 +108,40 @@ def test_read_only_folder(read_only, capsys):
         assert "cannot write there: Read-only file system; name another folder with --output" in said
         assert len(said.splitlines()) == 1
     assert verify(read_only / "finished").ok  # reading is all it takes
+
+
+ESCAPE = "\x1b]0;mine\x07\u202e"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", f"{ESCAPE}.yaml"],
+        ["run", "study.yaml", f"--{ESCAPE}"],
+        ["plan", "study.yaml", "-o", ESCAPE],
+        ["verify", ESCAPE],
+        ["compare", "foreign.nc", "foreign.nc", "--rtol", ESCAPE],
+        ["compare", "foreign.nc", "other.nc"],
+        ["validate", "columns.yaml"],
+        ["convert", "columns.csv", "out.csv"],
+        ["schema", ESCAPE],
+        ["table", "study.yaml", "-o", "t.csv", "--select", f"{ESCAPE}=1"],
+    ],
+)
+def test_nothing_is_printed_that_a_terminal_obeys(folder, capsys, arguments):
+    for name, value in (("foreign", 1.0), ("other", 2.0)):
+        data = xr.Dataset(
+            {"value": (("d",), [value], {"units": f"{ESCAPE}{name}"})}, attrs={"title": f"{ESCAPE}{name}"}
+        )
+        data.to_netcdf(folder / f"{name}.nc", engine="netcdf4")
+    (folder / "columns.csv").write_text(f"x,y,{ESCAPE},{ESCAPE}\n1,2,3,{ESCAPE}\n")
+    layout = {**TINY, "layout": {"file": "columns.csv"}}
+    (folder / "columns.yaml").write_text(yaml.safe_dump(layout))
+    with suppress(SystemExit):
+        main(arguments)
+    said = "".join(capsys.readouterr())
+    assert said
+    assert not set(ESCAPE) & set(said) - set("0;]mine")
 
 
 def test_names_that_are_no_text_on_a_terminal_that_shows_ascii(folder):

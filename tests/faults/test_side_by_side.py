@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 import signal
 import subprocess
 import sys
@@ -68,8 +69,12 @@ def test_two_processes(nursery, tmp_path):
         pid = first.start(command, setup=slow)
         wait_for(lambda: len(done_parts(tmp_path / "out")) > 3)
         assert json.loads((tmp_path / "out/.heliosweep.lock").read_text())["process"] == pid
+        # As of a run in another namespace of processes, whose numbers say nothing here.
+        unfinished = tmp_path / "out" / f".result.nc.{platform.node()}.999999999-abcdef-0.part"
+        unfinished.touch()
         second.start(command)
         wait_for(lambda: "is at work in" in second.log())
+        assert unfinished.exists()
         assert second.log().startswith(f"process {pid} on ")
         second.signal(signal.SIGTERM, "process")  # who waits can give up
         assert second.end().code == 4

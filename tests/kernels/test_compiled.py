@@ -1,8 +1,10 @@
 """Compiler options, compiled code on disk and the pure-Python switch."""
 
 import os
+import pickle
 import subprocess
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 import numba
@@ -91,6 +93,44 @@ def test_old_compiled_code_is_removed(made, monkeypatch):
     assert len(left) == machine_code._KEPT
     assert min(path.stat().st_mtime for path in left) == 1e9 + 20 - (machine_code._KEPT - 1)
     assert other.exists()
+
+
+def damages(whole: bytes) -> Iterator[bytes]:
+    """A file of compiled code that is damaged in 36 ways."""
+    yield from (whole[: len(whole) * part // 12] for part in range(12))
+    for part in range(12):
+        place = (len(whole) - 1) * part // 11
+        yield whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :]
+    yield from (whole[64:], whole[::-1], whole + b"\0", whole * 2, bytes(len(whole)), b"\x80\x04.", b"text\n")
+    yield from (pickle.dumps(value) for value in (None, (), {"a": 1}, b"", "x" * len(whole)))
+
+
+def test_damaged_compiled_code_is_made_again(made, monkeypatch):
+    monkeypatch.syspath_prepend(str(made.parent))
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(made.parent / "cache"))
+    for name in [name for name in sys.modules if name.partition(".")[0] == "made"]:
+        monkeypatch.delitem(sys.modules, name)
+    from made.upper import twice_and_one
+
+    assert twice_and_one(3.0) == 7.0
+    (signature,), context, cache = twice_and_one.signatures, cpu_target.target_context, twice_and_one._cache
+    file = cache.path(signature, context.codegen())
+    whole = file.read_bytes()
+    tried = list(damages(whole))
+    assert len(tried) == 36
+    for damaged in tried:
+        file.write_bytes(damaged)
+        assert cache._load_overload(signature, context) is None
+    file.write_bytes(whole)
+    assert cache._load_overload(signature, context).entry_point
+    file.unlink()
+    os.mkfifo(file)
+    program = COUNT.format(folder=str(made.parent), expected=7.0)
+    environment = {"NUMBA_CACHE_DIR": str(made.parent / "cache")}
+    assert [run(program, **environment) for _ in range(2)] == ["1", "0"]
+    file.unlink()
+    file.mkdir()
+    assert [run(program, **environment) for _ in range(2)] == ["1", "1"]
 
 
 def test_warm_makes_the_one_signature_ready():

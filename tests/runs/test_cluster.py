@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import copy
 import logging
 import socket
@@ -13,10 +14,13 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
 
 import dask
 import pytest
 import yaml
+from distributed import Security
+from distributed.comm import connect
 
 from heliosweep import api
 from heliosweep.config.execution import Execution
@@ -162,16 +166,37 @@ def test_a_worker_of_another_version(local, monkeypatch):
         cluster.versions.cache_clear()
 
 
-def test_nothing_of_it_is_open_to_others(local):
+@pytest.mark.parametrize("protocol", ["tls", "tcp"])
+def test_nothing_of_it_is_open_to_others(local, protocol):
     listening = [local.client.scheduler.address, *local.client.nthreads()]
-    assert all("//127.0.0.1:" in address for address in listening)
+    assert all(address.startswith("tls://127.0.0.1:") for address in listening)
+    others = Security.temporary().get_connection_args("client") if protocol == "tls" else {}
+
+    async def ask(address: str) -> Any:
+        comm = await connect(address, timeout=1, **others)
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            return await comm.read()
+        finally:
+            comm.abort()
+
+    for address in listening:
+        with pytest.raises((OSError, TimeoutError)):
+            asyncio.run(asyncio.wait_for(ask(address.replace("tls", protocol)), 3))
 
 
-def test_the_dashboard_can_be_looked_at(local):
-    pytest.importorskip("bokeh")
-    for path in ("status", "workers"):
-        with urllib.request.urlopen(local.client.dashboard_link.replace("status", path)) as page:
-            assert b"bokeh" in page.read().lower()
+def test_the_dashboard_is_shown_to_those_who_know_its_secret_address(caplog):
+    caplog.set_level(logging.INFO, "heliosweep")
+    with pool(workers=1):
+        link = next(said.message for said in caplog.records if "dashboard: " in said.message).split()[1]
+        for path in ("status", "workers"):
+            with urllib.request.urlopen(link.replace("status", path)) as page:
+                assert b"bokeh" in page.read().lower()
+        host, secret = link.removeprefix("http://").split("/")[:2]
+        assert len(secret) > 20
+        for path in ("status", "workers", "info/main/workers.html", "json/counts.json", "metrics", "sysinfo"):
+            with pytest.raises(HTTPError, match="404"):
+                urllib.request.urlopen(f"http://{host}/{path}")
 
 
 def test_nothing_is_left(monkeypatch, tmp_path, caplog, capfd):
@@ -200,7 +225,7 @@ def test_an_address_where_nobody_listens(monkeypatch):
     address = f"tcp://127.0.0.1:{free_port()}"
     before = time.monotonic()
     with pytest.raises(StudyError, match=f"no dask scheduler answers at {address}; start one there with: dask"):
-        cluster.worker_count(Execution(scheduler=address))
+        cluster.worker_count(Execution(scheduler=address), connect=True)
     assert time.monotonic() - before < 6
 
 
@@ -208,8 +233,9 @@ def test_an_address_where_nobody_listens_is_told_where_it_stands(monkeypatch, tm
     monkeypatch.setattr(cluster, "PATIENCE", 1)
     path, address = tmp_path / "study.yaml", f"tcp://127.0.0.1:{free_port()}"
     path.write_text(yaml.safe_dump(dict(SMALL)) + f"execution:\n  scheduler: {address}\n")
+    assert api.plan(path).workers == 1  # which asks nobody
     with pytest.raises(StudyError) as caught:
-        api.plan(path)
+        api.run(path, tmp_path / "out")
     (problem,) = caught.value.problems
     assert (problem.file, problem.line) == (str(path), len(path.read_text().splitlines()))
 
@@ -240,8 +266,8 @@ def test_a_scheduler_of_somebody_else(tmp_path):
                 here = work.compute(next(part for part in plan.parts() if part.name == name))
                 assert outcome.values is not None
                 assert all(outcome.values[v].to_numpy().tobytes() == here[v].to_numpy().tobytes() for v in here)
-        assert cluster.worker_count(Execution(scheduler=address)) == 2
-    assert cluster.worker_count(Execution(scheduler="distributed")) is None
+        assert cluster.worker_count(Execution(scheduler=address), connect=True) == 2
+    assert cluster.worker_count(Execution(scheduler="distributed"), connect=True) is None
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from typing import Any, Self, get_args
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from heliosweep.config.faults import Fault, Path, nearest, one_of, printable, shown, to_pydantic
+from heliosweep.config.faults import Fault, Path, in_short, nearest, one_of, shown, to_pydantic
 from heliosweep.config.source import Source
 from heliosweep.config.values import Parameter
 from heliosweep.errors import Problem
@@ -168,7 +168,7 @@ def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
     """Return the known key that was probably meant, or nothing, and the hint for the user."""
     glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
     if glued and glued[1] in known:
-        return glued[1], f"; write '{glued[1]}: {printable(glued[2])}', with a colon and a space"
+        return glued[1], f"; write '{glued[1]}: {in_short(glued[2])}', with a colon and a space"
     if re.fullmatch(r"[-+.\d]+", word):
         return "", "; several values stand in brackets, as [1, 2.5], and decimals follow a point"
     key = nearest(word, known)

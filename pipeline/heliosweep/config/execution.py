@@ -105,6 +105,9 @@ class Job(Block):
         tuple[Annotated[str, _Line("Line of shell")], ...],
         Field(description="Lines of shell that run in each job before its workers, as to activate an environment"),
     ] = ()
+    interface: Annotated[
+        str | None, _Line("Network interface of scheduler and workers, such as ib0; by default this host's first")
+    ] = None
     python: Annotated[str | None, _Line("Python in which heliosweep is installed; by default the one that submits")] = (
         None
     )

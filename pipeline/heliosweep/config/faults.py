@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from heliosweep.errors import printable
+
 Path = tuple[str | int, ...]
 """Place of a value inside a study: keys and list positions from the top."""
 
@@ -107,9 +109,9 @@ def one_of(names: Iterable[str]) -> str:
     return f"{', '.join(most)} or {last}" if most else last
 
 
-def printable(text: str) -> str:
+def in_short(text: str) -> str:
     """Return text for messages: what would move or colour a terminal as an escape, and no more than 60 characters."""
-    text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text[:100])
+    text = printable(text[:100]).replace("\n", "\\n").replace("\t", "\\t")
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

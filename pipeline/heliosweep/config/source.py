@@ -16,8 +16,9 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 import yaml
 
-from heliosweep.config.faults import Path, printable
+from heliosweep.config.faults import Path, in_short
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import user_path
 
 MAX_BYTES = 2**20
 MAX_DEPTH = 50
@@ -121,7 +122,7 @@ def read(path: str | os.PathLike[str]) -> Source:
         keys and values, a top level that is not a mapping.
     """
     try:
-        path = pathlib.Path(path)
+        path = user_path(path)
     except TypeError:
         raise TypeError(f"a study is the path of a study file or a mapping, not {type(path).__name__}") from None
     try:
@@ -171,7 +172,7 @@ def parse(text: str, path: pathlib.Path) -> Source:
 
 def dotted(path: Path) -> str:
     """Write a path as in messages: ``sites[0].latitude``."""
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{printable(str(part))}" for part in path).lstrip(".")
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{in_short(str(part))}" for part in path).lstrip(".")
 
 
 class _Reader:
@@ -249,7 +250,7 @@ class _Reader:
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             self.refuse("anchors (&) and aliases (*) are not allowed; write the value out", place, at)
         if event.tag is not None:
-            self.refuse(f"tags are not allowed (got {printable(event.tag)}); write the plain value", place, at)
+            self.refuse(f"tags are not allowed (got {in_short(event.tag)}); write the plain value", place, at)
         if isinstance(event, yaml.ScalarEvent) and (bad := _NOT_PRINTABLE.search(event.value)):
             self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, written as an escape neither", place, at)
 

@@ -21,12 +21,13 @@ from pydantic_core import core_schema
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Dataset, Execution, Output, Report
 from heliosweep.config.distribution import Distribution
-from heliosweep.config.faults import printable
+from heliosweep.config.faults import in_short
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import user_path
 
 MAX_BYTES = 512 * 2**20
 """Largest file that a study may name."""
@@ -106,7 +107,7 @@ class Study(Block):
 
     def resolve(self, name: str) -> pathlib.Path:
         """Return the path of a file that the study names, relative to the study file."""
-        return self._source.directory / name
+        return self._source.directory / user_path(name)
 
     def place_of(self, name: str) -> pathlib.Path:
         """Return where that file is: ``..`` after a link to a folder leads to where that folder is."""
@@ -239,9 +240,9 @@ class Study(Block):
         try:
             return _digest_of(self.resolve(name))
         except OSError as error:
-            raise StudyError(self.problem(key, f"cannot read {printable(name)}: {error.strerror}")) from None
+            raise StudyError(self.problem(key, f"cannot read {in_short(name)}: {error.strerror}")) from None
         except ValueError as error:
-            raise StudyError(self.problem(key, f"{printable(name)} {error}")) from None
+            raise StudyError(self.problem(key, f"{in_short(name)} {error}")) from None
 
 
 def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter, Any]]:

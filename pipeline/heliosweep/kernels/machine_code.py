@@ -5,7 +5,7 @@ import os
 import pickle
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,8 @@ from heliosweep.sources import numbers_digest
 
 _TRIED_WITH = {(0, 68)}
 """Versions of numba that kernels are compiled in parts with."""
+_DIGEST = hashlib.sha256().digest_size
+"""Each file of compiled code begins with the digest of what follows. [bytes]"""
 _KEPT = 16
 """Files of compiled code that are kept of a kernel: versions of its source, processors, types of arguments."""
 
@@ -51,23 +53,30 @@ class CodeCache(FunctionCache):
         return Path(self.cache_path, f"{self._base}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc")
 
     def _load_overload(self, signature: Any, target: Any) -> Any:
+        path = self.path(signature, target.codegen())
         try:
-            content = self.path(signature, target.codegen()).read_bytes()
+            stored = path.read_bytes() if path.is_file() else b""
         except OSError:
+            return None
+        digest, content = stored[:_DIGEST], stored[_DIGEST:]
+        if hashlib.sha256(content).digest() != digest:  # damaged: loaded, it could crash the process
             return None
         return self._impl.rebuild(target, pickle.loads(content))
 
     def _save_overload(self, signature: Any, result: Any) -> None:
         if not self._impl.check_cachable(result):
             return
-        path = self.path(signature, result.codegen)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path, content = self.path(signature, result.codegen), self._cache_file._dump(self._impl.reduce(result))
         temporary = path.with_suffix(f".{os.getpid()}")
-        temporary.write_bytes(self._cache_file._dump(self._impl.reduce(result)))
-        temporary.replace(path)
-        kept = sorted(path.parent.glob(f"{self._base}-*.nbc"), key=os.path.getmtime)
-        for old in kept[:-_KEPT]:
-            old.unlink(missing_ok=True)
+        with suppress(OSError):  # a full disk, say: the next process compiles once more
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_bytes(hashlib.sha256(content).digest() + content)
+            temporary.replace(path)
+            kept = sorted(path.parent.glob(f"{self._base}-*.nbc"), key=os.path.getmtime)
+            for old in kept[:-_KEPT]:
+                old.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def compile_in_parts(whole: Any, part: Any) -> None:

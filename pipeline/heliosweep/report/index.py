@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import write_whole
+from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
 from heliosweep.report.page import PAGE, render
 from heliosweep.store.folder import read_manifest
@@ -42,7 +42,7 @@ def update_index(folder: str | os.PathLike[str], status_of: StatusOf) -> Path | 
 
     An index that cannot be written stops nobody: the log says why.
     """
-    place = Path(folder).absolute().parent
+    place = user_path(folder).absolute().parent
     if place.name != OUTPUTS:
         return None
     try:

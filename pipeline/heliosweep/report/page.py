@@ -20,8 +20,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from pydantic import Field
 
-from heliosweep.errors import HeliosweepError
-from heliosweep.files import write_whole
+from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.style import image, small
@@ -111,7 +111,7 @@ def write_report(
     from heliosweep.store.checks import blaming_damage, sound
     from heliosweep.store.read import locate
 
-    place = Path(folder)
+    place = user_path(folder)
     if study is None:  # else it was checked or written just now
         sound(place, as_written=True)
     with blaming_damage(place), open_result(place) as result:
@@ -203,6 +203,8 @@ def digest(script: str) -> str:
 
 def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
+    if folder.is_symlink():
+        raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
     written, embedded, before = [], 0, _text(folder / DRAWN).splitlines()
     for named in figures:

@@ -27,7 +27,7 @@ from heliosweep.grid.lazy import Work
 from heliosweep.grid.regions import Part
 from heliosweep.kernels import compiled
 from heliosweep.runs.executors import Pool, WorkerDied, forking_context
-from heliosweep.runs.jobs import WORKER_SETTINGS, free_dashboard, job_queue
+from heliosweep.runs.jobs import WORKER_SETTINGS, dashboard_link, free_dashboard, job_queue, only_ours
 from heliosweep.runs.signals import TidyStack, interruptions_blocked
 from heliosweep.sources import code_versions
 
@@ -53,13 +53,14 @@ _COMM_SETTINGS = {
 }
 
 
-def worker_count(execution: Execution) -> int | None:
+def worker_count(execution: Execution, *, connect: bool) -> int | None:
     """Number of workers of a cluster that is not of this machine, for the plan; None where they are its own.
 
-    Raises StudyError where a scheduler is given by its address and cannot be reached.
+    A scheduler that is given by its address counts as having one worker, unless `connect`: then it is asked. Raises
+    StudyError where it cannot be reached.
     """
     if "://" in execution.scheduler:
-        return execution.workers or max(1, _reachable_threads(execution.scheduler))
+        return execution.workers or (max(1, _reachable_threads(execution.scheduler)) if connect else 1)
     if execution.scheduler in QUEUES:
         return execution.workers or (execution.job.cores if execution.job else 1)
     return None
@@ -174,7 +175,7 @@ def _compute(work: Work, part: Part) -> tuple[xr.Dataset, str]:
 
 @contextmanager
 def _local_cluster(workers: int, memory: int | None, folder: Path) -> Iterator[Any]:
-    """Worker processes of this machine, one thread each, that nobody outside it can reach."""
+    """Worker processes of this machine, one thread each, that nobody else can reach."""
     import dask
     from distributed import LocalCluster
     from distributed.system import MEMORY_LIMIT
@@ -185,6 +186,7 @@ def _local_cluster(workers: int, memory: int | None, folder: Path) -> Iterator[A
         "distributed.nanny.pre-spawn-environ": {},
     }
     limit = max((memory or MEMORY_LIMIT) // workers, LEAST_MEMORY)
+    security, secret = only_ours()
     with dask.config.set(settings):
         try:
             with free_dashboard("127.0.0.1") as dashboard, interruptions_blocked():
@@ -197,7 +199,9 @@ def _local_cluster(workers: int, memory: int | None, folder: Path) -> Iterator[A
                     dashboard_address=dashboard,
                     silence_logs=logging.CRITICAL,
                     local_directory=str(folder),
-                    scheduler_kwargs={"local_directory": str(folder)},
+                    protocol="tls://",
+                    security=security,
+                    scheduler_kwargs={"local_directory": str(folder), "http_prefix": secret},
                 )
         except RuntimeError as error:
             raise HeliosweepError(
@@ -205,7 +209,7 @@ def _local_cluster(workers: int, memory: int | None, folder: Path) -> Iterator[A
                 'study with them must do so below `if __name__ == "__main__":`'
             ) from None
         try:
-            log.info("dashboard: %s", cluster.dashboard_link)
+            log.info("dashboard: %s", dashboard_link(cluster, secret))
             yield cluster
         finally:
             _end(cluster)

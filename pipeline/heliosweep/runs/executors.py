@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 TRIES = 3
 #: How often a pool is looked after while nothing comes from it. [s]
 LOOK_SECONDS = 1.0
+#: Variable of the environment with which Python imports nothing that lies in the working directory.
+SAFE_PATH = "PYTHONSAFEPATH"
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,20 @@ def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
 
 
 @contextmanager
+def safe_path() -> Iterator[None]:
+    """Let the Python processes that are started in the context import nothing that lies in the working directory."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before
+
+
+@contextmanager
 def local_pool(scheduler: str, work: Work, workers: int) -> Iterator[Pool]:
     """Start workers of this machine (``synchronous``, ``threads`` or ``processes``), and stop them at the end."""
     if scheduler == "synchronous":
@@ -182,14 +198,18 @@ def forking_context() -> BaseContext:
     """How worker processes are started: forked from one that has imported what they need, where the system can."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
-    from multiprocessing import forkserver
+    from multiprocessing import forkserver, resource_tracker
 
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["heliosweep.runs.executors", "heliosweep.kernels.compiled"])
-    try:
+    context.set_forkserver_preload([f"{__package__}.forked", __name__, "heliosweep.kernels.compiled"])
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
+    try:  # a closed terminal must not take what these two look after from under the run
+        resource_tracker.ensure_running()
         forkserver.ensure_running()
     except OSError:  # the folder for temporary files has too long a name for a socket
         return multiprocessing.get_context("spawn")
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return context
 
 

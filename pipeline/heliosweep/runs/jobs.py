@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.execution import Job
 from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.runs.executors import SAFE_PATH
 
 if TYPE_CHECKING:
     from heliosweep.config.blocks import Execution
@@ -32,6 +34,8 @@ WORKER_SETTINGS: dict[str, Any] = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.allowed-failures": 0,  # parts are tried again here, and alone
+    "distributed.worker.http.routes": [],  # pages of single workers, which anybody could read
+    "distributed.nanny.http.routes": [],
     # Of itself distributed wakes up every 20 ms for every scheduler, nanny, worker and client, on the workers' cores.
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "2s",
@@ -59,6 +63,8 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
     and then: it submits jobs again that ended, and raises HeliosweepError where the queue refuses. Raises StudyError
     where dask-jobqueue or the queue's commands are not installed.
     """
+    from distributed.utils import get_ip
+
     job = execution.job or Job()
     jobs = -(-workers // job.cores)
     refusals: list[str] = []
@@ -68,12 +74,17 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
         local = execution.scheduler == "local-jobs"
         options = _job_options(execution.scheduler, job)
         options["local_directory"] = str(folder) if local else "${TMPDIR:-/tmp}"  # read by the shell of the job
-        scheduler = {"local_directory": str(folder)} | ({"host": "127.0.0.1"} if local else {})
+        security, secret = only_ours()
+        scheduler = {"local_directory": str(folder), "http_prefix": secret}
+        if local or job.interface is None:
+            scheduler["host"] = "127.0.0.1" if local else get_ip()
         try:
             with free_dashboard("127.0.0.1") as dashboard:
                 cluster = cluster_class(
                     job_cls=job_class,
                     scheduler_options={"dashboard_address": dashboard, **scheduler},
+                    security=security,
+                    shared_temp_directory=str(folder),
                     silence_logs=logging.CRITICAL,
                     **options,
                 )
@@ -81,7 +92,7 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
             problem = f"the job queue cannot be used: {str(error).splitlines()[0]}"
             raise StudyError(Problem(problem, "execution.scheduler")) from None
         stack.callback(_close, cluster)
-        log.info("dashboard: %s", cluster.dashboard_link)
+        log.info("dashboard: %s", dashboard_link(cluster, secret))
         cluster.scale(jobs=jobs)
         renewal = time.monotonic() + RENEWAL_SECONDS
 
@@ -184,8 +195,11 @@ def _job_options(name: str, job: Job) -> dict[str, Any]:
         "processes": job.cores,
         "memory": f"{job.memory} B",
         "job_extra_directives": list(job.directives),
-        "job_script_prologue": [*settings, *job.setup],
+        "job_script_prologue": [*settings, f"export {SAFE_PATH}=1", *job.setup],
+        "worker_extra_args": ["--no-dashboard"],
     }
+    if job.interface:
+        options["interface"] = job.interface
     if job.python:
         options["python"] = job.python
     if name == "local-jobs":
@@ -199,6 +213,21 @@ def _job_options(name: str, job: Job) -> dict[str, Any]:
     options["queue"] = job.queue
     options["walltime"] = job.walltime
     return {key: value for key, value in options.items() if value is not None}
+
+
+def only_ours() -> tuple[Any, str]:
+    """Certificates without which nobody gets to scheduler and workers, and a secret part of the dashboard's address.
+
+    Both are made anew for each run, and known to its processes only.
+    """
+    from distributed import Security
+
+    return Security.temporary(), secrets.token_urlsafe(16)
+
+
+def dashboard_link(cluster: Any, secret: str) -> str:
+    """Address of the dashboard, where it listens."""
+    return f"http://127.0.0.1:{cluster.scheduler_info['services']['dashboard']}/{secret}/status"
 
 
 @contextmanager

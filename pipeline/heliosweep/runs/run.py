@@ -21,7 +21,7 @@ from heliosweep.families.family import Family
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, parts_by_slab
-from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool
+from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool, safe_path
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
 from heliosweep.store import parts
@@ -227,6 +227,7 @@ class Run:
             storing = stack.enter_context(ThreadPoolExecutor(1))
             scratch = stack.enter_context(tempfile.TemporaryDirectory(dir=store.folder, ignore_cleanup_errors=True))
             execution = self.study.execution
+            stack.enter_context(safe_path())
             pool = stack.enter_context(_pool(execution, self.work, plan.workers, Path(scratch)))
             pending: Future[None] | None = None
             for outcome in compute_parts(pool, missing):

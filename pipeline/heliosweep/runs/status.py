@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TextIO
 
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError
-from heliosweep.files import human_bytes
+from heliosweep.errors import HeliosweepError, printable
+from heliosweep.files import human_bytes, refuse_devices
 from heliosweep.grid.machine import human_seconds
 from heliosweep.grid.plan import Plan
 from heliosweep.store import parts
@@ -62,6 +62,7 @@ def status_of(folder: Path) -> Status:
     try:
         running = holder(folder)
         try:
+            refuse_devices(folder)
             return _status(folder, running)
         except HeliosweepError as error:
             if running:  # which takes away or puts there what was looked for
@@ -153,7 +154,7 @@ def show_progress(title: str, total: int, stream: TextIO | None = None) -> Itera
 
     Yields what is to be called when one is done. On a terminal there is a bar, elsewhere a line now and then.
     """
-    stream = stream or sys.stderr
+    stream, title = stream or sys.stderr, printable(title)
     if not stream.isatty():
         yield _lines(title, total, stream)
         return

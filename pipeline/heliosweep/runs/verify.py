@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.files import human_bytes
+from heliosweep.files import human_bytes, refuse_devices, user_path
 from heliosweep.store.checks import check, check_apart
 from heliosweep.store.folder import MANIFEST, RESULTS, holder, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
@@ -53,13 +53,15 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
 
     Damage of any kind is told in what is returned, and never raised.
     """
-    place = Path(folder)
+    place = user_path(folder)
     verification = Verification(place)
     try:
         if not place.is_dir():
             there = "is no folder" if place.exists() else "there is no such folder"
             verification.problems.append(f"{there}; name a result folder")
-        elif (place / WORKING).is_dir() and not (place / MANIFEST).exists():
+            return verification
+        refuse_devices(place)
+        if (place / WORKING).is_dir() and not (place / MANIFEST).exists():
             _check_unfinished(place, verification)
         else:
             _check_finished(place, verification)

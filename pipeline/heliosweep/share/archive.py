@@ -20,7 +20,7 @@ from heliosweep.config.load import load
 from heliosweep.config.study import Study, yaml_text
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import study_classes
-from heliosweep.files import written_whole
+from heliosweep.files import user_path, written_whole
 from heliosweep.runs.verify import verify
 from heliosweep.share.texts import DEFAULT, METADATA, Described, Licence, citation, crate, licence, notebook, readme
 from heliosweep.store.read import open_stored, tree
@@ -76,11 +76,11 @@ def pack_result(
     StudyError
         Where the archive cannot have the name, or the licence is unknown.
     """
-    place = Path(folder)
+    place = user_path(folder)
     named = place if place.name not in ("", "..") else place.resolve()
     target = target_file(output or named.with_name(f"{named.name}.zip"), force, endings=(".zip",))
     _check_licence(license)
-    found = verify(place)
+    found = verify(place)  # which refuses what is no file
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
     study = load(next(place / name for name in _STUDIES if (place / name).exists()), study_classes())

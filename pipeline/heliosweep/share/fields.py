@@ -11,6 +11,7 @@ import numpy as np
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import user_path
 from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
@@ -38,7 +39,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     StudyError
         All that is wrong with the file, at its lines.
     """
-    return read_csv(Path(path))
+    return read_csv(user_path(path))
 
 
 def layout_of(study: Study) -> Layout:

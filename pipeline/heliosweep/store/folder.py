@@ -12,12 +12,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
-from heliosweep.files import remove_leftovers, temporary_name
+from heliosweep.files import temporary_name
 from heliosweep.store.parts import DESCRIPTION, JOURNAL, VALUES, WORKING
 
 if TYPE_CHECKING:
@@ -41,6 +41,10 @@ _PATIENCE = 0.5
 _PAUSE = 0.05
 #: File systems without locks answer so.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+#: Variable of the environment by which the HDF5 library goes without locks.
+_HDF5_LOCKS = "HDF5_USE_FILE_LOCKING"
+#: How the claimed file is opened: not through a link, and without waiting for the other end of a pipe.
+_NO_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 #: Nesting that no record has, and that functions which walk through one cannot bear. [levels]
 _DEEP = 100
 #: Of what stands there instead, so much is told. [characters]
@@ -58,42 +62,53 @@ def claimed(folder: Path) -> Iterator[None]:
         # Waiting would never end: the process that waits for this one to start holds the folder.
         raise HeliosweepError('a script that runs a study must do so below `if __name__ == "__main__":`')
     path, start, told = folder / LOCK, time.monotonic(), False
-    while not (claim := _take(path)):
+    while (claim := _take(path)) is None:
         if not told and time.monotonic() - start > _PATIENCE:
             log.warning("%s is at work in %s; waiting for it (Ctrl-C to give up)", _who(path), folder)
             told = True
         time.sleep(_PAUSE)
     try:
         with suppress(OSError):  # a full disk; it is only a courtesy to others
-            path.write_text(json.dumps({"process": os.getpid(), "host": platform.node()}))
+            os.ftruncate(claim, 0)
+            os.write(claim, json.dumps({"process": os.getpid(), "host": platform.node()}).encode())
         yield
     finally:
         with suppress(OSError):
             path.unlink()  # while it is held: whoever takes it now holds a file without a name, and notices
-        claim.close()
+        os.close(claim)
 
 
-def _take(path: Path) -> TextIO | None:
-    """The claimed file, locked; None where another run holds it."""
+def _take(path: Path) -> int | None:
+    """Descriptor of the claimed file, locked; None where another run holds it.
+
+    Raises
+    ------
+    StudyError
+        It is a link, which is not followed out of the folder.
+    """
     from filelock import lock_descriptor
 
     try:
         with suppress(FileExistsError):  # it was there, and is gone again
             path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("a")
+        claim = os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINKS, 0o666)
     except FileNotFoundError:  # a run that leaves nothing takes its folder with it
         return None
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise StudyError(Problem("is a link, and no file of a run; move it away", file=str(path))) from None
+        raise
     try:
-        if lock_descriptor(file.fileno(), blocking=False) and os.path.samestat(os.fstat(file.fileno()), path.stat()):
-            return file
+        if lock_descriptor(claim, blocking=False) and os.path.samestat(os.fstat(claim), path.stat()):
+            return claim
     except FileNotFoundError:
         pass
     except OSError as error:
         if error.errno in _NO_LOCKS:
-            return file
-        file.close()
+            return claim
+        os.close(claim)
         raise
-    file.close()
+    os.close(claim)
     return None
 
 
@@ -103,7 +118,7 @@ def holder(folder: Path) -> str | None:
 
     path = folder / LOCK
     try:
-        descriptor = os.open(path, os.O_RDONLY)
+        descriptor = os.open(path, os.O_RDONLY | _NO_LINKS)
     except OSError:
         return None
     try:
@@ -186,8 +201,8 @@ def read_json(path: Path) -> Any:
 
     Raises OSError where it cannot be read, ValueError where it is no JSON, or nested deeper than any run writes.
     """
-    if path.is_fifo():  # would be waited for
-        raise ValueError("it is a pipe and no file")
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise ValueError("it is no file")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
@@ -244,7 +259,6 @@ def made(folder: Path) -> Iterator[None]:
                 _make(folder, created)
             except (FileExistsError, FileNotFoundError):  # another run left nothing, and took the folder with it
                 _make(folder, created)
-            remove_leftovers(folder)
         except OSError as error:
             problem = f"cannot write there: {error.strerror}; name another folder with --output"
             raise StudyError(Problem(problem, file=str(folder))) from None
@@ -263,7 +277,27 @@ def _make(folder: Path, created: list[Path]) -> None:
             created.append(place)
     probe = temporary_name(folder / "result.nc")
     probe.touch()
-    probe.unlink()
+    try:
+        _check_locks(probe)
+    finally:
+        probe.unlink()
+
+
+def _check_locks(probe: Path) -> None:
+    """Check that the HDF5 library, which wants to lock what it writes, finds locks or is told to go without."""
+    from filelock import lock_descriptor
+
+    if os.environ.get(_HDF5_LOCKS, "").upper() in ("FALSE", "0"):
+        return
+    with probe.open("a") as file:
+        try:
+            lock_descriptor(file.fileno(), blocking=False)
+        except OSError as error:
+            problem = (
+                f"has no locks ({error.strerror}), which the HDF5 library wants: set {_HDF5_LOCKS}=FALSE in the "
+                "environment before Python starts, or name another folder with --output"
+            )
+            raise StudyError(Problem(problem, file=str(probe.parent))) from None
 
 
 def is_tidy(folder: Path) -> bool:

@@ -88,7 +88,7 @@ def netcdf_file(path: Path, skeleton: Skeleton, level: int, named: Path) -> Iter
     there is.
     """
     with _library(named):
-        file = netCDF4.Dataset(path, "w", format="NETCDF4")
+        file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
     try:
         with _library(named):
             _define(file, skeleton, level)
@@ -184,9 +184,18 @@ def _create(path: Path, skeleton: Skeleton, compression: str, level: int) -> dic
     """Make a group with its coordinates and metadata, whole but for the values of its variables, and return these."""
     import zarr
     from numcodecs import VLenUTF8  # type: ignore[import-untyped]
+    from zarr.storage import LocalStore
+
+    class OwnStore(LocalStore):
+        """Folder that nobody else writes to: no hard link is needed, which not every file system has."""
+
+        async def set_if_not_exists(self, key: str, value: Any) -> None:
+            if not await self.exists(key):
+                await self.set(key, value)
 
     types: dict[str, dict[str, str]] = {}
-    group = zarr.create_group(path, zarr_format=2, attributes=_plain("", skeleton.attributes, types))
+    store = OwnStore(path.absolute())
+    group = zarr.create_group(store, zarr_format=2, attributes=_plain("", skeleton.attributes, types))
 
     def create(name: str, dims: Any, shape: Any, attrs: Mapping[str, Any], **options: Any) -> Any:
         attributes = {"_ARRAY_DIMENSIONS": list(dims), **_plain(name, attrs, types)}

@@ -18,6 +18,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.files import refuse_devices, user_path
 from heliosweep.grid.regions import Part, Region
 from heliosweep.store.encoding import little_endian
 from heliosweep.store.folder import RESULTS, is_zarr, read_manifest
@@ -49,9 +50,10 @@ def locate(path: str | os.PathLike[str]) -> Path:
 
     Raises StudyError where there is none.
     """
-    place = Path(path)
+    place = user_path(path)
     if not place.exists():
         raise StudyError(Problem("no such file or folder", file=str(place)))
+    refuse_devices(place)
     if not place.is_dir() or is_zarr(place):
         return place
     found = [name for name in RESULTS if (place / name).exists()]
@@ -82,14 +84,14 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     place = locate(path)
     if place.is_dir():
         read_metadata(place)
-        result = xr.open_zarr(place, chunks=None, consolidated=True, zarr_format=2)
+        result = xr.open_zarr(place.absolute(), chunks=None, consolidated=True, zarr_format=2)
         # Text as NetCDF's readers give it.
         text = [(name, item) for name, item in result.coords.items() if item.dtype.kind == "T"]
         return result.assign_coords({n: item.copy(data=item.to_numpy().astype(object).astype(str)) for n, item in text})
     if not is_netcdf(place):
         raise StudyError(Problem("is no result; name a result folder", file=str(place)))
     with LIBRARY_LOCK:
-        return xr.open_dataset(place, engine="netcdf4", lock=LIBRARY_LOCK)
+        return xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK)
 
 
 class Stored:
@@ -185,7 +187,7 @@ def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambd
         try:
             if place.is_dir():
                 entries, record = read_metadata(place)
-                store = xr.backends.ZarrStore.open_group(place, mode="r", consolidated=True, zarr_format=2)
+                store = xr.backends.ZarrStore.open_group(place.absolute(), mode="r", consolidated=True, zarr_format=2)
                 names = [name.removesuffix("/.zarray") for name in entries if name.endswith("/.zarray")]
                 variables = {name: store.open_store_variable(name) for name in names}
                 found = store.get_dimensions()

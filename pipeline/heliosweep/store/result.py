@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
-from heliosweep.files import discard, remove, sync, temporary_name, writing, written_whole
+from heliosweep.files import discard, remove, sync, temporary_name, user_path, writing, written_whole
 from heliosweep.grid.regions import Cut, Part, Variable
 from heliosweep.store.checks import sound
 from heliosweep.store.encoding import Skeleton, numbers, slab_digest, slab_rows, slabs_of
@@ -109,10 +109,10 @@ def export(
     Raises StudyError where there is no Zarr result, or the target exists, and HeliosweepError where the result is
     damaged, or is not what its manifest tells of, or the file cannot be written.
     """
-    place = Path(source)
+    place = user_path(source)
     if place.is_dir() and (place / FORMATS["zarr"]).is_dir():
         place = place / FORMATS["zarr"]
-    file = Path(target) if target is not None else place.with_name(EXPORT)
+    file = user_path(target) if target is not None else place.with_name(EXPORT)
     refusals = {
         "is a folder; name a file": file.is_dir(),
         "must end in .nc, as NetCDF files do": file.suffix != ".nc",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.errors import FORCE, Problem, StudyError
+from heliosweep.files import user_path
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -43,7 +44,7 @@ def target_file(
         The file is there, is a folder, is a source, belongs to a result, ends in something else, or its folder is not
         there.
     """
-    file = Path(target)
+    file = user_path(target)
     if file.is_dir():
         raise StudyError(Problem("is a folder; name a file", file=str(file)))
     if endings and file.suffix.lower() not in endings:
