@@ -305,13 +305,10 @@ def rms_errors(shown: Gazing) -> Iterator[NamedFigure]:
             f"{shown.title(run)}; bound: least standard deviation that noise and levels of the cameras leave."
             f"{_over_seeds(result)}{shown.note(stands)}"
         )
-        more: dict[str, Any] = {
-            "logarithmic_values": _many_decades(panels, ROUNDING),
-            "same_scale": True,
-            "least_span": LEAST_MRAD,
-        }
+        more: dict[str, Any] = {"same_scale": True, "least_span": LEAST_MRAD}
+        more["logarithmic_values"] = _many_decades(panels, ROUNDING)
         black = {"color": "#000000", "linestyle": (0, (4, 1.6)), "marker": ""}
-        yield _over(shown, "rms_errors", run, panels, caption, ways, {_BOUND: black}, same_scale=True, **more)
+        yield _over(shown, "rms_errors", run, panels, caption, ways, {_BOUND: black}, **more)
 
 
 def sight(shown: Gazing) -> Iterator[NamedFigure]:

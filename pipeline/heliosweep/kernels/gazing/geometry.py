@@ -1,9 +1,9 @@
 """Geometry of backward gazing: frames, cameras, the modules of a heliostat and the pixels on its mirror; NumPy only.
 
 Frames [1]_. R_F has x south, y east, z up and its origin O' at the target centre; azimuths here are from south towards
-east, `world_azimuth` converts. `basis(a, h)` turns R_F into a frame whose x axis has azimuth a and elevation h: B_S for
-the sun, B_H for the mirror (x along the ideal normal), B_R for the direction R0 from the mirror to the target. The
-mirror's y axis points to the right for someone at the target who looks at the mirror, its z axis up.
+east. `basis(a, h)` turns R_F into a frame whose x axis has azimuth a and elevation h: B_S for the sun, B_H for the
+mirror (x along the ideal normal), B_R for the direction R0 from the mirror to the target. The mirror's y axis points to
+the right for someone at the target who looks at the mirror, its z axis up.
 
 The mirror of the reconstruction is the series of a sphere of focal length f (Eqs. 1 and 2 with D = f), and its slopes
 p = (p_y, p_z) are departures from it: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f, likewise b.
