@@ -138,7 +138,7 @@ class Dates(Parameter):
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of dates."""
         date = {"type": "string", "format": "date"}
-        span = object_schema("A range", {"start": date, "stop": date}, {"step": _DAYS.json_schema()})
+        span = object_schema("A range of dates", {"start": date, "stop": date}, {"step": _DAYS.json_schema()})
         return {"anyOf": [date, {"type": "array", "items": date, "minItems": 1}, span]}
 
 
