@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.config.times import CivilTime, SolarTime, SunDirections
 from heliosweep.config.zones import parse_timezone, to_utc
@@ -26,6 +25,22 @@ DATE = {
 }
 
 
+class Label(NamedTuple):
+    """Values along dimensions, as a coordinate of a data set is given."""
+
+    dims: tuple[str, ...]
+    values: np.ndarray
+    attrs: dict[str, str]
+
+    def part(self, dim: str, span: slice | int) -> Label:
+        """Values of a part of a dimension; all where there is no such dimension."""
+        if dim not in self.dims:
+            return self
+        values = self.values[(slice(None),) * self.dims.index(dim) + (span,)]
+        kept = self.dims if isinstance(span, slice) else tuple(each for each in self.dims if each != dim)
+        return Label(kept, values, self.attrs)
+
+
 @dataclass(frozen=True)
 class Instants:
     """The instants of a study, labelled along ``time``, on the clock ``solar``, ``civil`` or ``sun``.
@@ -34,25 +49,25 @@ class Instants:
     sites' clocks differ), or the one ``instant`` of each direction of the sun.
     """
 
-    labels: dict[str, xr.DataArray]
+    labels: dict[str, Label]
     clock: str
 
-    def coordinates(self) -> dict[str, xr.DataArray]:
+    def coordinates(self) -> dict[str, Label]:
         """The labels as coordinates of a result; instants that all sites share are the coordinate ``time`` itself."""
         if self.clock == "sun":
             return {}
         if self.clock == "civil" and self.labels["utc"].dims == ("time",):
-            return {"time": self.labels["utc"].assign_attrs(standard_name="time")}
+            utc = self.labels["utc"]
+            return {"time": utc._replace(attrs={**utc.attrs, "standard_name": "time"})}
         return self.labels
 
     def at_sites(self, part: slice | int) -> Instants:
         """The instants of some of the sites, or of one."""
-        labels = {name: label.isel(site=part) if "site" in label.dims else label for name, label in self.labels.items()}
-        return Instants(labels, self.clock)
+        return Instants({name: label.part("site", part) for name, label in self.labels.items()}, self.clock)
 
     def part(self, span: slice) -> Instants:
         """Some of the instants."""
-        return Instants({name: label.isel(time=span) for name, label in self.labels.items()}, self.clock)
+        return Instants({name: label.part("time", span) for name, label in self.labels.items()}, self.clock)
 
     def thinned(self, count: int) -> Instants:
         """Some `count` of the instants at the most, evenly picked."""
@@ -62,7 +77,7 @@ class Instants:
     @property
     def size(self) -> int:
         """Number of instants."""
-        return next(iter(self.labels.values())).sizes["time"]
+        return next(iter(self.labels.values())).values.shape[-1]
 
 
 def instant_count(time: SolarTime | CivilTime | SunDirections) -> int:
@@ -92,9 +107,9 @@ def solar_instants(time: SolarTime) -> Instants:
         attrs = {"long_name": "declination of the sun", "units": "degree"}
     return Instants(
         {
-            name: xr.DataArray(np.repeat(outer, hours.size), dims="time", attrs=attrs),
-            "solar_hour": xr.DataArray(
-                np.tile(hours, outer.size), dims="time", attrs={"long_name": "solar time of day", "units": "h"}
+            name: Label(("time",), np.repeat(outer, hours.size), attrs),
+            "solar_hour": Label(
+                ("time",), np.tile(hours, outer.size), {"long_name": "solar time of day", "units": "h"}
             ),
         },
         "solar",
@@ -103,7 +118,7 @@ def solar_instants(time: SolarTime) -> Instants:
 
 def direction_instant() -> Instants:
     """The one instant at which the sun is looked at where a study gives its directions."""
-    return Instants({"instant": xr.DataArray(np.zeros(1), dims="time")}, "sun")
+    return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
@@ -119,11 +134,11 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
     attrs = {"long_name": "universal time"}
     if all(row.size == rows[0].size and bool(np.all(row == rows[0])) for row in rows):
-        return Instants({"utc": xr.DataArray(rows[0], dims="time", attrs=attrs)}, "civil")
+        return Instants({"utc": Label(("time",), rows[0], attrs)}, "civil")
     table = np.full((len(rows), max(row.size for row in rows)), np.datetime64("NaT", "ns"))
     for index, row in enumerate(rows):
         table[index, : row.size] = row
-    return Instants({"utc": xr.DataArray(table, dims=("site", "time"), attrs=attrs)}, "civil")
+    return Instants({"utc": Label(("site", "time"), table, attrs)}, "civil")
 
 
 @lru_cache(maxsize=16)

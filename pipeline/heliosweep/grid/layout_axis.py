@@ -6,15 +6,18 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import PlanError
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _POSITIONS = {
     "x": ("distance of the heliostat east of the tower", "projection_x_coordinate"),
@@ -45,12 +48,16 @@ class LayoutAxis:
 
     def column(self, name: str, padding: object = np.nan) -> xr.DataArray:
         """One column of all layouts over (swept dimensions that choose a layout, ``heliostat``)."""
+        import xarray as xr
+
         columns = [getattr(one, name) if name in _POSITIONS else one.columns[name] for one in self._layouts]
         return xr.DataArray(_table(columns, padding, self._shape, self.size), dims=(*self.dims, "heliostat"))
 
     @cached_property
     def numbers(self) -> xr.DataArray:
         """0, 1, ... along ``heliostat``."""
+        import xarray as xr
+
         attrs = {"long_name": "number of the heliostat: its row in the layout, from 0", "units": "1"}
         return xr.DataArray(np.arange(self.size), dims="heliostat", attrs=attrs)
 

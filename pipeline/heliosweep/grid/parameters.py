@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.config.blocks import NamedSite
 from heliosweep.config.sites import site_table
 from heliosweep.config.study import Study
 from heliosweep.config.values import FileName, Parameter
+
+if TYPE_CHECKING:  # it takes longer to import than making a plan
+    import xarray as xr
 
 #: Spelling of units in CF (UDUNITS) where it differs from that of study files, by unit or standard name.
 CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_east"}
@@ -70,6 +72,8 @@ class Parameters:
         KeyError
             Where the study gives the key no value.
         """
+        import xarray as xr
+
         dims, values = self._column(key)
         known = self._declared.get(key)
         declaration = known[0] if known else NamedSite.parameter(key.removeprefix("site."))
@@ -97,7 +101,7 @@ class Parameters:
             return None
         dims, values = self._column(key)
         index = tuple(slice(None) if dim in dims else np.newaxis for dim in self.sizes)
-        return np.broadcast_to(xr.Variable(dims, values).to_numpy()[(*index, ...)], tuple(self.sizes.values()))
+        return np.broadcast_to(np.asarray(values)[(*index, ...)], tuple(self.sizes.values()))
 
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
         """Every point of the region in the order of the result: its index within it, and the values of some keys."""
@@ -120,6 +124,8 @@ class Parameters:
 
         Keys that are not swept become scalar coordinates.
         """
+        import xarray as xr
+
         wanted = [*(key for key in keys if self.has(key) and key not in self._dims), *self._dims]
         named = {}
         if self._sites:

@@ -62,7 +62,7 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     for given directions azimuth, from north, clockwise, and elevation [deg].
     """
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
-    labels = {name: label.to_numpy() for name, label in instants.labels.items()}
+    labels = {name: label.values for name, label in instants.labels.items()}
     if instants.clock == "sun":
         across = np.cos(np.radians(elevation))
         east, north = across * np.sin(np.radians(azimuth)), across * np.cos(np.radians(azimuth))

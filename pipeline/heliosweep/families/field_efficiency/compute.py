@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, FIELD_MEANS, SERIES
 from heliosweep.grid.clock import instant_count
@@ -18,6 +17,8 @@ from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.warm import warm_field
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.grid.regions import Region
 
@@ -88,6 +89,8 @@ def _seconds(parameters: Parameters) -> float:
 
 def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory."""
+    import xarray as xr
+
     parameters = Parameters(study)
     labels = {**parameters.coordinates(_LABELS), **LayoutAxis(study).coordinates()}
     if study.output.time_series:
@@ -110,6 +113,8 @@ def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) ->
 
     NaN where a shorter layout is padded, and where the sun is down: at that instant, or always.
     """
+    import xarray as xr
+
     parameters = Parameters(study, region)
     suns, series = Suns(parameters), "time" in region
     span = range(layouts.size)[region.get("heliostat", slice(None))]
@@ -137,6 +142,8 @@ def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) ->
 
 def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, computed: xr.Dataset) -> xr.Dataset:
     """Means over the heliostats, weighted by mirror area, and the product of three of them."""
+    import xarray as xr
+
     parameters = Parameters(study, region)
     area = np.zeros((*parameters.sizes.values(), layouts.size))
     for index, sizes in parameters.points(*_SIZES):

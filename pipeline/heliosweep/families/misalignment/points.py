@@ -17,7 +17,7 @@ import xarray as xr
 from heliosweep.config.times import CivilTime, SolarTime
 from heliosweep.config.zones import parse_timezone, to_utc
 from heliosweep.families.misalignment.blocks import MOUNTS
-from heliosweep.grid.clock import DATE, Instants, solar_instants, window_count, window_positions
+from heliosweep.grid.clock import DATE, Instants, Label, solar_instants, window_count, window_positions
 from heliosweep.grid.layout_axis import LayoutAxis, longest
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, sun_at, sun_attributes
@@ -115,7 +115,7 @@ def day_hours(parameters: Parameters) -> DayHours:
         "hour": xr.DataArray(_wall_seconds(time) / 3600, dims="hour", attrs=_WALL_HOUR),
         "utc": utc,
     }
-    flat = xr.DataArray(utc.to_numpy().reshape(*utc.shape[:-2], -1), dims=(*utc.dims[:-2], "time"))
+    flat = Label((*map(str, utc.dims[:-2]), "time"), utc.to_numpy().reshape(*utc.shape[:-2], -1), {})
     return DayHours(sizes, labels, Instants({"utc": flat}, "civil"))
 
 
