@@ -66,6 +66,7 @@ def test_two_processes(nursery, tmp_path):
     slow = "import time\nfrom heliosweep.store.parts import PartStore\nc = PartStore.commit\n"
     slow += "PartStore.commit = lambda *said: (time.sleep(0.02), c(*said))"
     with Nursery(tmp_path / "b") as second:
+        peace = second.run([*command[:-1], str(tmp_path / "peace")])  # which also loads what is loaded late
         pid = first.start(command, setup=slow)
         wait_for(lambda: len(done_parts(tmp_path / "out")) > 3)
         assert json.loads((tmp_path / "out/.heliosweep.lock").read_text())["process"] == pid
@@ -88,7 +89,6 @@ def test_two_processes(nursery, tmp_path):
         assert killed.code == -signal.SIGKILL
         assert again.code == 0, again.errors
         assert not set(again.begun) & set(done)
-        peace = first.run([*command[:-1], str(tmp_path / "peace")], setup=slow)
         third = second.run(command)
         assert (peace.code, third.code, third.begun) == (0, 0, [])
         assert "is complete already" in third.errors
