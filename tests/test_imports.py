@@ -76,6 +76,16 @@ def test_no_module_imports_itself_by_way_of_others():
     list(TopologicalSorter(graph).static_order())
 
 
+def test_planning_a_field_imports_no_labelled_arrays(tmp_path):
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(SMALL))
+    program = (
+        "import sys; from heliosweep.cli import main; main(['plan', 'study.yaml'])\n"
+        "print({'xarray', 'pandas', 'dask', 'zarr', 'matplotlib'} & set(sys.modules), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines()[-1] == "set()"
+
+
 @pytest.mark.parametrize("module", ["heliosweep", "heliosweep.cli", "heliosweep.api", "heliosweep.families.family"])
 def test_faces_import_nothing_heavy(module):
     code = (

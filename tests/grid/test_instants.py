@@ -11,7 +11,7 @@ from heliosweep.grid.clock import civil_instants, solar_instants
 
 def civil(dates: object, window: dict, sampling: str = "left", zones: tuple[str, ...] = ("+08:00",)) -> np.ndarray:
     time = CivilTime.model_validate({"clock": "civil", "dates": dates, "window": window, "sampling": sampling})
-    return civil_instants(time, list(zones)).labels["utc"].to_numpy()
+    return civil_instants(time, list(zones)).labels["utc"].values
 
 
 def utc(*texts: str) -> np.ndarray:

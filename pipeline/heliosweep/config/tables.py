@@ -34,6 +34,9 @@ MAX_BYTES = 64 * 2**20
 MAX_LISTED = 20
 """Problems of one table that are listed; the rest is counted."""
 
+MAX_LINES, MAX_LETTERS, MAX_COLUMNS = 2_000_000, 100_000, 1_000
+"""Most lines of a table, letters of a line and columns: no table comes near them, and other files are refused soon."""
+
 HEADER = -1
 """The header, as a row where a problem is noted."""
 
@@ -114,6 +117,8 @@ class Table:
         self._found = Counter[str]()
         if not self._numbers:
             self._fail(f"is empty: it needs {needs}")
+        if (columns := self._texts[0].count(separator) + 1) > MAX_COLUMNS:
+            self._fail(f"has {columns:,} columns, more than {MAX_COLUMNS:,}", self._numbers[0])
         if most_rows is not None and len(self._numbers) - 1 > most_rows:
             self._fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
         header, *self._rows = self._split() if cells is None else cells
@@ -272,7 +277,7 @@ def read_table(
     StudyError
         The file cannot be read, or its header is wrong.
     """
-    lines = table_lines(table_text(path, name, most_bytes))
+    lines = table_lines(table_text(path, name, most_bytes), name)
     table = Table(name, lines, rows=rows, most_rows=most_rows, needs=needs)
     table.check_header(columns, others=others)
     if also is not None:
@@ -306,6 +311,8 @@ def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
         fail(f"cannot be read: {getattr(error, 'strerror', None) or error}")
     if max(size, len(data)) > most or (len(data) > _UNTOLD and not size):
         fail(f"is larger than {most // 2**20} MiB")
+    if (lines := data.count(b"\n") + data.count(b"\r")) > 2 * MAX_LINES:  # those of Windows count twice
+        fail(f"has {lines:,} lines, more than a table may have")
     if data.startswith(b"PK\x03\x04"):
         fail("is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)")
     try:
@@ -317,9 +324,16 @@ def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
     return text
 
 
-def table_lines(text: str) -> tuple[list[int], list[str]]:
-    """Return the lines that hold something and are no comment (``#``), after their numbers in the file."""
+def table_lines(text: str, name: str) -> tuple[list[int], list[str]]:
+    """Return the lines that hold something and are no comment (``#``), after their numbers in the file.
+
+    Raises StudyError where one is too long for a table; `name` is what messages call the file.
+    """
     every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    for number, line in enumerate(every, 1):
+        if len(line) > MAX_LETTERS:
+            problem = f"holds a line of more than {MAX_LETTERS:,} letters; is this a table?"
+            raise StudyError(Problem(problem, file=name, line=number))
     numbers = [number for number, line in enumerate(every, 1) if (said := line.lstrip()) and said[0] != "#"]
     return numbers, [every[number - 1] for number in numbers]
 

@@ -67,7 +67,7 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     once, with file, line and column.
     """
     name = str(path) if name is None else name
-    lines = table_lines(table_text(Path(path), name))
+    lines = table_lines(table_text(Path(path), name), name)
     form = _solarpilot_form(lines[1])
     if form is not None:
         return _read_solarpilot(name, lines, *form, reserved)
