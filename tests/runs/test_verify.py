@@ -285,3 +285,17 @@ def test_an_unfinished_run_that_is_none(unfinished, text):
     done = verify(unfinished)
     assert done.problems[0].startswith("working: is ")
     assert "--force" in done.problems[0]
+
+
+@pytest.mark.parametrize("key", ["study_file", "finished", "environment", "command", "seconds", "identity"])
+def test_a_change_of_anything_in_the_manifest_is_found(plain, key):
+    path = plain / "manifest.json"
+    said = json.loads(path.read_text())
+    for changed in ({**said, key: {"another": 1}}, {name: one for name, one in said.items() if name != key}):
+        path.write_text(json.dumps(changed))
+        assert verify(plain).ok == (changed == said)
+    path.write_text(json.dumps(said, indent=7))  # other white space says the same
+    assert verify(plain).ok
+    del said["digest"]
+    path.write_text(json.dumps(said))
+    assert [note for note in verify(plain).notes if "manifest.json: has no digest" in note]

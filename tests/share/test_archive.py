@@ -15,6 +15,7 @@ from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.runs.verify import verify
 from heliosweep.share.archive import pack_result, placed
+from heliosweep.store.folder import manifest_text
 from tests.conftest import STUDIES
 
 #: Shipped studies that name files, by family and mode; and what archives of them must hold.
@@ -228,7 +229,7 @@ def test_changed_sources_are_said(commit, result, caplog):
     path = result / "manifest.json"
     manifest = json.loads(path.read_text("utf-8"))
     manifest["environment"]["commit"] = commit
-    path.write_text(json.dumps(manifest), encoding="utf-8")
+    path.write_text(manifest_text(manifest), encoding="utf-8")
     pack_result(result)
     assert ("-dirty" in caplog.text) == commit.endswith("-dirty")
 

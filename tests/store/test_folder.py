@@ -11,7 +11,6 @@ import platform
 import threading
 import time
 from contextlib import suppress
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -101,7 +100,7 @@ def test_a_full_disk_does_not_keep_from_claiming(tmp_path, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(os, "ftruncate", full)
     with claimed(tmp_path):
         assert holder(tmp_path) == "another process"
 

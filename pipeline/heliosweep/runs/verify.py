@@ -11,7 +11,7 @@ from typing import Any
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.files import human_bytes, refuse_devices, user_path
 from heliosweep.store.checks import check, check_apart
-from heliosweep.store.folder import MANIFEST, RESULTS, holder, read_manifest
+from heliosweep.store.folder import MANIFEST, RESULTS, holder, manifest_digest, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
 from heliosweep.store.read import foreign, result_bytes, result_digest
 
@@ -92,6 +92,10 @@ def _check_finished(folder: Path, verification: Verification) -> None:
         problems += [f"{name}: {line}" for line in (check if path.is_dir() else check_apart)(path, None)]
         return
     _check_result(path, manifest, verification)
+    if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
+        problems.append(f"{MANIFEST}: is not what was written (SHA-256)")
+    elif "digest" not in manifest:
+        verification.notes.append(f"{MANIFEST}: has no digest of its own; a change in it may not be noticed")
     _check_study(folder, manifest, verification)
     if path.is_dir() and (others := foreign(path)):
         more = f" and {len(others) - 1:,} more" if len(others) > 1 else ""

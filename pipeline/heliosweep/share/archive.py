@@ -23,6 +23,7 @@ from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
 from heliosweep.runs.verify import verify
 from heliosweep.share.texts import DEFAULT, METADATA, Described, Licence, citation, crate, licence, notebook, readme
+from heliosweep.store.folder import manifest_text
 from heliosweep.store.read import open_stored, tree
 from heliosweep.store.targets import target_file
 
@@ -109,7 +110,7 @@ def pack_result(
         "LICENSE": licence(described),
         "CITATION.cff": citation(described),
         "study.yaml": study_text(study, places),
-        "manifest.json": json.dumps(described.manifest, indent=2, sort_keys=True, ensure_ascii=False) + "\n",
+        "manifest.json": manifest_text(described.manifest),
         "open.ipynb": notebook(described),
     }
     files = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import logging
 import multiprocessing
 import os
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -229,6 +230,18 @@ def check(content: Any, shape: type[Record]) -> dict[str, Any]:
         place = ".".join(map(str, first["loc"]))[:_LONG]
         raise ValueError(f"{place}: {said[:_LONG]}" if place else said[:_LONG]) from None
     return dict(content)
+
+
+def manifest_text(content: Mapping[str, Any]) -> str:
+    """Text of a manifest: sorted, indented JSON, with a digest of all that it says."""
+    sealed = {**content, "digest": manifest_digest(content)}
+    return json.dumps(sealed, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def manifest_digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of what a manifest says, but for this digest."""
+    said = {key: value for key, value in content.items() if key != "digest"}
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
 def read_manifest(folder: Path, shape: type[Record] = Manifest) -> dict[str, Any]:

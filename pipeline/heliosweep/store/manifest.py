@@ -23,7 +23,7 @@ from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.sources import code_versions, version_of
 from heliosweep.store.encoding import slab_digest, slab_rows
-from heliosweep.store.folder import MANIFEST, read_manifest
+from heliosweep.store.folder import MANIFEST, manifest_text, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
 from heliosweep.store.read import content_digest, open_stored, result_bytes, result_digest
 
@@ -134,7 +134,7 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
     command = [Path(sys.argv[0]).name, *sys.argv[1:]]
     record = {"command": command, "environment": _environment(), "result": said, **content}
     write_whole(folder / "study.resolved.yaml", study.to_yaml(folder))
-    write_whole(folder / MANIFEST, json.dumps(record, indent=2, sort_keys=True, ensure_ascii=False) + "\n")
+    write_whole(folder / MANIFEST, manifest_text(record))
     sync(folder)
 
 
