@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -80,6 +82,33 @@ def _civil_height(
     vectors = sun.solar_clock(np.radians(latitudes)[:, np.newaxis], declination, 12 + nearest)
     elevation = np.arcsin(np.clip(vectors[..., 2].max(axis=1), -1, 1))
     return np.sin(np.minimum(elevation + np.radians(MARGIN), np.pi / 2))
+
+
+def night_share(study: Study) -> float:
+    """Share of a study's instants on the civil clock at which the sun is below the horizon, to a few hundredths. [1]
+
+    From some of its places and dates, and without the equation of time.
+    """
+    single: Any = getattr(study, "site", None)
+    sites = [single] if single is not None else site_table(study)
+    time: CivilTime = study.time  # type: ignore[attr-defined]
+    dates = _some(time.date_list())
+    start, stop, _ = time.window_seconds()
+    declination = sun.declination_cooper([date.timetuple().tm_yday for date in dates])[:, np.newaxis]
+    shares = []
+    for site in _some(sites):
+        zone = parse_timezone(time.timezone or site.timezone or "+00:00")
+        opens, closes = (np.array([_universal_hour(date, at, zone) for date in dates]) for at in (start, stop))
+        hours = np.linspace(opens, closes, 145, axis=1)
+        for latitude, longitude in product(_some(_values(site.latitude)), _some(_values(site.longitude))):
+            up = sun.solar_clock(np.radians(latitude), declination, hours + longitude / 15)[..., 2]
+            shares.append(np.mean(up < 0))
+    return float(np.mean(shares))
+
+
+def _some(values: Sequence[Any] | NDArray[np.float64]) -> Any:
+    """Twelve of the values at the most, evenly picked."""
+    return values[:: max(1, -(-len(values) // 12))]
 
 
 def _universal_hour(date: dt.date, seconds: float, zone: dt.tzinfo) -> float:

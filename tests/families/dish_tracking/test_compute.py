@@ -274,8 +274,9 @@ def test_a_tilted_mount_leans_as_its_opposite():
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ({"tolerance": 0}, "tolerance: must be greater than 0 mrad"),
-        ({"tolerance": -1}, "tolerance: must be greater than 0 mrad"),
+        ({"tolerance": 0}, "tolerance: must be between 1e-06 and 1e[+]06 mrad"),
+        ({"tolerance": 1e-300}, "tolerance: must be between"),
+        ({"statistics": {"required_factor": -1000000}}, "required_factor: must be"),
         ({"site": {"latitude": 40}}, r"site\.longitude: is missing"),
         ({"time": time(timezone="Mars/Base")}, r"time\.timezone: unknown time zone"),
         ({"time": time(timezone=None) | {}}, r"time\.timezone"),
@@ -284,7 +285,7 @@ def test_a_tilted_mount_leans_as_its_opposite():
         ({"time": time(window={"start": "21:00", "stop": "07:00", "step": "1 h"})}, "must be after the start"),
         ({"time": time(window={"start": "sunrise", "stop": "21:00", "step": "1 h"})}, "from sunrise to sunset"),
         ({"errors": {"axis_tilt": 91}}, "must be between 0 and 90 deg"),
-        ({"statistics": {"required_factor": 1}}, "must be less than 1"),
+        ({"statistics": {"required_factor": 1}}, "at least 0 and less than 1"),
         ({"errors": {"axis_tilt": 1, "axis_tilt_direction": [0, 360]}}, "the same direction twice"),
         ({"time": time(dates=["2021-06-22", "2021-06-21"])}, r"time\.dates: must rise"),
         (
@@ -296,6 +297,22 @@ def test_a_tilted_mount_leans_as_its_opposite():
 def test_bad_input_is_said(blocks, message):
     with pytest.raises(StudyError, match=message):
         study(**blocks)
+
+
+@pytest.mark.parametrize(
+    ("window", "share"),
+    [(("00:00", "24:00"), 50), (("09:00", "15:00"), 0), (("20:00", "24:00"), 100), ("sunrise_to_sunset", 0)],
+)
+def test_a_window_into_the_night_is_warned_of(window, share):
+    """At the equinox on the equator, where the sun is up from 6 to 18 h."""
+    if isinstance(window, tuple):
+        window = dict(zip(("start", "stop"), window, strict=True)) | {"step": "10 min"}
+    blocks = {"site": {"latitude": 0, "longitude": 0}}
+    time_of = {"clock": "civil", "timezone": "+00:00", "dates": ["2021-03-20"], "window": window}
+    notes = list(study(time=time_of, **blocks).notes())
+    assert len(notes) == (share > 0)
+    assert all(f"about {share} % of the instants" in note and "daylight_only" in note for note in notes)
+    assert not list(study(time={**time_of, "daylight_only": True}, **blocks).notes())
 
 
 def test_settings_of_the_sun_are_said_and_count():

@@ -20,6 +20,7 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, WallTime, Window
 from heliosweep.config.values import Choice, Flag, Quantity, Samples
 from heliosweep.errors import Problem
+from heliosweep.grid.daylight import night_share
 
 MODELS = {
     "rigid": "the whole mount tilts and the controller does not know",
@@ -31,6 +32,8 @@ MODELS = {
 MOST_DIRECTIONS = 100_000
 #: The word for a window from sunrise to sunset.
 SUNLIT = "sunrise_to_sunset"
+#: A larger share of a window in the night is warned of. [1]
+NIGHT = 0.01
 
 
 @dataclass(frozen=True)
@@ -175,6 +178,7 @@ class Statistics(Block):
         Samples(
             "Least daily tracking factor that is asked for: the largest tolerable tilt is solved for each of these",
             "1",
+            ge=0,
             lt=1,
             title="required effective tracking factor",
         ),
@@ -197,7 +201,8 @@ class DishTrackingStudy(Study):
         Quantity(
             "Tracking error at which the factor is zero, e_f of the paper",
             "mrad",
-            gt=0,
+            ge=1e-6,
+            le=1e6,
             dimension="tracking_tolerance",
             title="tolerance",
         ),
@@ -210,6 +215,17 @@ class DishTrackingStudy(Study):
         """One site or several."""
         if (self.site is None) == (self.sites is None):
             yield Fault("give 'site' or 'sites', one of them", show_value=False)
+
+    def notes(self) -> Iterator[str]:
+        """Yield a warning where the sun is down for part of the window, and counts."""
+        if self.time.window.sunlit or self.time.daylight_only:
+            return
+        share = night_share(self)
+        if share > NIGHT:
+            yield (
+                f"the sun is below the horizon at about {100 * share:.0f} % of the instants, and they count as the "
+                "others do: time.daylight_only: true leaves them out"
+            )
 
     def check(self) -> Iterator[Problem]:
         """Check the sites' clocks, directions that are the same, and what can be solved for."""
