@@ -311,6 +311,11 @@ def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
     night = ["0,0.1,0.1,2024-06-21T00:00:00Z"]
     said = problems(tmp_path, [*timed, *night], "heliostat,y,z,time", site=SITE)
     assert "spots.csv:5: calibration.spots: the sun is not above the horizon" in said
+    millimetres = [",".join([n, *(str(1e3 * float(at)) for at in place), sun]) for n, *place, sun in
+                   (row.split(",", 3) for row in good)]  # fmt: skip
+    said = problems(tmp_path, millimetres)
+    assert said.startswith("spots.csv:2: the spot lies ")
+    assert "is it in metres?" in said
 
 
 def test_a_heliostat_with_too_few_spots_is_a_note(tmp_path):

@@ -17,9 +17,10 @@ from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Listed, Sweep
+from heliosweep.config.tables import MAX_LISTED
 from heliosweep.config.times import CivilTime, SolarTime, Time
 from heliosweep.config.values import Choice
-from heliosweep.errors import Problem, StudyError
+from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.families.misalignment.blocks import (
     BLOCKS_OF_MODES,
     ERRORS,
@@ -42,6 +43,8 @@ from heliosweep.layouts.resolve import Layouts
 #: Layouts of a sweep, and heliostats in all of them, that are looked at here; the kernels flag what is wrong in any.
 MAX_LAYOUTS, MAX_HELIOSTATS = 50, 300_000
 
+#: Farthest spot from the aim point, as a share of its heliostat's distance: four times the errors of a poor mount. [1]
+FARTHEST_SPOT = 0.2
 #: Written out, as the modules of the variables load the kernels, which validation has no time for; a test compares.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
@@ -361,6 +364,7 @@ def _spots(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
         yield from (replace(problem, key=problem.key or "calibration.spots") for problem in error.problems)
         return
     assert measured is not None
+    yield from _far_spots(study, measured)
     counts = np.bincount(measured.heliostat, measured.weight > 0, study.heliostat_names()[0])
     if not counts.any():
         yield study.problem("calibration.spots", "no spot has a weight above 0: nothing can be estimated")
@@ -382,6 +386,27 @@ def _spots(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
         what = "all spots are of one sun; more than two errors cannot be told apart there"
         notes.append(f"heliostat {_listed(still)}: {what}")
     notes.extend(_names_as_numbers(study))
+
+
+def _far_spots(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
+    """Problems of spots that lie so far from the aim point that they must be in another unit."""
+    if study.layout is None:
+        x, y = np.array(study.heliostats.positions or (), float).reshape(-1, 3)[:, :2].T
+    else:
+        layout = Layouts(study)[()]
+        x, y = layout.x, layout.y
+    away = np.hypot(np.hypot(x, y), max(_ends(study.receiver.height)))[measured.heliostat]
+    off = np.hypot(*measured.position.T)
+    far = np.flatnonzero(off > FARTHEST_SPOT * away)
+    problems = (
+        Problem(
+            f"the spot lies {off[row]:.4g} m from the aim point, its heliostat {away[row]:.4g} m: is it in metres?",
+            file=measured.name,
+            line=int(measured.lines[row]),
+        )
+        for row in far
+    )
+    return list(listed(problems, MAX_LISTED, far.size))
 
 
 def _listed(numbers: NDArray[np.int64]) -> str:
