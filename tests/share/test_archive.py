@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 import zipfile
 from pathlib import Path
@@ -128,6 +129,16 @@ def test_zarr(small, tmp_path):
         assert one.identical(other)
     metadata = json.loads((folder / "ro-crate-metadata.json").read_text("utf-8"))
     assert "result.zarr/" in {entity["@id"] for entity in metadata["@graph"]}
+
+
+def test_titles_are_text_in_markdown(small, tmp_path):
+    evil = "<script>alert(1)</script> [click](javascript:x) `a` $b$ *c* | d"
+    heliosweep.run(small(title=evil, description=evil), tmp_path / "result", report=False)
+    folder = unpacked(pack_result(tmp_path / "result"), tmp_path / "elsewhere")
+    cells = json.loads((folder / "open.ipynb").read_text("utf-8"))["cells"]
+    for text in ((folder / "README.md").read_text("utf-8"), "".join(cells[0]["source"])):
+        assert r"\<script\>alert(1)\</script\> \[click\](javascript:x) \`a\` \$b\$ \*c\* \| d" in text
+        assert not re.search(r"(?<!\\)<script|(?<!\\)\[click", text)
 
 
 LAYOUT = "x,y\n0,50\n10,60\n-10,70\n"

@@ -20,6 +20,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from heliosweep.config.blocks import OWN, Creator
 from heliosweep.config.study import Study
+from heliosweep.errors import printable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -174,8 +175,13 @@ def readme(described: Described) -> str:
     """README.md: what this is, how to open, cite, verify and rerun it."""
     options: dict[str, Any] = {"undefined": StrictUndefined, "trim_blocks": True, "keep_trailing_newline": True}
     texts = Environment(loader=PackageLoader("heliosweep.share"), **options)
-    texts.filters |= {"cell": _cell, "units": _units}
+    texts.filters |= {"cell": _cell, "prose": _prose, "units": _units}
     return texts.get_template("README.md").render(described.told)
+
+
+def _prose(text: object) -> str:
+    """Text on one line of Markdown, where nothing in it is markup, a formula or HTML."""
+    return re.sub(r"([\\`*\[\]<>|$~#])", r"\\\1", printable(" ".join(str(text).split())))
 
 
 def _cell(text: str) -> str:
@@ -251,7 +257,7 @@ def notebook(described: Described) -> str:
         look += f'.isel({{dim: slice(0, 5) for dim in data["{first}"].dims}}).to_series().head(20)'
     needs = "zarr" if told["is_zarr"] else "netCDF4"
     texts = [
-        f"# {told['title']}\n\n{described.attributes['summary']}\n\nNeeds xarray and {needs}.",
+        f"# {_prose(told['title'])}\n\n{_prose(described.attributes['summary'])}\n\nNeeds xarray and {needs}.",
         f'import xarray as xr\n\ndata = {told["opening"]}("{told["result"]}")\ndata',
         "What each variable means:",
         _MEANINGS,
