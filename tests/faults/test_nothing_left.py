@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -25,16 +27,22 @@ LONG = {
 }
 
 
+@pytest.fixture
+def short() -> Iterator[Path]:
+    """A folder with a name that leaves room for that of a socket."""
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
+
+
 @pytest.mark.parametrize("scheduler", ["processes", "distributed"])
 @pytest.mark.parametrize(("number", "send"), [(signal.SIGKILL, os.kill), (signal.SIGHUP, os.killpg)])
-def test_nothing_is_left_of_a_run_that_ends_suddenly(scheduler, number, send, tmp_path):
+def test_nothing_is_left_of_a_run_that_ends_suddenly(scheduler, number, send, tmp_path, short):
     (tmp_path / "study.yaml").write_text(yaml.safe_dump(LONG))
-    (tmp_path / "temporary").mkdir()
     command = [COMMAND, "run", "study.yaml", "-q", "--no-report", "-o", "out", "--scheduler", scheduler]
     process = subprocess.Popen(
         [*command, "--workers", "2"],
         cwd=tmp_path,
-        env={**os.environ, "TMPDIR": str(tmp_path / "temporary")},
+        env={**os.environ, "TMPDIR": str(short)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -47,4 +55,4 @@ def test_nothing_is_left_of_a_run_that_ends_suddenly(scheduler, number, send, tm
     assert process.returncode == (-number if number == signal.SIGKILL else 4)
     assert time.monotonic() - begin < 30
     assert "Traceback" not in said
-    wait_for(lambda: not list((tmp_path / "temporary").iterdir()))
+    wait_for(lambda: not list(short.iterdir()))

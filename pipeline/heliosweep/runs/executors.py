@@ -7,6 +7,7 @@ import os
 import pickle
 import queue
 import signal
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Iterator
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 TRIES = 3
 #: How often a pool is looked after while nothing comes from it. [s]
 LOOK_SECONDS = 1.0
+#: Letters that the name of a socket may have.
+SOCKET_LETTERS = 104
 #: Variable of the environment with which Python imports nothing that lies in the working directory.
 SAFE_PATH = "PYTHONSAFEPATH"
 
@@ -196,7 +199,9 @@ class _Processes(Pool):
 
 def forking_context() -> BaseContext:
     """How worker processes are started: forked from one that has imported what they need, where the system can."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
+    # Some folders for temporary files have too long a name for a socket in them.
+    room = len(os.fsencode(tempfile.gettempdir())) + len("/pymp-________/listener-________") < SOCKET_LETTERS
+    if "forkserver" not in multiprocessing.get_all_start_methods() or not room:
         return multiprocessing.get_context("spawn")
     from multiprocessing import forkserver, resource_tracker
 
@@ -206,8 +211,6 @@ def forking_context() -> BaseContext:
     try:  # a closed terminal must not take what these two look after from under the run
         resource_tracker.ensure_running()
         forkserver.ensure_running()
-    except OSError:  # the folder for temporary files has too long a name for a socket
-        return multiprocessing.get_context("spawn")
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return context
