@@ -92,7 +92,7 @@ def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
     import xarray as xr
 
     parameters = Parameters(study)
-    labels = {**parameters.coordinates(_LABELS), **LayoutAxis(study).coordinates()}
+    labels: dict[str, Any] = {**parameters.coordinates(_LABELS), **LayoutAxis(study).coordinates()}
     if study.output.time_series:
         labels |= instants_of(parameters).coordinates()
     return xr.Dataset(coords=labels, attrs=sun_attributes(study.time))
