@@ -335,8 +335,11 @@ def check_workers(client: Client, where: str, module: str) -> None:
     `where` is what the cluster is called in messages. Raises HeliosweepError where a worker has other versions than
     this process, with which numbers may change, or cannot run heliosweep.
     """
-    own = versions(module)
-    for worker, answer in client.run(versions, module, on_error="return").items():
+    own, answers = versions(module), client.run(versions, module, on_error="return")
+    if any("partially initialized" in str(answer) for answer in answers.values()):
+        # Another thread of a worker was importing the same package: the next time it is there.
+        answers = client.run(versions, module, on_error="return")
+    for worker, answer in answers.items():
         if isinstance(answer, OSError):
             continue  # it left
         if isinstance(answer, Exception):
