@@ -11,7 +11,7 @@ from tests.bench.table import Row, show
 #: What stands in the table.
 KERNELS = ("field", "dish", "deviation", "mount_spots", "calibration", "gazing", "gazing_lm")
 #: Whole commands, with tables of their own.
-COMMANDS = ("study", "engines", "memory")
+COMMANDS = ("study", "engines", "memory", "parts")
 
 
 def kernel_groups(names: list[str]) -> Iterator[Iterator[Row]]:
