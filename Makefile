@@ -40,7 +40,7 @@ docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
 
 bench: $(STAMP)  ## speed of the kernels beside named baselines; make BENCH="engines memory" bench: those
 	@$(BIN)/python -c "import PySAM" 2>/dev/null \
-	  || $(BIN)/python -m pip install -q -c constraints.txt -e ".[bench]" \
+	  || $(BIN)/python -m pip install -q nrel-pysam==7.1.1.post1 \
 	  || echo "nrel-pysam does not install here; the benchmark goes on without it" >&2
 	@$(BIN)/python -m tests.bench $(BENCH)
 
@@ -56,13 +56,13 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 lock: $(STAMP)  ## pin what pyproject.toml asks for in constraints.txt, with the digests of all files
-	@$(BIN)/python -m pip install -q uv
-	@$(BIN)/uv pip compile -q --universal --python-version 3.11.7 --generate-hashes --no-emit-index-url --no-annotate \
+	@$(PYTHON) -m venv $(VENV)/tools && $(VENV)/tools/bin/python -m pip install -q uv
+	@$(VENV)/tools/bin/uv pip compile -q --universal --python-version 3.11.7 --generate-hashes --no-emit-index-url --no-annotate \
 	  --custom-compile-command "make lock" --extra test --extra check --extra docs -o constraints.txt pyproject.toml
 
 audit: $(STAMP)  ## look up the pinned versions among known vulnerabilities, where that list can be had
-	@$(BIN)/python -m pip install -q pip-audit
-	@$(BIN)/pip-audit --strict --require-hashes --disable-pip -r constraints.txt \
+	@$(PYTHON) -m venv $(VENV)/tools && $(VENV)/tools/bin/python -m pip install -q pip-audit
+	@$(VENV)/tools/bin/pip-audit --strict --require-hashes --disable-pip -r constraints.txt \
 	  || { echo "some versions are vulnerable, or could not be looked up from here: see above" >&2; exit 1; }
 
 clean:  ## remove the environment and caches, keep outputs/

@@ -17,7 +17,7 @@ from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.family import Family, families, study_classes
-from heliosweep.files import refuse_devices, remove_leftovers, user_path
+from heliosweep.files import remove_leftovers, user_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -177,10 +177,10 @@ def result_folder(study: Study, output: str | os.PathLike[str] | None = None) ->
         return Path(OUTPUTS) / f"{printable}-{study.study_id}"
     if not os.fspath(output):
         raise StudyError(Problem("the name of the result folder is empty"))
-    if "\\" in os.fspath(output) and os.name == "posix":
-        problem = "the NetCDF library takes a backslash for what parts folders; name another folder with --output"
-        raise StudyError(Problem(problem, file=os.fspath(output)))
     folder = user_path(output)
+    if "\\" in str(folder.absolute()) and os.name == "posix":
+        problem = "the NetCDF library takes a backslash for what parts folders; name another folder with --output"
+        raise StudyError(Problem(problem, file=str(folder.absolute())))
     try:
         str(folder.absolute()).encode()
     except UnicodeEncodeError:
@@ -297,7 +297,7 @@ def run(
     """
     from heliosweep.runs.run import Run
     from heliosweep.runs.signals import uninterrupted
-    from heliosweep.store.folder import check_contents, claimed, is_tidy, made
+    from heliosweep.store.folder import check_contents, check_locks, claimed, is_tidy, made, refuse_devices
 
     asked = _loaded(study)
     asked = asked.model_copy(update={"execution": asked.execution.resolved()})
@@ -318,6 +318,8 @@ def run(
     check_contents(folder, asked, force)
     with made(folder), claimed(folder):
         remove_leftovers(folder)
+        if asked.output.format == "netcdf":
+            check_locks(folder)
         before, now = now, prepared()  # another run may have been at work
         if before.study_id != now.study_id:
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))

@@ -390,7 +390,8 @@ def _export(options: argparse.Namespace) -> None:
 def _read_for(source: str) -> set[Any]:
     """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
     from heliosweep import api
-    from heliosweep.files import refuse_devices, user_path
+    from heliosweep.files import user_path
+    from heliosweep.store.folder import refuse_devices
     from heliosweep.store.targets import sources_of
 
     files, path = {user_path(source)}, user_path(source)

@@ -34,25 +34,15 @@ def user_path(path: str | os.PathLike[str]) -> Path:
     name = os.fspath(path)
     expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
     if expanded == name and name.startswith("~"):
-        raise StudyError(Problem("there is no such home folder; write ./ before it if it is a file's name", file=name))
+        problem = "there is no such home folder; write ./ before it, or its whole path, if it is the name of a file"
+        raise StudyError(Problem(problem, file=name))
     place = Path(expanded)  # which drops the "./" of "./~"
     return place.absolute() if place.parts[:1] and place.parts[0].startswith("~") else place
 
 
-def refuse_devices(place: Path) -> None:
-    """Refuse a file, or a folder with a file in it or in its folders, that is a pipe, a socket or a device.
-
-    Reading one may wait for ever, or never end.
-
-    Raises
-    ------
-    StudyError
-        Names the first one.
-    """
-    folders = [place, *(each for each in place.glob("*") if each.is_dir())] if place.is_dir() else []
-    for path in (place, *(each for folder in folders for each in folder.iterdir())):
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise StudyError(Problem("is a pipe, a socket or a device, and no file; move it away", file=str(path)))
+def named_in(folder: Path, name: str) -> Path:
+    """Path of a file that a file in `folder` names: from there, or from a home folder. Raises as `user_path`."""
+    return folder / (user_path(name) if name.startswith("~") else name)
 
 
 @contextmanager

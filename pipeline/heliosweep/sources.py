@@ -19,7 +19,7 @@ from typing import Any
 __all__ = ["code_versions", "numbers_digest", "version_of"]
 
 _PACKAGE = "heliosweep"
-_WORDS = ("accessor", "api", "cli", "config.faults", "errors", "notebook", "report", "runs", "share", "store")
+_WORDS = ("accessor", "api", "cli", "config.faults", "errors", "files", "notebook", "report", "runs", "share", "store")
 """Modules and folders of the package on which no number depends, unless they are asked for by name."""
 _KEPT = 2000
 """Files whose code is remembered."""
@@ -192,9 +192,15 @@ def _place() -> Path:
 
 @cache
 def _memory() -> dict[str, tuple[str, _Imports]]:
-    with suppress(OSError, ValueError):
-        return dict(json.loads(_place().read_text(encoding="utf-8")))
+    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
+        said = json.loads(_place().read_text(encoding="utf-8"))
+        if said["digest"] == _digest_of(said["files"]):  # else damaged
+            return dict(said["files"])
     return {}
+
+
+def _digest_of(files: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
 
 
 def _remember() -> None:
@@ -202,5 +208,6 @@ def _remember() -> None:
     temporary = place.with_suffix(f".{os.getpid()}")
     with suppress(OSError):  # there may be no place for it
         place.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(content), encoding="utf-8")
+        said = {"digest": _digest_of(content), "files": content}
+        temporary.write_text(json.dumps(said), encoding="utf-8")
         temporary.replace(place)

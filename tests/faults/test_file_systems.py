@@ -111,6 +111,37 @@ def test_the_claim_does_not_follow_a_link(folder, capsys):
     assert (folder / "precious").read_text() == "mine"
 
 
+def test_nor_is_a_file_with_another_name_claimed(folder, capsys):
+    (folder / "precious").write_text("mine")
+    (folder / "new").mkdir()
+    (folder / "new/.heliosweep.lock").hardlink_to(folder / "precious")
+    assert main(["run", "study.yaml", "-o", "new"]) == 2
+    assert "new/.heliosweep.lock: is another file too" in capsys.readouterr().err
+    assert (folder / "precious").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["values.bin", "journal.jsonl", "study.json", ""])
+def test_parts_are_not_written_through_a_link(folder, monkeypatch, capsys, name):
+    with monkeypatch.context() as patch:
+        after_parts(patch, 1, interrupt)
+        with pytest.raises(RunInterrupted):
+            api.run("study.yaml", "half")
+    place = folder / "half/working" / name
+    place.rename(folder / "precious")
+    before = (folder / "precious").read_bytes() if name else b""
+    place.symlink_to(folder / "precious")
+    assert main([*RUN[:-1], "half"]) == 2
+    assert f"half/working{name and '/' + name}: is a link, and no file of a run" in capsys.readouterr().err
+    assert not name or (folder / "precious").read_bytes() == before
+
+
+def test_what_else_lies_in_the_folder_is_nobodys_business(folder):
+    (folder / "new/.gnupg").mkdir(parents=True)
+    os.mkfifo(folder / "new/.gnupg/pipe")
+    os.mkfifo(folder / "new/pipe")
+    assert main(["run", "study.yaml", "-o", "new"]) == 0
+
+
 def test_figures_do_not_follow_a_link(folder, capsys):
     (folder / "mine").mkdir()
     (folder / "mine/precious.png").write_text("mine")
@@ -130,12 +161,12 @@ def test_without_locks_or_hard_links(folder, monkeypatch):
     monkeypatch.setattr("filelock.lock_descriptor", no_locks)
     monkeypatch.setattr(os, "link", no_locks)
     monkeypatch.delenv("HDF5_USE_FILE_LOCKING", raising=False)
+    assert api.run({**STUDY, "output": {"format": "zarr"}}, "zarr", report=False).path.exists()  # needs none
     with pytest.raises(StudyError, match=r"new: has no locks .*: set HDF5_USE_FILE_LOCKING=FALSE in the environment"):
         api.run("study.yaml", "new")
     assert not (folder / "new").exists()
     monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
-    for form in ("netcdf", "zarr"):
-        assert api.run({**STUDY, "output": {"format": form}}, form, report=False).path.exists()
+    assert api.run(STUDY, "netcdf", report=False).path.exists()
 
 
 @pytest.mark.parametrize("form", ["netcdf", "zarr"])

@@ -83,6 +83,30 @@ def test_the_home_folder(folder, capsys, monkeypatch):
     assert heights("./~/result") == 80
 
 
+def test_files_that_a_study_names_in_the_home_folder(folder, monkeypatch, capsys):
+    monkeypatch.setenv("HOME", str(folder / "home"))
+    (folder / "home").mkdir()
+    (folder / "elsewhere").mkdir()
+    for place, x in (("home/l.csv", 10), ("elsewhere/~l.csv", 20), ("~l.csv", 30)):
+        (folder / place).write_text(f"x,y\n{x},50\n")
+    for name, found in (("~/l.csv", [10]), ("./~l.csv", [20]), ("~l.csv", [])):
+        study = folder / "elsewhere/s.yaml"
+        study.write_text(yaml.safe_dump({**TINY, "layout": {"file": name}}))
+        if not found:
+            assert main(["validate", str(study)]) == 2
+            assert "there is no such home folder; write ./ before it" in capsys.readouterr().err
+        else:
+            assert api.build(api.load(study))["x"].values.tolist() == found
+
+
+def test_a_working_folder_with_a_backslash_is_told_at_once(folder, capsys, monkeypatch):
+    (folder / "a\\b").mkdir()
+    (folder / "a\\b/study.yaml").write_text((folder / "study.yaml").read_text())
+    monkeypatch.chdir(folder / "a\\b")
+    assert main(["run", "study.yaml", "--no-report", "-q", "-o", "out"]) == 2
+    assert "the NetCDF library takes a backslash" in capsys.readouterr().err
+
+
 @pytest.fixture
 def read_only(folder) -> Iterator[Path]:
     """A disk that cannot be written, with a finished result and an empty folder."""

@@ -131,8 +131,9 @@ def test_below_the_diagonal_is_one_warning():
     problems, (warning,) = messages(at((0, 50), (12, 50), (40, 50), (40, 63), lines=[2, 3, 4, 5]))
     assert problems == []
     assert warning == (
-        "field.csv: 2 pairs of neighbours stand closer than the diagonal of the mirrors and may touch in "
-        "some postures; the closest are heliostat 0 (line 2) and heliostat 1 (line 3), 12 m apart, with a "
+        "field.csv: 2 pairs of neighbours stand closer than the diagonal of the mirrors and may touch or "
+        "overlap in some postures, which this check does not follow; the "
+        "closest are heliostat 0 (line 2) and heliostat 1 (line 3), 12 m apart, with a "
         "diagonal of 14.1421 m"
     )
     assert "1 pair of neighbours stands" in messages(at((0, 50), (12, 50)))[1][0]

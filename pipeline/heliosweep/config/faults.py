@@ -109,10 +109,10 @@ def one_of(names: Iterable[str]) -> str:
     return f"{', '.join(most)} or {last}" if most else last
 
 
-def in_short(text: str, most: int = 60) -> str:
-    """Return text on one line: what would move or colour a terminal as an escape, and `most` characters at the most."""
+def in_short(text: str) -> str:
+    """Return text on one line: what would move or colour a terminal as an escape, and no more than 60 characters."""
     text = printable(text[:100]).replace("\n", "\\n").replace("\t", "\\t")
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def shown(value: object) -> str:

@@ -17,6 +17,7 @@ from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
 from heliosweep.config.values import FileName
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import named_in
 
 MAX_PROBLEMS = 100
 
@@ -163,9 +164,12 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
     """Yield the named files that are not there, whatever else is wrong with the study."""
     for path, name in _file_names(study_class, source.data):
         try:
-            found = (source.directory / name).is_file()
+            found = named_in(source.directory, name).is_file()
         except (OSError, ValueError):
             found = False
+        except StudyError as error:  # a home folder that is not there
+            yield source.problem(path, error.problems[0].message)
+            continue
         if not found:
             yield source.problem(path, f"no such file, looked for relative to the study file (got {shown(name)})")
 

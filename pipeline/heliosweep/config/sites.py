@@ -23,6 +23,7 @@ from heliosweep.config.source import Source
 from heliosweep.config.study import Study
 from heliosweep.config.tables import Column, read_table
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import named_in
 
 MAX_BYTES = 2**20
 _COLUMNS = {
@@ -132,7 +133,7 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
         new["sites"] = [filled(entry, "sites", number, "file") for number, entry in enumerate(sites)]
     elif isinstance(names, list) and names:
         new["sites"] = [filled({"file": name}, "sites", "file", number) for number, name in enumerate(names)]
-    elif isinstance(names, str) and _is_weather(_head(source.directory / names)):  # else a table of sites
+    elif isinstance(names, str) and _is_weather(_head(named_in(source.directory, names))):  # else a table of sites
         new["sites"] = [filled({"file": names}, "sites", "file")]
     return replace(source, data={**source.data, **new}) if new else source
 
@@ -141,7 +142,7 @@ def _weather_site(folder: Path, name: Any) -> dict[str, Any]:
     """Site of a weather file. Raises Invalid for what is none, and StudyError for one that is wrong."""
     if not isinstance(name, str) or not name.strip():
         raise Invalid("must be the name of a weather file, EPW or TMY3")
-    head = _head(folder / name)
+    head = _head(named_in(folder, name))
     if not head:
         raise Invalid("no such file, looked for relative to the study file")
     if not _is_weather(head):
@@ -149,7 +150,7 @@ def _weather_site(folder: Path, name: Any) -> dict[str, Any]:
     try:
         return _header_site(head)
     except ValueError as error:
-        raise StudyError(Problem(str(error), file=str(folder / name), line=1)) from None
+        raise StudyError(Problem(str(error), file=str(named_in(folder, name)), line=1)) from None
 
 
 def _head(file: Path) -> str:

@@ -27,7 +27,7 @@ from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
-from heliosweep.files import user_path
+from heliosweep.files import named_in
 
 MAX_BYTES = 512 * 2**20
 """Largest file that a study may name."""
@@ -107,7 +107,7 @@ class Study(Block):
 
     def resolve(self, name: str) -> pathlib.Path:
         """Return the path of a file that the study names, relative to the study file."""
-        return self._source.directory / user_path(name)
+        return named_in(self._source.directory, name)
 
     def place_of(self, name: str) -> pathlib.Path:
         """Return where that file is: ``..`` after a link to a folder leads to where that folder is."""

@@ -259,7 +259,8 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     low, high, apart = tight[0]
     number = "1 pair of neighbours stands" if len(tight) == 1 else f"{len(tight):,} pairs of neighbours stand"
     message = (
-        f"{number} closer than the diagonal of the mirrors and may touch in some postures; the closest are "
+        f"{number} closer than the diagonal of the mirrors and may touch or overlap in some postures, "
+        "which this check does not follow; the closest are "
         f"{layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
         f"{(diagonal[low] + diagonal[high]) / 2:.6g} m"
     )

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.faults import in_short
-
 DEGREE = "\N{DEGREE SIGN}"
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
@@ -85,17 +83,13 @@ def latitude_text(latitude: float) -> str:
     return f"{abs(latitude):g}{DEGREE}{hemisphere}"
 
 
-#: Of a name in figures and tables, so many letters are shown.
-MOST_LETTERS = 40
-
-
 def value_text(coordinate: xr.DataArray) -> str:
     """One coordinate value with its unit, for instance ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
     value = coordinate.item()
     if isinstance(value, str):
         if coordinate.name in _ENUMERATIONS:
             return value.replace("_", "-")
-        return in_short(PurePath(value).stem if value.endswith(".csv") else value, MOST_LETTERS)
+        return PurePath(value).stem if value.endswith(".csv") else value
     if coordinate.dtype.kind in "mM":
         return str(coordinate.to_numpy().astype("datetime64[m]"))
     if is_latitude(coordinate):

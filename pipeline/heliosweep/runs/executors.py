@@ -139,18 +139,27 @@ def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
             pool.look()
 
 
+_counting, _asked_by = threading.Lock(), list[str | None]()
+"""What the variable was before, and one entry for each run in this process that has asked for it."""
+
+
 @contextmanager
 def safe_path() -> Iterator[None]:
     """Let the Python processes that are started in the context import nothing that lies in the working directory."""
-    before = os.environ.get(SAFE_PATH)
-    os.environ[SAFE_PATH] = "1"
+    with _counting:
+        if not _asked_by:
+            _asked_by.append(os.environ.get(SAFE_PATH))
+        _asked_by.append(None)
+        os.environ[SAFE_PATH] = "1"
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[SAFE_PATH]
-        else:
-            os.environ[SAFE_PATH] = before
+        with _counting:
+            _asked_by.pop()
+            if len(_asked_by) == 1 and (before := _asked_by.pop()) is None:
+                os.environ.pop(SAFE_PATH, None)
+            elif not _asked_by:
+                os.environ[SAFE_PATH] = str(before)
 
 
 @contextmanager

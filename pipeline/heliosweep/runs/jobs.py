@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+import shlex
 import shutil
 import signal
 import socket
@@ -35,7 +36,6 @@ WORKER_SETTINGS: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.allowed-failures": 0,  # parts are tried again here, and alone
     "distributed.worker.http.routes": [],  # pages of single workers, which anybody could read
-    "distributed.nanny.http.routes": [],
     # Of itself distributed wakes up every 20 ms for every scheduler, nanny, worker and client, on the workers' cores.
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "2s",
@@ -63,9 +63,16 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
     and then: it submits jobs again that ended, and raises HeliosweepError where the queue refuses. Raises StudyError
     where dask-jobqueue or the queue's commands are not installed.
     """
+    import dask
     from distributed.utils import get_ip
 
-    job = execution.job or Job()
+    job, certificates = execution.job or Job(), str(folder.absolute())
+    if shlex.quote(certificates) != certificates:
+        problem = (
+            f"the certificates of its workers would lie in {folder.absolute()}, which a job script cannot name: run in "
+            "a folder, and name a study, with letters, digits, and - _ . / only, or name another with --output"
+        )
+        raise StudyError(Problem(problem, "execution.scheduler"))
     jobs = -(-workers // job.cores)
     refusals: list[str] = []
     cluster_class, job_class = _classes(execution.scheduler, refusals)
@@ -76,7 +83,8 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
         options["local_directory"] = str(folder) if local else "${TMPDIR:-/tmp}"  # read by the shell of the job
         security, secret = only_ours()
         scheduler = {"local_directory": str(folder), "http_prefix": secret}
-        if local or job.interface is None:
+        known = dask.config.get(f"jobqueue.{execution.scheduler}.interface", None)
+        if local or not (job.interface or known):
             scheduler["host"] = "127.0.0.1" if local else get_ip()
         try:
             with free_dashboard("127.0.0.1") as dashboard:
@@ -84,7 +92,7 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
                     job_cls=job_class,
                     scheduler_options={"dashboard_address": dashboard, **scheduler},
                     security=security,
-                    shared_temp_directory=str(folder),
+                    shared_temp_directory=certificates,
                     silence_logs=logging.CRITICAL,
                     **options,
                 )

@@ -14,11 +14,11 @@ from typing import TextIO
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, printable
-from heliosweep.files import human_bytes, refuse_devices
+from heliosweep.files import human_bytes
 from heliosweep.grid.machine import human_seconds
 from heliosweep.grid.plan import Plan
 from heliosweep.store import parts
-from heliosweep.store.folder import MANIFEST, RESULTS, holder, read_manifest
+from heliosweep.store.folder import MANIFEST, RESULTS, holder, read_manifest, refuse_devices
 
 #: Without a terminal: a line of progress at most so often. [s]
 LINE_SECONDS = 10.0

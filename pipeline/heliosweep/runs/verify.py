@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.files import human_bytes, refuse_devices, user_path
+from heliosweep.files import human_bytes, user_path
 from heliosweep.store.checks import check, check_apart
-from heliosweep.store.folder import MANIFEST, RESULTS, holder, manifest_digest, read_manifest
+from heliosweep.store.folder import MANIFEST, RESULTS, holder, manifest_digest, read_manifest, refuse_devices
 from heliosweep.store.parts import WORKING, PartStore
 from heliosweep.store.read import foreign, result_bytes, result_digest
 

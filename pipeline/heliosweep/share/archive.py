@@ -36,7 +36,7 @@ FOLDER = "inputs"
 #: What not every system can have in the name of a file, or reads as something else.
 _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
 #: What of a manifest says nothing of who ran the study, and where.
-_KEPT = ("finished", "identity", "parts", "plan", "remarks", "result", "seconds", "study_id")
+_KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "slabs", "study_id")
 _ENVIRONMENT = ("commit", "packages", "python")
 #: Copied at a time. [bytes]
 _PIECE = 2**20

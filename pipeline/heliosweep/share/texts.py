@@ -114,7 +114,7 @@ class Licence:
                 *filter(None, [_MEANS.get(self.text)]),
             ]
             said.append(f"Full text of the licence: {legal}")
-        return "\n\n".join([f"{title}\n{people}", *said, f"SPDX-License-Identifier: {self.text}\n"])
+        return "\n\n".join([printable(f"{title}\n{people}"), *said, f"SPDX-License-Identifier: {self.text}\n"])
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def readme(described: Described) -> str:
 
 def _prose(text: object) -> str:
     """Text on one line of Markdown, where nothing in it is markup, a formula or HTML."""
-    return re.sub(r"([\\`*\[\]<>|$~#])", r"\\\1", printable(" ".join(str(text).split())))
+    return re.sub(r"([\\`*\[\]<>|$~#&])", r"\\\1", printable(" ".join(str(text).split())))
 
 
 def _cell(text: str) -> str:

@@ -9,6 +9,7 @@ import logging
 import multiprocessing
 import os
 import platform
+import stat
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -50,6 +51,36 @@ _NO_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 _DEEP = 100
 #: Of what stands there instead, so much is told. [characters]
 _LONG = 200
+
+
+def refuse_devices(place: Path) -> None:
+    """Refuse a result, or a folder with one, where a pipe, a socket or a device stands for one of its files.
+
+    Reading one may wait for ever, or never end. Of parts, links are refused too: writing would follow them. Raises
+    StudyError, which names the first one.
+    """
+    working = place / WORKING
+    if place.is_symlink() and place.name == WORKING:
+        raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(place)))
+    parts = [working, *(working / name for name in (DESCRIPTION, VALUES, JOURNAL))]
+    if link := next((path for path in parts if path.is_symlink()), None):
+        raise StudyError(Problem("is a link, and no file of a run; move it away", file=str(link)))
+    for path in (
+        place,
+        *(place / name for name in (*RESULTS, *DESCRIPTIONS, LOCK)),
+        *parts,
+        *_entries_of(place / "figures"),
+    ):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise StudyError(Problem("is a pipe, a socket or a device, and no file; move it away", file=str(path)))
+
+
+def _entries_of(folder: Path) -> list[Path]:
+    """What is in a folder; nothing where it cannot be looked into."""
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
 
 
 @contextmanager
@@ -99,6 +130,9 @@ def _take(path: Path) -> int | None:
         if error.errno == errno.ELOOP:
             raise StudyError(Problem("is a link, and no file of a run; move it away", file=str(path))) from None
         raise
+    if (found := os.fstat(claim)).st_nlink > 1 or not stat.S_ISREG(found.st_mode):
+        os.close(claim)
+        raise StudyError(Problem("is another file too, or none, and no file of a run; move it away", file=str(path)))
     try:
         if lock_descriptor(claim, blocking=False) and os.path.samestat(os.fstat(claim), path.stat()):
             return claim
@@ -290,27 +324,30 @@ def _make(folder: Path, created: list[Path]) -> None:
             created.append(place)
     probe = temporary_name(folder / "result.nc")
     probe.touch()
-    try:
-        _check_locks(probe)
-    finally:
-        probe.unlink()
+    probe.unlink()
 
 
-def _check_locks(probe: Path) -> None:
-    """Check that the HDF5 library, which wants to lock what it writes, finds locks or is told to go without."""
+def check_locks(folder: Path) -> None:
+    """Check that the HDF5 library, which wants to lock what it writes, finds locks or is told to go without.
+
+    Raises StudyError.
+    """
     from filelock import lock_descriptor
 
     if os.environ.get(_HDF5_LOCKS, "").upper() in ("FALSE", "0"):
         return
-    with probe.open("a") as file:
-        try:
+    probe = temporary_name(folder / "result.nc")
+    try:
+        with probe.open("w") as file:
             lock_descriptor(file.fileno(), blocking=False)
-        except OSError as error:
-            problem = (
-                f"has no locks ({error.strerror}), which the HDF5 library wants: set {_HDF5_LOCKS}=FALSE in the "
-                "environment before Python starts, or name another folder with --output"
-            )
-            raise StudyError(Problem(problem, file=str(probe.parent))) from None
+    except OSError as error:
+        problem = (
+            f"has no locks ({error.strerror}), which the HDF5 library wants: set {_HDF5_LOCKS}=FALSE in the "
+            "environment before Python starts, or name another folder with --output"
+        )
+        raise StudyError(Problem(problem, file=str(folder))) from None
+    finally:
+        probe.unlink(missing_ok=True)
 
 
 def is_tidy(folder: Path) -> bool:

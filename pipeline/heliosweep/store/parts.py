@@ -49,6 +49,8 @@ _NOWHERE = False, 0, 0, bytes(32)
 _LONG = 1e9
 #: Binary files, where the system knows others.
 _BINARY = getattr(os, "O_BINARY", 0)
+#: Where a file is written, no link is followed out of the folder.
+_NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
 
 
 class PartStore:
@@ -271,8 +273,8 @@ class PartStore:
         """Open the files, and cut off what a killed process has left at their ends."""
         if self._values < 0:
             with writing(self.folder):
-                self._values = os.open(self.folder / VALUES, os.O_RDWR | os.O_CREAT | _BINARY)
-                self._journal = os.open(self.folder / JOURNAL, os.O_RDWR | os.O_CREAT | _BINARY)
+                self._values = os.open(self.folder / VALUES, os.O_RDWR | os.O_CREAT | _BINARY | _NO_LINKS)
+                self._journal = os.open(self.folder / JOURNAL, os.O_RDWR | os.O_CREAT | _BINARY | _NO_LINKS)
                 self._cut_off()
 
     def _cut_off(self) -> None:

@@ -18,10 +18,10 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.files import refuse_devices, user_path
+from heliosweep.files import user_path
 from heliosweep.grid.regions import Part, Region
 from heliosweep.store.encoding import little_endian
-from heliosweep.store.folder import RESULTS, is_zarr, read_manifest
+from heliosweep.store.folder import RESULTS, is_zarr, read_manifest, refuse_devices
 from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
 from heliosweep.store.parts import WORKING
 

@@ -72,7 +72,7 @@ def sources_of(study: Study) -> set[Path]:
 
         written = read(study.source.path).data  # in that of the study, sites stand in the place of weather files
         named = (written.get("site"), written.get("sites"))
-        paths |= {study.source.directory / name for name in _file_names(named)}
+        paths |= {study.resolve(name) for name in _file_names(named)}
     return paths
 
 
