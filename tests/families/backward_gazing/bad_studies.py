@@ -117,7 +117,7 @@ sun > sun: {azimuth: 30, elevation: 60, profile: even.csv}
 sun > sun: {azimuth: 30, elevation: 60, profile: spike.csv}
     spike.csv:4: the brightness must be relative to the disc centre, at most 1.5 (got 1e+300)
 sun > sun: {azimuth: 30, elevation: 60, profile: long.csv}
-    long.csv:3: is not CSV: field larger than field limit (131072)
+    long.csv:3: holds a line of more than 100,000 letters; is this a table?
 sun > sun: {azimuth: 30, elevation: 60, profile: head.csv}
     head.csv:1: needs a column brightness: relative to the disc centre
     head.csv:1:7: unknown column 'light'; remove it: the columns are angle, brightness
