@@ -152,3 +152,17 @@ def test_a_pool_is_looked_after_while_nothing_comes(monkeypatch):
         pool.look = lambda: looked.append(1)  # type: ignore[method-assign]
         list(compute_parts(pool, parts(1)))
     assert looked
+
+
+@pytest.mark.parametrize("before", [None, "", "yes"])
+def test_a_safe_path_lasts_as_long_as_any_run_and_leaves_what_was_there(monkeypatch, before):
+    monkeypatch.delenv(executors.SAFE_PATH, raising=False)
+    if before is not None:
+        monkeypatch.setenv(executors.SAFE_PATH, before)
+    first, second = executors.safe_path(), executors.safe_path()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert os.environ[executors.SAFE_PATH] == "1"
+    second.__exit__(None, None, None)
+    assert os.environ.get(executors.SAFE_PATH) == before

@@ -139,27 +139,29 @@ def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
             pool.look()
 
 
-_counting, _asked_by = threading.Lock(), list[str | None]()
-"""What the variable was before, and one entry for each run in this process that has asked for it."""
+_safety = threading.Lock()
+_safe_runs, _unsafe_value = 0, os.environ.get(SAFE_PATH)
+"""Runs in this process that have asked for a safe path, and what the variable was before the first."""
 
 
 @contextmanager
 def safe_path() -> Iterator[None]:
     """Let the Python processes that are started in the context import nothing that lies in the working directory."""
-    with _counting:
-        if not _asked_by:
-            _asked_by.append(os.environ.get(SAFE_PATH))
-        _asked_by.append(None)
+    global _safe_runs, _unsafe_value
+    with _safety:
+        if _safe_runs == 0:
+            _unsafe_value = os.environ.get(SAFE_PATH)
+        _safe_runs += 1
         os.environ[SAFE_PATH] = "1"
     try:
         yield
     finally:
-        with _counting:
-            _asked_by.pop()
-            if len(_asked_by) == 1 and (before := _asked_by.pop()) is None:
+        with _safety:
+            _safe_runs -= 1
+            if _safe_runs == 0 and _unsafe_value is None:
                 os.environ.pop(SAFE_PATH, None)
-            elif not _asked_by:
-                os.environ[SAFE_PATH] = str(before)
+            elif _safe_runs == 0:
+                os.environ[SAFE_PATH] = str(_unsafe_value)
 
 
 @contextmanager

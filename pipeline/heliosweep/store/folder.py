@@ -60,8 +60,6 @@ def refuse_devices(place: Path) -> None:
     StudyError, which names the first one.
     """
     working = place / WORKING
-    if place.is_symlink() and place.name == WORKING:
-        raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(place)))
     parts = [working, *(working / name for name in (DESCRIPTION, VALUES, JOURNAL))]
     if link := next((path for path in parts if path.is_symlink()), None):
         raise StudyError(Problem("is a link, and no file of a run; move it away", file=str(link)))
