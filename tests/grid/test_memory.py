@@ -64,14 +64,14 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "content",
-    [shipped("figure7_hyperbolas"), series(), wide_series()],
+    ("content", "arguments"),
+    [(shipped("figure7_hyperbolas"), []), (series(), ["--no-report"]), (wide_series(), ["--no-report"])],
     ids=["little", "time series", "wide time series"],
 )
-def test_plan_foresees_the_peak(content, tmp_path):
+def test_plan_foresees_the_peak(content, arguments, tmp_path):
     path = written(content, tmp_path)
     planned = api.plan(api.load(path), tmp_path / "result").peak_memory
-    measured = peak_memory(path, tmp_path / "result", "--no-report")
+    measured = peak_memory(path, tmp_path / "result", *arguments)
     assert planned / FACTOR < measured < planned
 
 

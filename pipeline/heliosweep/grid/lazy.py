@@ -30,8 +30,8 @@ class Work:
         self.inputs = family.inputs(study)
         self.module = family.numbers_from(study)
 
-    def compute(self, part: Part) -> xr.Dataset:
-        """Values of a part."""
+    def compute(self, part: Part) -> dict[str, np.ndarray]:
+        """Values of the variables of a part, by name."""
         made = self.family.compute(self.study, self.inputs, part.region)
         return checked(made, of_kind(self.variables, part.kind), part.region, self.sizes)
 
@@ -42,15 +42,16 @@ class Work:
         if not later:
             return computed[list(named)]
         made = self.family.finish(self.study, self.inputs, slab.region, computed)
-        return computed.assign(checked(made, later, slab.region, self.sizes).data_vars)[list(named)]
+        arrays = checked(made, later, slab.region, self.sizes)
+        return computed.assign({name: (later[name].dims, array) for name, array in arrays.items()})[list(named)]
 
-    def joined(self, slab: Part, parts: Iterable[tuple[Part, Mapping[Any, Any]]]) -> xr.Dataset:
-        """Values of a slab, put together from those of its parts: arrays or data arrays by name."""
+    def joined(self, slab: Part, parts: Iterable[tuple[Part, Mapping[str, np.ndarray]]]) -> xr.Dataset:
+        """Values of a slab, put together from those of its parts."""
         named = of_kind(self.variables, slab.kind)
         whole = {name: np.empty(shape_of(one, slab.region, self.sizes), one.dtype) for name, one in named.items()}
         for part, values in parts:
             for name, variable in named.items():
-                whole[name][index_of(variable.dims, part.region, slab.region)] = np.asarray(values[name])
+                whole[name][index_of(variable.dims, part.region, slab.region)] = values[name]
         return xr.Dataset({name: (variable.dims, whole[name]) for name, variable in named.items()})
 
 
@@ -106,11 +107,11 @@ class _Given:
         return self.value
 
 
-def _compute(work: Work, part: Part) -> xr.Dataset:
+def _compute(work: Work, part: Part) -> dict[str, np.ndarray]:
     return work.compute(part)
 
 
-def _finish(work: Work, slab: Part, parts: list[Part], values: list[xr.Dataset]) -> xr.Dataset:
+def _finish(work: Work, slab: Part, parts: list[Part], values: list[dict[str, np.ndarray]]) -> xr.Dataset:
     return work.finish(slab, work.joined(slab, zip(parts, values, strict=True)))
 
 

@@ -79,15 +79,13 @@ def index_of(dims: tuple[str, ...], region: Region, within: Region | None = None
 
 def checked(
     made: xr.Dataset, variables: Mapping[str, Variable], region: Region, sizes: Mapping[str, int]
-) -> xr.Dataset:
-    """Bring what a family computed over a region into the order, dimensions and types that it has stated.
+) -> dict[str, np.ndarray]:
+    """Arrays of what a family computed over a region, in the order and with the dimensions that it has stated.
 
     `made` is from `Family.compute` or `Family.finish`, `variables` are those that it must have, `sizes` the dimensions
-    of the whole result. The answer has neither coordinates nor attributes. Raises ValueError where a variable is
-    missing, or has other dimensions, lengths or another type.
+    of the whole result. Raises ValueError where a variable is missing, or has other dimensions, lengths or another
+    type.
     """
-    import xarray as xr
-
     arrays = {}
     for name, variable in variables.items():
         if name not in made:
@@ -95,8 +93,8 @@ def checked(
         array, shape = made.variables[name].transpose(*variable.dims), shape_of(variable, region, sizes)
         if array.shape != shape or array.dtype != variable.dtype:
             raise ValueError(f"{name}: {array.dtype} of shape {array.shape}, not {variable.dtype} of shape {shape}")
-        arrays[name] = (variable.dims, np.ascontiguousarray(array.to_numpy()).reshape(shape))
-    return xr.Dataset(arrays)
+        arrays[name] = np.ascontiguousarray(array.to_numpy()).reshape(shape)
+    return arrays
 
 
 class Part(NamedTuple):

@@ -24,7 +24,6 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
-from heliosweep.report.style import image, small
 from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
 from heliosweep.store.read import open_result
@@ -203,6 +202,8 @@ def digest(script: str) -> str:
 
 def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
+    from heliosweep.report.style import image, small
+
     if folder.is_symlink():
         raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)

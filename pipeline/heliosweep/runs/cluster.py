@@ -19,8 +19,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import xarray as xr
-
 from heliosweep.config.execution import QUEUES
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.grid.lazy import Work
@@ -35,6 +33,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from heliosweep.config.execution import Execution
+    from heliosweep.runs.executors import Values
 
 log = logging.getLogger("heliosweep")
 
@@ -44,6 +43,9 @@ PATIENCE = 8
 PARTS_PER_WORKER = 3
 #: A worker process gets no less memory. [bytes]
 LEAST_MEMORY = 512 * 2**20
+
+#: How often workers that are importing are asked again, a second apart.
+IMPORT_TRIES = 20
 
 _NOISY = ("distributed", "tornado", "asyncio")
 _COMM_SETTINGS = {
@@ -119,7 +121,7 @@ class _Cluster(Pool):
         key = (f"part-{self._run}", self._number)
         return self._client.submit(_compute, self._work, part, key=key, pure=False)
 
-    def result(self, future: Any) -> xr.Dataset:
+    def result(self, future: Any) -> Values:
         """Values of a part."""
         from distributed.scheduler import KilledWorker
 
@@ -168,7 +170,7 @@ class _Cluster(Pool):
         )
 
 
-def _compute(work: Work, part: Part) -> tuple[xr.Dataset, str]:
+def _compute(work: Work, part: Part) -> tuple[Values, str]:
     """Values of a part, and what stands for the versions that they were computed with."""
     return work.compute(part), versions_token(work.module)
 
@@ -336,8 +338,10 @@ def check_workers(client: Client, where: str, module: str) -> None:
     this process, with which numbers may change, or cannot run heliosweep.
     """
     own, answers = versions(module), client.run(versions, module, on_error="return")
-    if any("partially initialized" in str(answer) for answer in answers.values()):
-        # Another thread of a worker was importing the same package: the next time it is there.
+    for _ in range(IMPORT_TRIES):  # while another thread of a worker imports the same packages
+        if not any("partially initialized" in str(answer) for answer in answers.values()):
+            break
+        time.sleep(1.0)
         answers = client.run(versions, module, on_error="return")
     for worker, answer in answers.items():
         if isinstance(answer, OSError):

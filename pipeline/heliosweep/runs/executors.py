@@ -17,14 +17,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import xarray as xr
-
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.regions import Part
 
 if TYPE_CHECKING:
     from multiprocessing.context import BaseContext
+
+    import numpy as np
+
+    Values = dict[str, np.ndarray]
 
 #: How often a part is tried before it counts as failed.
 TRIES = 3
@@ -41,7 +43,7 @@ class Outcome:
     """What came of a part: its values, or the error of its last try."""
 
     part: Part
-    values: xr.Dataset | None
+    values: Values | None
     error: Exception | None = None
 
 
@@ -66,16 +68,16 @@ class Pool:
         """Hand out a part; a future as of `concurrent.futures`."""
         if self._executor:
             return self._executor.submit(self._work.compute, part)
-        future: Future[xr.Dataset] = Future()
+        future: Future[Values] = Future()
         try:
             future.set_result(self._work.compute(part))
         except Exception as error:
             future.set_exception(error)
         return future
 
-    def result(self, future: Any) -> xr.Dataset:
+    def result(self, future: Any) -> Values:
         """Values of a part that is done. Raises WorkerDied, RunInterrupted, or what computing raised."""
-        values: xr.Dataset = future.result()
+        values: Values = future.result()
         return values
 
     def look(self) -> None:
@@ -190,7 +192,7 @@ class _Processes(Pool):
     def _begun(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._count, forking_context(), _receive, (self._data,))
 
-    def submit(self, part: Part) -> Future[xr.Dataset]:
+    def submit(self, part: Part) -> Future[Values]:
         try:
             return self._executor.submit(_compute, part)
         except BrokenProcessPool:  # all that it had at work is redone; its workers are not
@@ -198,7 +200,7 @@ class _Processes(Pool):
             self._executor = self._begun()
             return self._executor.submit(_compute, part)
 
-    def result(self, future: Future[xr.Dataset]) -> xr.Dataset:
+    def result(self, future: Future[Values]) -> Values:
         try:
             return future.result()
         except BrokenProcessPool:
@@ -247,5 +249,5 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _compute(part: Part) -> xr.Dataset:
+def _compute(part: Part) -> Values:
     return _received.compute(part)
