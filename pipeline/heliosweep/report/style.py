@@ -13,6 +13,8 @@ from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 from PIL import Image
@@ -115,10 +117,15 @@ def image(figure: Figure, kind: str = "png") -> bytes:
     -------
     bytes
     """
-    timeless: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
     buffer = io.BytesIO()
     with style():
-        figure.savefig(buffer, format=kind, dpi=DPI, metadata=timeless)
+        if kind == "png":  # not by savefig, which draws everything twice
+            figure.set_dpi(DPI)
+            canvas = FigureCanvasAgg(figure)
+            canvas.draw()
+            Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(buffer, "PNG", dpi=(DPI, DPI))
+        else:
+            figure.savefig(buffer, format=kind, dpi=DPI, metadata={{"svg": "Date", "pdf": "CreationDate"}[kind]: None})
     return buffer.getvalue()
 
 
