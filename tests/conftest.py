@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from heliosweep.api import family_of, load
 from heliosweep.config.study import Study
@@ -67,3 +68,9 @@ def small() -> Callable[..., Study]:
         return load({key: value for key, value in content.items() if value is not None})
 
     return make
+
+
+@pytest.fixture
+def unplaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn without their layout, which takes most of their time, in tests of what is in them."""
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from heliosweep.families.family import families
 from heliosweep.grid.regions import Cut
 from heliosweep.report.index import entries, update_index, write_index
@@ -13,6 +15,8 @@ from heliosweep.runs.status import status_of
 from heliosweep.store.parts import PartStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study
+
+pytestmark = pytest.mark.usefixtures("unplaced")
 
 
 def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):

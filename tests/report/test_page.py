@@ -20,6 +20,8 @@ from heliosweep.report.page import linked
 from heliosweep.store.read import file_digest
 from tests.report.synthetic import BOTH, result
 
+pytestmark = pytest.mark.usefixtures("unplaced")
+
 
 def write_report(folder, study=None, known=None, **how):
     """As a result of no known family, without its figures, which take long, where no family is asked for."""

@@ -233,6 +233,7 @@ def test_field_maps_show_the_larger_direction_of_every_heliostat():
     np.testing.assert_array_equal(squares.get_array(), np.maximum(here["slope_rms_x"], here["slope_rms_y"]))
 
 
+@pytest.mark.usefixtures("unplaced")
 def test_captions_say_where_the_rest_stands():
     dataset = results.result({**SUNS, **NOISES}, methods=["LM"], modules=1).assign_coords(camera_radius=0.24)
     dataset["camera_radius"].attrs["units"] = "m"
@@ -241,6 +242,7 @@ def test_captions_say_where_the_rest_stands():
     assert "radius of the cameras 0.24 m" in caption
 
 
+@pytest.mark.usefixtures("unplaced")
 def test_values_are_read_only_where_they_are_drawn():
     dataset = results.result(SUNS, methods=["LM"], modules=2, maps=True, pixel=0.6)
     lazy = dataset.chunk({"module": 1})
@@ -248,6 +250,7 @@ def test_values_are_read_only_where_they_are_drawn():
     assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())
 
 
+@pytest.mark.usefixtures("unplaced")
 @pytest.mark.parametrize("make", [results.result, measured, results.field])
 def test_missing_variables_leave_figures_out(make):
     small = {"count": 9} if make is results.field else {"methods": ["LM"], "modules": 1, "pixel": 0.6}

@@ -260,6 +260,7 @@ def test_map_shows_latitudes_upwards_and_nights_grey():
     assert axes.collections[0].get_cmap().get_bad() == pytest.approx(to_rgba(NO_VALUE))
 
 
+@pytest.mark.usefixtures("unplaced")
 def test_largest_error_is_that_of_all_dates_with_a_factor():
     dataset = dark(sited({**SITES, "home_azimuth_offset": OFFSETS}, dates=YEAR))
     mean, largest = one(dataset, "tracking_errors").figure.axes

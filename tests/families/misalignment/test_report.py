@@ -223,6 +223,7 @@ def test_bars_of_few_spots_are_those_of_the_t_distribution():
     np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, quantiles * dataset["standard_error"][:, 0], rtol=1e-6)
 
 
+@pytest.mark.usefixtures("unplaced")
 def test_captions_say_where_the_rest_stands():
     dataset = results.curves(days=(80, 172, 355), hours=HOURS)
     caption = one_of(dataset, "deviation_curves").caption
@@ -231,6 +232,7 @@ def test_captions_say_where_the_rest_stands():
     assert "latitude 37.4\N{DEGREE SIGN} N" in caption
 
 
+@pytest.mark.usefixtures("unplaced")
 def test_values_are_read_only_where_they_are_drawn():
     dataset = results.curves(hours=HOURS)
     lazy = dataset.chunk({"heliostat": 1})
@@ -238,6 +240,7 @@ def test_values_are_read_only_where_they_are_drawn():
     assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())
 
 
+@pytest.mark.usefixtures("unplaced")
 def test_missing_variables_leave_figures_out():
     # Few points of each dimension: all the figures of many, sooner.
     sweep = {"axis": ["elevation", "azimuth"], "error_size": [-4.0, 0.0, 4.0]}
