@@ -38,11 +38,11 @@ DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;
 def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
     """Tables that the family makes, else the numbers of the whole; empty where there is nothing to tell.
 
-    ``shared`` is what is the same at every point, ``described`` holds pairs of a variable and what it is.
+    ``shared`` says what has one value for all, ``described`` holds pairs of a variable and what it is.
     """
     tables = list(tables)
     if tables:
-        return {"shared": _shared(result, swept=False), "tables": tables, "described": []}
+        return {"shared": _shared(result), "tables": tables, "described": []}
     if not result.data_vars:
         return {}
     common = set.intersection(*(set(array.dims) for array in result.data_vars.values()))
@@ -51,7 +51,7 @@ def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
         return {}
     dims = [str(dim) for dim in next(iter(result.data_vars.values())).dims if dim in common]
     return {
-        "shared": _shared(result, swept=bool(dims)),
+        "shared": _shared(result),
         "tables": [_numbers(result, dims, arrays)],
         "described": [
             (_name(one), "; ".join(str(one.attrs[key]) for key in ("long_name", "comment") if one.attrs.get(key)))
@@ -112,14 +112,14 @@ def _label(result: xr.Dataset, dim: str, index: int) -> str:
     return value_text(result[dim].isel({dim: index})) if dim in result.coords else str(index + 1)
 
 
-def _shared(result: xr.Dataset, swept: bool) -> str:
-    """Coordinates that are the same at every point."""
+def _shared(result: xr.Dataset) -> str:
+    """Coordinates that have one value, in words."""
     texts = [
         f"{title_of(one)} {value_text(one)}" if one.dtype.kind in "OU" else coordinate_text(one)
         for one in result.coords.values()
         if not one.ndim
     ]
-    return f"At {'every point: ' if swept else ''}{', '.join(texts)}." if texts else ""
+    return f"Fixed: {', '.join(texts)}." if texts else ""
 
 
 def headline(result: xr.Dataset, names: Collection[str]) -> str:
