@@ -90,7 +90,9 @@ def test_export_of_a_simulation(written):
     [
         ("0,1,2,3\n0,1,b,3\n", "field.csv:2:5: y must be a finite number (got 'b')"),
         ("0,1,2,3\n0,1\n", "field.csv:2: has 2 fields, but the header has 4"),
-        ("0,1,2,3\nA,1,2,3\n", "field.csv:1:1: template must be a whole number"),
+        ("0,1,2,3\nA,1,2,3\n", "field.csv:2:1: template must be a whole number"),
+        ("0,1,2,3,5,6\n0,1,2,3,far,6\n", "field.csv:2:9: focal_x must be a finite number (got 'far')"),
+        ("Template,Loc. X,Loc. Y,Aim X\n0,1,2,up\n", "field.csv:2:7: aim_x must be a finite number (got 'up')"),
         ("0,1,2,3\n0,1,2,3,5\n", "has a column focal_x but not all of focal_x, focal_y"),
         ("0,1,2,3\n1,1,9,3\ntemplate 0: 3.0 m x 4.0 m\n", "gives no mirror size for template 1"),
         ("0,1,2,3\ntemplate 0: 3.0 m x -4.0 m\n", "field.csv:2: a mirror's side must be a positive number (got -4.0)"),
@@ -110,6 +112,17 @@ def test_templates_have_one_size(tmp_path):
     with pytest.raises(StudyError, match=r"heliostat 1 of template 0 has a mirror of another size"):
         write_solarpilot(Layout(np.array([0.0, 9.0]), np.array([9.0, 9.0]), np.zeros(2), sides), tmp_path / "field.csv")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("key", ["width", "template", "cant_i"])
+def test_words_in_columns_that_solarpilot_has(tmp_path, written, key):
+    sides = "".join(f",{name}" for name in ("width", "height") if name != key)
+    layout = read_csv(
+        written(f"x,y{sides},{key}\n10,20{',5' * sides.count(',')},1\n30,60{',5' * sides.count(',')},wide\n")
+    )
+    with pytest.raises(StudyError, match=rf"{key} must hold .*numbers for SolarPILOT \(got 'wide' for heliostat 1 \("):
+        write_solarpilot(layout, tmp_path / "out.csv")
+    assert not (tmp_path / "out.csv").exists()
 
 
 tokens = st.sampled_from(

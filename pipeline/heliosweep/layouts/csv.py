@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.tables import Table, table_lines, table_text
+from heliosweep.config.tables import Table, numbers, table_lines, table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout, layout_of
@@ -51,6 +51,7 @@ _PREAMBLE = ("solarazimuth", "solarzenith", "dni")
 _MOST_PREAMBLE = 10
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
 _SIZE = re.compile(r"template (\d{1,9}): (\S+) m x (\S+) m")
 
 
@@ -115,27 +116,31 @@ def _read_solarpilot(
     given (``NULL``) is left out, as is the template where all share one. Sizes of templates become ``width`` and
     ``height``. Raises StudyError with all that is wrong.
     """
-    numbers, texts = lines[0][header or 0 :], lines[1][header or 0 :]
+    at, texts = lines[0][header or 0 :], lines[1][header or 0 :]
     sizes: dict[int, tuple[float, float]] = {}
     while len(texts) > 1 and (size := _SIZE.fullmatch(texts[-1].strip())):
-        sizes[int(size[1])] = _side(size[2], name, numbers[-1]), _side(size[3], name, numbers[-1])
-        del numbers[-1], texts[-1]
+        sizes[int(size[1])] = _side(size[2], name, at[-1]), _side(size[3], name, at[-1])
+        del at[-1], texts[-1]
     cells = [_fields(text, separator) for text in texts]
     if header is None:
         width = max(map(len, cells))
         # A row may end where nothing more is given. Header and lines stay one to one: it stands on the first line.
         cells = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in cells]
-        numbers, texts, cells = [numbers[0], *numbers], [texts[0], *texts], [list(SOLARPILOT_COLUMNS[:width]), *cells]
+        at, texts, cells = [at[0], *at], [texts[0], *texts], [list(SOLARPILOT_COLUMNS[:width]), *cells]
     else:
         cells[0] = [_TITLES.get(_letters(title)) or _variable(title) for title in cells[0]]
     cells[0] = [f"solarpilot_{key}" if key in reserved and key not in ("x", "y", "z") else key for key in cells[0]]
-    table = Table(name, (numbers, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=separator)
+    table = Table(name, (at, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=separator)
     layout = layout_of(table, unknown="NULL")
     columns = {key: values for key, values in layout.columns.items() if not _is_unknown(values)}
     template = columns.get("template", np.zeros(len(layout), np.int64))
     if template.dtype.kind != "i":
-        table.add("template must be a whole number", 0, "template")
-        table.finish()
+        bad = (row for row, text in enumerate(table.texts("template")) if not _WHOLE.fullmatch(text))
+        table.add("template must be a whole number", next(bad, 0), "template")
+    for key in SOLARPILOT_COLUMNS[4:]:
+        if key in columns and columns[key].dtype.kind not in "if":
+            table.note_bad_numbers(key, texts := table.texts(key), numbers(texts))
+    table.finish()
     if missing := [number for number in np.unique(template).tolist() if sizes and number not in sizes]:
         table.add(f"gives no mirror size for template {missing[0]}, but sizes for others")
         table.finish()
@@ -170,9 +175,15 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
 
     Written are the positions, what is known of `SOLARPILOT_COLUMNS`, and the mirror sizes (``width``, ``height``), for
     each of which there is a template; further columns have no place in the table. A file of this name is replaced when
-    the new one is complete. Raises StudyError if heliostats of one template have mirrors of different sizes, and
-    HeliosweepError if the file cannot be written.
+    the new one is complete. Raises StudyError if one of these columns holds words, or heliostats of one template have
+    mirrors of different sizes, and HeliosweepError if the file cannot be written.
     """
+    for key in (*SOLARPILOT_COLUMNS[4:], "template", "width", "height"):
+        kinds, what, right = ("i", "whole numbers", _WHOLE) if key == "template" else ("if", "numbers", _NUMBER)
+        if (values := layout.columns.get(key)) is not None and values.dtype.kind not in kinds:
+            row = next((row for row, text in enumerate(values.tolist()) if not right.fullmatch(str(text))), 0)
+            message = f"{key} must hold {what} for SolarPILOT (got {str(values[row])[:40]!r} for {layout.where(row)})"
+            raise StudyError(Problem(f"{message}; correct or rename the column", file=layout.name))
     numbers, sizes = _templates(layout)
     groups = [all(key in layout.columns for key in group) for group in _GROUPS]
     last = max((place + 1 for place, there in enumerate(groups) if there), default=0)

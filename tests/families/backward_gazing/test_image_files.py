@@ -232,7 +232,7 @@ def test_metadata_that_no_camera_has(tmp_path):
 def test_several_pages(tmp_path):
     pages = [Image.fromarray((LEVELS % 256).astype(np.uint8)) for _ in range(3)]
     pages[0].save(tmp_path / "a.tif", save_all=True, append_images=pages[1:])
-    assert "holds 3 pages" in said(tmp_path / "a.tif")
+    assert "holds more than one page" in said(tmp_path / "a.tif")
 
 
 def test_metadata_that_are_no_numbers(tmp_path):

@@ -9,8 +9,10 @@ of the file; in FITS, whose rows count from the bottom, the last one, unless the
 
 from __future__ import annotations
 
+import io
 import math
 import warnings
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -27,6 +29,11 @@ from heliosweep.errors import Problem, StudyError
 MAX_BYTES, MAX_PIXELS = 512 * 2**20, 25_000_000
 #: Fewest pixels along a side of an image.
 MIN_SIDE = 4
+#: Pixels from which a file must have a byte for each `EMPTIEST` of them: the noise of a sensor is not so compressible.
+LARGE, EMPTIEST = 1_000_000, 200
+#: Most that is read before the size of an image is known, portions in which a file is read, and tiles of a compressed
+#: FITS. [bytes, 1, 1]
+MAX_HEADER, MAX_READS, MAX_TILES = 2**20, 200_000, 100_000
 
 #: Largest table of the sun's brightness. [bytes]
 MAX_TABLE_BYTES = 2**20
@@ -127,9 +134,35 @@ def _read_image(path: Path, stamp: int, size: int, name: str) -> Picture:
         _fail(name, f"cannot be read: {error.strerror}")
     for magic, read in _READERS.items():
         if head.startswith(magic):
-            return read(path, name)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of libraries about damage: what is wrong is said once, by us
+                return read(path, name)
     unknown = "is not an image: NPY, PNG, TIFF or FITS can be read" if head else "is empty"
     return _fail(name, next((what for magic, what in _OTHERS.items() if head.startswith(magic)), unknown))
+
+
+class _Reader(io.BufferedReader):
+    """An image file that is refused where a library reads more than `left` bytes of it, or ever smaller portions."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        super().__init__(io.FileIO(path))
+        self.name_said, self.left, self.reads = name, MAX_HEADER, MAX_READS
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(self.left + 1 if size is None or size < 0 else min(size, self.left + 1))
+        self.left, self.reads = self.left - len(data), self.reads - 1
+        if min(self.left, self.reads) < 0:
+            _fail(self.name_said, "has a header or more pieces than any image needs; save the image alone again")
+        return data
+
+    def check(self, shape: tuple[int, ...]) -> None:
+        """Refuse sizes that are no photograph's; else let its pixels be read."""
+        _check_shape(shape, self.name_said)
+        pixels, size = math.prod(shape), self.seek(0, io.SEEK_END)
+        if pixels > max(LARGE, EMPTIEST * size):
+            what = f"has {shape[1]:,} x {shape[0]:,} pixels in {size:,} bytes, which no photograph has"
+            _fail(self.name_said, f"{what}; save it again, cut to the heliostat")
+        self.left = MAX_HEADER + 16 * pixels
 
 
 def _npy(path: Path, name: str) -> Picture:
@@ -154,13 +187,13 @@ def _raster(path: Path, name: str) -> Picture:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked below
-            opened = Image.open(path, formats=("PNG", "TIFF"))
-        with opened as image:
-            _check_shape((image.height, image.width), name)
-            if getattr(image, "n_frames", 1) > 1:
-                _fail(name, f"holds {image.n_frames} pages; save one image for each file")  # type: ignore[attr-defined]
+        with _Reader(path, name) as file:
+            image = Image.open(file, formats=("PNG", "TIFF"))
+            place = file.tell()
+            file.check((image.height, image.width))
+            file.seek(place)
+            if getattr(image, "is_animated", False):  # counting the pages takes time
+                _fail(name, "holds more than one page; save one image for each file")
             if image.mode not in _GREY:
                 what = _MODES.get(image.mode, f"an image of mode {image.mode}")
                 _fail(name, f"is {what}; save one channel of it as grey levels, 16 bit if possible")
@@ -191,25 +224,24 @@ def _texts(image: Any) -> dict[str, Any]:
 
 def _fits(path: Path, name: str) -> Picture:
     from astropy.io import fits
-    from astropy.utils.exceptions import AstropyWarning
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", AstropyWarning)
-            with fits.open(path, memmap=False, lazy_load_hdus=True) as units:
-                unit = next((one for one in units if one.is_image and one.shape), None)
-                if unit is None:
-                    _fail(name, "holds no image: no unit of it has two axes of pixels")
-                header = unit.header
-                _check_shape(unit.shape, name)
-                needed = math.prod(unit.shape) * abs(int(header["BITPIX"])) // 8
-                place = unit.fileinfo()
-                if not isinstance(unit, fits.CompImageHDU) and place["datLoc"] + needed > path.stat().st_size:
-                    _fail(name, "is truncated: it ends before the pixels that its header tells of; copy it again")
-                top = _fits_top(header)  # before the data are read, which changes the header
-                levels = np.array(unit.data)
-                said = {key: header[key] for key in KEYS if key in header}
-                down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
+        with _Reader(path, name) as file, fits.open(file, memmap=False, lazy_load_hdus=True) as units:
+            number, unit = next(((at, one) for at, one in enumerate(units) if one.is_image and one.shape), (0, None))
+            if unit is None:
+                _fail(name, "holds no image: no unit of it has two axes of pixels")
+            header = unit.header
+            file.check(unit.shape)
+            if isinstance(unit, fits.CompImageHDU):
+                _check_tiles(path, number, math.prod(unit.shape), name)
+            needed = math.prod(unit.shape) * abs(int(header["BITPIX"])) // 8
+            place = unit.fileinfo()
+            if not isinstance(unit, fits.CompImageHDU) and place["datLoc"] + needed > path.stat().st_size:
+                _fail(name, "is truncated: it ends before the pixels that its header tells of; copy it again")
+            top = _fits_top(header)  # before the data are read, which changes the header
+            levels = np.array(unit.data)
+            said = {key: header[key] for key in KEYS if key in header}
+            down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
     except StudyError:
         raise
     except Exception:  # compiled decompression has exceptions of its own
@@ -217,6 +249,28 @@ def _fits(path: Path, name: str) -> Picture:
     if levels.ndim != 2:
         _fail(name, "is damaged or truncated: its pixels cannot be read; copy it again")
     return _picture(levels if down else levels[::-1], said, name, top)
+
+
+def _check_tiles(path: Path, number: int, pixels: int, name: str) -> None:
+    """Refuse a compressed image of FITS whose tiles would unpack to more than its pixels."""
+    from astropy.io import fits
+
+    with fits.open(path, memmap=False, disable_image_compression=True) as units:
+        header, most = units[number].header, 8 * pixels
+        kind = str(header["ZCMPTYPE"])
+        if kind not in ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2"):
+            _fail(name, f"is compressed by {kind[:20]}, which is not read; unpack it with funpack")
+        if (
+            header["NAXIS2"] > MAX_TILES
+            or header["NAXIS1"] * header["NAXIS2"] + header["PCOUNT"] > MAX_HEADER + 2 * most
+        ):
+            _fail(name, "has more or larger tiles than its pixels need; save the image again")
+        for column in ("COMPRESSED_DATA",) * kind.startswith("GZIP") + ("GZIP_COMPRESSED_DATA",):
+            for cell in units[number].data[column] if column in units[number].columns.names else ():
+                unpacker = zlib.decompressobj(31)
+                most -= len(unpacker.decompress(cell.tobytes(), most + 1))
+                if most < 0 or unpacker.unused_data:
+                    _fail(name, "has tiles that unpack to more than its pixels; save the image again")
 
 
 def _fits_top(header: Any) -> float:
@@ -232,8 +286,8 @@ def _picture(levels: NDArray[Any], said: Mapping[str, Any], name: str, top: floa
     """Levels as numbers, metadata checked."""
     if top is None:
         top = float(np.iinfo(levels.dtype).max) if levels.dtype.kind in "iu" else math.inf
-    values = np.ascontiguousarray(levels, np.float64)
-    values = np.where(np.isfinite(values), values, math.nan)
+    values = np.array(levels, np.float64, order="C")
+    values[~np.isfinite(values)] = math.nan
     if np.all(np.isnan(values)):
         _fail(name, "has no pixel that is a number")
     values.flags.writeable = False
