@@ -295,6 +295,7 @@ def run(
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
     == "__main__":``. Where another process runs the same study, this one waits for it.
     """
+    from heliosweep.grid.machine import check_open_files
     from heliosweep.runs.run import Run
     from heliosweep.runs.signals import uninterrupted
     from heliosweep.store.folder import check_contents, check_locks, claimed, is_tidy, made, refuse_devices
@@ -316,6 +317,7 @@ def run(
     if output is None:
         _say_what_changed(asked, folder)
     check_contents(folder, asked, force)
+    check_open_files(asked.execution.scheduler)
     with made(folder), claimed(folder):
         remove_leftovers(folder)
         if asked.output.format == "netcdf":
@@ -387,9 +389,7 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Pat
     HeliosweepError
         The result is damaged.
     """
-    from heliosweep.report.page import write_report
-
-    page = write_report(folder, families(), vector=vector)
+    page = _report(Path(folder), vector=vector)
     update_index(folder)
     return page
 
@@ -402,18 +402,20 @@ def update_index(folder: str | os.PathLike[str]) -> None:
     update_index(folder, status_of)
 
 
-def _report(folder: Path, study: Study) -> None:
+def _report(folder: Path, study: Study | None = None, vector: Sequence[str] = ()) -> Path:
     try:
         from heliosweep.report.page import write_report
 
-        write_report(folder, families(), study)
+        return write_report(folder, families(), study, vector=vector)
     except HeliosweepError:
         raise
     except Exception as error:  # drawing must not make hours of computing look lost
         log.debug("the report failed", exc_info=True)
         what = f"{type(error).__name__}: {error}".rstrip(": ")
-        again = shlex.join(["heliosweep", "report", str(folder)])
-        raise HeliosweepError(f"the result is complete, the report failed ({what}); run: {again}") from error
+        advice = "please report this error, with what --verbose prints; --no-report leaves the page out"
+        if isinstance(error, (OSError, ImportError, MemoryError)):
+            advice = f"when that is mended, run: {shlex.join(['heliosweep', 'report', str(folder)])}"
+        raise HeliosweepError(f"the result is complete, the report failed ({what}); {advice}") from error
 
 
 def _check_published(study: Study) -> None:

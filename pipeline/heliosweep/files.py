@@ -130,14 +130,16 @@ def why_not_written(path: Path, error: Exception) -> str:
 
 
 def _limit(error: Exception) -> str:
-    """The largest size of a file that the shell allows, where it can be the cause."""
+    """The limit of the shell for the size of a file, or for open files, where it can be the cause."""
     number = getattr(error, "errno", None)
-    if number is not None and number > 0 and number != errno.EFBIG:
+    if number is not None and number > 0 and number not in (errno.EFBIG, errno.EMFILE):
         return ""  # the system said something else; of a file too large, the NetCDF library says "HDF error"
     try:
         import resource
     except ImportError:  # pragma: no cover  # elsewhere there are no such limits
         return ""
+    if number == errno.EMFILE:
+        return f", {resource.getrlimit(resource.RLIMIT_NOFILE)[0]:,} open files at most by ulimit -n: allow more"
     largest = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     return "" if largest == resource.RLIM_INFINITY else f", files of at most {human_bytes(largest)} by ulimit -f"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import yaml
 
 from heliosweep import api
 from heliosweep.errors import HeliosweepError
+from heliosweep.files import why_not_written
 from heliosweep.kernels.warm import warm_field
 from tests.conftest import SMALL
 from tests.faults.kills import SMALL_PARTS, content_of, done_parts
@@ -58,6 +60,32 @@ def test_full_disk_and_room_again(small, small_disk, tmp_path, monkeypatch, size
     api.run(small(**BLOCKS), small_disk / "out", report=False)
     api.run(small(**BLOCKS), tmp_path / "peace", report=False)
     assert content_of(small_disk / "out") == content_of(tmp_path / "peace")
+
+
+@pytest.mark.parametrize(("scheduler", "needed"), [("threads", 32), ("processes", 64), ("distributed", 64)])
+def test_too_few_open_files(tmp_path, scheduler, needed):
+    resource = pytest.importorskip("resource")
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(SMALL))
+    command = [sys.executable, "-m", "heliosweep", "run", "study.yaml", "--scheduler", scheduler, "--output", "out"]
+    done = subprocess.run(
+        command,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20)),
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("a process may have 20 files open here, ")
+    assert done.stderr.endswith(f"{needed}; allow more (ulimit -n 1024) and run it again: nothing is lost\n")
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_file_left_while_it_writes(tmp_path):
+    said = why_not_written(tmp_path / "result.nc", OSError(errno.EMFILE, "Too many open files"))
+    assert "Too many open files" in said
+    assert said.endswith("open files at most by ulimit -n: allow more)")
 
 
 def test_largest_file_size(tmp_path):

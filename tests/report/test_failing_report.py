@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 
 import pytest
+import yaml
 
 from heliosweep.cli import main
+from heliosweep.families.misalignment.curves import figures
 from heliosweep.report import page
+from tests.conftest import SMALL, STUDIES
 
 STUDY = """
 family: misalignment
@@ -30,11 +33,62 @@ def test_a_failing_report_leaves_the_result_and_says_so(tmp_path, monkeypatch, c
     assert main(["run", "study.yaml", "--quiet", "--output", "a result"]) == 1
     told = capsys.readouterr().err
     assert "Traceback" not in told
-    said = f"the result is complete, the report failed ({type(error).__name__}: {error}); run: "
-    assert told.strip().splitlines()[-1] == f"{said}heliosweep report 'a result'"
+    said = f"the result is complete, the report failed ({type(error).__name__}: {error}); "
+    advice = {OSError: "when that is mended, run: heliosweep report 'a result'"}
+    blame = "please report this error, with what --verbose prints; --no-report leaves the page out"
+    last = advice.get(type(error), blame)
+    assert told.strip().splitlines()[-1] == said + last
+    assert main(["report", "a result"]) == 1
+    assert capsys.readouterr().err.strip() == said + last
     monkeypatch.undo()
     assert main(["report", str(tmp_path / "a result")]) == 0
     assert (tmp_path / "a result" / "report.html").is_file()
+
+
+def test_what_cannot_be_drawn_is_named_and_all_else_is_drawn(tmp_path, monkeypatch, caplog):
+    def beyond_drawing(_):
+        raise ValueError("no colour")
+        yield
+
+    def no_view(*_):
+        raise KeyError("nothing to see")
+
+    (tmp_path / "study.yaml").write_text(STUDY, encoding="utf-8")
+    out = tmp_path / "out"
+    monkeypatch.setattr(figures, "TOLERANCES", (beyond_drawing, *figures.TOLERANCES))
+    monkeypatch.setattr(figures, "SPOTS", (*figures.SPOTS, beyond_drawing))
+    monkeypatch.setattr("heliosweep.report.interactive.explore", no_view)
+    for command in (["run", str(tmp_path / "study.yaml"), "--quiet", "--output", str(out)], ["report", str(out)]):
+        assert main(command) == 0
+        told = caplog.text
+        caplog.clear()
+        assert told.count("The figure beyond drawing could not be drawn (ValueError: no colour).") == 2
+        assert "The interactive plots could not be drawn (KeyError: 'nothing to see')." in told
+        text = (out / "report.html").read_text(encoding="utf-8")
+        assert "<li>The figure beyond drawing could not be drawn (ValueError: no colour).</li>" in text
+        assert "<h2>Results</h2>" in text
+        assert "<h2>Explore</h2>" not in text
+        drawn = {path.name for path in (out / "figures").glob("*.png")}
+        (out / "report.html").unlink()
+    monkeypatch.undo()
+    assert main(["report", str(out)]) == 0
+    assert {path.name for path in (out / "figures").glob("*.png")} == drawn != set()
+
+
+@pytest.mark.filterwarnings("error")
+def test_long_names_of_sites(tmp_path):
+    names = [letter * 150 for letter in "AB"] + ["A" * 149 + "C", "a " * 75]
+    sites = [{"name": name, "latitude": 10.0 * number} for number, name in enumerate(names)]
+    fields = {"site": sites, "dish": [{**one, "longitude": 110} for one in sites]}
+    dish = yaml.safe_load((STUDIES / "liu2022_table2.yaml").read_text(encoding="utf-8"))
+    small = {key: value for key, value in SMALL.items() if key != "site"}
+    for number, study in enumerate(
+        ({**small, "sites": fields["site"]}, {**dish, "sites": fields["dish"], "report": {}})
+    ):
+        (tmp_path / "study.yaml").write_text(yaml.safe_dump(study), encoding="utf-8")
+        assert main(["run", str(tmp_path / "study.yaml"), "--quiet", "--output", str(tmp_path / f"out{number}")]) == 0
+        page_text = (tmp_path / f"out{number}" / "report.html").read_text(encoding="utf-8")
+        assert "could not be drawn" not in page_text
 
 
 def test_a_report_that_cannot_be_imported_leaves_the_result_and_says_so(tmp_path, monkeypatch, capsys):

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import psutil
 
+from heliosweep.errors import HeliosweepError
+
 try:
     import resource
 except ImportError:  # no Unix
@@ -26,6 +28,9 @@ _MEMORY = (
 )
 #: Addresses and data that a process asks for and does not use: of the libraries, and of each thread. [bytes]
 UNUSED_ADDRESSES, UNUSED_DATA, UNUSED_PER_WORKER = 1100 * 2**20, 200 * 2**20, 80 * 2**20
+
+#: Files that a run may have open at a time; with processes, it needs twice as many.
+OPEN_FILES = 32
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,26 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     workers = workers or _processors()
     available = [psutil.virtual_memory().available, *_group_memory(), *_process_memory(workers)]
     return Limits(workers, memory or int(0.8 * max(0, min(available))), _free_disk(Path(folder).absolute()))
+
+
+def check_open_files(scheduler: str) -> None:
+    """Refuse to begin a run that cannot open the files it needs, for libraries tell of it as of damage or of nothing.
+
+    Raises HeliosweepError, with the limit (``ulimit -n``) and how to raise it.
+    """
+    if resource is None:
+        return
+    needed = OPEN_FILES if scheduler in ("synchronous", "threads") else 2 * OPEN_FILES
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    try:
+        left = limit - psutil.Process().num_fds()
+    except OSError:  # to count them, a file is opened
+        left = 0
+    if limit != resource.RLIM_INFINITY and left < needed:
+        raise HeliosweepError(
+            f"a process may have {limit:,} files open here, {max(left, 0):,} of them are left, and this run needs "
+            f"{needed}; allow more (ulimit -n 1024) and run it again: nothing is lost"
+        )
 
 
 def _processors() -> int:

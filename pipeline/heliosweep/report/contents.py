@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,6 +68,24 @@ class NamedFigure:
         file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
         write_whole(file, image(self.figure, file.suffix[1:].lower()))
         return file
+
+
+def one_by_one(draws: Iterable[Callable[[Any], Iterable[NamedFigure]]], shown: Any, most: int) -> Iterator[NamedFigure]:
+    """Figures of several functions of `shown`, at most so many in all.
+
+    Where one of the functions raises, the error has a note that names it, and who asks for the next figure gets that
+    of the next function.
+    """
+
+    def drawn(draw: Callable[[Any], Iterable[NamedFigure]]) -> Iterator[NamedFigure]:
+        try:
+            yield from draw(shown)
+        except Exception as error:
+            name = str(getattr(getattr(draw, "func", draw), "__name__", draw)).strip("_")
+            error.add_note(f"The figure {name.replace('_', ' ')}")
+            raise
+
+    return map(lambda figure, _: figure, chain.from_iterable(map(drawn, draws)), range(most))
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,9 @@ _UNITS = {
     "percent": "%",
 }
 
+#: Letters of a name that a figure shows, and along an axis.
+MOST_LETTERS, TICK_LETTERS = 40, 24
+
 #: Dimensions whose values are words of the program, written with underscores there.
 _ENUMERATIONS = ("tracking", "model", "mount_kind", "source", "axis", "loss")
 
@@ -97,6 +100,11 @@ def value_text(coordinate: xr.DataArray) -> str:
     unit = unit_of(coordinate)
     space = "" if unit.startswith(DEGREE) else " "
     return f"{value:g}{space}{unit}".rstrip().replace("-", MINUS)
+
+
+def shortened(text: str, number: int, most: int = MOST_LETTERS) -> str:
+    """Text as figures have room for it: a longer one is cut, and its number, counted from 1, tells it apart."""
+    return text if len(text) <= most else f"{text[:most].rstrip()}\N{HORIZONTAL ELLIPSIS} ({number})"
 
 
 def coordinate_text(coordinate: xr.DataArray) -> str:

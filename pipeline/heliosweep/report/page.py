@@ -11,6 +11,7 @@ import json
 import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -133,8 +134,13 @@ def _page(
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result
-    figures = list(_draw(place / FIGURES, family.figures(told) if family else (), vector))
-    views, plots = explore(result, family.views(result) if family else default_views(result))
+    undrawn = _Undrawn(bool(manifest))
+    figures = list(_draw(place / FIGURES, undrawn, family.figures(told) if family else (), vector))
+    views, plots, results = (), {}, None
+    with undrawn.noting("The interactive plots"):
+        views, plots = explore(result, family.views(result) if family else default_views(result))
+    with undrawn.noting("The tables of results"):
+        results = sections.results(result, family.tables(result) if family else ())
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),
@@ -146,9 +152,9 @@ def _page(
         summary=result.attrs.get("summary"),
         compared=compared,
         comparison=compared and compared.table(result),
-        remarks=[*damage, *manifest.get("remarks", ())],
+        remarks=[*damage, *manifest.get("remarks", ()), *undrawn.remarks],
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
-        results=sections.results(result, family.tables(result) if family else ()),
+        results=results,
         views=views,
         plots=plots,
         scripts=scripts() if views else (),
@@ -200,7 +206,32 @@ def digest(script: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
 
 
-def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -> Iterator[dict[str, Any]]:
+class _Undrawn:
+    """What could not be drawn, for the page; without a manifest, it is a fault of the result and not noted here."""
+
+    def __init__(self, sound: bool) -> None:
+        self._sound = sound
+        self.remarks: list[str] = []
+
+    @contextmanager
+    def noting(self, what: str) -> Iterator[None]:
+        """Note that something is missing on the page, and why, where making it fails."""
+        try:
+            yield
+        except (HeliosweepError, OSError):
+            raise
+        except Exception as error:
+            if not self._sound:
+                raise
+            what = " ".join(getattr(error, "__notes__", ())) or what
+            self.remarks.append(f"{what} could not be drawn ({type(error).__name__}: {error}).")
+            log.warning("%s", self.remarks[-1])
+            log.debug("why", exc_info=True)
+
+
+def _draw(
+    folder: Path, undrawn: _Undrawn, figures: Iterable[NamedFigure], vector: Sequence[str]
+) -> Iterator[dict[str, Any]]:
     """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
     from heliosweep.report.style import image, small
 
@@ -208,8 +239,18 @@ def _draw(folder: Path, figures: Iterable[NamedFigure], vector: Sequence[str]) -
         raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
     written, embedded, before = [], 0, _text(folder / DRAWN).splitlines()
-    for named in figures:
-        images = {kind: image(named.figure, kind) for kind in ("png", *vector)}
+    rest = iter(figures)
+    while True:
+        named, images = None, {}
+        with undrawn.noting("A figure"):
+            if (named := next(rest, None)) is None:
+                break
+        if named is None:
+            continue
+        with undrawn.noting(f"The figure {named.name}"):
+            images = {kind: image(named.figure, kind) for kind in ("png", *vector)}
+        if not images:
+            continue
         for kind, content in images.items():
             path = folder / f"{named.name}.{kind}"
             write_whole(path, content)

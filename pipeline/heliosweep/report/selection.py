@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import DEGREE, axis_label, is_latitude, title_of, value_text
+from heliosweep.report.labels import DEGREE, axis_label, is_latitude, shortened, title_of, value_text
 
 #: Position along some dimensions.
 Point = Mapping[str, int]
@@ -161,7 +161,7 @@ class Shown:
         value = self.result[dim].isel({dim: index} if self.result[dim].ndim else {})
         if value.dtype.kind == "M":
             return str(value.to_numpy().astype("datetime64[D]"))
-        return value_text(value).replace("_", " ")
+        return shortened(value_text(value).replace("_", " "), index + 1)
 
     def full(self, dim: str, index: int) -> str:
         """One value with what it is."""

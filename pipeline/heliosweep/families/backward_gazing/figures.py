@@ -7,14 +7,13 @@ what the result does not have is left out.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import chain, islice
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing import figures_errors, figures_images
 from heliosweep.families.backward_gazing.shown import DIRECT, DIRECTIONS, HELIOSTAT, HOUR, METHOD, REFERENTIAL, Gazing
-from heliosweep.report.contents import NamedFigure
+from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.labels import number_text
 from heliosweep.report.pictures import FieldMap, Shades, field_map, from_zero, picture_figure, symbols
 from heliosweep.report.selection import Point, at
@@ -34,7 +33,7 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
     shown = Gazing(result)
     draws = (*figures_images.FIGURES, *figures_errors.FIGURES, accuracy_map, usable_map, over_distance)
-    return islice(chain.from_iterable(draw(shown) for draw in draws), MOST_FIGURES)
+    return one_by_one(draws, shown, MOST_FIGURES)
 
 
 def accuracy_map(shown: Gazing) -> Iterator[NamedFigure]:

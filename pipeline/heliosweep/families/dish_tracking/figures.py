@@ -7,13 +7,12 @@ needs what the result does not have is left out.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain, islice
 from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.contents import NamedFigure
+from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.labels import DEGREE
 from heliosweep.report.panels import Panel, curve_figure, panels_over
 from heliosweep.report.pictures import grid_figure
@@ -93,7 +92,7 @@ class _Dishes(Shown):
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
     shown = _Dishes(result)
-    return islice(chain.from_iterable(draw(shown) for draw in _FIGURES), MOST_FIGURES)
+    return one_by_one(_FIGURES, shown, MOST_FIGURES)
 
 
 def _over_first(shown: _Dishes) -> Iterator[NamedFigure]:

@@ -7,16 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.contents import NamedFigure
+from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import COLUMNS, FieldMap, Shades, about_zero, field_map, picture_figure, symbols, within
 from heliosweep.report.selection import Point, Shown, at, evenly, is_geometric
+
+#: Figures of one result.
+MOST_FIGURES = 12
 
 #: Latitudes (or sites, layouts, ...) of which maps are drawn; latitudes from which on curves say more than the maps.
 MOST_MAPS, LEAST_LATITUDES = 6, 4
@@ -44,10 +48,16 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     along = next((dim for dim in ("latitude", "site", *others) if dim in others), None)
     stands = shown.fixed(f"field_{_MAPPED}", _METHOD, along)
     methods = [{_METHOD: i} for i in range(result.sizes[_METHOD])] if _METHOD in dims else [{}]
-    places = shown.chosen(along, MOST_MAPS)
+    draws = [partial(_curves, others=others), partial(_maps, stands=stands, along=along)]
+    draws += [partial(_day_courses, stands=stands, along=along)] if _SERIES in result else []
+    return one_by_one([partial(draw, methods=methods) for draw in draws], shown, MOST_FIGURES)
+
+
+def _maps(shown: Shown, methods: list[dict[str, int]], stands: Point, along: str | None) -> Iterator[NamedFigure]:
+    """Maps of each method and place, and of the differences between methods."""
+    result, places = shown.result, shown.chosen(along, MOST_MAPS)
     maps = [[_field_map(shown, stands, method, place) for place in places] for method in methods]
     note = shown.note(stands, places)
-    yield from _curves(shown, methods, others)
     everything = [one for row in maps for one in row]
     shades = within(axis_label(result[_MAPPED]), [one.values for one in everything], held=1.0)
     said = "Mean optical efficiency of each heliostat over the period"
@@ -65,8 +75,6 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
             f"{symbols(differences, sized=True)}{note}"
         )
         yield from _sheets("difference_maps", caption, [differences], shades)
-    if _SERIES in result:
-        yield _day_courses(shown, stands, methods, along)
 
 
 def _place(shown: Shown, point: Point) -> str:
@@ -131,7 +139,9 @@ def _curves(shown: Shown, methods: list[dict[str, int]], others: list[str]) -> I
         yield NamedFigure(f"efficiency_over_{dim}", caption, figure)
 
 
-def _day_courses(shown: Shown, stands: Point, methods: list[dict[str, int]], along: str | None) -> NamedFigure:
+def _day_courses(
+    shown: Shown, methods: list[dict[str, int]], stands: Point, along: str | None
+) -> Iterator[NamedFigure]:
     """Mean efficiency of the field over some days; a panel for each method and place, a line for each day."""
     panels, kind, places = [], "", shown.chosen(along, MOST_PLACES)
     for method in methods:
@@ -151,7 +161,7 @@ def _day_courses(shown: Shown, stands: Point, methods: list[dict[str, int]], alo
         "Optical efficiency of the field at each instant (mean over the heliostats, weighted by mirror area) on "
         f"{count} of the days computed.{shown.note(stands, places)}"
     )
-    return NamedFigure("day_courses", caption, figure)
+    yield NamedFigure("day_courses", caption, figure)
 
 
 def field_means(here: xr.Dataset, part: slice) -> np.ndarray:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
-from itertools import chain, islice
+from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.report.contents import NamedFigure, Table
+from heliosweep.report.contents import NamedFigure, Table, one_by_one
 from heliosweep.report.panels import Panel
 from heliosweep.report.pictures import FieldMap, field_map
 from heliosweep.report.selection import Point, Shown, at, evenly
@@ -211,7 +211,7 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     first = (*curves.TOLERANCES, *curves.SPOTS) if field else (*curves.SPOTS, *curves.TOLERANCES)
     shown = Spots(result)
     draws = (*first, *mount_errors.FIGURES, *calibration.FIGURES)
-    return islice(chain.from_iterable(draw(shown) for draw in draws), MOST_FIGURES)
+    return one_by_one(draws, shown, MOST_FIGURES)
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
