@@ -95,7 +95,7 @@ class Plots:
         StudyError
             No such variable or dimension, or too many of them left.
         """
-        from heliosweep.report.labels import axis_label, coordinate_text, is_fraction
+        from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, shortened
         from heliosweep.report.panels import Panel, curve_figure
 
         here = _selected(self._result, variable, select, keep=(along,), most_left=1)
@@ -107,7 +107,8 @@ class Plots:
         others = [dim for dim in array.dims if dim != along]
         lines = [array] if not others else [array.isel({others[0]: i}) for i in range(array.sizes[others[0]])]
         named = {
-            coordinate_text(line[others[0]]) if others and len(lines) > 1 else "": line for line in lines[:MOST_LINES]
+            shortened(coordinate_text(line[others[0]]), number) if others and len(lines) > 1 else "": line
+            for number, line in enumerate(lines[:MOST_LINES], 1)
         }
         panel = Panel(
             axis_label(array), {name: (100 if is_fraction(array) else 1) * line for name, line in named.items()}

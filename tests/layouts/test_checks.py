@@ -131,13 +131,23 @@ def test_below_the_diagonal_is_one_warning():
     problems, (warning,) = messages(at((0, 50), (12, 50), (40, 50), (40, 63), lines=[2, 3, 4, 5]))
     assert problems == []
     assert warning == (
-        "field.csv: 2 pairs of neighbours stand closer than the diagonal of the mirrors and may touch or "
-        "overlap in some postures, which this check does not follow; the "
-        "closest are heliostat 0 (line 2) and heliostat 1 (line 3), 12 m apart, with a "
-        "diagonal of 14.1421 m"
+        "field.csv: 2 pairs of neighbours stand closer than the diagonal of the mirrors, which touch in some "
+        "postures; whether this study's tracking brings them there is not checked, and numbers are computed as if "
+        "mirrors could pass through each other; the closest are heliostat 0 (line 2) and heliostat 1 (line 3), 12 m "
+        "apart, with a diagonal of 14.1421 m"
     )
     assert "1 pair of neighbours stands" in messages(at((0, 50), (12, 50)))[1][0]
     assert messages(at((0, 50), (10, 50)))[0] == []  # one shorter side apart: a warning, not an error
+
+
+def test_long_mirrors_side_by_side():
+    problems, (warning,) = messages(at((0, 50), (3, 50)), width=20, height=2)
+    assert problems == []
+    assert "whether this study's tracking brings them there is not checked" in warning
+    assert warning.endswith(
+        "3 m apart, with a diagonal of 20.0998 m and a longer side of 20 m: with these sides in line, they overlap "
+        "whatever they look at"
+    )
 
 
 def test_a_heliostat_at_the_foot_of_the_tower_is_no_error():

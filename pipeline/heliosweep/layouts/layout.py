@@ -219,7 +219,8 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     `width` and `height` are the sides of the mirrors, shape (heliostat,) or one for all; of a sweep, the largest. [m]
     Problems make the layout useless: no heliostats, coordinates that are not numbers or off any field, two heliostats
     on one place, centres closer than the shorter side of the mirrors. There is one warning if centres are closer than
-    the diagonal, at which mirrors may touch in some postures.
+    the diagonal: below it, and only there, two mirrors that turn freely can touch, corner to corner. Postures of a
+    study are not followed.
     """
     if not len(layout):
         return [Problem("the layout has no heliostats", file=layout.name)], []
@@ -258,12 +259,16 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
         return problems, []
     low, high, apart = tight[0]
     number = "1 pair of neighbours stands" if len(tight) == 1 else f"{len(tight):,} pairs of neighbours stand"
+    longer = np.broadcast_to(np.maximum(width, height), len(layout))
+    side = (longer[low] + longer[high]) / 2
     message = (
-        f"{number} closer than the diagonal of the mirrors and may touch or overlap in some postures, "
-        "which this check does not follow; the closest are "
-        f"{layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
+        f"{number} closer than the diagonal of the mirrors, which touch in some postures; whether this study's "
+        "tracking brings them there is not checked, and numbers are computed as if mirrors could pass through each other; "
+        f"the closest are {layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
         f"{(diagonal[low] + diagonal[high]) / 2:.6g} m"
     )
+    if apart < side:
+        message += f" and a longer side of {side:.6g} m: with these sides in line, they overlap whatever they look at"
     return problems, [Problem(message, file=layout.name)]
 
 

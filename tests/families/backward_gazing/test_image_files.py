@@ -178,6 +178,21 @@ def test_huge_sizes_in_a_header_take_no_memory(tmp_path):
         assert words in said(tmp_path / "a.fits")
 
 
+def test_damage_is_told_once(tmp_path, capfd, recwarn):
+    """Neither Python's libraries nor compiled ones say anything besides."""
+    path = tmp_path / "a.tif"
+    Image.fromarray(np.tile(LEVELS, (8, 8))).save(path, compression="tiff_deflate")
+    data = bytearray(path.read_bytes())
+    data[20:60] = bytes(40)
+    path.write_bytes(data)
+    assert "its pixels cannot be read; copy it again" in said(path)
+    np.save(tmp_path / "a.npy", LEVELS)
+    (tmp_path / "a.npy").write_bytes((tmp_path / "a.npy").read_bytes().replace(b"(6, 8)", b"(6L,8)"))
+    read_picture(tmp_path / "a.npy")  # of Python 2, of which NumPy warns
+    assert not recwarn.list
+    assert capfd.readouterr().err == ""
+
+
 def test_no_images(tmp_path):
     for content, words in (
         (b"", "is empty"),

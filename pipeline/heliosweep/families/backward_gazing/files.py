@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import warnings
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -197,7 +199,8 @@ def _raster(path: Path, name: str) -> Picture:
             if image.mode not in _GREY:
                 what = _MODES.get(image.mode, f"an image of mode {image.mode}")
                 _fail(name, f"is {what}; save one channel of it as grey levels, 16 bit if possible")
-            image.load()
+            with _unheard():
+                image.load()
             levels = np.array(image)
             said = _texts(image)
     except Image.DecompressionBombError:
@@ -210,6 +213,23 @@ def _raster(path: Path, name: str) -> Picture:
         cut = any(word in str(error).lower() for word in ("truncated", "not enough", "unexpected end", "end of file"))
         _fail(name, f"is {'truncated' if cut else 'damaged'}: its pixels cannot be read; copy it again")
     return _picture(levels, said, name)
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Without what compiled libraries print by themselves, as that of TIFF does about damage."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # nothing is printed anywhere
+        yield
+        return
+    with Path(os.devnull).open("wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _texts(image: Any) -> dict[str, Any]:
