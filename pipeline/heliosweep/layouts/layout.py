@@ -263,8 +263,8 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     side = (longer[low] + longer[high]) / 2
     message = (
         f"{number} closer than the diagonal of the mirrors, which touch in some postures; whether this study's "
-        "tracking brings them there is not checked, and numbers are computed as if mirrors could pass through each other; "
-        f"the closest are {layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
+        "tracking brings them there is not checked, and numbers are computed as if mirrors could pass through each "
+        f"other; the closest are {layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
         f"{(diagonal[low] + diagonal[high]) / 2:.6g} m"
     )
     if apart < side:

@@ -136,7 +136,9 @@ def _page(
     told = comparison.told(result, compared.values) if compared else result
     undrawn = _Undrawn(bool(manifest))
     figures = list(_draw(place / FIGURES, undrawn, family.figures(told) if family else (), vector))
-    views, plots, results = (), {}, None
+    views: list[dict[str, Any]] = []
+    plots: dict[str, Any] = {}
+    results = None
     with undrawn.noting("The interactive plots"):
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
