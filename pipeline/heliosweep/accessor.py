@@ -229,13 +229,12 @@ class HeliosweepAccessor:
         Parameters
         ----------
         published : path
-            CSV table: columns ``quantity``, ``published``, ``unit``, ``tolerance``, all others coordinates of the
-            result.
+            CSV table, as `report.published` of a study names one: see the page on results.
 
         Returns
         -------
         pandas.DataFrame
-            A row for each number, with what was computed, the difference and whether it is within the tolerance.
+            A row for each number or claim, with what was computed, the difference and the verdict.
 
         Raises
         ------
@@ -247,11 +246,16 @@ class HeliosweepAccessor:
         from heliosweep.report.comparison import compare, read_published
 
         table, result = read_published(user_path(published)), self._result
-        asked = {one.quantity for one in table.values} & set(map(str, result.data_vars))
+        asked = {name for one in table.values for name in one.quantity.split(" - ")} & set(map(str, result.data_vars))
         compared = compare(result.assign({name: result[name].compute() for name in asked}), table)
-        columns = ("computed", "published", "difference", "tolerance", "unit", "agrees")
+        columns = ("computed", "published", "difference", "tolerance", "unit", "agrees", "verdict")
         return pd.DataFrame(
-            {"quantity": one.quantity, **one.where, **{name: getattr(one, name) for name in columns}}
+            {
+                "claim": one.claim,
+                "quantity": one.quantity,
+                **one.where,
+                **{name: getattr(one, name) for name in columns},
+            }
             for one in compared.values
         )
 

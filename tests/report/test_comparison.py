@@ -18,6 +18,8 @@ from heliosweep.report.comparison import (
 from tests.conftest import STUDIES
 from tests.report.synthetic import BOTH, result
 
+NUMBER = "must be a finite number, a bound as '> 0', a range as '1 to 2', a date, or several with 'or'"
+CLAIMS = "claim,quantity,published,unit,tolerance,reason,verdict\n"
 HEADER = "tracking,latitude,quantity,published,unit,tolerance\n"
 
 
@@ -54,7 +56,7 @@ def test_numbers_within_their_tolerance_agree_and_others_differ(dataset, table):
         "azimuth_elevation,30.0000000001,field_cosine_efficiency,0.83,1,0.001\n"
     )
     compared = compare(dataset, table(HEADER + rows))
-    assert [one.verdict for one in compared.values] == ["agrees", "agrees", "differs", "differs"]
+    assert [one.verdict for one in compared.values] == ["agrees", "agrees", "does not agree", "does not agree"]
     assert [one.difference for one in compared.values] == pytest.approx([0, 0.025, 0.025, -0.0014])
     assert compared.summary == "2 of 4 published values agree, largest difference 0.025 percentage points and 0.0014"
     table = compared.table(dataset)
@@ -66,7 +68,7 @@ def test_numbers_within_their_tolerance_agree_and_others_differ(dataset, table):
 def test_a_missing_value_differs(dataset, table):
     dataset["field_cosine_efficiency"][:] = float("nan")
     compared = compare(dataset, table(HEADER + "azimuth_elevation,0,field_cosine_efficiency,84.99,percent,0.02\n"))
-    assert compared.values[0].verdict == "differs"
+    assert compared.values[0].verdict == "does not agree"
     assert compared.summary.startswith("0 of 1 published values agree")
 
 
@@ -100,7 +102,7 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
         "table.csv:3: unknown quantity 'field_cosine_eficiency'; did you mean 'field_cosine_efficiency'?",
         "table.csv:4: latitude '10' is not in the result, which has 0, 15, 30",
         "table.csv:5: 'tracking' is missing: field_cosine_efficiency has 2 values along it",
-        "table.csv:6: latitude must be a number (got 'equator')",
+        "table.csv:6: latitude must be a number, a range, a bound or a statistic (got 'equator')",
     ]
     odd = "latitud,tracking,quantity,published,unit,tolerance\n0,spinning_elevation,field_cosine_efficiency,1,1,1\n"
     assert problems(compare, dataset, table(odd)) == [
@@ -117,7 +119,7 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
             "latitude,quantity\n0,a\n",
             [
                 "table.csv:1: needs a column published: the number as it was printed",
-                "table.csv:1: needs a column unit: its unit, 1 or percent",
+                "table.csv:1: needs a column unit: its unit, such as 1, percent, deg or m",
                 "table.csv:1: needs a column tolerance: by how much a computed one may differ",
             ],
         ),
@@ -126,15 +128,29 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
             ["table.csv:1:10: has two columns 'latitude'; remove one"],
         ),
         (
-            HEADER + "a,0,b,about 3,1,1\na,0,b,1,m,1\na,0,b,1,1,-1\na,0,b\na,0,b,nan,1,1\na,0,b,1,1,\na,0,,1,1,1\n",
+            HEADER + "a,0,b,about 3,1,1\na,0,b,1,,1\na,0,b,1,1,-1\na,0,b\na,0,b,nan,1,1\na,0,b,1,1,\na,0,,1,1,1\n",
             [
-                "table.csv:2:7: published must be a finite number (got 'about 3')",
-                "table.csv:3:9: unit must be '1' or 'percent' (got 'm')",
-                "table.csv:4:11: tolerance must be at least 0 (got '-1')",
+                f"table.csv:2:7: published {NUMBER} (got 'about 3')",
+                "table.csv:3:9: unit is empty",
+                "table.csv:4:11: tolerance must be a finite number of at least 0 (got '-1')",
                 "table.csv:5: has 3 fields, but the header has 6",
-                "table.csv:6:7: published must be a finite number (got 'nan')",
+                f"table.csv:6:7: published {NUMBER} (got 'nan')",
                 "table.csv:7:11: tolerance is empty",
                 "table.csv:8:5: quantity is empty",
+            ],
+        ),
+        (
+            CLAIMS.replace(",reason", "") + "Figure 1,a,1,1,0,\n",
+            ["table.csv:1: needs a column reason: reason of the tolerance, or why nothing can be compared"],
+        ),
+        (
+            CLAIMS + "Figure 1,a,1,1,0.1,,\nFigure 2,,lost,,,,\nFigure 3,,lost,1,0,no data,\nT,a,> 1,1,,,maybe\n",
+            [
+                "table.csv:2:20: reason is empty: a tolerance needs one",
+                "table.csv:3:10: quantity is empty; a claim that cannot be compared has a reason",
+                "table.csv:4:16: unit must be empty where there is no quantity",
+                "table.csv:4:18: tolerance must be empty where there is no quantity",
+                "table.csv:5:13: verdict must be 'agrees', 'does not agree' or 'cannot be compared' (got 'maybe')",
             ],
         ),
     ],
@@ -172,8 +188,9 @@ def test_numbers_in_percent_are_compared_as_they_are(dataset, table):
     rows = "azimuth_elevation,0,relative_error,84.9,percent,0.1\n"
     [one] = compare(dataset, table(HEADER + rows)).values
     assert one.computed == pytest.approx(84.99)
-    with pytest.raises(StudyError, match="cannot be compared"):
-        compare(dataset, table(HEADER + rows.replace("percent", "1")))
+    assert problems(compare, dataset, table(HEADER + rows.replace("percent", "deg"))) == [
+        "table.csv:2: relative_error is in percent, which cannot be compared with unit 'deg'"
+    ]
 
 
 def test_figures_can_read_what_was_published_from_the_result(dataset, table):

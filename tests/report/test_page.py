@@ -143,13 +143,27 @@ def test_words_never_become_markup_and_nothing_is_fetched(whole):
     assert "@import" not in style
 
 
-@pytest.mark.parametrize(("tolerance", "verdict"), [(100, "agrees"), (0, "differs")])
-def test_verdicts_are_said_in_words_and_kept_for_later(folder, tolerance, verdict):
+@pytest.mark.parametrize(
+    ("tolerance", "verdict", "kind"), [(100, "agrees", "agrees"), (0, "does not agree", "differs")]
+)
+def test_verdicts_are_said_in_words_and_kept_for_later(folder, tolerance, verdict, kind):
     first = write_report(folder, study(folder, published(folder, tolerance))).read_text(encoding="utf-8")
     page = Page(first)
     assert verdict in page.text
-    assert {"class": f"verdict {verdict}"} in page.all("p")
+    assert {"class": f"verdict {kind}"} in page.all("p")
     (folder / "table.csv").unlink()
+    assert write_report(folder).read_text(encoding="utf-8") == first
+
+
+def test_a_run_says_where_its_verdict_is_not_the_stated_one(folder, caplog):
+    asked = study(folder, published(folder, 100))
+    table = folder / "table.csv"
+    rows = table.read_text(encoding="utf-8").splitlines()
+    table.write_text("\n".join([f"{rows[0]},verdict", f"{rows[1]},does not agree"]), encoding="utf-8")
+    first = write_report(folder, asked).read_text(encoding="utf-8")
+    said = "the table states 'does not agree', but it agrees"
+    assert said in caplog.text
+    assert said in Page(first).text
     assert write_report(folder).read_text(encoding="utf-8") == first
 
 

@@ -73,3 +73,11 @@ def expected(unit: str) -> str:
 def suffix(unit: str) -> str:
     """Return the unit as it follows a number in text: `` deg``; nothing for pure numbers."""
     return "" if unit == "1" else f" {unit}"
+
+
+def factor(given: str, wanted: str) -> float:
+    """Return what a number in one unit is multiplied with to be in another. Raises ValueError."""
+    if given not in _KIND_OF or _KIND_OF[given] != _KIND_OF.get(wanted):
+        raise ValueError(f"'{given}' is no multiple of '{wanted}'")
+    factors = _KINDS[_KIND_OF[given]]
+    return float(factors[given] / factors[wanted])

@@ -134,6 +134,7 @@ def _page(
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result
+    surprises = compared.surprises if compared else []
     undrawn = _Undrawn(bool(manifest))
     figures = list(_draw(place / FIGURES, undrawn, family.figures(told) if family else (), vector))
     views: list[dict[str, Any]] = []
@@ -154,7 +155,7 @@ def _page(
         summary=result.attrs.get("summary"),
         compared=compared,
         comparison=compared and compared.table(result),
-        remarks=[*damage, *manifest.get("remarks", ()), *undrawn.remarks],
+        remarks=[*damage, *surprises, *manifest.get("remarks", ()), *undrawn.remarks],
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
         results=results,
         views=views,
@@ -280,6 +281,8 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     compared = comparison.compare(result, table)
     write_whole(stored, comparison.comparison_csv(compared))
     log.info("%s: %s", compared.source, compared.summary)
+    for surprise in compared.surprises:
+        log.warning("%s: %s", compared.file, surprise)
     return compared
 
 
