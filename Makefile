@@ -14,7 +14,7 @@ PYTEST_ARGS ?=
 SHARED := -n logical --maxprocesses 2 --dist worksteal
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults check docs bench setup lock audit clean help
+.PHONY: studies run test faults check docs index bench setup lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
@@ -37,6 +37,9 @@ check: $(STAMP)  ## lint, formatting and types
 docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
 	@$(BIN)/python -m sphinx -W --keep-going -n -E -a -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
+
+index: $(STAMP)  ## after make: state numbers and verdicts in studies/published/, and the index of papers in studies/README.md
+	@$(BIN)/python -m tests.literature.index
 
 bench: $(STAMP)  ## speed of the kernels beside named baselines; make BENCH="engines memory" bench: those
 	@$(BIN)/python -c "import PySAM" 2>/dev/null \

@@ -17,7 +17,7 @@ from heliosweep.config.tables import HEADER, Column, read_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.report.claims import PLACES, Asked, ask, day_number, expected, labelled
 from heliosweep.report.contents import Table
-from heliosweep.report.labels import axis_label, number_text, unit_of
+from heliosweep.report.labels import MINUS, axis_label, number_text, unit_of
 
 #: File of a result folder with the comparison, from which the page can be made again.
 FILE = "comparison.csv"
@@ -128,7 +128,10 @@ class Comparison:
         """What was computed, for readers."""
         if isinstance(self.computed, str):
             return self.computed
-        return number_text(self.computed, self.decimals + 1) if self.quantity else ""
+        if not math.isfinite(self.published):  # a bound or a range: nobody says how many decimals count
+            return f"{self.computed:.4g}".replace("-", MINUS) if self.quantity else ""
+        counts = math.ceil(-math.log10(self.tolerance)) if self.tolerance else 0
+        return number_text(self.computed, max(self.decimals, counts) + 1)
 
     @property
     def surprise(self) -> str:
