@@ -253,6 +253,12 @@ class Output(Block):
         if self.compression == "zstd" and self.format != "zarr":
             yield Fault("is for 'format: zarr' only; not every reader of NetCDF knows it", ("compression",))
 
+    def without_series(self) -> Iterable[Fault]:
+        """Yield what is wrong with asking for a time series where the instants are points of the result anyway."""
+        if self.time_series:
+            message = "adds nothing: each instant is a point of the result already; remove it"
+            yield Fault(message, ("output", "time_series"), show_value=False)
+
 
 class Published(Block):
     """Published numbers to compare the result with."""

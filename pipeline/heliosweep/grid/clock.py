@@ -87,7 +87,7 @@ def instant_count(time: SolarTime | CivilTime | SunDirections) -> int:
     if isinstance(time, SolarTime):
         return time.count()
     start, stop, step = time.window_seconds()
-    return len(time.date_list()) * (int((stop - start) / step) + 1)
+    return len(time.date_list()) * window_count((stop - start) / step, time.sampling)
 
 
 def solar_instants(time: SolarTime) -> Instants:

@@ -11,7 +11,7 @@ import json
 import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -25,6 +25,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
+from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
 from heliosweep.store.read import open_result
@@ -156,6 +157,7 @@ def _page(
         compared=compared,
         comparison=compared and compared.table(result),
         remarks=[*damage, *surprises, *manifest.get("remarks", ()), *undrawn.remarks],
+        sampled=sampled(result, study or _study(place, family)),
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
         results=results,
         views=views,
@@ -284,6 +286,17 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     for surprise in compared.surprises:
         log.warning("%s: %s", compared.file, surprise)
     return compared
+
+
+def _study(place: Path, family: Any) -> Study | None:
+    """The study that lies beside a result; None where it cannot be read, as files that it names are elsewhere."""
+    from heliosweep.config.load import load
+
+    for path in (place / name for name in STUDIES):
+        if family and path.is_file():
+            with suppress(HeliosweepError):
+                return load(path, {family.name: family.study_class()})
+    return None
 
 
 def _text(path: Path) -> str:

@@ -134,6 +134,8 @@ erosion > output: {maps: true}\\nfield: {latitude: 30, day: 81, hours: 12, layou
     5:16: sun.azimuth: follows from 'field'; remove it
     5:31: sun.elevation: follows from 'field'; remove it
     9:16: output.maps: must be false with a 'field' (got true)
+erosion > output: {time_series: true}
+    9:23: output.time_series: adds nothing: each instant is a point of the result already; remove it
 erosion > field: {latitude: 30, day: 81, layout: {file: [near.csv]}, receiver_height: 95}
     9:1: field.hours: is missing: Solar hours, 12 is noon [h]
 mode > mode: measured

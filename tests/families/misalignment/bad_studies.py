@@ -230,6 +230,11 @@ BAD_MOUNTS: list[tuple[str, str, list[str]]] = [
         ["9:26: calibration.days_used: must be at most 1, the number of days of 'time' (got 2)"],
     ),
     (
+        "mount_errors",
+        "mount_errors: {azimuth_reference: 1}\noutput: {time_series: true}",
+        ["9:23: output.time_series: adds nothing: each instant is a point of the result already; remove it"],
+    ),
+    (
         "calibration",
         "calibration: {spots: none.csv}",
         ["8:22: calibration.spots: no such file, looked for relative to the study file (got 'none.csv')"],

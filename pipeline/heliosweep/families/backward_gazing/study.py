@@ -109,6 +109,7 @@ class BackwardGazingStudy(Study):
 
     def rules(self) -> Iterator[Fault]:
         """Check that the blocks go with the mode."""
+        yield from self.output.without_series()
         yield from positions_rules(self.cameras)
         if self.mode == "measured":
             yield from self._measured_faults()

@@ -114,6 +114,7 @@ class MisalignmentStudy(Study):
 
     def rules(self) -> Iterator[Fault]:
         """Check that there are heliostats, a sun and the blocks of the mode, and no others."""
+        yield from self.output.without_series()
         yield from self._place_faults()
         yield from self._sun_faults()
         yield from self._mode_faults()
