@@ -72,7 +72,7 @@ def conversion(unit: str, wanted: str) -> float:
     return factor(_HOUSE.get(unit, unit), _HOUSE.get(wanted, wanted))
 
 
-def days(values: NDArray[np.generic]) -> Values:
+def days(values: Any) -> Values:
     """Dates as days since 1970, missing ones as NaN."""
     since = values.astype("datetime64[ns]")
     return np.where(np.isnat(since), np.nan, since.astype("int64") / 86_400e9)
@@ -340,7 +340,7 @@ class Asked:
         for dim, name, cell in self.taken:
             coordinate = result[name].isel({dim: self.chosen[dim]})
             labels = coordinate if coordinate.dtype.kind not in "fiubM" else None
-            along = np.arange(coordinate.size) if labels is not None else _numbers(coordinate)
+            along = np.arange(float(coordinate.size)) if labels is not None else _numbers(coordinate)
             values = take(cell, values, dims.index(dim), along)
             dims.remove(dim)
         value = float(values.item())
@@ -417,7 +417,7 @@ def ask(result: xr.Dataset, one: Any) -> Asked:
     except ValueError:
         raise ValueError(f"{one.quantity} is in {unit}, which cannot be compared with unit {one.unit!r}") from None
     chosen = {dim: np.flatnonzero(mask) if dim in taken else int(np.argmax(mask)) for dim, mask in masks.items()}
-    kept = [(dim, name, cell.among(chosen[dim])) for dim, (name, cell) in taken.items()]
+    kept = [(dim, name, cell.among(np.flatnonzero(masks[dim]))) for dim, (name, cell) in taken.items()]
     return Asked(names, chosen, kept, kind, factor)
 
 

@@ -115,7 +115,7 @@ class Comparison:
     def agrees(self) -> bool:
         """Whether the difference is within the tolerance; a missing value never agrees."""
         if not self.unit:
-            return bool(self.quantity) and self.computed in map(str.strip, self.text.split(" or "))
+            return bool(self.quantity) and str(self.computed) in map(str.strip, self.text.split(" or "))
         return expected(self.text).holds(day_number(self.computed), self.tolerance, self.turn)
 
     @property
@@ -402,8 +402,8 @@ def read_comparison(path: Path) -> Compared:
             if one.quantity and one.unit and not expected(one.text).date:
                 computed = float(computed)
             where = {name: cell for name, cell in one.where.items() if name not in (*_COMPUTED, *_STATED)}
-            stated = {name: one.where.get(name, "") for name in _STATED}
-            values.append(replace(one, computed=computed, where=where, **stated))
+            number, verdict = (one.where.get(name, "") for name in _STATED)
+            values.append(replace(one, computed=computed, where=where, stated_computed=number, stated_verdict=verdict))
         if not all(one.stated_verdict for one in table.values):
             raise ValueError
     except ValueError:

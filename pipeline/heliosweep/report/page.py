@@ -141,6 +141,9 @@ def _page(
     views: list[dict[str, Any]] = []
     plots: dict[str, Any] = {}
     results = None
+    covers: list[tuple[str, str]] = []
+    with undrawn.noting("The dates and hours"):
+        covers = sampled(result, study or _study(place, family))
     with undrawn.noting("The interactive plots"):
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
@@ -157,7 +160,7 @@ def _page(
         compared=compared,
         comparison=compared and compared.table(result),
         remarks=[*damage, *surprises, *manifest.get("remarks", ()), *undrawn.remarks],
-        sampled=sampled(result, study or _study(place, family)),
+        sampled=covers,
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
         results=results,
         views=views,
