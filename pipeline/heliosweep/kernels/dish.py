@@ -13,7 +13,7 @@ method depends on the one parameter combination alone.
 
 References
 ----------
-.. [1] Z. Liu, H. Peng and J. Yan, "Effect of the azimuth axis tilt error on the tracking performance of a solar dish
+.. [1] Y. Liu, Y. Peng and J. Yan, "Effect of the azimuth axis tilt error on the tracking performance of a solar dish
    concentrator system", Energies 15 (2022) 3261, doi 10.3390/en15093261
 """
 
