@@ -130,6 +130,42 @@ def test_home_offsets_are_those_of_the_chain(model):
         np.testing.assert_allclose(error, expected, rtol=0, atol=2e-15)
 
 
+def about(axis, angle):
+    """Matrix that turns about axis 0, 1 or 2, right-handed."""
+    matrix, (a, b) = np.eye(3), ((1, 2), (2, 0), (0, 1))[axis]
+    matrix[a, a] = matrix[b, b] = np.cos(angle)
+    matrix[b, a] = np.sin(angle)
+    matrix[a, b] = -np.sin(angle)
+    return matrix
+
+
+@pytest.mark.parametrize("reference", [0.0, 0.004])
+@pytest.mark.parametrize("elevation_offset", [0.0, -0.003])
+@pytest.mark.parametrize("askew", [0.0, -0.005, 0.1])
+@pytest.mark.parametrize("collimation", [0.0, 0.002])
+def test_all_six_errors_of_a_rigid_mount_by_matrices(reference, elevation_offset, askew, collimation):
+    """Guo et al. (2012), as the family `misalignment` has it, in the frame east, north, up."""
+    sun, tilt, direction = suns(300), 0.002, 0.7
+    east, north, up = sun.T
+    turn, lift = np.arctan2(east, north) + reference, np.arctan2(up, np.hypot(east, north)) + elevation_offset
+    normal = np.array([np.sin(collimation), np.cos(collimation), 0.0])
+    untilted = np.array([about(2, -g) @ about(1, askew) @ about(0, a) @ normal for g, a in zip(turn, lift, strict=True)])
+    focus = turned(untilted, np.array([-np.cos(direction), np.sin(direction), 0.0]), tilt)
+    expected = 2.0 * np.arcsin(np.linalg.norm(focus - sun, axis=1) / 2.0)
+    further = {"azimuth_reference": reference, "non_orthogonality": askew, "collimation": collimation}
+    error = pointing_errors(RIGID, sun, tilt, direction, home_elevation=elevation_offset, **further)
+    np.testing.assert_allclose(error, expected, rtol=0, atol=2e-15)
+
+
+@both
+def test_collimation_is_the_home_offset_in_azimuth_reversed(model):
+    """The paper's offset gamma1 turns the focal axis alone (Eq. 19), which an error of a home position would not."""
+    sun = suns(100)
+    one = pointing_errors(model, sun, 0.002, 0.3, 0.001)
+    np.testing.assert_array_equal(one, pointing_errors(model, sun, 0.002, 0.3, collimation=-0.001))
+    assert np.abs(one - pointing_errors(model, sun, 0.002, 0.3, azimuth_reference=0.001)).max() > 1e-4
+
+
 @both
 def test_no_tilt_no_error(model):
     errors = window_errors(model, pack_windows(suns(100), [0, 100]), 0.0, [0.0, 1.0])

@@ -211,7 +211,7 @@ def _cuts(
     if any(one.kind == "points" for one in variables.values()):
         cuts["points"] = _points_cut(workload, variables, asked, most)
     if series := of_kind(variables, "series"):
-        split = workload.splittable, workload.inner[workload.splittable]
+        split = workload.splittable, workload.inner.get(workload.splittable, 1)
         value_bytes = sum(one.dtype.itemsize for one in series.values())
         times, longest = workload.inner["time"], {**most, **asked}
         cuts["series"], storage = series_cut(workload.parameters, times, split, value_bytes, longest)

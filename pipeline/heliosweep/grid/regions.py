@@ -220,7 +220,7 @@ def series_cut(
     """Cut of the time series of a study, over its parameters, ``time`` and the dimension along which a point may be
     cut.
 
-    `split` is the name and length of that dimension, `value_bytes` the bytes of all series at one instant and place,
+    `split` is the name and length of that dimension, empty and 1 where there is none, `value_bytes` the bytes of all series at one instant and place,
     `most` the longest parts that are allowed. Returned too are the lengths of a storage chunk along ``time`` and the
     split dimension.
     """
@@ -241,4 +241,6 @@ def series_cut(
     slab = {**points, "time": instants, name: places}
     part = {**slab, name: max(LEAST_LENGTH, -(-places // SERIES_PARTS))}
     part = {dim: min(length, slab[dim], most.get(dim, length)) for dim, length in part.items()}
-    return Cut({**parameters, "time": times, name: size}, slab, part), {"time": rows, name: places}
+    sizes, chunk = {**parameters, "time": times, name: size}, {"time": rows, name: places}
+    sizes, slab, part, chunk = ({dim: n for dim, n in one.items() if dim} for one in (sizes, slab, part, chunk))
+    return Cut(sizes, slab, part), chunk

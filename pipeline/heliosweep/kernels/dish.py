@@ -5,7 +5,8 @@ Vectors are x west, y south, z up. The mount leans by `tilt` about the horizonta
 
 Two models: `RIGID`, where the whole mount leans and the controller does not know; `UNTILTED_HOME_AXES`, where the
 azimuth axis leans alone while the home positions of the elevation axis and the focal axis do not (Liu, Peng and Yan
-2022 [1]_). Both have closed forms, used without home offsets; with them the chain of axes itself is computed.
+2022 [1]_). Both have closed forms, used where the lean is the only error; else the chain of axes itself is computed:
+the focal axis is turned about the elevation axis by the elevation of the sun, then about the azimuth axis by psi.
 
 Windows are packed side by side, so that many are summed at once. Every number has the same bits whatever else is
 computed with it: a window is a lane, lanes never meet, each is summed in the order of time, and every choice of a
@@ -138,15 +139,15 @@ def arcsine(x: float) -> float:
 @kernel
 def fill_errors(rows: Floats, model: int, mount: Floats, errors: Floats) -> None:
     """Errors of one mount at all instants of a group."""
-    home_azimuth, home_elevation, direction, tilt = mount
+    direction, tilt = mount[4], mount[5]
     columns = rows.reshape(len(rows), ROWS, errors.shape[1])
-    if home_azimuth != 0.0 or home_elevation != 0.0:
+    if np.any(mount[:4] != 0.0):
         _chain(columns, model, mount, errors)
     elif model == RIGID:
         _rigid(columns, direction, tilt, errors)
     else:
         _untilted(columns, direction, tilt, errors)
-    largest = (tilt if model == RIGID else 2.0 * tilt) + abs(home_azimuth) + abs(home_elevation)
+    largest = (tilt if model == RIGID else 2.0 * tilt) + abs(mount[0]) + abs(mount[1]) + abs(mount[2]) + 2 * abs(mount[3])
     if largest <= 2.0 * SMALL:
         for step in range(len(errors)):
             for k in range(errors.shape[1]):
@@ -190,16 +191,19 @@ def _untilted(rows: Floats, direction: float, tilt: float, sines: Floats) -> Non
 @kernel
 def _chain(rows: Floats, model: int, mount: Floats, sines: Floats) -> None:
     """Sines of half the errors by turning the focal axis about the elevation axis, then about the azimuth axis."""
-    home_azimuth, home_elevation, direction, tilt = mount
+    home_azimuth, home_elevation, reference, askew, direction, tilt = mount
     azimuth_axis = 0.0, 0.0, -1.0
-    elevation_axis = 0.0, 1.0, 0.0
+    level, dip = math.cos(askew), math.sin(askew)
+    elevation_axis = 0.0, level, -dip
+    aside, raised = math.sin(home_azimuth), math.cos(home_azimuth) * math.sin(home_elevation)
     focal_axis = (
         -math.cos(home_azimuth) * math.cos(home_elevation),
-        -math.sin(home_azimuth),
-        math.cos(home_azimuth) * math.sin(home_elevation),
+        -aside * level + raised * dip,
+        aside * dip + raised * level,
     )
     u = math.cos(direction), -math.sin(direction), 0.0
     cosine, sine = math.cos(tilt), math.sin(tilt)
+    ahead, beside = math.cos(reference), math.sin(reference)
     azimuth_axis = _turned(azimuth_axis, u, cosine, sine)
     if model == RIGID:
         elevation_axis = _turned(elevation_axis, u, cosine, sine)
@@ -207,8 +211,10 @@ def _chain(rows: Floats, model: int, mount: Floats, sines: Floats) -> None:
     for step in range(len(rows)):
         for k in range(rows.shape[2]):
             x, y, z = rows[step, WEST, k], rows[step, SOUTH, k], rows[step, UP, k]
-            raised = _turned(focal_axis, elevation_axis, math.sqrt(x * x + y * y), z)
-            fx, fy, fz = _turned(raised, azimuth_axis, rows[step, COSINE, k], rows[step, SINE, k])
+            lifted = _turned(focal_axis, elevation_axis, math.sqrt(x * x + y * y), z)
+            cosine, sine = rows[step, COSINE, k], rows[step, SINE, k]
+            cosine, sine = cosine * ahead - sine * beside, sine * ahead + cosine * beside
+            fx, fy, fz = _turned(lifted, azimuth_axis, cosine, sine)
             sines[step, k] = 0.5 * math.sqrt((fx - x) ** 2 + (fy - y) ** 2 + (fz - z) ** 2)
 
 
@@ -259,6 +265,10 @@ def window_errors(
     home_azimuth: ArrayLike = 0.0,
     home_elevation: ArrayLike = 0.0,
     tolerance: ArrayLike | None = None,
+    *,
+    azimuth_reference: ArrayLike = 0.0,
+    non_orthogonality: ArrayLike = 0.0,
+    collimation: ArrayLike = 0.0,
 ) -> WindowErrors:
     """Mean, largest and clipped mean pointing error of every window, for every parameter combination.
 
@@ -280,6 +290,10 @@ def window_errors(
         (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
     tolerance : array_like, optional
         Largest error that counts in the clipped mean; none by default, when the clipped mean is the mean. [rad]
+    azimuth_reference, non_orthogonality, collimation : array_like
+        By how much the mount is turned too far about its azimuth axis, clockwise seen from above; the angle by which
+        the right-hand end of the elevation axis, seen along the home focal axis, lies below the plane normal to the
+        azimuth axis; the angle of the focal axis from the plane normal to the elevation axis, towards that end. [rad]
 
     Returns
     -------
@@ -294,19 +308,22 @@ def window_errors(
     if model not in (RIGID, UNTILTED_HOME_AXES):
         raise ValueError(f"unknown model {model}")
     limits = np.inf if tolerance is None else tolerance
-    parameters = np.broadcast_arrays(home_azimuth, home_elevation, direction, tilt, limits)
+    # In this chain the focal axis alone carries the offset in azimuth, towards the other end than its collimation.
+    across = np.asarray(home_azimuth) - np.asarray(collimation)
+    mount = (across, home_elevation, azimuth_reference, non_orthogonality, direction, tilt)
+    parameters = np.broadcast_arrays(*mount, limits)
     shape = parameters[0].shape
     table = np.stack([np.asarray(values, np.float64).ravel() for values in parameters], axis=1)
-    if not np.all((table[:, 3] >= 0.0) & (table[:, 3] <= np.pi / 2)):
+    if not np.all((table[:, 5] >= 0.0) & (table[:, 5] <= np.pi / 2)):
         raise ValueError("tilts must lie between 0 and pi / 2")
-    if not np.all(table[:, 4] > 0.0):
+    if not np.all(table[:, 6] > 0.0):
         raise ValueError("tolerances must be positive")
-    mounts, mount_of = np.unique(table[:, :4], axis=0, return_inverse=True)
+    mounts, mount_of = np.unique(table[:, :6], axis=0, return_inverse=True)
     order = np.argsort(mount_of, kind="stable")
     starts = np.searchsorted(mount_of[order], np.arange(len(mounts) + 1))
     mean, largest = np.empty((2, len(table), *windows.total.shape))
     clipped = mean if tolerance is None else np.empty_like(mean)
-    sweep(model, windows, mounts, starts, order, table[:, 4].copy(), mean, largest, clipped)
+    sweep(model, windows, mounts, starts, order, table[:, 6].copy(), mean, largest, clipped)
     return WindowErrors(
         *(
             values.reshape(len(table), windows.total.size)[:, : windows.number].reshape(*shape, windows.number)
@@ -329,8 +346,8 @@ def sweep(
 ) -> None:
     """Fill `mean`, `largest` and `clipped`, shape (combinations, groups, lanes).
 
-    Mount m is a row home_azimuth, home_elevation, direction, tilt, and serves the combinations order[starts[m]] ..
-    order[starts[m + 1] - 1], which differ in their tolerances. Mounts that share what can be shared follow each other.
+    Mount m is a row home_azimuth, home_elevation, azimuth_reference, non_orthogonality, direction, tilt, and serves the
+    combinations order[starts[m]] .. order[starts[m + 1] - 1], which differ in their tolerances. Mounts that share what can be shared follow each other.
     `clipped` may be `mean` itself where no tolerance is finite.
     """
     groups, lanes = windows.total.shape
@@ -345,11 +362,9 @@ def sweep(
         errors = errors_of_group[: len(rows)]
         direction_of_powers = np.nan
         for m in range(len(mounts)):
-            home_azimuth, home_elevation, direction, tilt = mounts[m]
+            direction, tilt = mounts[m, 4], mounts[m, 5]
             c = order[starts[m]]
-            by_powers = (
-                model == RIGID and home_azimuth == 0.0 and home_elevation == 0.0 and math.sin(0.5 * tilt) <= SMALL
-            )
+            by_powers = model == RIGID and not np.any(mounts[m, :4] != 0.0) and math.sin(0.5 * tilt) <= SMALL
             if by_powers:
                 if direction != direction_of_powers:
                     _sum_powers(rows, direction, powers)

@@ -11,12 +11,21 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.families.dish_tracking.variables import ANNUAL, DAILY, DIRECTIONS, MONTHLY, directed, variables
-from heliosweep.families.dish_tracking.windows import windows_of
+from heliosweep.families.dish_tracking.variables import (
+    ANNUAL,
+    DAILY,
+    DIRECTIONS,
+    MONTHLY,
+    MONTHLY_DIRECTIONS,
+    directed,
+    variables,
+)
+from heliosweep.families.dish_tracking.windows import sun_of, windows_of
 from heliosweep.grid.clock import DATE, instant_count
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
-from heliosweep.grid.sun import sun_attributes
+from heliosweep.grid.regions import SERIES_SLAB_BYTES
+from heliosweep.grid.sun import instants_of, sun_attributes
 from heliosweep.kernels import dish
 from heliosweep.kernels.warm import warm_dish
 
@@ -29,6 +38,8 @@ if TYPE_CHECKING:
 SECONDS_SHARED, SECONDS_PER_ERROR, SECONDS_OF_CHAIN, SECONDS_PER_SUN = 0.3e-9, 1.4e-9, 3e-9, 40e-9
 #: Stamps, vectors, weights and packed rows of one instant of a site, and what makes them. [bytes]
 BYTES_PER_INSTANT = 120
+#: Errors of one instant of a time series and what makes them; most numbers of a time series in a part.
+BYTES_PER_ERROR, MOST_ERRORS = 40, SERIES_SLAB_BYTES // 24
 
 #: Tilts that are tried before the interval is halved, so many times: to 1e-13 of it. [deg]
 SCAN, BISECTIONS = (0.0, *np.geomspace(1e-3, 45.0, 48).tolist()), 43
@@ -40,8 +51,11 @@ TIE = 1e-12
 _MODELS = {"rigid": dish.RIGID, "untilted_home_axes": dish.UNTILTED_HOME_AXES}
 _SITE = ("site.latitude", "site.longitude", "site.altitude")
 _ANGLES = ("errors.axis_tilt_direction", "errors.home_azimuth_offset", "errors.home_elevation_offset")
+#: Further errors of a mount, which a study may leave out.
+_FURTHER = ("errors.azimuth_reference", "errors.non_orthogonality", "errors.collimation")
 #: Keys that label a result also where they are not swept.
-_LABELS = ("site.latitude", "site.longitude", "mount.model", "errors.axis_tilt", *_ANGLES, "tolerance")
+_LABELS = ("site.latitude", "site.longitude", "mount.model", "errors.axis_tilt", *_ANGLES, "tolerance", *_FURTHER)
+_KEYS = (*_SITE, "mount.model", "errors.axis_tilt", *_ANGLES, "tolerance", *_FURTHER)
 
 
 def workload(study: DishTrackingStudy) -> Workload:
@@ -58,25 +72,31 @@ def workload(study: DishTrackingStudy) -> Workload:
     solved = inner.get("required_factor", 0) / tilts  # per point: the tolerable tilt is solved once for all tilts
     whole = {"axis_tilt_direction": directed(study), "axis_tilt": solved and "axis_tilt" in parameters.sizes}
 
+    series = instants_of(parameters).size if study.output.time_series else 0
+    if series:
+        inner["time"] = series
+
     def working_bytes(points: int, _: int) -> int:
-        return BYTES_PER_INSTANT * instants + 8 * 8 * points * days * (1 + math.ceil(solved))
+        errors = BYTES_PER_ERROR * min(points * series, MOST_ERRORS)
+        return BYTES_PER_INSTANT * instants + 8 * 8 * points * days * (1 + math.ceil(solved)) + errors
 
     return Workload(
         parameters=parameters.sizes,
         inner=inner,
-        evaluations=instants,
+        evaluations=instants + series,
         unit="tracker-instants",
         seconds=_seconds_per_error(study, tilts) * (1 + solved * (len(SCAN) + BISECTIONS)) + SECONDS_PER_SUN / mounts,
         working_bytes=working_bytes,
         whole=tuple(dim for dim, wanted in whole.items() if wanted),
         coordinate_bytes=8 * sum(inner.values()),
-        axes={"instants": instants},
+        axes={} if series else {"instants": instants},
     )
 
 
 def _seconds_per_error(study: DishTrackingStudy, tilts: int) -> float:
     errors = study.errors
-    if any(offset != 0 for offset in (errors.home_azimuth_offset, errors.home_elevation_offset)):
+    further = (errors.azimuth_reference, errors.non_orthogonality, errors.collimation)
+    if any(error not in (0, None) for error in (errors.home_azimuth_offset, errors.home_elevation_offset, *further)):
         return SECONDS_OF_CHAIN
     shared = study.mount.model == "rigid" and tilts > 2 and not study.clip
     return SECONDS_SHARED if shared else SECONDS_PER_ERROR
@@ -98,6 +118,8 @@ def coordinates(study: DishTrackingStudy) -> xr.Dataset:
         attrs = {"long_name": "required effective tracking factor", "units": "1"}
         required = study.statistics.required_factor.values()
         labels["required_factor"] = xr.DataArray(required, dims="required_factor", attrs=attrs)
+    if study.output.time_series:
+        labels |= instants_of(parameters).coordinates()
     return xr.Dataset(coords=labels, attrs=_sun_attributes(study))
 
 
@@ -123,13 +145,57 @@ def prepare(study: DishTrackingStudy) -> tuple[float, bool]:
 def compute(study: DishTrackingStudy, inputs: None, region: Region) -> xr.Dataset:
     """Factors and errors of every date, dates without an instant that counts, and the largest tolerable tilts.
 
-    Factors and errors are NaN where no instant of a date counts.
+    Where the region has ``time``, the error and the sun at each instant. Factors and errors are NaN where no instant of
+    a date counts, and at instants that do not count.
     """
     parameters = Parameters(study, region)
+    return _stated(study, _series(study, parameters) if "time" in region else _daily(study, parameters))
+
+
+def _stated(study: DishTrackingStudy, full: xr.Dataset) -> xr.Dataset:
+    """Those variables that the result has; what does not vary along a dimension is the same all along it."""
+    stated = variables(study)
+    return xr.Dataset(
+        {
+            name: one.isel({dim: 0 for dim in one.dims if dim not in stated[name].dims})
+            for name, one in full.items()
+            if name in stated
+        }
+    )
+
+
+def _columns(parameters: Parameters) -> list[np.ndarray]:
+    """Values of `_KEYS` at every point; errors that the study leaves out are zero."""
+    columns = (parameters.values(key) for key in _KEYS)
+    return [np.zeros(tuple(parameters.sizes.values())) if column is None else column for column in columns]
+
+
+def _series(study: DishTrackingStudy, parameters: Parameters) -> xr.Dataset:
+    """Tracking error of every mount [mrad], elevation and azimuth of the sun [deg] at each instant."""
+    swept, instants = tuple(parameters.sizes.values()), instants_of(parameters).part(parameters.part("time"))
+    columns, several = _columns(parameters), "site" in parameters.sizes
+    errors, elevation, azimuth = (np.empty((*swept, instants.size)) for _ in range(3))
+    for _, here in _places(parameters):
+        latitude, longitude, altitude, model, tilt, *others = (column[here] for column in columns)
+        place = (float(latitude.flat[0]), float(longitude.flat[0]), float(altitude.flat[0]))
+        site = here[list(parameters.sizes).index("site")].start if several else 0
+        utc = (instants.at_sites(site) if several else instants).labels["utc"].values
+        sun = sun_of(study.ephemeris, *place, utc)
+        counts = np.isfinite(sun[:, 2]) & ((sun[:, 2] > 0) | (not study.time.daylight_only))
+        windows = dish.pack_windows(sun, np.arange(utc.size + 1), counts)
+        errors[here] = _factors(_MODELS[model.flat[0]], windows, False, tilt, *others)[1].mean * 1e3
+        elevation[here] = np.degrees(np.arctan2(sun[:, 2], np.hypot(sun[:, 0], sun[:, 1])))
+        azimuth[here] = np.degrees(np.arctan2(sun[:, 0], sun[:, 1])) % 360.0
+    dims = (*parameters.sizes, "time")
+    made = {"tracking_error": errors, "solar_elevation": elevation, "solar_azimuth": azimuth}
+    return xr.Dataset({name: (dims, values) for name, values in made.items()})
+
+
+def _daily(study: DishTrackingStudy, parameters: Parameters) -> xr.Dataset:
+    """Factors and errors of every date and mount, dates without an instant that counts, tolerable tilts."""
     swept, days = tuple(parameters.sizes.values()), len(study.time.date_list())
     required = np.array([] if study.statistics is None else study.statistics.required_factor.values())
-    keys = (*_SITE, "mount.model", "errors.axis_tilt", *_ANGLES, "tolerance")
-    columns = [np.asarray(parameters.values(key)) for key in keys]
+    columns = _columns(parameters)
     daily = np.empty((len(DAILY), *swept, days))
     empty = np.empty((*swept, days), np.int8)
     tolerable = np.empty((*swept, required.size))
@@ -146,15 +212,7 @@ def compute(study: DishTrackingStudy, inputs: None, region: Region) -> xr.Datase
     dims = (*parameters.sizes, "date")
     made = {name: (dims, values) for name, values in zip(DAILY, daily, strict=True)}
     made |= {"window_is_empty": (dims, empty), "tolerable_axis_tilt": ((*dims[:-1], "required_factor"), tolerable)}
-    # What does not vary along a dimension is the same all along it.
-    full, stated = xr.Dataset(made), variables(study)
-    return xr.Dataset(
-        {
-            name: one.isel({dim: 0 for dim in one.dims if dim not in stated[name].dims})
-            for name, one in full.items()
-            if name in stated
-        }
-    )
+    return xr.Dataset(made)
 
 
 def _places(parameters: Parameters) -> Iterator[tuple[str, tuple[slice, ...]]]:
@@ -175,11 +233,13 @@ def _factors(
     azimuth: np.ndarray,
     elevation: np.ndarray,
     tolerance: np.ndarray,
+    *further: np.ndarray,
 ) -> tuple[np.ndarray, dish.WindowErrors]:
-    """Daily factors [1] and errors [rad], dates last, for angles in degrees and tolerances in mrad."""
+    """Daily factors [1] and errors [rad], dates last, for angles in degrees, those of `_FURTHER` last, and mrad."""
     limit = tolerance * 1e-3
-    tilt, direction, azimuth, elevation = map(np.radians, (tilt, direction, azimuth, elevation))
-    errors = dish.window_errors(model, windows, tilt, direction, azimuth, elevation, tolerance=limit if clip else None)
+    angles = map(np.radians, (tilt, direction, azimuth, elevation))
+    named = {key.rpartition(".")[2]: np.radians(angle) for key, angle in zip(_FURTHER, further, strict=True)}
+    errors = dish.window_errors(model, windows, *angles, tolerance=limit if clip else None, **named)
     counted = errors.clipped if clip else errors.mean
     return dish.effective_tracking_factor(counted, limit[..., np.newaxis]), errors
 
@@ -240,6 +300,9 @@ def finish(study: DishTrackingStudy, inputs: None, region: Region, computed: xr.
         total = one_by_one if parameters.site_dims else pairwise
         monthly = partial(over_months, month=_months(study)[1], total=total)
         made |= _reduced(MONTHLY, monthly, factor, "date", "month")
+        if directed(study):
+            of_months = made["monthly_effective_tracking_factor_mean"]
+            made |= _reduced(MONTHLY_DIRECTIONS, mean_and_deviation, of_months, "axis_tilt_direction")
         dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
         made["date_of_min"] = _label_of_least(factor, "date", dates)
         made["date_of_max"] = _label_of_least(-factor, "date", dates)

@@ -1,4 +1,4 @@
-"""Figures of a finished result, after Figures 5 and 7 to 13 and Tables 2 and 3 of Liu, Peng and Yan (2022).
+"""Figures of a finished result, after Figures 4, 5 and 7 to 13 and Tables 2 and 3 of Liu, Peng and Yan (2022).
 
 Each figure takes from the sweep what it can show, and its caption says at which values the rest stands; one that
 needs what the result does not have is left out.
@@ -10,8 +10,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
+from heliosweep.config.zones import parse_timezone
 from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.labels import DEGREE
 from heliosweep.report.panels import Panel, curve_figure, panels_over
@@ -22,7 +24,7 @@ DIRECTION = "axis_tilt_direction"
 OFFSETS = ("home_azimuth_offset", "home_elevation_offset")
 
 #: Figures of one result; panels beside each other where there are more than four.
-MOST_FIGURES, COLUMNS = 8, 3
+MOST_FIGURES, COLUMNS = 12, 3
 
 #: Lines and panels of one figure; names along an axis; lines with bands that overlap.
 MOST_LINES, MOST_PANELS, MOST_NAMES, MOST_BANDS = 7, 6, 40, 5
@@ -48,8 +50,8 @@ class _Dishes(Shown):
 
     titles: ClassVar = {DIRECTION: "direction of the tilt", "model": "model"}
     labels: ClassVar = {DIRECTION: f"direction of the tilt ({DEGREE})", "date": "date (month)"}
-    typical: ClassVar = dict.fromkeys((DIRECTION, *OFFSETS), 0.0)
-    not_swept = frozenset({"date", "month"})
+    typical: ClassVar = {**dict.fromkeys((DIRECTION, *OFFSETS), 0.0), "axis_tilt": 0.1}
+    not_swept = frozenset({"date", "month", "time"})
     told: ClassVar = {**dict.fromkeys(_SINGLE), **dict.fromkeys(OFFSETS, 0.0)}
 
     def __init__(self, result: xr.Dataset) -> None:
@@ -98,10 +100,88 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
 def _over_first(shown: _Dishes) -> Iterator[NamedFigure]:
     """Factor over the direction, or over the first swept number where the direction is not swept."""
     x, others = _axis(shown)
-    if x is not None:
-        lines, panels, *_ = *others, None, None
-        caption = f"Effective tracking factor against {shown.title(x)}, {shown.when}."
-        yield _curves(shown, f"factor_over_{x}", caption, _AVERAGE, x, lines, panels)
+    if x is None:
+        return
+    lines, panels, *_ = *(dim for dim in others if x != DIRECTION or dim not in OFFSETS), None, None
+    caption = f"Effective tracking factor against {shown.title(x)}, {shown.when}."
+    yield _curves(shown, f"factor_over_{x}", caption, _AVERAGE, x, lines, panels)
+    deviation = f"annual_{_FACTOR}_std"
+    if deviation in shown.result:
+        caption = f"Standard deviation of the effective tracking factor over its dates against {shown.title(x)}."
+        label = "standard deviation (1)"
+        yield _curves(shown, f"deviation_over_{x}", caption, deviation, x, lines, panels, label=label)
+
+
+def _offsets(shown: _Dishes) -> Iterator[NamedFigure]:
+    """Factor over the direction for offsets of the home position, mean and deviation over the directions."""
+    factor = shown.result[_AVERAGE]
+    offsets = [dim for dim in OFFSETS if factor.sizes.get(dim, 0) > 1]
+    if not offsets or factor.sizes.get(DIRECTION, 0) < LEAST_DIRECTIONS:
+        return
+    panels = []
+    for dim in offsets:
+        lines, stands = shown.chosen(dim, MOST_LINES), shown.fixed(_AVERAGE, DIRECTION, dim)
+        drawn = {shown.value(dim, line[dim]): at(factor, stands, line) for line in lines}
+        panels.append(Panel(_FACTOR_LABEL, drawn, shown.title(dim)))
+    stands = shown.fixed(_AVERAGE, DIRECTION, *offsets)
+    caption = f"Effective tracking factor with offsets of the home position, the other one zero, {shown.when}."
+    name = f"offsets_over_{DIRECTION}"
+    yield _figure(shown, name, caption, panels, DIRECTION, stands, [{}], [{}], legend_title="offset")
+    both = {dim: at(factor, shown.fixed(_AVERAGE, DIRECTION, dim)) for dim in offsets}
+    mean = {shown.title(dim): one.mean(DIRECTION, skipna=False) for dim, one in both.items()}
+    spread = {shown.title(dim): one.std(DIRECTION, ddof=1, skipna=False) for dim, one in both.items()}
+    panels = [Panel(f"mean {_FACTOR_LABEL}", mean), Panel("standard deviation (1)", spread)]
+    caption = f"Mean and standard deviation over the directions of the tilt, {shown.when}."
+    figure = curve_figure(panels, f"offset of the home position ({DEGREE})", least_span=LEAST_SPAN)
+    yield NamedFigure("directions_over_offsets", f"{caption}{_note(shown, '', stands)}", figure)
+
+
+def _course(shown: _Dishes) -> Iterator[NamedFigure]:
+    """The sun and the tracking errors over one day, on the clocks of the places."""
+    if "tracking_error" not in shown.result:
+        return
+    date = str(shown.result["date"].to_numpy().astype("datetime64[D]")[shown.stand("date")])
+    sun = shown.result[["solar_azimuth", "solar_elevation"]]
+    place = next(iter(sun["solar_elevation"].dims[:-1]), None)
+    places = shown.chosen(place, MOST_LINES)
+    stands = shown.fixed("solar_elevation", place, "time")
+    paths = {shown.values(point): _on_clock(at(sun, stands, point), date) for point in places}
+    south = {name: (path["solar_azimuth"] - 180.0) for name, path in paths.items()}
+    drawn = [
+        Panel(f"azimuth from south, west positive ({DEGREE})", south),
+        Panel(f"elevation ({DEGREE})", {name: path["solar_elevation"] for name, path in paths.items()}),
+    ]
+    caption = f"Path of the sun on {date}."
+    figure = curve_figure(drawn, "time on the clock (h)", least_span=LEAST_SPAN)
+    yield NamedFigure("path_of_the_sun", f"{caption}{_note(shown, '', stands, places)}", figure)
+    quantity = "tracking_error"
+    dims = shown.dims(quantity)
+    line = DIRECTION if DIRECTION in dims else next(iter(dims), None)
+    panel = next((dim for dim in sorted(dims, key=lambda dim: not shown.is_place(dim)) if dim != line), None)
+    lines, panels = shown.chosen(line, MOST_LINES), shown.chosen(panel, MOST_PANELS)
+    stands = shown.fixed(quantity, "time", line, panel)
+    drawn = [
+        Panel(
+            "tracking error (mrad)",
+            {shown.values(one): _on_clock(at(shown.result[[quantity]], stands, one, other), date)[quantity] for one in lines},
+            shown.fulls(other),
+        )
+        for other in panels
+    ]
+    caption = f"Tracking error over {date}."
+    options: dict[str, Any] = {"same_scale": True, "legend_title": shown.heading(line), "least_span": LEAST_SPAN}
+    columns = COLUMNS if len(drawn) > 4 else 2
+    figure = curve_figure(drawn, "time on the clock (h)", columns=columns, **options)
+    yield NamedFigure("error_over_day", f"{caption}{_note(shown, '', stands, lines, panels)}", figure)
+
+
+def _on_clock(here: xr.Dataset, date: str) -> xr.Dataset:
+    """Time series of one place on one date, against the hour on its clock."""
+    stamps = pd.DatetimeIndex(here["utc" if "utc" in here.coords else "time"].to_numpy(), tz="UTC")
+    clock = stamps.tz_convert(parse_timezone(str(here["timezone"].item())))
+    midnight = pd.Timestamp(date)
+    hours = (clock.tz_localize(None) - midnight) / pd.Timedelta(hours=1)
+    return here.drop_vars(["time", "utc"], errors="ignore").assign_coords(time=hours).isel(time=(hours >= 0) & (hours <= 24))
 
 
 def _directions_together(shown: _Dishes) -> Iterator[NamedFigure]:
@@ -110,7 +190,7 @@ def _directions_together(shown: _Dishes) -> Iterator[NamedFigure]:
     directed = factor.sizes.get(DIRECTION, 0) > 1
     dims = shown.dims(_AVERAGE, DIRECTION)
     named = [dim for dim in dims if dim in result.coords and result[dim].dtype.kind in "OU"]
-    numbers = [dim for dim in dims if directed and shown.is_number(dim) and shown.several(dim)]
+    numbers = [dim for dim in dims if directed and shown.is_number(dim) and shown.several(dim) and dim not in OFFSETS]
     for x in sorted([*named, *numbers], key=lambda dim: not shown.is_place(dim))[:2]:
         line = next((dim for dim in dims if dim != x), None)
         lines, stands = shown.chosen(line, MOST_BANDS), shown.fixed(_AVERAGE, x, line, DIRECTION if directed else None)
@@ -141,12 +221,37 @@ def _by_month(shown: _Dishes) -> Iterator[NamedFigure]:
     if not shown.several("month"):
         return
     lines, panels = _calendar(shown)
-    months = shown.result["month"].to_numpy().astype("datetime64[M]").astype("datetime64[D]")
-    middles = {"month": (months + np.timedelta64(14, "D")).astype("datetime64[ns]")}
+    middles = _middles(shown)
     mean, half = (shown.result[f"monthly_{_FACTOR}_{name}"].assign_coords(middles) for name in ("mean", "std"))
     caption = "Effective tracking factor: mean of each month; bands: sample standard deviation over its dates."
     band = (mean - half, mean + half)
     yield _curves(shown, "factor_by_month", caption, _FACTOR, "date", lines, panels, drawn=mean, band=band)
+
+
+def _middles(shown: _Dishes) -> dict[str, np.ndarray]:
+    """Middles of the months, as coordinates."""
+    months = shown.result["month"].to_numpy().astype("datetime64[M]").astype("datetime64[D]")
+    return {"month": (months + np.timedelta64(14, "D")).astype("datetime64[ns]")}
+
+
+def _months_over_directions(shown: _Dishes) -> Iterator[NamedFigure]:
+    """Mean and standard deviation over the directions of the monthly means."""
+    name = f"monthly_{_FACTOR}"
+    if f"{name}_mean_over_directions" not in shown.result or not shown.several("month"):
+        return
+    dims = shown.dims(f"{name}_mean_over_directions")
+    line = next(iter(sorted(dims, key=lambda dim: not shown.is_place(dim))), None)
+    lines, stands = shown.chosen(line, MOST_LINES), shown.fixed(f"{name}_mean_over_directions", "month", line)
+    labels = {"mean": f"mean {_FACTOR_LABEL}", "std": "standard deviation (1)"}
+    drawn = [
+        panel
+        for word, label in labels.items()
+        for panel in panels_over(
+            shown, shown.result[f"{name}_{word}_over_directions"].assign_coords(_middles(shown)), label, stands, lines
+        )
+    ]
+    caption = "Monthly mean of the effective tracking factor: mean and standard deviation over the directions of the tilt."
+    yield _figure(shown, "months_over_directions", caption, drawn, "date", stands, lines, [{}], same_scale=False)
 
 
 def _calendar(shown: _Dishes) -> tuple[str | None, str | None]:
@@ -237,7 +342,19 @@ def _errors(shown: _Dishes) -> Iterator[NamedFigure]:
     yield _figure(shown, "tracking_errors", caption, panels, offsets[0], stands, lines, [{}], same_scale=False)
 
 
-_FIGURES = (_over_first, _directions_together, _over_year, _by_month, _extremes, _map, _tolerable, _errors)
+_FIGURES = (
+    _over_first,
+    _offsets,
+    _directions_together,
+    _course,
+    _over_year,
+    _by_month,
+    _months_over_directions,
+    _extremes,
+    _map,
+    _tolerable,
+    _errors,
+)
 
 
 def _axis(shown: _Dishes) -> tuple[str | None, list[str]]:

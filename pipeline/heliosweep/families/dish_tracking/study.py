@@ -142,6 +142,38 @@ class MountErrors(Block):
         float | Sweep,
         Quantity("Offset of the home position in elevation", "deg", ge=-180, le=180, title="home elevation offset"),
     ] = 0.0
+    azimuth_reference: Annotated[
+        float | Sweep | None,
+        Quantity(
+            "Turn of the whole mount too far about its azimuth axis, clockwise seen from above",
+            "deg",
+            ge=-180,
+            le=180,
+            title="azimuth reference error",
+        ),
+    ] = None
+    non_orthogonality: Annotated[
+        float | Sweep | None,
+        Quantity(
+            "Angle of the elevation axis from the normal plane of the azimuth axis, positive where the end to the right "
+            "of the focal axis is lower",
+            "deg",
+            ge=-45,
+            le=45,
+            title="non-orthogonality",
+        ),
+    ] = None
+    collimation: Annotated[
+        float | Sweep | None,
+        Quantity(
+            "Angle of the focal axis from the normal plane of the elevation axis, positive to the right; the same as "
+            "home_azimuth_offset with the other sign",
+            "deg",
+            ge=-45,
+            le=45,
+            title="collimation error",
+        ),
+    ] = None
 
 
 class Ephemeris(Block):
@@ -212,9 +244,12 @@ class DishTrackingStudy(Study):
     ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
 
     def rules(self) -> Iterator[Fault]:
-        """One site or several."""
+        """Check that there is one site, or several, and instants that all share where they are stored."""
         if (self.site is None) == (self.sites is None):
             yield Fault("give 'site' or 'sites', one of them", show_value=False)
+        if self.output.time_series and self.time.window.sunlit:
+            message = "needs a window on the wall clock: from sunrise to sunset each place has instants of its own"
+            yield Fault(message, ("output", "time_series"), show_value=False)
 
     def notes(self) -> Iterator[str]:
         """Yield a warning where the sun is down for part of the window, and counts."""

@@ -99,6 +99,40 @@ MONTHLY: dict[str, dict[str, Any]] = {
     ),
 }
 
+#: Per month, over the directions of the tilt.
+MONTHLY_DIRECTIONS: dict[str, dict[str, Any]] = {
+    "monthly_effective_tracking_factor_mean_over_directions": _factor(
+        "mean over the directions of the monthly mean of the effective tracking factor",
+        f"{_OVER_DATES}mean (within months)",
+    ),
+    "monthly_effective_tracking_factor_std_over_directions": _factor(
+        "sample standard deviation over the directions of the monthly mean of the effective tracking factor",
+        f"{_OVER_DATES}mean (within months)",
+    ),
+}
+
+#: Per instant: of each mount, and of the sun alone.
+ERRORS: dict[str, dict[str, Any]] = {
+    "tracking_error": {
+        "units": "mrad",
+        "long_name": "tracking error at each instant",
+        "comment": "angle between the directions to the sun and of the focal axis; missing where an instant does not count",
+    },
+}
+SUN: dict[str, dict[str, Any]] = {
+    "solar_elevation": {
+        "units": "degree",
+        "standard_name": "solar_elevation_angle",
+        "long_name": "elevation of the sun at each instant",
+    },
+    "solar_azimuth": {
+        "units": "degree",
+        "standard_name": "solar_azimuth_angle",
+        "long_name": "azimuth of the sun at each instant",
+        "comment": "from north, clockwise",
+    },
+}
+
 #: Over directions and dates: which direction to fear.
 WORST: dict[str, dict[str, Any]] = {
     "worst_axis_tilt_direction": {
@@ -145,7 +179,11 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
         add(EXTREMES, *site, *mount, dtype="datetime64[ns]")
         add(MONTHLY, *site, "month", *mount)
         if directed(study):
+            add(MONTHLY_DIRECTIONS, *site, "month", *undirected)
             add(WORST, *site, *undirected)
     if study.statistics is not None:
         add(TOLERABLE, *site, "required_factor", *untilted, finished=False)
+    if study.output.time_series:
+        add(ERRORS, *parameters.sizes, "time", finished=False)
+        add(SUN, *site, "time", finished=False)
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -35,16 +35,21 @@ def windows_of(
     are on the clock of the time zone.
     """
 
-    def sun(utc: Stamps) -> NDArray[np.float64]:
-        geometric = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
-        if ephemeris.elevation == "geometric":
-            return geometric
-        return refracted(geometric, 100 * ephemeris.pressure, ephemeris.temperature)
-
+    sun = partial(sun_of, ephemeris, latitude, longitude, altitude)
     dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
     vectors = sun(np.concatenate(dates))
     starts = np.concatenate([[0], np.cumsum([stamps.size for stamps in dates])])
     return pack_windows(vectors, starts, (vectors[:, 2] > 0).astype(float) if time.daylight_only else None)
+
+
+def sun_of(
+    ephemeris: Ephemeris, latitude: float, longitude: float, altitude: float, utc: Stamps
+) -> NDArray[np.float64]:
+    """Unit vectors towards the sun that a controller at a site knows: east, north, up; NaN where a stamp is NaT. [1]"""
+    geometric = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
+    if ephemeris.elevation == "geometric":
+        return geometric
+    return refracted(geometric, 100 * ephemeris.pressure, ephemeris.temperature)
 
 
 def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
