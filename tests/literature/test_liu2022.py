@@ -1,31 +1,70 @@
-"""Tables 2 and 3 of Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261, from the shipped studies.
+"""Tables, figures and claims of Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261.
 
-The paper states neither its tolerance nor its hours; 4 mrad and a window from 07:00 to 21:00 at UTC+8 were fitted, and
-no single window meets all of Table 2. The tolerances are what that leaves: 0.0065 and 0.0035 in Table 2, 0.0015
-and 0.004 in Table 3; the published values have three to five decimals.
+The shipped studies are compared with the shipped tables, which state every verdict, also the negative ones. The paper
+states neither its tolerance nor its hours; 4 mrad and a window from 07:00 to 21:00 at UTC+8 were fitted.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
+import pytest
 
 from heliosweep import api
+from heliosweep.report.comparison import compare, read_published
 from tests.conftest import STUDIES
+from tests.literature import liu2022_readings as readings
+
+#: Verdicts of each study: agree, do not agree, cannot be compared.
+VERDICTS = {"table2": (24, 7, 1), "table3": (44, 5, 0), "solstice": (36, 5, 0), "year": (13, 1, 0), "daylight": (3, 7, 0)}
 
 
-def test_dates_of_the_steep_minima():
-    """Table 3: minima at 15 to 60 deg fall within days of the printed dates; flat extremes do not tell a date."""
-    study = api.load(STUDIES / "liu2022_table3.yaml")
-    dates = api.build(study)["date_of_min"].compute()
-    printed = {0: "2021-06-21", 15: "2021-12-12", 30: "2021-12-10", 45: "2021-12-05", 60: "2021-11-27"}
-    for direction, date in printed.items():
-        found = dates.sel(axis_tilt_direction=direction).values.astype("datetime64[D]")
-        assert abs(found - np.datetime64(date)) <= np.timedelta64(2, "D")
+@cache
+def result(name):
+    return api.build(api.load(STUDIES / f"liu2022_{name}.yaml")).compute()
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_every_verdict_is_as_the_table_states(name):
+    study = api.load(STUDIES / f"liu2022_{name}.yaml")
+    compared = compare(result(name), read_published(study.resolve(study.report.published.file)))
+    assert compared.surprises == []
+    words = [one.verdict for one in compared.values]
+    assert all(one.stated_verdict for one in compared.values)
+    assert tuple(map(words.count, ("agrees", "does not agree", "cannot be compared"))) == VERDICTS[name]
 
 
 def test_longitude_effect_is_the_window_s():
     """With daylight only and the rigid model all six sites lie between 0.634 and 0.646 on 21 June."""
-    study = api.load(STUDIES / "liu2022_daylight.yaml")
-    mean = api.build(study)["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid").compute()
+    mean = result("daylight")["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid")
     assert mean.sizes == {"site": 6}
     assert 0.6335 <= float(mean.min()) <= float(mean.max()) <= 0.6460
+
+
+def test_the_first_reading_is_the_package_s():
+    first = {key: words[0] for key, words in readings.CHOICES.items()}
+    solstice = result("solstice")["effective_tracking_factor"].isel(date=0).sel(axis_tilt=0.1)
+    for level, steep in ((0.0, 0.0), (0.2, 0.0), (0.0, -0.4)):
+        here = solstice.sel(home_azimuth_offset=level, home_elevation_offset=steep)
+        np.testing.assert_allclose(readings.factor("Dunhuang", first, level, steep), here, rtol=0, atol=1e-12)
+
+
+def test_no_other_reading_meets_table_2_and_none_meets_every_claim():
+    """All signs, carriers and means of an offset, for the paper's mount and for each single change of it."""
+    first = {key: words[0] for key, words in readings.CHOICES.items()}
+    changed = [first | {key: word} for key, words in readings.CHOICES.items() for word in words[1:]]
+    found = [(reading, claims) for one in (first, *changed) for reading, claims in readings.judged(one)]
+    fitting = [claims for reading, claims in found if claims["Table 2: means"]]
+    assert len(fitting) == 3 * 24  # with the paper's mount, the foot or the top leaning, and with east for west
+    assert max(sum(claims.values()) for _, claims in found) == max(sum(claims.values()) for claims in fitting) == 12
+    never = {name for name in fitting[0] if not any(claims[name] for claims in fitting)}
+    assert never == {
+        "9: worst at 90",
+        "9: best at 15",
+        "9: Baotou and Haerbin lowest",
+        "7a: worst at 0",
+        "7b: worst at 345",
+    }
+    order = ("8: horizontal better below 0", "8: vertical better above 0", "8: horizontal steadier")
+    assert not any(all(claims[name] for name in order) for claims in fitting)

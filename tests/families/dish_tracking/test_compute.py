@@ -68,6 +68,48 @@ def test_a_day_is_the_mean_of_the_kernel_s_errors_at_pvlib_s_sun():
     assert result["effective_tracking_factor"].dims == ("date", "axis_tilt", "axis_tilt_direction")
 
 
+def test_time_series_are_the_errors_of_the_window_and_the_sun_of_pvlib():
+    zones = {"sites": [{"name": "a", "latitude": 40, "longitude": 95, "timezone": "+08:00"}], "site": None}
+    zones["sites"].append({"name": "b", "latitude": -20, "longitude": 10, "timezone": "Europe/Berlin"})
+    local = {key: value for key, value in time().items() if key != "timezone"}
+    for blocks, clocks in (({}, "time"), (zones | {"time": local}, "utc")):
+        result = computed(output={"time_series": True}, **blocks)
+        assert result["tracking_error"].dims[-3:] == ("axis_tilt", "axis_tilt_direction", "time")
+        day = result["tracking_error"].isel(time=slice(14, 28))  # the windows of 14 steps follow each other
+        np.testing.assert_allclose(day.mean("time"), result["mean_tracking_error"].isel(date=1), rtol=1e-12)
+        np.testing.assert_allclose(day.max("time"), result["max_tracking_error"].isel(date=1), rtol=1e-12)
+        place = result.isel(site=1) if clocks == "utc" else result
+        stamps = place[clocks].to_numpy()
+        east, north, up = pvlib_sun(float(place["latitude"]), float(place["longitude"]), stamps).T
+        np.testing.assert_allclose(place["solar_elevation"], np.degrees(np.arcsin(up)), rtol=0, atol=1e-6)
+        turn = place["solar_azimuth"] - np.degrees(np.arctan2(east, north))
+        np.testing.assert_allclose((turn + 180) % 360 - 180, 0.0, rtol=0, atol=1e-5)
+    light = computed(output={"time_series": True}, time=time(daylight_only=True))
+    night = light["solar_elevation"] <= 0
+    assert night.any()
+    np.testing.assert_array_equal(light["tracking_error"].isnull().any(["axis_tilt", "axis_tilt_direction"]), night)
+
+
+def test_time_series_of_a_window_with_the_sun_are_refused():
+    with pytest.raises(StudyError, match=r"output\.time_series: needs a window on the wall clock"):
+        study(output={"time_series": True}, time=time(window="sunrise_to_sunset"))
+
+
+def test_further_errors_of_the_mount_are_swept():
+    """Against the kernel; a collimation error is the home offset in azimuth with the other sign."""
+    further = {"azimuth_reference": [0, 0.1], "non_orthogonality": [-0.2, 0.1], "collimation": [0, 0.3]}
+    result = computed(errors={"axis_tilt": 0.1, "axis_tilt_direction": 30, "home_azimuth_offset": 0.1, **further})
+    factor = result["effective_tracking_factor"]
+    assert factor.dims == ("date", *further)
+    stamps = np.datetime64("2021-06-20T23:00") + np.arange(14) * np.timedelta64(1, "h")
+    windows = pack_windows(pvlib_sun(40.13, 94.67, stamps), [0, stamps.size])
+    angles = dict(zip(further, np.radians([0.1, -0.2, 0.3]), strict=True))
+    errors = dish.window_errors(dish.RIGID, windows, *np.radians([0.1, 30.0, 0.1]), **angles)
+    found = factor.sel(date="2021-06-21", azimuth_reference=0.1, non_orthogonality=-0.2, collimation=0.3)
+    assert float(found) == pytest.approx(1 - float(errors.mean[0]) / 4e-3, abs=1e-7)
+    assert "collimation" not in computed().coords
+
+
 def test_factor_is_linear_in_the_tilt_and_one_without_it():
     result = computed(errors={"axis_tilt": [0, 0.05, 0.1], "axis_tilt_direction": 30})
     factor = result["effective_tracking_factor"]
@@ -93,6 +135,10 @@ def test_statistics_are_those_of_pandas():
     assert result["month"].values.tolist() == ["2021-03", "2021-06", "2021-12"]
     np.testing.assert_allclose(result["monthly_effective_tracking_factor_mean"].sel(point), monthly.mean(), rtol=1e-12)
     np.testing.assert_allclose(result["monthly_effective_tracking_factor_std"].sel(point), monthly.std(), rtol=1e-9)
+    means = result["monthly_effective_tracking_factor_mean"].sel(axis_tilt=0.1).to_pandas()
+    for word, expected in (("mean", means.mean(axis=1)), ("std", means.std(axis=1))):
+        over = result[f"monthly_effective_tracking_factor_{word}_over_directions"].sel(axis_tilt=0.1)
+        np.testing.assert_allclose(over, expected, rtol=1e-12)
     over = factor.sel(date="2021-06-21", axis_tilt=0.1).to_series()
     day = result.sel(date="2021-06-21", axis_tilt=0.1)
     assert float(day["effective_tracking_factor_mean"]) == pytest.approx(over.mean(), rel=1e-12)

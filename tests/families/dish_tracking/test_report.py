@@ -49,6 +49,9 @@ def result(sweep=None, dates=DAY, required=(), **scalars):
     if len(dates) > 1:
         data |= filled(variables.ANNUAL, *places, *others)
         data |= filled(variables.MONTHLY, *places, "month", *others)
+        if "axis_tilt_direction" in sweep:
+            undirected = [dim for dim in others if dim != "axis_tilt_direction"]
+            data |= filled(variables.MONTHLY_DIRECTIONS, *places, "month", *undirected)
         when = dates[rng.integers(0, len(dates), [sizes[dim] for dim in (*places, *others)])]
         data |= {name: ((*places, *others), when, attrs) for name, attrs in variables.EXTREMES.items()}
     if len(required):
@@ -172,10 +175,12 @@ def test_figures_are_few_and_can_be_read(name):
             "latitudes",
             [
                 "factor_over_axis_tilt_direction",
+                "deviation_over_axis_tilt_direction",
                 "directions_over_latitude",
                 "directions_over_axis_tilt",
                 "factor_over_year",
                 "factor_by_month",
+                "months_over_directions",
                 "extremes",
                 "latitude_map",
                 "tolerable_axis_tilt",
@@ -185,8 +190,8 @@ def test_figures_are_few_and_can_be_read(name):
             "offsets",
             [
                 "factor_over_axis_tilt_direction",
-                "directions_over_home_azimuth_offset",
-                "directions_over_home_elevation_offset",
+                "offsets_over_axis_tilt_direction",
+                "directions_over_offsets",
                 "tracking_errors",
             ],
         ),
@@ -194,6 +199,35 @@ def test_figures_are_few_and_can_be_read(name):
 )
 def test_figures_follow_what_is_swept(name, expected):
     assert list(case(name)) == expected
+
+
+def test_offsets_are_drawn_with_the_other_one_at_zero():
+    dataset = CASES["offsets"]()
+    factor = dataset["effective_tracking_factor"].isel(date=0)
+    level, steep = one(dataset, "offsets_over_axis_tilt_direction").figure.axes
+    at_zero = factor.sel(home_elevation_offset=0.0)
+    np.testing.assert_array_equal(level.get_lines()[0].get_ydata(), at_zero.sel(home_azimuth_offset=-1.0))
+    at_zero = factor.sel(home_azimuth_offset=0.0)
+    np.testing.assert_array_equal(steep.get_lines()[0].get_ydata(), at_zero.sel(home_elevation_offset=-1.0))
+    mean, spread = one(dataset, "directions_over_offsets").figure.axes
+    np.testing.assert_allclose(mean.get_lines()[1].get_ydata(), at_zero.mean("axis_tilt_direction"))
+    np.testing.assert_allclose(spread.get_lines()[1].get_ydata(), at_zero.std("axis_tilt_direction", ddof=1))
+
+
+def test_course_of_a_day_stands_on_the_clock():
+    hours = np.array([-1.0, 6.0, 12.0, 18.0, 25.0])
+    dataset = sited({**SITES, **DIRECTIONS}).assign_coords(
+        time=DAY[0] + ((hours - 8.0) * 3600e9).astype("timedelta64[ns]"), timezone=("site", ["+08:00"] * 3)
+    )
+    rng = np.random.default_rng(2)
+    for name, dims in (("tracking_error", ("site", "axis_tilt_direction", "time")), ("solar_azimuth", ("site", "time"))):
+        dataset[name] = dims, rng.uniform(0, 3, [dataset.sizes[dim] for dim in dims])
+    dataset["solar_elevation"] = dataset["solar_azimuth"] / 2
+    azimuth, _ = one(dataset, "path_of_the_sun").figure.axes
+    np.testing.assert_array_equal(azimuth.get_lines()[1].get_xdata(), hours[1:4])
+    np.testing.assert_array_equal(azimuth.get_lines()[1].get_ydata(), dataset["solar_azimuth"][1, 1:4] - 180)
+    course = one(dataset, "error_over_day").figure.axes[2].get_lines()[0]
+    np.testing.assert_array_equal(course.get_ydata(), dataset["tracking_error"][2, 0, 1:4])
 
 
 def test_lines_are_the_factor_of_the_only_date_or_the_mean_over_the_dates():
@@ -278,7 +312,7 @@ def test_captions_say_where_the_rest_stands():
         home_azimuth_offset=0.0,
     )
     caption = one(dataset, "factor_over_year").caption
-    assert "Fixed: axis tilt 0.2\N{DEGREE SIGN} (one of 3), model rigid, tolerance 4 mrad." in caption
+    assert "Fixed: axis tilt 0.1\N{DEGREE SIGN} (one of 3), model rigid, tolerance 4 mrad." in caption
     assert "Shown are 4 of 12 values of direction of the tilt and 6 of 13 values of latitude." in caption
     assert "offset" not in caption
 
