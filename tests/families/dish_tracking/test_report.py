@@ -219,13 +219,14 @@ def test_course_of_a_day_stands_on_the_clock():
     dataset = sited({**SITES, **DIRECTIONS}).assign_coords(
         time=DAY[0] + ((hours - 8.0) * 3600e9).astype("timedelta64[ns]"), timezone=("site", ["+08:00"] * 3)
     )
-    rng = np.random.default_rng(2)
-    for name, dims in (("tracking_error", ("site", "axis_tilt_direction", "time")), ("solar_azimuth", ("site", "time"))):
-        dataset[name] = dims, rng.uniform(0, 3, [dataset.sizes[dim] for dim in dims])
-    dataset["solar_elevation"] = dataset["solar_azimuth"] / 2
+    errors = np.arange(3 * 12 * 5.0).reshape(3, 12, 5)
+    dataset["tracking_error"] = ("site", "axis_tilt_direction", "time"), errors
+    # over midnight the azimuth from south jumps from 170 to -175 deg
+    dataset["solar_azimuth"] = ("site", "time"), np.tile([340.0, 350.0, 5.0, 90.0, 200.0], (3, 1))
+    dataset["solar_elevation"] = ("site", "time"), np.tile([-30.0, -20.0, 0.0, 40.0, 10.0], (3, 1))
     azimuth, _ = one(dataset, "path_of_the_sun").figure.axes
     np.testing.assert_array_equal(azimuth.get_lines()[1].get_xdata(), hours[1:4])
-    np.testing.assert_array_equal(azimuth.get_lines()[1].get_ydata(), dataset["solar_azimuth"][1, 1:4] - 180)
+    np.testing.assert_allclose(azimuth.get_lines()[1].get_ydata(), [-190.0, -175.0, -90.0])
     course = one(dataset, "error_over_day").figure.axes[2].get_lines()[0]
     np.testing.assert_array_equal(course.get_ydata(), dataset["tracking_error"][2, 0, 1:4])
 

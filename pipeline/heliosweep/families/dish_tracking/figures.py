@@ -146,12 +146,11 @@ def _course(shown: _Dishes) -> Iterator[NamedFigure]:
     places = shown.chosen(place, MOST_LINES)
     stands = shown.fixed("solar_elevation", place, "time")
     paths = {shown.values(point): _on_clock(at(sun, stands, point), date) for point in places}
-    south = {name: (path["solar_azimuth"] - 180.0) for name, path in paths.items()}
     drawn = [
-        Panel(f"azimuth from south, west positive ({DEGREE})", south),
+        Panel(f"azimuth from south ({DEGREE})", {name: _from_south(path) for name, path in paths.items()}),
         Panel(f"elevation ({DEGREE})", {name: path["solar_elevation"] for name, path in paths.items()}),
     ]
-    caption = f"Path of the sun on {date}."
+    caption = f"Path of the sun on {date}; azimuth positive to the west."
     figure = curve_figure(drawn, "time on the clock (h)", least_span=LEAST_SPAN)
     yield NamedFigure("path_of_the_sun", f"{caption}{_note(shown, '', stands, places)}", figure)
     quantity = "tracking_error"
@@ -173,6 +172,14 @@ def _course(shown: _Dishes) -> Iterator[NamedFigure]:
     columns = COLUMNS if len(drawn) > 4 else 2
     figure = curve_figure(drawn, "time on the clock (h)", columns=columns, **options)
     yield NamedFigure("error_over_day", f"{caption}{_note(shown, '', stands, lines, panels)}", figure)
+
+
+def _from_south(path: xr.Dataset) -> xr.DataArray:
+    """Azimuth of the sun from south, positive to the west, without a jump at midnight or in the north. [deg]"""
+    azimuth = path["solar_azimuth"]
+    angle = np.unwrap(azimuth.to_numpy() - 180.0, period=360.0)
+    highest = int(np.argmax(path["solar_elevation"].to_numpy()))
+    return azimuth.copy(data=angle - 360.0 * np.round(angle[highest] / 360.0))
 
 
 def _on_clock(here: xr.Dataset, date: str) -> xr.Dataset:

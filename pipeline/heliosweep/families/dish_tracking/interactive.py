@@ -10,12 +10,12 @@ from heliosweep.report.views import View, is_ordered, shown
 
 _DIRECTION = "axis_tilt_direction"
 
-#: Dimensions of dates and of requirements, which belong to views of their own.
-_OWN = ("date", "month", "required_factor")
+#: Dimensions of dates, of requirements and of instants, which belong to views of their own.
+_OWN = ("date", "month", "required_factor", "time")
 
 
 def views(result: xr.Dataset) -> Iterator[View]:
-    """Factors of months, of the year and of days, and tilts that can be tolerated."""
+    """Factors of months, of the year and of days, errors at instants, and tilts that can be tolerated."""
     names = shown(result)
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and is_ordered(result, str(dim))]
     swept.sort(key=lambda dim: dim != _DIRECTION)
@@ -27,6 +27,8 @@ def views(result: xr.Dataset) -> Iterator[View]:
     whole = [name for name in names if not set(_OWN) & set(result[name].dims)]
     order = sorted(whole, key=lambda name: not name.startswith("annual"))
     yield View("curves", "Tracking factor of the year", order, swept, lines, start=_TYPICAL)
+    if "time" in result.coords:
+        yield View("curves", "Instants", with_dim["time"], ("time", *swept), (_DIRECTION, *lines), start=_TYPICAL)
     yield View("curves", "Days", with_dim["date"], ("date", *swept), (_DIRECTION, *lines), start=_TYPICAL)
     yield View(
         "curves",
