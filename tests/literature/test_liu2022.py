@@ -1,50 +1,31 @@
-"""Tables, figures and claims of Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261.
+"""Readings of the model of Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261.
 
-The shipped studies are compared with the shipped tables, which state every verdict, also the negative ones. The paper
-states neither its tolerance nor its hours; 4 mrad and a window from 07:00 to 21:00 at UTC+8 were fitted.
+Tables, figures and claims stand with their verdicts in studies/published/, which `test_index` holds the studies to. The
+paper states neither its tolerance nor its hours; 4 mrad and a window from 07:00 to 21:00 at UTC+8 were fitted.
 """
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
-import pytest
 
 from heliosweep import api
-from heliosweep.report.comparison import compare, read_published
 from tests.conftest import STUDIES
 from tests.literature import liu2022_readings as readings
 
-#: Verdicts of each study: agree, do not agree, cannot be compared.
-VERDICTS = {"table2": (24, 7, 1), "table3": (44, 5, 0), "solstice": (36, 5, 0), "year": (13, 1, 0), "daylight": (3, 7, 0)}
-
-
-@cache
 def result(name):
-    return api.build(api.load(STUDIES / f"liu2022_{name}.yaml")).compute()
-
-
-@pytest.mark.parametrize("name", VERDICTS)
-def test_every_verdict_is_as_the_table_states(name):
-    study = api.load(STUDIES / f"liu2022_{name}.yaml")
-    compared = compare(result(name), read_published(study.resolve(study.report.published.file)))
-    assert compared.surprises == []
-    words = [one.verdict for one in compared.values]
-    assert all(one.stated_verdict for one in compared.values)
-    assert tuple(map(words.count, ("agrees", "does not agree", "cannot be compared"))) == VERDICTS[name]
+    return api.build(api.load(STUDIES / f"liu2022_{name}.yaml"))
 
 
 def test_longitude_effect_is_the_window_s():
     """With daylight only and the rigid model all six sites lie between 0.634 and 0.646 on 21 June."""
-    mean = result("daylight")["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid")
+    mean = result("daylight")["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid").compute()
     assert mean.sizes == {"site": 6}
     assert 0.6335 <= float(mean.min()) <= float(mean.max()) <= 0.6460
 
 
 def test_the_first_reading_is_the_package_s():
     first = {key: words[0] for key, words in readings.CHOICES.items()}
-    solstice = result("solstice")["effective_tracking_factor"].isel(date=0).sel(axis_tilt=0.1)
+    solstice = result("solstice")["effective_tracking_factor"].isel(date=0).sel(axis_tilt=0.1).compute()
     for level, steep in ((0.0, 0.0), (0.2, 0.0), (0.0, -0.4)):
         here = solstice.sel(home_azimuth_offset=level, home_elevation_offset=steep)
         np.testing.assert_allclose(readings.factor("Dunhuang", first, level, steep), here, rtol=0, atol=1e-12)
