@@ -58,7 +58,8 @@ class Instants:
             return {}
         if self.clock == "civil" and self.labels["utc"].dims == ("time",):
             utc = self.labels["utc"]
-            return {"time": utc._replace(attrs={**utc.attrs, "standard_name": "time"})}
+            clock = {"standard_name": "time", "units_metadata": "leap_seconds: none"}
+            return {"time": utc._replace(attrs={**utc.attrs, **clock})}
         return self.labels
 
     def at_sites(self, part: slice | int) -> Instants:
