@@ -149,7 +149,9 @@ def test_all_six_errors_of_a_rigid_mount_by_matrices(reference, elevation_offset
     east, north, up = sun.T
     turn, lift = np.arctan2(east, north) + reference, np.arctan2(up, np.hypot(east, north)) + elevation_offset
     normal = np.array([np.sin(collimation), np.cos(collimation), 0.0])
-    untilted = np.array([about(2, -g) @ about(1, askew) @ about(0, a) @ normal for g, a in zip(turn, lift, strict=True)])
+    untilted = np.array(
+        [about(2, -g) @ about(1, askew) @ about(0, a) @ normal for g, a in zip(turn, lift, strict=True)]
+    )
     focus = turned(untilted, np.array([-np.cos(direction), np.sin(direction), 0.0]), tilt)
     expected = 2.0 * np.arcsin(np.linalg.norm(focus - sun, axis=1) / 2.0)
     further = {"azimuth_reference": reference, "non_orthogonality": askew, "collimation": collimation}

@@ -1,4 +1,4 @@
-"""Readings of the model of Liu, Peng and Yan (2022), doi 10.3390/en15093261, and which of the paper's claims each meets.
+"""Readings of the model of Liu, Peng and Yan (2022), doi 10.3390/en15093261, and which claims each meets.
 
 The text copy has lost signs, and leaves open what leans, what carries an offset of the home position, the hours and the
 mean. Every combination of `CHOICES` is computed from vectors, independently of the package but for the sun, and judged
@@ -24,8 +24,22 @@ PLACES = {
     "Baotou": (40.32, 109.53),
     "Haerbin": (45.42, 125.15),
 }
-MEAN = {"Dunhuang": 0.57234, "Naqu": 0.5868, "Delingha": 0.56715, "Kunming": 0.58612, "Baotou": 0.53792, "Haerbin": 0.49776}
-STD = {"Dunhuang": 0.04874, "Naqu": 0.04935, "Delingha": 0.05539, "Kunming": 0.06537, "Baotou": 0.07072, "Haerbin": 0.08238}
+MEAN = {
+    "Dunhuang": 0.57234,
+    "Naqu": 0.5868,
+    "Delingha": 0.56715,
+    "Kunming": 0.58612,
+    "Baotou": 0.53792,
+    "Haerbin": 0.49776,
+}
+STD = {
+    "Dunhuang": 0.04874,
+    "Naqu": 0.04935,
+    "Delingha": 0.05539,
+    "Kunming": 0.06537,
+    "Baotou": 0.07072,
+    "Haerbin": 0.08238,
+}
 EAST = ("Baotou", "Haerbin")
 DIRECTIONS = np.arange(0.0, 360.0, 15.0)
 OFFSETS = (0.2, -0.2, 0.4, -0.4)
@@ -134,11 +148,16 @@ def judged(reading) -> Iterator[tuple[dict, dict[str, bool]]]:
     for carried in OFFSET_CHOICES["carried by"]:
         level = {g: factor("Dunhuang", reading, g, 0.0, carried) for g in OFFSETS}
         steep = {g: factor("Dunhuang", reading, 0.0, g, carried) for g in OFFSETS}
-        for sign1, sign2, over in itertools.product(*(OFFSET_CHOICES[key] for key in ("gamma1", "gamma2", "mean over"))):
+        for sign1, sign2, over in itertools.product(
+            *(OFFSET_CHOICES[key] for key in ("gamma1", "gamma2", "mean over"))
+        ):
             h, v = {g: level[sign1 * g] for g in OFFSETS}, {g: steep[sign2 * g] for g in OFFSETS}
             part = slice(None) if over == "all directions" else slice(12)
             (hm, hs), (vm, vs) = (
-                ({g: one[part].mean() for g, one in both.items()}, {g: one[part].std(ddof=1) for g, one in both.items()})
+                (
+                    {g: one[part].mean() for g, one in both.items()},
+                    {g: one[part].std(ddof=1) for g, one in both.items()},
+                )
                 for both in (h, v)
             )
             yield (

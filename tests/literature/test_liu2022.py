@@ -12,6 +12,7 @@ from heliosweep import api
 from tests.conftest import STUDIES
 from tests.literature import liu2022_readings as readings
 
+
 def result(name):
     return api.build(api.load(STUDIES / f"liu2022_{name}.yaml"))
 

@@ -220,9 +220,9 @@ def series_cut(
     """Cut of the time series of a study, over its parameters, ``time`` and the dimension along which a point may be
     cut.
 
-    `split` is the name and length of that dimension, empty and 1 where there is none, `value_bytes` the bytes of all series at one instant and place,
-    `most` the longest parts that are allowed. Returned too are the lengths of a storage chunk along ``time`` and the
-    split dimension.
+    `split` is the name and length of that dimension, empty and 1 where there is none, `value_bytes` the bytes of all
+    series at one instant and place, `most` the longest parts that are allowed. Returned too are the lengths of a
+    storage chunk along ``time`` and the split dimension.
     """
     name, size = split
     instants = min(times, SERIES_INSTANTS)

@@ -147,7 +147,9 @@ def fill_errors(rows: Floats, model: int, mount: Floats, errors: Floats) -> None
         _rigid(columns, direction, tilt, errors)
     else:
         _untilted(columns, direction, tilt, errors)
-    largest = (tilt if model == RIGID else 2.0 * tilt) + abs(mount[0]) + abs(mount[1]) + abs(mount[2]) + 2 * abs(mount[3])
+    largest = (
+        (tilt if model == RIGID else 2.0 * tilt) + abs(mount[0]) + abs(mount[1]) + abs(mount[2]) + 2 * abs(mount[3])
+    )
     if largest <= 2.0 * SMALL:
         for step in range(len(errors)):
             for k in range(errors.shape[1]):
@@ -347,7 +349,8 @@ def sweep(
     """Fill `mean`, `largest` and `clipped`, shape (combinations, groups, lanes).
 
     Mount m is a row home_azimuth, home_elevation, azimuth_reference, non_orthogonality, direction, tilt, and serves the
-    combinations order[starts[m]] .. order[starts[m + 1] - 1], which differ in their tolerances. Mounts that share what can be shared follow each other.
+    combinations order[starts[m]] .. order[starts[m + 1] - 1], which differ in their tolerances. Mounts that share what
+    can be shared follow each other.
     `clipped` may be `mean` itself where no tolerance is finite.
     """
     groups, lanes = windows.total.shape

@@ -162,7 +162,10 @@ def _course(shown: _Dishes) -> Iterator[NamedFigure]:
     drawn = [
         Panel(
             "tracking error (mrad)",
-            {shown.values(one): _on_clock(at(shown.result[[quantity]], stands, one, other), date)[quantity] for one in lines},
+            {
+                shown.values(one): _on_clock(at(shown.result[[quantity]], stands, one, other), date)[quantity]
+                for one in lines
+            },
             shown.fulls(other),
         )
         for other in panels
@@ -188,7 +191,11 @@ def _on_clock(here: xr.Dataset, date: str) -> xr.Dataset:
     clock = stamps.tz_convert(parse_timezone(str(here["timezone"].item())))
     midnight = pd.Timestamp(date)
     hours = (clock.tz_localize(None) - midnight) / pd.Timedelta(hours=1)
-    return here.drop_vars(["time", "utc"], errors="ignore").assign_coords(time=hours).isel(time=(hours >= 0) & (hours <= 24))
+    return (
+        here.drop_vars(["time", "utc"], errors="ignore")
+        .assign_coords(time=hours)
+        .isel(time=(hours >= 0) & (hours <= 24))
+    )
 
 
 def _directions_together(shown: _Dishes) -> Iterator[NamedFigure]:
@@ -257,7 +264,9 @@ def _months_over_directions(shown: _Dishes) -> Iterator[NamedFigure]:
             shown, shown.result[f"{name}_{word}_over_directions"].assign_coords(_middles(shown)), label, stands, lines
         )
     ]
-    caption = "Monthly mean of the effective tracking factor: mean and standard deviation over the directions of the tilt."
+    caption = (
+        "Monthly mean of the effective tracking factor: mean and standard deviation over the directions of the tilt."
+    )
     yield _figure(shown, "months_over_directions", caption, drawn, "date", stands, lines, [{}], same_scale=False)
 
 
