@@ -116,7 +116,7 @@ ERRORS: dict[str, dict[str, Any]] = {
     "tracking_error": {
         "units": "mrad",
         "long_name": "tracking error at each instant",
-        "comment": "angle between the directions to the sun and of the focal axis; missing at instants that do not count",
+        "comment": "angle between the directions to the sun and of the focal axis; missing at instants left out",
     },
 }
 SUN: dict[str, dict[str, Any]] = {
