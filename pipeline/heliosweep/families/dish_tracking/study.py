@@ -155,7 +155,7 @@ class MountErrors(Block):
     non_orthogonality: Annotated[
         float | Sweep | None,
         Quantity(
-            "Angle of the elevation axis from the normal plane of the azimuth axis, positive where the end to the right "
+            "Angle of the elevation axis from the normal plane of the azimuth axis, positive where its end to the right "
             "of the focal axis is lower",
             "deg",
             ge=-45,
