@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ CHOICES = {
     "hours": ("7 to 21", "sun up", "8 to 18"),
 }
 #: What an offset does, and what is taken of the directions.
-OFFSET_CHOICES = {
+OFFSET_CHOICES: dict[str, Any] = {
     "carried by": ("focal axis", "focal and elevation axis", "elevation axis"),
     "gamma1": (1.0, -1.0),
     "gamma2": (1.0, -1.0),

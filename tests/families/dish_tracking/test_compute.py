@@ -69,7 +69,10 @@ def test_a_day_is_the_mean_of_the_kernel_s_errors_at_pvlib_s_sun():
 
 
 def test_time_series_are_the_errors_of_the_window_and_the_sun_of_pvlib():
-    zones = {"sites": [{"name": "a", "latitude": 40, "longitude": 95, "timezone": "+08:00"}], "site": None}
+    zones: dict[str, Any] = {
+        "sites": [{"name": "a", "latitude": 40, "longitude": 95, "timezone": "+08:00"}],
+        "site": None,
+    }
     zones["sites"].append({"name": "b", "latitude": -20, "longitude": 10, "timezone": "Europe/Berlin"})
     local = {key: value for key, value in time().items() if key != "timezone"}
     for blocks, clocks in (({}, "time"), (zones | {"time": local}, "utc")):

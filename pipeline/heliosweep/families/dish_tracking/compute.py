@@ -105,7 +105,7 @@ def _seconds_per_error(study: DishTrackingStudy, tilts: int) -> float:
 def coordinates(study: DishTrackingStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory."""
     parameters = Parameters(study)
-    labels = parameters.coordinates(_LABELS)
+    labels: dict[str, Any] = {**parameters.coordinates(_LABELS)}
     zones = np.array(parameters.timezones(), dtype=object)
     attrs = {"long_name": "time zone of dates and windows"}
     several = "site" in parameters.sizes
@@ -237,9 +237,21 @@ def _factors(
 ) -> tuple[np.ndarray, dish.WindowErrors]:
     """Daily factors [1] and errors [rad], dates last, for angles in degrees, those of `_FURTHER` last, and mrad."""
     limit = tolerance * 1e-3
-    angles = map(np.radians, (tilt, direction, azimuth, elevation))
-    named = {key.rpartition(".")[2]: np.radians(angle) for key, angle in zip(_FURTHER, further, strict=True)}
-    errors = dish.window_errors(model, windows, *angles, tolerance=limit if clip else None, **named)
+    tilt, direction, azimuth, elevation, reference, askew, collimation = map(
+        np.radians, (tilt, direction, azimuth, elevation, *further)
+    )
+    errors = dish.window_errors(
+        model,
+        windows,
+        tilt,
+        direction,
+        azimuth,
+        elevation,
+        limit if clip else None,
+        azimuth_reference=reference,
+        non_orthogonality=askew,
+        collimation=collimation,
+    )
     counted = errors.clipped if clip else errors.mean
     return dish.effective_tracking_factor(counted, limit[..., np.newaxis]), errors
 

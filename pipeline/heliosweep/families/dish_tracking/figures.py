@@ -41,6 +41,7 @@ LEAST_SPAN = 5e-3
 _FACTOR, _AVERAGE = "effective_tracking_factor", "average"
 _FACTOR_LABEL = "effective tracking factor (1)"
 _NOTE = "Direction of the tilt: where the foot of the azimuth axis leans, 0 south, 90 west."
+_CLOCK = "time on the clock (h)"
 _COMPASS = ("south", "south-west", "west", "north-west", "north", "north-east", "east", "south-east")
 _SINGLE = ("site", "model", "latitude", "axis_tilt", DIRECTION, "tracking_tolerance", "tolerance")
 
@@ -141,61 +142,46 @@ def _course(shown: _Dishes) -> Iterator[NamedFigure]:
     if "tracking_error" not in shown.result:
         return
     date = str(shown.result["date"].to_numpy().astype("datetime64[D]")[shown.stand("date")])
-    sun = shown.result[["solar_azimuth", "solar_elevation"]]
-    place = next(iter(sun["solar_elevation"].dims[:-1]), None)
-    places = shown.chosen(place, MOST_LINES)
-    stands = shown.fixed("solar_elevation", place, "time")
-    paths = {shown.values(point): _on_clock(at(sun, stands, point), date) for point in places}
-    drawn = [
-        Panel(f"azimuth from south ({DEGREE})", {name: _from_south(path) for name, path in paths.items()}),
-        Panel(f"elevation ({DEGREE})", {name: path["solar_elevation"] for name, path in paths.items()}),
-    ]
+    options: dict[str, Any] = {"least_span": LEAST_SPAN}
+    azimuth, elevation = shown.result["solar_azimuth"], shown.result["solar_elevation"]
+    place = next(iter(shown.dims("solar_elevation")), None)
+    lines, stands = shown.chosen(place, MOST_LINES), shown.fixed("solar_elevation", place, "time")
+    turns, heights = (
+        {shown.values(one): _on_clock(at(each, stands, one), date) for one in lines} for each in (azimuth, elevation)
+    )
+    south = {name: _from_south(turn, heights[name]) for name, turn in turns.items()}
+    panels = [Panel(f"azimuth from south ({DEGREE})", south), Panel(f"elevation ({DEGREE})", heights)]
     caption = f"Path of the sun on {date}; azimuth positive to the west."
-    figure = curve_figure(drawn, "time on the clock (h)", least_span=LEAST_SPAN)
-    yield NamedFigure("path_of_the_sun", f"{caption}{_note(shown, '', stands, places)}", figure)
-    quantity = "tracking_error"
-    dims = shown.dims(quantity)
-    line = DIRECTION if DIRECTION in dims else next(iter(dims), None)
-    panel = next((dim for dim in sorted(dims, key=lambda dim: not shown.is_place(dim)) if dim != line), None)
-    lines, panels = shown.chosen(line, MOST_LINES), shown.chosen(panel, MOST_PANELS)
-    stands = shown.fixed(quantity, "time", line, panel)
-    drawn = [
-        Panel(
-            "tracking error (mrad)",
-            {
-                shown.values(one): _on_clock(at(shown.result[[quantity]], stands, one, other), date)[quantity]
-                for one in lines
-            },
-            shown.fulls(other),
-        )
-        for other in panels
-    ]
+    figure = curve_figure(panels, _CLOCK, **options)
+    yield NamedFigure("path_of_the_sun", f"{caption}{_note(shown, '', stands, lines)}", figure)
+    error = shown.result["tracking_error"]
+    line, panel = _calendar(shown)
+    lines, others = shown.chosen(line, MOST_LINES), shown.chosen(panel, MOST_PANELS)
+    stands = shown.fixed("tracking_error", "time", line, panel)
+    panels = []
+    for other in others:
+        drawn = {shown.values(one): _on_clock(at(error, stands, one, other), date) for one in lines}
+        panels.append(Panel("tracking error (mrad)", drawn, shown.fulls(other)))
+    options |= {"columns": COLUMNS if len(panels) > 4 else 2, "same_scale": True}
+    figure = curve_figure(panels, _CLOCK, legend_title=shown.heading(line), **options)
     caption = f"Tracking error over {date}."
-    options: dict[str, Any] = {"same_scale": True, "legend_title": shown.heading(line), "least_span": LEAST_SPAN}
-    columns = COLUMNS if len(drawn) > 4 else 2
-    figure = curve_figure(drawn, "time on the clock (h)", columns=columns, **options)
-    yield NamedFigure("error_over_day", f"{caption}{_note(shown, '', stands, lines, panels)}", figure)
+    yield NamedFigure("error_over_day", f"{caption}{_note(shown, '', stands, lines, others)}", figure)
 
 
-def _from_south(path: xr.Dataset) -> xr.DataArray:
+def _from_south(azimuth: xr.DataArray, elevation: xr.DataArray) -> xr.DataArray:
     """Azimuth of the sun from south, positive to the west, without a jump at midnight or in the north. [deg]"""
-    azimuth = path["solar_azimuth"]
     angle = np.unwrap(azimuth.to_numpy() - 180.0, period=360.0)
-    highest = int(np.argmax(path["solar_elevation"].to_numpy()))
+    highest = int(np.argmax(elevation.to_numpy()))
     return azimuth.copy(data=angle - 360.0 * np.round(angle[highest] / 360.0))
 
 
-def _on_clock(here: xr.Dataset, date: str) -> xr.Dataset:
+def _on_clock(here: xr.DataArray, date: str) -> xr.DataArray:
     """Time series of one place on one date, against the hour on its clock."""
     stamps = pd.DatetimeIndex(here["utc" if "utc" in here.coords else "time"].to_numpy(), tz="UTC")
-    clock = stamps.tz_convert(parse_timezone(str(here["timezone"].item())))
-    midnight = pd.Timestamp(date)
-    hours = (clock.tz_localize(None) - midnight) / pd.Timedelta(hours=1)
-    return (
-        here.drop_vars(["time", "utc"], errors="ignore")
-        .assign_coords(time=hours)
-        .isel(time=(hours >= 0) & (hours <= 24))
-    )
+    clock = stamps.tz_convert(parse_timezone(str(here["timezone"].item()))).tz_localize(None)
+    hours = (clock - pd.Timestamp(date)) / pd.Timedelta(hours=1)
+    of_date = np.flatnonzero((hours >= 0) & (hours <= 24))
+    return here.drop_vars(["time", "utc"], errors="ignore").assign_coords(time=hours).isel(time=of_date)
 
 
 def _directions_together(shown: _Dishes) -> Iterator[NamedFigure]:

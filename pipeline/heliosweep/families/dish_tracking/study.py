@@ -155,8 +155,8 @@ class MountErrors(Block):
     non_orthogonality: Annotated[
         float | Sweep | None,
         Quantity(
-            "Angle of the elevation axis from the normal plane of the azimuth axis, positive where its end to the right "
-            "of the focal axis is lower",
+            "Angle of the elevation axis from the normal plane of the azimuth axis, positive where its end to the "
+            "right of the focal axis is lower",
             "deg",
             ge=-45,
             le=45,
