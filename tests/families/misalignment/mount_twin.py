@@ -90,7 +90,7 @@ class Twin:
         bore = np.stack([np.sin(mu), np.cos(mu), 0 * mu], axis=1)[..., np.newaxis]
         normal = tilt @ primary @ secondary @ bore
         arm = secondary @ np.array([[0.0], [r], [0.0]]) + np.array([[0.0], [q], [0.0]])
-        base = np.array([[0.0], [0.0], [h]])
+        base = self.frame @ np.array([[0.0], [0.0], [h]])
         centre = tilt @ (base + primary @ arm) - base
         return (self.frame.T @ normal)[..., 0], np.array(self.pivot) + (self.frame.T @ centre)[..., 0]
 

@@ -39,6 +39,7 @@ def normal_and_centre(frame, angles, errors, offsets=(0.0, 0.0, 0.0)):
     secondary = about(none, eta, none) * about(np.where(known, a + a0, 0.0), none, none)
     normal = (tilt * primary * secondary).apply(np.stack((np.sin(mu), np.cos(mu), none), axis=1))
     arm = primary.apply(np.array([0.0, q, 0.0]) + secondary.apply([0.0, r, 0.0]))
-    centre = tilt.apply(np.array([0.0, 0.0, h]) + arm) - [0.0, 0.0, h]
+    base = h * frames[:, :, 2]  # straight down, in the frame of the mount
+    centre = tilt.apply(base + arm) - base
     world = (np.where(known[:, np.newaxis], np.einsum("nij,ni->nj", frames, v), np.nan) for v in (normal, centre))
     return tuple(v.reshape(*shape, 3) for v in world)

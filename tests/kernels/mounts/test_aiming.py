@@ -201,7 +201,8 @@ def complex_spot(frame, angles, errors, offsets, sun, to_target, face):
     secondary = about([0.0, 1.0, 0.0], eta) @ about([1.0, 0.0, 0.0], angles[1] + a0)
     normal = frame.T @ tilt @ primary @ secondary @ np.array([np.sin(mu), np.cos(mu), 0.0 * mu])
     arm = primary @ (np.array([0.0, q, 0.0]) + secondary @ np.array([0.0, r, 0.0]))
-    centre = frame.T @ (tilt @ (np.array([0.0, 0.0, h]) + arm) - np.array([0.0, 0.0, h])) - to_target
+    base = h * frame[:, 2]  # straight down, in the frame of the mount
+    centre = frame.T @ (tilt @ (base + arm) - base) - to_target
     ray = 2.0 * (sun @ normal) * normal - sun
     point = centre - (face[0] @ centre) / (face[0] @ ray) * ray
     return face[1:] @ point

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias
 
+from pydantic import Field
+
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import MAX_SAMPLES, MAX_SEED, Distribution, Uncertain
@@ -175,7 +177,7 @@ class Mount(Block):
     pedestal_height: Annotated[
         float | Sweep,
         Quantity(
-            "Height of the pivot above the point about which the mount tilts",
+            "Height of the pivot above the point about which the mount tilts: straight below it, for every kind of mount",
             "m", ge=0, title="height of the pivot above the point about which the mount tilts",
         ),
     ] = 0.0  # fmt: skip
@@ -202,13 +204,14 @@ class Error(Block):
     ]  # fmt: skip
 
 
-class Detectors(Block):
-    """Lines of detectors on the receiver's plane."""
+class Beam(Block):
+    """A beam that opens as a cone about its central ray."""
 
-    lines: Annotated[
-        tuple[Triple, ...],
-        Lines("Lines l0 Y + l1 Z = l2, Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")),
-    ]
+    divergence: Annotated[
+        float | Sweep,
+        Quantity("Full angle of the beam, 9.3 mrad of the sun", "mrad", gt=0, le=500, dimension="beam_divergence",
+                 title="full angle of the beam"),
+    ]  # fmt: skip
 
 
 def _angle(description: str, title: str) -> Uncertain:
@@ -293,17 +296,89 @@ class Statistics(Block):
 #: several hours tell four errors apart with about 10, six with some hundreds.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 
+_PARAMETERS = OneOf(
+    "How many of the six errors are estimated: 2 encoder references, 4 also the tilts, 6 all",
+    "1", integer=True, options=(2, 4, 6), title="number of estimated errors",
+)  # fmt: skip
+_LIMIT = Quantity(
+    "Condition number above which a warning is given; 1000 for six errors and 100 for fewer where left out",
+    "1", ge=1, sweep=False,
+)  # fmt: skip
+#: What corrects the commands in a closed loop.
+CORRECTIONS = {
+    "mount": "the errors of the mount, from all crossings so far",
+    "instant": "the offsets of both encoders at each instant, from its crossings in the round before",
+}
+
+
+class DetectorArray(Block):
+    """Detectors along a line of straight pieces."""
+
+    points: Annotated[
+        tuple[tuple[float, float], ...],
+        ListOfNumbers("Ends of the straight pieces, to the right of the aim point and above it", "m", ("y", "z")),
+    ]
+
+    def rules(self) -> Iterator[Fault]:
+        """One point is no line."""
+        if len(self.points) < 2:
+            yield Fault("must have two points at least, the ends of the line", ("points",), show_value=False)
+
+
+class Detectors(Block):
+    """Detectors on the receiver's plane, and what is made of the places where they see a heliostat's traces."""
+
+    lines: Annotated[
+        tuple[Triple, ...] | None,
+        Lines("Lines without ends, l0 Y + l1 Z = l2, Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")),
+    ] = None
+    arrays: Annotated[
+        tuple[DetectorArray, ...] | None,
+        Field(max_length=100, description="Arrays of detectors along straight pieces; mode: detectors only"),
+    ] = None
+    pitch: Annotated[
+        float | Sweep,
+        Quantity("Distance of the detectors of an array, which tell nothing finer; 0: any place is told", "m", ge=0,
+                 dimension="detector_pitch", title="distance of the detectors"),
+    ] = 0.0  # fmt: skip
+    noise: Annotated[
+        float | Sweep,
+        Quantity("Standard deviation of the place that an array tells, along it", "m", ge=0, dimension="detector_noise",
+                 title="noise of the place along an array"),
+    ] = 0.0  # fmt: skip
+    parameters: Annotated[int | Sweep, _PARAMETERS] = 4
+    correction: Annotated[
+        str | Sweep, Choice("What corrects the commands", CORRECTIONS, title="what corrects the commands")
+    ] = "mount"
+    rounds: Annotated[
+        int,
+        Quantity("Rounds of the closed loop, each of all days and hours", "1", ge=1, le=50, integer=True, sweep=False),
+    ] = 1
+    crossings: Annotated[
+        str | None,
+        FileName(
+            "CSV table of measured crossings: heliostat, trace, y and z in m, time or sun vector, optional weight; those "
+            "of 'mount_errors' where left out",
+            sweep=False,
+        ),
+    ] = None
+    condition_limit: Annotated[float | None, _LIMIT] = None
+
+    def rules(self) -> Iterator[Fault]:
+        """There must be something that detects, and no loop from a table."""
+        if self.lines is None and self.arrays is None:
+            yield Fault("gives no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'", show_value=False)
+        if self.crossings is not None:
+            for key in ("rounds", "correction"):
+                if key in self.model_fields_set:
+                    message = "is for crossings of 'mount_errors': those of a table answer to no command; remove it"
+                    yield Fault(message, (key,), show_value=False)
+
 
 class Calibration(Block):
     """Estimate of the mount errors from spots."""
 
-    parameters: Annotated[
-        int | Sweep,
-        OneOf(
-            "How many of the six errors are estimated: 2 encoder references, 4 also the tilts, 6 all",
-            "1", integer=True, options=(2, 4, 6), title="number of estimated errors",
-        ),
-    ] = 4  # fmt: skip
+    parameters: Annotated[int | Sweep, _PARAMETERS] = 4
     spots: Annotated[
         str | None,
         FileName(
@@ -328,20 +403,16 @@ class Calibration(Block):
         float | Sweep,
         Quantity("Residual from which a robust loss grows less than its square", "m", gt=0, title="scale of the loss"),
     ] = 0.1
-    condition_limit: Annotated[
-        float | None,
-        Quantity(
-            "Condition number above which a warning is given; 1000 for six errors and 100 for fewer where left out",
-            "1", ge=1, sweep=False,
-        ),
-    ] = None  # fmt: skip
+    condition_limit: Annotated[float | None, _LIMIT] = None
 
 
 #: Blocks that only some modes have.
 BLOCKS_OF_MODES = {
     "error": ("curves",),
-    "detectors": ("curves",),
-    "mount_errors": ("mount_errors", "calibration"),
+    "beam": ("curves",),
+    "measured": ("curves",),
+    "detectors": ("curves", "detectors"),
+    "mount_errors": ("curves", "mount_errors", "calibration", "detectors"),
     "statistics": ("mount_errors",),
     "calibration": ("calibration",),
 }

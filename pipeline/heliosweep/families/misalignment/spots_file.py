@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.faults import did_you_mean
+from heliosweep.config.faults import did_you_mean, one_of
 from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
 from heliosweep.errors import Problem, StudyError, listed
@@ -71,6 +71,23 @@ COLUMNS = {
     "elevation": _angle("commanded angle of the secondary axis, in deg; ideal where left out"),
     "comment": Column("text that is not read"),
 }
+#: Traces of crossings, in the order of the kernel.
+TRACES = ("elevation", "azimuth")
+
+
+def _trace(text: str) -> int:
+    """Number of the trace that a cell names. Raises ValueError."""
+    if text not in TRACES:
+        raise ValueError(f"must be {one_of(TRACES)}, the trace that crosses there (got {text[:40]!r})")
+    return TRACES.index(text)
+
+
+#: Columns of crossings of detectors beside those of spots.
+CROSSING = {
+    "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
+    "y": _place("crossing on the receiver plane, to the right of the aim point for someone in the field, in m"),
+    "z": _place("crossing on the receiver plane, above the aim point, in m"),
+}
 _SUN = ("sun_x", "sun_y", "sun_z")
 
 Floats = NDArray[np.float64]
@@ -98,6 +115,8 @@ class MeasuredSpots:
         Line of each spot in the file, counted from 1.
     name : str
         Name of the file, as the user gave it.
+    trace : ndarray of int64, shape (S,), optional
+        Number of the trace in `TRACES`, of crossings of detectors.
     """
 
     heliostat: NDArray[np.int64]
@@ -108,6 +127,7 @@ class MeasuredSpots:
     angles: Floats
     lines: NDArray[np.int64]
     name: str = ""
+    trace: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         """Return the number of spots."""
@@ -149,14 +169,21 @@ class MeasuredSpots:
 
 
 def spots_under_suns(
-    path: Path, count: int, names: tuple[str, ...], latitude: float, longitude: float | None, altitude: float
+    path: Path,
+    count: int,
+    names: tuple[str, ...],
+    place: tuple[float, float | None, float],
+    crossings: bool = False,
 ) -> MeasuredSpots:
-    """Spots of a file, see `read_spots`, with their suns at a site; those with times have none without a longitude."""
+    """Spots of a file, see `read_spots`, with their suns at a site: latitude, longitude [deg], altitude [m].
+
+    Those with times have none without a longitude.
+    """
     try:
         stamp = path.stat().st_mtime_ns
     except OSError:
         stamp = 0
-    return _read_cached(path, stamp, count, names, latitude, longitude, altitude)
+    return _read_cached(path, stamp, count, names, place, crossings)
 
 
 @lru_cache(maxsize=4)
@@ -165,12 +192,12 @@ def _read_cached(
     stamp: int,
     count: int,
     names: tuple[str, ...],
-    latitude: float,
-    longitude: float | None,
-    altitude: float,
+    place: tuple[float, float | None, float],
+    crossings: bool,
 ) -> MeasuredSpots:
     """Read a file once while it does not change (`stamp`)."""
-    measured = read_spots(path, count, names)
+    measured = read_spots(path, count, names, crossings=crossings)
+    latitude, longitude, altitude = place
     if not measured.timed or longitude is None:
         return measured
     from heliosweep.grid.sun import sun_vectors
@@ -178,8 +205,10 @@ def _read_cached(
     return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
 
 
-def read_spots(path: str | Path, heliostats: int, names: Sequence[str] = (), name: str | None = None) -> MeasuredSpots:
-    """Read measured spots from a CSV file.
+def read_spots(
+    path: str | Path, heliostats: int, names: Sequence[str] = (), name: str | None = None, crossings: bool = False
+) -> MeasuredSpots:
+    """Read measured spots, or crossings of detectors, from a CSV file.
 
     The first row names the columns, those of `COLUMNS`: ``heliostat``, ``y`` and ``z``; ``time`` or all of ``sun_x``,
     ``sun_y`` and ``sun_z``; ``weight``, ``azimuth`` with ``elevation``, and ``comment`` may be left out. Empty lines
@@ -195,6 +224,8 @@ def read_spots(path: str | Path, heliostats: int, names: Sequence[str] = (), nam
         Their names, where they have some.
     name : str, optional
         Name of the file in messages; `path` by default.
+    crossings : bool
+        Whether rows are crossings, which have a column ``trace`` too.
 
     Returns
     -------
@@ -208,11 +239,11 @@ def read_spots(path: str | Path, heliostats: int, names: Sequence[str] = (), nam
     table = read_table(
         Path(path),
         str(path) if name is None else name,
-        COLUMNS | {"heliostat": _heliostats(heliostats, names)},
-        rows="spots",
+        COLUMNS | (CROSSING if crossings else {}) | {"heliostat": _heliostats(heliostats, names)},
+        rows="crossings" if crossings else "spots",
         most_bytes=MAX_BYTES,
         most_rows=MAX_SPOTS,
-        needs="a header, such as heliostat,y,z,time, and one row for each spot",
+        needs="a header, such as heliostat,y,z,time, and one row for each",
         also=_check_header,
     )
     count = len(table)
@@ -227,8 +258,9 @@ def read_spots(path: str | Path, heliostats: int, names: Sequence[str] = (), nam
     angles = np.full((count, 2), np.nan)
     if "azimuth" in table.header:
         angles = np.stack([table.column(key) for key in ("azimuth", "elevation")], axis=1)
+    trace = table.column("trace") if crossings else None
     table.finish()
-    return MeasuredSpots(heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name)
+    return MeasuredSpots(heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name, trace)
 
 
 def _below(sun: Floats) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -16,15 +15,15 @@ from heliosweep.config.blocks import Layout, Site, Sites
 from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Listed, Sweep
-from heliosweep.config.tables import MAX_LISTED
+from heliosweep.config.sweep import Listed, Sweep, ends
 from heliosweep.config.times import CivilTime, SolarTime, Time
-from heliosweep.config.values import Choice
-from heliosweep.errors import Problem, StudyError, listed
+from heliosweep.config.values import Choice, FileName
+from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.blocks import (
     BLOCKS_OF_MODES,
     ERRORS,
     NOT_DRAWN,
+    Beam,
     Calibration,
     Detectors,
     Error,
@@ -35,16 +34,14 @@ from heliosweep.families.misalignment.blocks import (
     Statistics,
     Sun,
 )
-from heliosweep.families.misalignment.spots_file import WHOLE, MeasuredSpots, spots_under_suns
+from heliosweep.families.misalignment.measured import table_problems
+from heliosweep.families.misalignment.spots_file import MeasuredSpots, spots_under_suns
 from heliosweep.grid.daylight import dark_latitudes
 from heliosweep.layouts.layout import Layout as Places
 from heliosweep.layouts.resolve import Layouts
 
 #: Layouts of a sweep, and heliostats in all of them, that are looked at here; the kernels flag what is wrong in any.
 MAX_LAYOUTS, MAX_HELIOSTATS = 50, 300_000
-
-#: Farthest spot from the aim point, as a share of its heliostat's distance: four times the errors of a poor mount. [1]
-FARTHEST_SPOT = 0.2
 #: Written out, as the modules of the variables load the kernels, which validation has no time for; a test compares.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
@@ -59,6 +56,11 @@ _NAMES_OF_RESULTS = """
     day_hit_fraction field_hit_fraction
     estimated_error true_error standard_error covariance condition_number residual_rms leave_one_out_rms spots_used
     instants_without_command calibration_status least_known_direction residual_y residual_z
+    beam_divergence detector_pitch detector_noise correction trace crossing round outline edge
+    outline_y outline_z edge_y edge_z measured_y measured_z
+    crossing_place crossing_angle detector_status crossed_fraction misses_array instant_azimuth_error
+    instant_elevation_error instant_azimuth_standard_error instant_elevation_standard_error inversion crossings_used
+    crossing_residual beam_error_rms spot_distance_rms round_hit_fraction
     spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
     corrected_elevation
 """
@@ -69,6 +71,7 @@ MODES = {
     "curves": "where single misalignments send the beam, and how much of one the aperture tolerates",
     "mount_errors": "where the six errors of a mount send the beam, fixed, swept or drawn",
     "calibration": "the errors of mounts from spots",
+    "detectors": "where arrays of detectors see the traces of heliostats, and their misalignment from that",
 }
 
 
@@ -93,10 +96,13 @@ class MisalignmentStudy(Study):
     layout: Annotated[Layout | None, Field(description="Where the heliostats stand, instead of positions")] = None
     mount: Annotated[Mount, Field(description="The mount of every heliostat")] = Mount()
     error: Annotated[Error | None, Field(description="The misalignment; mode: curves only")] = None
-    detectors: Annotated[Detectors | None, Field(description="Lines of detectors; mode: curves only")] = None
-    mount_errors: Annotated[
-        MountErrors | None, Field(description="Errors of the mounts; modes mount_errors and calibration only")
+    beam: Annotated[Beam | None, Field(description="Beam whose outlines are traced; mode: curves only")] = None
+    measured: Annotated[
+        str | None,
+        FileName("CSV table of measured spots, drawn over the curves; columns as of calibration.spots", sweep=False),
     ] = None
+    detectors: Annotated[Detectors | None, Field(description="Detectors; modes curves and detectors only")] = None
+    mount_errors: Annotated[MountErrors | None, Field(description="Errors that the mounts have")] = None
     statistics: Annotated[
         Statistics | None, Field(description="Statistics over the draws; mode: mount_errors only")
     ] = None
@@ -124,7 +130,7 @@ class MisalignmentStudy(Study):
     def _checked(self) -> tuple[list[Problem], list[str]]:
         problems: list[Problem] = []
         notes: list[str] = []
-        for find in (_sun, _days_used, _distances, _spots):
+        for find in (_sun, _days_used, _distances, table_problems):
             try:
                 problems += find(self, notes)
             except StudyError as error:
@@ -147,17 +153,28 @@ class MisalignmentStudy(Study):
         column = layout.columns.get("name")
         return len(layout), tuple(map(str, column)) if column is not None else ()
 
+    def table_of_spots(self) -> tuple[str, str] | None:
+        """Key and file of a table of measured spots or crossings."""
+        given = {
+            "calibration.spots": self.calibration and self.calibration.spots,
+            "detectors.crossings": self.detectors and self.detectors.crossings,
+            "measured": self.measured,
+        }
+        return next(((key, name) for key, name in given.items() if name), None)
+
     def measured_spots(self) -> MeasuredSpots | None:
-        """The measured spots with their suns; None where spots are synthetic. Raises StudyError."""
-        if self.calibration is None or self.calibration.spots is None:
+        """The measured spots or crossings with their suns; None where there are none. Raises StudyError."""
+        if (table := self.table_of_spots()) is None:
             return None
-        assert self.site is not None
-        latitude, longitude, altitude = self.site.latitude, self.site.longitude, self.site.altitude
-        assert not isinstance(latitude, Sweep)
-        assert not isinstance(longitude, Sweep)
-        assert not isinstance(altitude, Sweep)
-        path, (count, names) = self.resolve(self.calibration.spots), self.heliostat_names()
-        measured = spots_under_suns(path, count, names, latitude, longitude, altitude)
+        latitude, longitude, altitude = 0.0, None, 0.0
+        if self.site is not None:
+            latitude, longitude, altitude = self.site.latitude, self.site.longitude, self.site.altitude
+            assert not isinstance(latitude, Sweep)
+            assert not isinstance(longitude, Sweep)
+            assert not isinstance(altitude, Sweep)
+        key, name = table
+        place = latitude, longitude, altitude
+        measured = spots_under_suns(self.resolve(name), *self.heliostat_names(), place, key == "detectors.crossings")
         if measured.timed:
             message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
             raise StudyError(self.problem("site.longitude", message))
@@ -179,7 +196,7 @@ class MisalignmentStudy(Study):
         elif self.site is None and self.sites is None:
             if self.time is not None:
                 yield Fault("give 'site' or 'sites': the sun depends on the latitude", show_value=False)
-            elif "polar" in _ends(self.mount.kind):
+            elif "polar" in ends(self.mount.kind):
                 yield Fault("give 'site' or 'sites': a polar mount depends on the latitude", show_value=False)
         if self.time is not None:
             yield from _unsorted(self.time)
@@ -188,7 +205,7 @@ class MisalignmentStudy(Study):
 
     def _idle_faults(self) -> Iterator[Fault]:
         """Keys that change nothing: what is drawn of errors that are not, and an axis that no mount has."""
-        if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in _ends(self.mount.kind):
+        if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in ends(self.mount.kind):
             yield Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))
         errors = self.mount_errors
         if self.mode != "mount_errors" or errors is None:
@@ -210,11 +227,19 @@ class MisalignmentStudy(Study):
             if self.error is None:
                 message = "'error' is missing: {source, axis, size}, the misalignment whose curves are traced"
                 yield Fault(message, show_value=False)
-            if any(offset != 0 for offset in _ends(self.mount.axis_offset)):
+            if any(offset != 0 for offset in ends(self.mount.axis_offset)):
                 message = "must be 0 in mode: curves, whose mounts have both axes through the pivot"
                 yield Fault(message, ("mount", "axis_offset"))
-        elif self.mount_errors is None and (self.calibration is None or self.calibration.spots is None):
-            what = "which errors the mounts have" if self.mode == "mount_errors" else "the truth of synthetic spots"
+            if self.mount_errors is not None and self.mount_errors.drawn():
+                message = "must be numbers or sweeps in mode: curves, which a draw has no place in"
+                yield Fault(message, ("mount_errors",), show_value=False)
+            for key in sorted(self.detectors.model_fields_set - {"lines"}) if self.detectors is not None else ():
+                yield Fault("is only for mode: detectors; in mode: curves give 'lines'", ("detectors", key), show_value=False)
+        elif self.mode == "detectors" and self.detectors is None:
+            yield Fault("'detectors' is missing: {arrays, ...}, where the detectors are", show_value=False)
+        elif self.mount_errors is None and self.table_of_spots() is None:
+            known = {"mount_errors": "which errors the mounts have", "detectors": "the truth of synthetic crossings"}
+            what = known.get(self.mode, "the truth of synthetic spots")
             names = one_of(key for key in MountErrors.model_fields if key not in ("scale", "samples", "seed"))
             yield Fault(f"'mount_errors' is missing: {what}, such as {names}, in mrad", show_value=False)
 
@@ -261,7 +286,7 @@ def _days_used(study: MisalignmentStudy, _: list[str]) -> Iterator[Problem]:
         return
     time = study.time
     days: Any = time.declination or time.days if isinstance(time, SolarTime) else time.date_list()
-    most = max(_ends(used))
+    most = max(ends(used))
     if most > len(days):
         message = f"must be at most {len(days)}, the number of days of 'time' (got {most:g})"
         yield study.problem("calibration.days_used", message)
@@ -271,8 +296,8 @@ def _distances(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
     """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
     offsets = [_sizes(value) for value in (study.mount.mirror_offset, study.mount.axis_offset)]
     least, most = (sum(ends) for ends in zip(*offsets, strict=True))
-    heights = _ends(study.receiver.height)
-    above = _ends(study.heliostats.pivot_height or 0.0)
+    heights = ends(study.receiver.height)
+    above = ends(study.heliostats.pivot_height or 0.0)
     behind = near = count = 0
     for layout in _layouts(study):
         z = [layout.z + pivot - aim for pivot in above for aim in heights]
@@ -331,98 +356,11 @@ def _layouts(study: MisalignmentStudy) -> Iterator[Places]:
             return
 
 
-def _ends(value: Any) -> tuple[Any, ...]:
-    """A value, all of a list, or both ends of a range, which is monotonic."""
-    if not isinstance(value, Sweep):
-        return (value,)
-    return tuple(value[:]) if isinstance(value, Listed) else (value.first, value.last)
-
-
 def _sizes(value: float | Sweep) -> tuple[float, float]:
     """Least and largest magnitude of a value or of a sweep."""
-    ends = _ends(value)
-    passes_zero = not isinstance(value, Listed) and min(ends) < 0 < max(ends)
-    return 0.0 if passes_zero else min(map(abs, ends)), max(map(abs, ends))
-
-
-def _spots(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
-    """Problems of measured spots: keys that do not go with them, and the file itself."""
-    block = study.calibration
-    if block is None or block.spots is None:
-        return
-    for key in ("days_used", "noise"):
-        if getattr(block, key) not in (None, 0.0):
-            yield study.problem(f"calibration.{key}", "is for synthetic spots; remove it, or 'spots'")
-    if study.mount_errors is not None:
-        yield study.problem("mount_errors", "is the truth of synthetic spots; remove it, or 'calibration.spots'")
-    one_place = study.site is not None and not any(key.startswith(("site.", "layout.")) for key in study.sweeps())
-    if not one_place:
-        yield study.problem("calibration.spots", "belong to one site and one layout; leave out what sweeps them")
-        return
-    try:
-        measured = study.measured_spots()
-    except StudyError as error:
-        yield from (replace(problem, key=problem.key or "calibration.spots") for problem in error.problems)
-        return
-    assert measured is not None
-    yield from _far_spots(study, measured)
-    counts = np.bincount(measured.heliostat, measured.weight > 0, study.heliostat_names()[0])
-    if not counts.any():
-        yield study.problem("calibration.spots", "no spot has a weight above 0: nothing can be estimated")
-        return
-    value = block.parameters
-    needed = int(max(value[:]) if isinstance(value, Sweep) else value)
-    few = np.flatnonzero((counts > 0) & (2 * counts < needed))
-    if few.size and few.size == np.count_nonzero(counts):
-        message = f"{needed} errors need {needed // 2} spots of a heliostat, and none has so many"
-        yield study.problem("calibration.parameters", message)
-    elif few.size:
-        notes.append(f"heliostat {_listed(few)}: fewer spots than {needed} errors need; nothing is estimated there")
-    none = np.flatnonzero(counts == 0)
-    if none.size:
-        what = "no spots in the file, or none with a weight above 0"
-        notes.append(f"heliostat {_listed(none)}: {what}; nothing is estimated there")
-    still = np.flatnonzero((2 * counts >= needed) & (counts > 0) & ~measured.moved(len(counts)))
-    if still.size and needed > 2:
-        what = "all spots are of one sun; more than two errors cannot be told apart there"
-        notes.append(f"heliostat {_listed(still)}: {what}")
-    notes.extend(_names_as_numbers(study))
-
-
-def _far_spots(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
-    """Problems of spots that lie so far from the aim point that they must be in another unit."""
-    if study.layout is None:
-        x, y = np.array(study.heliostats.positions or (), float).reshape(-1, 3)[:, :2].T
-    else:
-        layout = Layouts(study)[()]
-        x, y = layout.x, layout.y
-    away = np.hypot(np.hypot(x, y), max(_ends(study.receiver.height)))[measured.heliostat]
-    off = np.hypot(*measured.position.T)
-    far = np.flatnonzero(off > FARTHEST_SPOT * away)
-    problems = (
-        Problem(
-            f"the spot lies {off[row]:.4g} m from the aim point, its heliostat {away[row]:.4g} m: is it in metres?",
-            file=measured.name,
-            line=int(measured.lines[row]),
-        )
-        for row in far
-    )
-    return list(listed(problems, MAX_LISTED, far.size))
-
-
-def _listed(numbers: NDArray[np.int64]) -> str:
-    return ", ".join(map(str, numbers[:6])) + (f" and {numbers.size - 6:,} others" if numbers.size > 6 else "")
-
-
-def _names_as_numbers(study: MisalignmentStudy) -> Iterator[str]:
-    """A name counts before a row: names that are other rows' numbers are easily meant as rows."""
-    _, names = study.heliostat_names()
-    other = [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]
-    if other:
-        yield (
-            f"{len(other):,} names of heliostats are whole numbers but not their rows, as {names[other[0]]!r} of row "
-            f"{other[0]}: the file of the spots is read as if it gave names"
-        )
+    both = ends(value)
+    passes_zero = not isinstance(value, Listed) and min(both) < 0 < max(both)
+    return 0.0 if passes_zero else min(map(abs, both)), max(map(abs, both))
 
 
 STUDY = MisalignmentStudy

@@ -6,9 +6,10 @@ g0, a0 (encoder references), te, tn (tilt of the primary axis, a rotation vector
 (non-orthogonality of the axes) and mu (collimation: the normal stands askew to the bore), in the order of `ERRORS`,
 
     n = Q^T Rtilt(te, tn) Rz(-(g + g0)) Ry(eta) Rx(a + a0) (sin mu, cos mu, 0)
-    P = C + Q^T [Rtilt ((0, 0, h) + Rz(-(g + g0)) ((0, q, 0) + Ry(eta) Rx(a + a0) (0, r, 0))) - (0, 0, h)]
+    P = C + Q^T [Rtilt (h u + Rz(-(g + g0)) ((0, q, 0) + Ry(eta) Rx(a + a0) (0, r, 0))) - h u]
 
-with the mirror offset r along the bore, the axis offset q and the height h of the pivot above the base that tilts.
+with the mirror offset r along the bore, the axis offset q and the height h of the pivot above the base that tilts:
+straight below it, u = Q (0, 0, 1), whichever way the primary axis points.
 
 In the frame of the tilted primary axis, with the sun s, the aim point at d from the pivot's base point and the mirror
 centre at c, the normal wanted is n = unit(s + unit(d - c)); it gives the angles, and the angles give the centre c' =
@@ -204,8 +205,9 @@ def known_record(
         record[r], record[r + 3 * apart], record[r + 6 * apart] = x, y, z
     # The tilt turns about the base, below the pivot; the centre is counted from the pivot as it then stands.
     x, y, z = times(frame, f, dx, dy, dz, apart)
-    x, y, z = back(terms, t + 8 * apart, x, y, z + pedestal, apart)
-    record[to + 9 * apart], record[to + 10 * apart], record[to + 11 * apart] = x, y, z - pedestal
+    ux, uy, uz = pedestal * frame[f + 2 * apart], pedestal * frame[f + 5 * apart], pedestal * frame[f + 8 * apart]
+    x, y, z = back(terms, t + 8 * apart, x + ux, y + uy, z + uz, apart)
+    record[to + 9 * apart], record[to + 10 * apart], record[to + 11 * apart] = x - ux, y - uy, z - uz
     for m in range(4):
         record[to + (12 + m) * apart] = terms[t + (4 + m) * apart]
 

@@ -78,8 +78,9 @@ class Curves(NamedTuple):
     """
 
     tolerance: Floats
-    """Smallest |error| at which the spot leaves the aperture, shape (P, H, T); infinity where it never crosses an edge,
-    or the mirror turns its back to the sun before it does. [rad]"""
+    """Smallest |error| at which the spot leaves the aperture, shape (P, H, T); 0 where it is outside without, by errors
+    that the mount has already; infinity where it never crosses an edge, or the mirror turns its back to the sun before
+    it does. [rad]"""
     conic: Floats
     """Shape (9, P, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest
     magnitude where A is 0 to rounding, beside B and C); eccentricity [1]; focus y and z [m] inside the branch that real
@@ -98,6 +99,7 @@ def deviation_curves(
     sun: ArrayLike,
     pivots: ArrayLike,
     lines: Sequence[Sequence[float]] | NDArray[np.float64] = (),
+    stands: ArrayLike | None = None,
 ) -> Curves:
     """Tolerances, conics and crossings of deviation curves; other parameters as in `deviation.deviation_spots`.
 
@@ -111,13 +113,13 @@ def deviation_curves(
     ValueError
         As `deviation.prepared`, and for lines of another shape or without a direction.
     """
-    settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
+    settings, sources, axes, sky = prepared(setting, source, axis, sun, pivots, stands)
     detectors = np.require(lines, np.float64, ["C", "W", "O"]) if len(lines) else np.empty((0, 3))
     if detectors.ndim != 2 or detectors.shape[1] != 3 or not np.all(np.any(detectors[:, :2] != 0.0, axis=1)):
         raise ValueError("lines must have the shape (number, 3), with l0 and l1 not both 0")
-    shape = len(sources), places.shape[1], suns.shape[1]
+    shape = len(sources), sky[1].shape[1], sky[0].shape[1]
     found = Curves(*(np.full(whole, np.nan) for whole in (shape, (9, *shape), (3, *shape, len(detectors)))))
-    fill_curves(settings, sources, axes, detectors, suns, places, *found)
+    fill_curves(settings, sources, axes, detectors, sky, *found)
     return found
 
 
@@ -127,8 +129,7 @@ def fill_curves(
     source: NDArray[np.int64],
     axis: NDArray[np.int64],
     lines: Floats,
-    sun: Floats,
-    pivots: Floats,
+    sky: tuple[Floats, Floats, Floats],
     tolerance: Floats,
     conic: Floats,
     crossing: Floats,
@@ -138,10 +139,11 @@ def fill_curves(
         closed = draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p])
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
-        for i in range(pivots.shape[1]):
-            for t in range(sun.shape[1]):
-                curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, i, t)
-                _, _, status = spot_at(curve, face, 1.0, 0.0)
+        aligned = len(sky[2]) == 0
+        for i in range(tolerance.shape[1]):
+            for t in range(tolerance.shape[2]):
+                curve = curve_of(setting, p, face, source[p], axis[p], sky, i, t)
+                y, z, status = spot_at(curve, face, 1.0, 0.0)
                 if curve.status != REACHES or status != REACHES:
                     continue
                 n = at_angle(curve.normal, 1.0, 0.0)
@@ -156,9 +158,11 @@ def fill_curves(
                     up = first_crossing(curve, face, edges, 1.0, math.pi)
                     down = first_crossing(curve, face, edges, -1.0, min(up, math.pi))
                     tolerance[p, i, t] = min(up, down) if up == up and down == down else math.nan
+                if not aligned and not (abs(y) <= w and abs(z) <= h):
+                    tolerance[p, i, t] = 0.0
                 for m in range(len(lines)):
                     line = (lines[m, 0], lines[m, 1], lines[m, 2])
-                    if line[2] == 0.0:
+                    if aligned and line[2] == 0.0:
                         # through the aim point: crossed by the spot of no error
                         error = 0.0
                     elif closed:

@@ -1,14 +1,14 @@
 """Spots of mounts at given encoder angles, their derivatives by the six errors, and the losses of robust fits.
 
 With the pieces of `aiming`, all in the frame of the mount: f = Rz(-(g + g0)) b is the bore askew, k = Rz(-(g + g0)) o
-the arm to the mirror centre with the height h on top, n = Q^T Rtilt f the normal, P = C + Q^T (Rtilt k - (0, 0, h)) the
-centre. The ray R = 2 (s.n) n - s from P meets the plane of the face at y = Y.p and z = Z.p, p = P + l R, and
+the arm to the mirror centre, n = Q^T Rtilt f the normal, P = C + Q^T (Rtilt (k + h u) - h u) the centre with the height
+h of the pivot above the base, u = Q (0, 0, 1). The ray R = 2 (s.n) n - s from P meets the plane of the face at y = Y.p and z = Z.p, p = P + l R, and
 
     dy = u.dP + v.dn,   u = Y - (Y.R / X.R) X,   v = 2 l ((u.n) s + (s.n) u),   z alike:
 
 the ray moves with the centre and turns with the normal; what leads off the plane is undone along the ray. An error
 turns f and k about an axis: u and v are brought to the frame where this is a coordinate axis, and the derivative is
-the component of f x v + k x u along it. Of the tilts it is v.(dRtilt f) + u.(dRtilt k).
+the component of f x v + k x u along it. Of the tilts it is v.(dRtilt f) + u.(dRtilt (k + h u)).
 
 Lanes are spots of one mount. Rows have room for `PACKET` lanes each, at fixed offsets of one flat array. Blocks hold
 the derivatives of y and of z of each spot by the errors and predicted minus measured; `counted` is the weight of each
@@ -66,10 +66,11 @@ def derivative_lanes(
         ox, oy, oz = bore(ca, sa, ce, se, 0.0, offset)
         fx, fy = turn(cg, sg, bx, by)
         kx, ky = turn(cg, sg, ox, oy + axis_offset)
-        f, arm = (fx, fy, bz), (kx, ky, oz + pedestal)
+        ux, uy, uz = pedestal * frame[2], pedestal * frame[5], pedestal * frame[8]
+        f, arm = (fx, fy, bz), (kx + ux, ky + uy, oz + uz)
         n = back(frame, 0, *times(terms, 8, *f))
         px, py, pz = times(terms, 8, *arm)
-        px, py, pz = back(frame, 0, px, py, pz - pedestal)
+        px, py, pz = back(frame, 0, px - ux, py - uy, pz - uz)
         p = px - dx, py - dy, pz - dz
         y, z, status = trace(p, n, s, axes)
         out[to + RESIDUAL * PACKET + k] = y - seen[at + 7 * PACKET + k]
@@ -84,7 +85,7 @@ def derivative_lanes(
         by_mu = bore(ca, sa, ce, se, cm, -sm)
         real = status == REACHES
         tilted = times(terms, 17, *f), times(terms, 17, *arm), times(terms, 26, *f), times(terms, 26, *arm)
-        stand = (cg, sg, cm, offset, length, lit, s, n, f, arm, (bx, bz), (ox, oz), by_a, by_mu, tilted)
+        stand = (cg, sg, cm, offset, length, lit, s, n, f, (kx, ky), (bx, bz), (ox, oz), by_a, by_mu, tilted)
         _slopes(real, ay / ax, face, 3, frame, terms, stand, out, to + k)
         _slopes(real, az / ax, face, 6, frame, terms, stand, out, to + COLUMNS * PACKET + k)
 

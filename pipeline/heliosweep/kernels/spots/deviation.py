@@ -10,7 +10,8 @@ and takes the mirror centre along or not:
 
     canting: P stays;   encoder: P(eps) = C + r n(eps);   tilt: P(eps) = B + Rot(a, eps) (C - B) + r n(eps)
 
-with B the base of the pedestal, straight below the pivot. Every vector that turns about a is v0 + v1 cos eps +
+with B the base of the pedestal, straight below the pivot. A mount may have errors already (`traces.stand`): the mirror
+then stands where they put it, and the error turns it from there. Every vector that turns about a is v0 + v1 cos eps +
 v2 sin eps with v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; about an axis in the
 mirror, R(eps) = Rot(a, 2 eps) R(0). After Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
 
@@ -56,6 +57,11 @@ ENCODER_AZIMUTH = 2
 
 _ALONG = 1e-15
 """Sine of the angle below which normal and primary axis are taken for parallel."""
+STAND = 15
+"""Numbers of a mirror that stands with errors, see `traces.stand`: unit vectors of its normal n (0 to 2), its elevation
+axis e (3 to 5) and the primary axis z (6 to 8), ways from the pivot to the mirror centre (9 to 11) and from the base to
+the pivot (12 to 14) [m]."""
+
 _CURVE_ROWS = 22
 """Rows of a packet of curves, see `_as_lane`."""
 
@@ -95,24 +101,34 @@ def deviation_curve(
     level = cross(n, z)
     sine = math.sqrt(dot(level, level))
     e = mixed(1.0 / sine, level, 0.0, level) if sine > _ALONG else x
+    pivot = (-dx, -dy, -dz)
+    base = (-dx, -dy, -dz - pedestal)
+    arm = (offset * n[0], offset * n[1], offset * n[2])
+    return _turning_curve(source, axis, sun, (n, e, z), (pivot, base, arm, (0.0, 0.0, pedestal)), offset)
+
+
+@inline
+def _turning_curve(source, axis, sun, axes, places, offset):
+    """Curve of a mirror with the normal n and the axes e and z, at the ways pivot, base [from the aim point], arm, pole."""
+    n, e, z = axes
+    pivot, base, arm, pole = places
     b = cross(e, n)
     a = e
     if axis == AZIMUTH:
         a = (-b[0], -b[1], -b[2])
     elif axis == ENCODER_AZIMUTH:
         a = (-z[0], -z[1], -z[2])
-    still = (-dx, -dy, -dz)
-    arm = (offset * n[0], offset * n[1], offset * n[2])
+    still = pivot
     if source == CANTING:
         still = mixed(1.0, still, 1.0, arm)
         arm = (0.0, 0.0, 0.0)
     elif source == TILT:
-        still = (still[0], still[1], still[2] - pedestal)
-        arm = (arm[0], arm[1], arm[2] + pedestal)
+        still = base
+        arm = (arm[0] + pole[0], arm[1] + pole[1], arm[2] + pole[2])
     fixed, first, second = turning(a, arm)
     status = REACHES if n[0] == n[0] else MISSES
-    status = status if abs(offset) < math.sqrt(dot(to_target, to_target)) else TOO_NEAR
-    status = status if sz > 0.0 and sx == sx and sy == sy else NO_SUN
+    status = status if abs(offset) < math.sqrt(dot(pivot, pivot)) else TOO_NEAR
+    status = status if sun[2] > 0.0 and sun[0] == sun[0] and sun[1] == sun[1] else NO_SUN
     return Curve(status, sun, a, turning(a, n), (mixed(1.0, still, 1.0, fixed), first, second))
 
 
@@ -131,23 +147,35 @@ def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float
 
 @inline
 def curve_of(
-    setting: Setting, p: int, face: Face, source: int, axis: int, sun: Floats, pivots: Floats, h: int, t: int
+    setting: Setting, p: int, face: Face, source: int, axis: int, sky: tuple[Floats, Floats, Floats], h: int, t: int
 ) -> Curve:
-    """Curve of heliostat h at instant t for parameter point p and its face; arrays as in `deviation_spots`."""
+    """Curve of heliostat h at instant t for parameter point p and its face; `sky`: sun, pivots and stands."""
+    sun, pivots, stands = sky
     i, j = p if len(sun) > 1 else 0, p if len(pivots) > 1 else 0
     to_target = (-pivots[j, h, 0], -pivots[j, h, 1], setting.target_height[p] - pivots[j, h, 2])
     z, x = primary_axis(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
     to_sun = (sun[i, t, 0], sun[i, t, 1], sun[i, t, 2])
     r, pedestal = setting.mirror_offset[p], setting.pedestal_height[p]
     curve = deviation_curve(source, axis, to_sun, to_target, z, x, r, pedestal)
+    if len(stands) > 0:
+        to = stands[p, h, t]
+        axes = (to[0], to[1], to[2]), (to[3], to[4], to[5]), (to[6], to[7], to[8])
+        arm, pole = (to[9], to[10], to[11]), (to[12], to[13], to[14])
+        base = (-to_target[0], -to_target[1], -to_target[2] - pedestal)
+        curve = _turning_curve(source, axis, to_sun, axes, (mixed(1.0, base, 1.0, pole), base, arm, pole), r)
     behind = not dot(face[0], to_target) < 0.0 and (curve.status == REACHES or curve.status == MISSES)
     status = BEHIND_FACE if behind else curve.status
     return Curve(status, curve.sun, curve.axis, curve.normal, curve.centre)
 
 
 def prepared(
-    setting: Setting, source: ArrayLike, axis: ArrayLike, sun: ArrayLike, pivots: ArrayLike
-) -> tuple[Setting, NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+    setting: Setting,
+    source: ArrayLike,
+    axis: ArrayLike,
+    sun: ArrayLike,
+    pivots: ArrayLike,
+    stands: ArrayLike | None,
+) -> tuple[Setting, NDArray[np.int64], NDArray[np.int64], tuple[Floats, Floats, Floats]]:
     """Arguments as the kernels take them: contiguous, writable, of one type.
 
     Raises
@@ -167,11 +195,20 @@ def prepared(
     for name, values in (("sun", suns), ("pivots", places)):
         if values.ndim != 3 or values.shape[0] not in (1, points) or values.shape[2] != 3:
             raise ValueError(f"{name} must have the shape (1 or {points}, number, 3), not {values.shape}")
-    return settings, sources, axes, suns, places
+    stood = np.empty((0, 0, 0, STAND)) if stands is None else np.require(stands, np.float64, ["C", "W", "O"])
+    if stands is not None and stood.shape != (points, places.shape[1], suns.shape[1], STAND):
+        raise ValueError(f"stands must have a row of {STAND} numbers for each point, heliostat and instant")
+    return settings, sources, axes, (suns, places, stood)
 
 
 def deviation_spots(
-    setting: Setting, source: ArrayLike, axis: ArrayLike, size: ArrayLike, sun: ArrayLike, pivots: ArrayLike
+    setting: Setting,
+    source: ArrayLike,
+    axis: ArrayLike,
+    size: ArrayLike,
+    sun: ArrayLike,
+    pivots: ArrayLike,
+    stands: ArrayLike | None = None,
 ) -> Floats:
     """Spots of misaligned mirrors.
 
@@ -187,6 +224,8 @@ def deviation_spots(
         Unit vectors to the sun: east, north, up. [1]
     pivots : array_like, shape (P or 1, H, 3)
         Pivots relative to the base of the tower: east, north, up. [m]
+    stands : array_like, shape (P, H, T, `STAND`), optional
+        How mirrors stand whose mounts have errors already, from `traces.stand`; without, mirrors are aligned.
 
     Returns
     -------
@@ -198,28 +237,26 @@ def deviation_spots(
     ValueError
         As `prepared`.
     """
-    settings, sources, axes, suns, places = prepared(setting, source, axis, sun, pivots)
+    settings, sources, axes, sky = prepared(setting, source, axis, sun, pivots, stands)
     sizes = np.require(size, np.float64, ["C", "W", "O"])
     if sizes.shape != sources.shape:
         raise ValueError("size needs one number for each parameter point")
-    spots = np.empty((3, len(sizes), places.shape[1], suns.shape[1]))
-    fill_spots(
-        settings, sources, axes, sizes, _like_the_last(settings, sources, axes, suns, places), suns, places, spots
-    )
+    spots = np.empty((3, len(sizes), sky[1].shape[1], sky[0].shape[1]))
+    fill_spots(settings, sources, axes, sizes, _like_the_last(settings, sources, axes, *sky), sky, spots)
     return spots
 
 
 def _like_the_last(
-    setting: Setting, source: NDArray[np.int64], axis: NDArray[np.int64], sun: Floats, pivots: Floats
+    setting: Setting, source: NDArray[np.int64], axis: NDArray[np.int64], *sky: Floats
 ) -> NDArray[np.bool_]:
     """Which points differ from the point before in nothing but the size of the error, so that they share its curves."""
     like = np.ones(len(source), np.bool_)
     like[:1] = False
     for values in (*setting, source, axis):
         like[1:] &= values[1:] == values[:-1]
-    for array in (sun, pivots):
+    for array in sky:
         if len(array) > 1:
-            like[1:] &= np.all(array[1:] == array[:-1], axis=(1, 2))
+            like[1:] &= np.all(array[1:] == array[:-1], axis=tuple(range(1, array.ndim)))
     return like
 
 
@@ -230,13 +267,12 @@ def fill_spots(
     axis: NDArray[np.int64],
     size: Floats,
     like_the_last: NDArray[np.bool_],
-    sun: Floats,
-    pivots: Floats,
+    sky: tuple[Floats, Floats, Floats],
     spots: Floats,
 ) -> None:
     """Fill `spots`, shape (3, P, H, T)."""
-    points, instants = len(size), sun.shape[1]
-    mirrors = pivots.shape[1] * instants
+    points, instants = len(size), spots.shape[3]
+    mirrors = spots.shape[2] * instants
     sine, cosine = np.sin(size), np.cos(size)
     rows, out = np.empty(_CURVE_ROWS * PACKET), spots.reshape(-1)
     for first in range(0, mirrors, PACKET):
@@ -246,7 +282,7 @@ def fill_spots(
             if not like_the_last[p]:
                 for k in range(lanes):
                     h, t = (first + k) // instants, (first + k) % instants
-                    curve = curve_of(setting, p, face, source[p], axis[p], sun, pivots, h, t)
+                    curve = curve_of(setting, p, face, source[p], axis[p], sky, h, t)
                     _as_lane(curve, rows, k)
             _spot_lanes(rows, face, cosine[p], sine[p], out, p * mirrors + first, points * mirrors, lanes)
 

@@ -220,9 +220,13 @@ def actual_lanes(
             x, y, z = back(room, f, room[t], room[t + 3 * PACKET], room[t + 6 * PACKET], PACKET)
             r = k + m * PACKET
             record[r], record[r + 3 * PACKET], record[r + 6 * PACKET] = x, y, z
-        record[9 * PACKET + k] = (record[2 * PACKET + k] - room[f + 6 * PACKET]) * pedestal - dx
-        record[10 * PACKET + k] = (record[5 * PACKET + k] - room[f + 7 * PACKET]) * pedestal - dy
-        record[11 * PACKET + k] = (record[8 * PACKET + k] - room[f + 8 * PACKET]) * pedestal - dz
+        # The base stands straight below the pivot.
+        ux, uy, uz = room[f + 2 * PACKET], room[f + 5 * PACKET], room[f + 8 * PACKET]
+        for m in range(3):
+            r = k + 3 * m * PACKET
+            way, up = room[m * PACKET + k], 1.0 if m == 2 else 0.0
+            leaned = record[r] * ux + record[r + PACKET] * uy + record[r + 2 * PACKET] * uz
+            record[(9 + m) * PACKET + k] = (leaned - up) * pedestal - way
         for m in range(2):
             t, u, r = a + (2 - 2 * m) * PACKET, n + (2 - 2 * m) * PACKET, k + (12 + 2 * m) * PACKET
             record[r] = room[t] * room[u] + room[t + PACKET] * room[u + PACKET]

@@ -59,7 +59,7 @@ class Setting(NamedTuple):
     axis_offset: NDArray[np.float64]
     """Distance of the second axis from the primary axis. [m]"""
     pedestal_height: NDArray[np.float64]
-    """Height of the pivot above the base about which the pedestal tilts. [m]"""
+    """Height of the pivot above the base about which the pedestal tilts, straight below it for every mount. [m]"""
 
 
 def compiled_setting(setting: Setting) -> Setting:

@@ -107,10 +107,10 @@ def coordinates(study: MisalignmentStudy) -> xr.Dataset:
     error = np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}
     labels = {dim: (dim, *error) for dim in ("parameter", "parameter_2")}
     if samples:
-        labels["sample"] = _numbers("sample", samples, "number of the draw, from 0")
+        labels["sample"] = numbered("sample", samples, "number of the draw, from 0")
     if measured is not None:
         meaning = "number of the spot of a heliostat, from 0, in the order of the file"
-        labels["spot"] = _numbers("spot", measured.most, meaning)
+        labels["spot"] = numbered("spot", measured.most, meaning)
     found = coordinates_of(study, keys).assign_coords(labels)
     return found.assign_attrs(spots="synthetic" if measured is None else "measured")
 
@@ -195,20 +195,20 @@ def _noise(numbers: NDArray[np.int64], samples: int, instants: int, seed: int) -
     return noise
 
 
-def _numbers(dim: str, count: int, meaning: str) -> tuple[str, NDArray[np.int64], dict[str, str]]:
-    """0, 1, ... along a dimension."""
+def numbered(dim: str, count: int, meaning: str) -> tuple[str, NDArray[np.int64], dict[str, str]]:
+    """Coordinate 0, 1, ... along a dimension."""
     return dim, np.arange(count), {"long_name": meaning, "units": "1"}
 
 
-def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Remarks on a finished result: numbers of calibrations that the spots do not allow, and why."""
+def estimate_remarks(result: xr.Dataset, what: str) -> Iterator[str]:
+    """Numbers of calibrations that the spots, or what else they are from, do not allow, and why."""
     status, condition = result["calibration_status"].to_numpy(), result["condition_number"].to_numpy()
     meant = np.asarray(result["calibration_status"].attrs["flag_values"]).tolist()
     said = {
-        TOO_FEW: "have fewer spots than the errors need: nothing is estimated; add spots or estimate fewer errors",
+        TOO_FEW: f"have fewer {what} than the errors need: nothing is estimated; add {what} or estimate fewer errors",
         NOT_CONVERGED: "did not converge: their estimates are not to be trusted, and no commands are made of them",
-        EXACT: "have as many equations as errors: estimated, but without standard errors; add spots",
-        NO_SPOTS: "have no spots that could be used: nothing is estimated",
+        EXACT: f"have as many equations as errors: estimated, but without standard errors; add {what}",
+        NO_SPOTS: f"have no {what} that could be used: nothing is estimated",
     }
     for code in (code for code in said if code in meant):
         if count := int(np.count_nonzero(status == code)):
@@ -217,13 +217,13 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     names = str(result["least_known_direction"].attrs["flag_meanings"]).split()
 
     def least(code: int) -> str:
-        """The error that the spots of most of these calibrations know least."""
+        """The error that most of these calibrations know least."""
         return names[int(np.bincount(directions[status == code] + 1).argmax())]
 
     if count := int(np.count_nonzero(status == DEPENDENT)):
         yield (
             f"{count:,} of {status.size:,} calibrations cannot tell the errors apart at all, {least(DEPENDENT)} the "
-            f"least: nothing is estimated; take spots at other hours and on other days (calibration_status {DEPENDENT})"
+            f"least: nothing is estimated; take {what} at other hours and on other days (calibration_status {DEPENDENT})"
         )
     if count := int(np.count_nonzero(status == INDISTINCT)):
         parameters = result["parameters"].broadcast_like(result["calibration_status"])
@@ -234,9 +234,15 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         yield (
             f"{count:,} of {status.size:,} calibrations have a condition number above "
             f"{' or '.join(f'{limit:g}' for limit in limits)} (up to {largest:.4g}): "
-            f"the spots can hardly tell the errors apart, {least(INDISTINCT)} the least; "
-            f"take spots on more days, or estimate fewer errors (calibration_status {INDISTINCT})"
+            f"the {what} can hardly tell the errors apart, {least(INDISTINCT)} the least; "
+            f"take {what} on more days, or estimate fewer errors (calibration_status {INDISTINCT})"
         )
+
+
+def remarks(result: xr.Dataset) -> Iterator[str]:
+    """Remarks on a finished result: numbers of calibrations that the spots do not allow, and of missing commands."""
+    yield from estimate_remarks(result, "spots")
+    status = result["calibration_status"].to_numpy()
     if count := int(result["instants_without_command"].sum()):
         instants = result["nominal_azimuth"].size // math.prod(result["nominal_azimuth"].shape[:-2])
         all_instants = int(np.isin(status, KNOWN).sum()) * instants

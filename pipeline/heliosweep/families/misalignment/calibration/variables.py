@@ -85,13 +85,20 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             comment = f"{where}; {said[0] if synthetic else said[1]}"
             dims = each if synthetic else (*lead, "spot")
             found[name.format(side)] = quantity(dims, "m", f"{meaning}, {towards}", comment)
+    return found | angles(swept, each)
+
+
+def angles(swept: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]:
+    """Commanded angles with and without correction, the latter without a dimension of draws."""
+    found = {}
     for name, axis in _ANGLES.items():
         meaning = f"angle to command of the {axis} axis with the estimated errors"
         comment = "missing without sun, in the blind cone and where no estimate is to be trusted"
         found[f"corrected_{name}"] = quantity(each, "degree", meaning, comment)
     for name, axis in _ANGLES.items():
         meaning = f"angle commanded of the {axis} axis without calibration"
-        found[f"nominal_{name}"] = quantity((*swept, "heliostat", *instants), "degree", meaning)
+        shared = (*swept, *(dim for dim in each[len(swept) :] if dim != "sample"))
+        found[f"nominal_{name}"] = quantity(shared, "degree", meaning)
     return found
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.misalignment.blocks import AXES, SOURCES
+from heliosweep.families.misalignment.blocks import AXES, ERRORS, SOURCES
+from heliosweep.families.misalignment.curves.mirrors import OUTLINE, beams, mirrors
 from heliosweep.families.misalignment.curves.variables import COEFFICIENTS, size_dims, variables
 from heliosweep.families.misalignment.points import (
     Points,
@@ -29,9 +30,11 @@ from heliosweep.kernels.warm import warm_curves
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from heliosweep.families.misalignment.spots_file import MeasuredSpots
     from heliosweep.families.misalignment.study import MisalignmentStudy
     from heliosweep.grid.layout_axis import LayoutAxis
     from heliosweep.grid.regions import Region
+    from heliosweep.kernels.spots.traces import Stand
 
 #: Time of a spot, and of what belongs to a whole curve at one instant, on one core. [s]
 SECONDS_PER_SPOT, SECONDS_PER_CURVE, SECONDS_PER_CROSSING = 40e-9, 700e-9, 500e-9
@@ -46,7 +49,7 @@ def workload(study: MisalignmentStudy) -> Workload:
     """Sizes and cost, for the plan."""
     parameters = Parameters(study)
     heliostats, instants = heliostat_count(study), instant_sizes(study)
-    lines = 0 if study.detectors is None else len(study.detectors.lines)
+    lines = len(_lines(study))
     number = math.prod(instants.values())
     sizes = math.prod(parameters.sizes[dim] for dim in size_dims(study))
     per_curve = SECONDS_PER_CURVE + lines * SECONDS_PER_CROSSING
@@ -54,9 +57,11 @@ def workload(study: MisalignmentStudy) -> Workload:
     def working_bytes(points: int, length: int) -> int:
         # Spots with their status as the kernel makes them, and as flags are made of them; curves, with a copy.
         curves = math.ceil(points / sizes)
-        return length * number * (points * (2 * 3 * 8 + 3) + curves * 2 * 8 * (10 + 3 * lines)) + 24 * number
+        beside = 240 * (study.mount_errors is not None) + 100 * 2 * OUTLINE * (study.beam is not None)
+        return length * number * (points * (2 * 3 * 8 + 3 + beside) + curves * 2 * 8 * (10 + 3 * lines)) + 24 * number
 
     inner = {"heliostat": heliostats, **instants, "conic_coefficient": len(COEFFICIENTS)}
+    inner |= {"outline": OUTLINE, "edge": 2} if study.beam is not None else {}
     return Workload(
         parameters=parameters.sizes,
         inner=inner | ({"detector": lines} if lines else {}),
@@ -74,13 +79,43 @@ def coordinates(study: MisalignmentStudy) -> xr.Dataset:
     """Coordinates of the whole result, in memory."""
     name = {"long_name": "coefficient of the deviation curve"}
     added: dict[str, Any] = {"conic_coefficient": ("conic_coefficient", np.array(COEFFICIENTS, dtype=object), name)}
-    if study.detectors is not None:
-        lines = np.array(study.detectors.lines, np.float64)
+    lines = _lines(study)
+    if len(lines):
         added["detector"] = "detector", np.arange(len(lines)), _DETECTOR
         for column, key, unit in zip(lines.T, ("l0", "l1", "l2"), ("1", "1", "m"), strict=True):
             attrs = {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit}
             added[key] = "detector", column, attrs
-    return coordinates_of(study, _LABELS).assign_coords(added)
+    labels = list(_LABELS)
+    if study.beam is not None:
+        labels.append("beam.divergence")
+        turn = {"long_name": "place on the outline of a spot, as the angle about the ray", "units": "degree"}
+        added["outline"] = "outline", 360.0 * np.arange(OUTLINE) / OUTLINE, turn
+        side = {"long_name": "edge of a trace: of rays from the point of the sun nearest to the axis, or farthest"}
+        added["edge"] = "edge", np.array(["near", "far"], dtype=object), side
+    if study.mount_errors is not None:
+        labels += [f"mount_errors.{name}" for name in ERRORS]
+    if study.measured is not None and (spots := study.measured_spots()) is not None:
+        added |= _measured(spots, heliostat_count(study))
+    return coordinates_of(study, labels).assign_coords(added)
+
+
+def _measured(spots: MeasuredSpots, count: int) -> dict[str, Any]:
+    """Measured spots as coordinates, those of each heliostat in the order of the file."""
+    order = np.argsort(spots.heliostat, kind="stable")
+    of = spots.heliostat[order]
+    table = np.full((count, spots.most, 2), np.nan)
+    table[of, np.arange(of.size) - np.searchsorted(of, np.arange(count))[of]] = spots.position[order]
+    meant = {"y": "to the right of the aim point", "z": "above the aim point"}
+    return {
+        f"measured_{side}": (("heliostat", "spot"), table[..., i], {"long_name": f"measured spot, {where}", "units": "m"})
+        for i, (side, where) in enumerate(meant.items())
+    }
+
+
+def _lines(study: MisalignmentStudy) -> NDArray[np.float64]:
+    """Lines of detectors, shape (L, 3)."""
+    lines = () if study.detectors is None else study.detectors.lines or ()
+    return np.array(lines, np.float64).reshape(-1, 3)
 
 
 def prepare(study: MisalignmentStudy) -> tuple[float, bool]:
@@ -100,22 +135,40 @@ def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.
     points, stated = Points.of(study, places, region), variables(study)
     source, axis = codes_of(points.values("error.source"), SOURCES), codes_of(points.values("error.axis"), AXES)
     sizes = 1e-3 * points.values("error.size")
-    spots = deviation_spots(points.setting, source, axis, sizes, points.sun, points.pivots)
-    made = points.labelled(stated, spot_values(points, spots))
     lengths, alone = points.parameters.sizes, size_dims(study)
     one_size = tuple(slice(0, 1) if dim in alone else slice(None) for dim in lengths)
-    first = np.arange(sizes.size).reshape(tuple(lengths.values()))[one_size].ravel()
-    lines = np.empty((0, 3)) if study.detectors is None else np.array(study.detectors.lines, np.float64)
-    curves = _of_curves(points.only(first), source[first], axis[first], lines)
+    numbers = np.arange(sizes.size).reshape(tuple(lengths.values()))
+    first = numbers[one_size].ravel()
+    stood: list[Stand] = []
+    stands = None
+    if study.mount_errors is not None or study.beam is not None:
+        each = np.broadcast_to(np.arange(first.size).reshape(numbers[one_size].shape), numbers.shape).ravel()
+        once = mirrors(study, points.only(first))
+        stood = [once[number] for number in each]
+        if study.mount_errors is not None:
+            stands = np.stack([mirror.rows() for mirror in stood])
+    spots = deviation_spots(points.setting, source, axis, sizes, points.sun, points.pivots, stands)
+    values = spot_values(points, spots)
+    if study.beam is not None:
+        values |= beams(points, stood, (source, axis, sizes), np.asarray(values["is_real"]))
+    made = points.labelled(stated, values, outline=OUTLINE, edge=2)
+    lines = _lines(study)
+    curves = _of_curves(
+        points.only(first), source[first], axis[first], lines, None if stands is None else stands[first]
+    )
     inner = {"conic_coefficient": len(COEFFICIENTS), "detector": len(lines)}
     return xr.Dataset(made | points.labelled(stated, curves, **inner))
 
 
 def _of_curves(
-    points: Points, source: NDArray[np.int64], axis: NDArray[np.int64], lines: NDArray[np.float64]
+    points: Points,
+    source: NDArray[np.int64],
+    axis: NDArray[np.int64],
+    lines: NDArray[np.float64],
+    stands: NDArray[np.float64] | None,
 ) -> dict[str, NDArray[Any]]:
-    """Variables of whole curves, shape (P, H, T, ...), from codes of the error and lines of detectors."""
-    curves = deviation_curves(points.setting, source, axis, points.sun, points.pivots, lines)
+    """Variables of whole curves, shape (P, H, T, ...), from codes of the error, lines of detectors and `mirrors`."""
+    curves = deviation_curves(points.setting, source, axis, points.sun, points.pivots, lines, stands)
     tolerance = 1e3 * curves.tolerance
     *coefficients, eccentricity, focus_y, focus_z = curves.conic
     made = {

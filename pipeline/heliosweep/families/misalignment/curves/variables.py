@@ -37,7 +37,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             instants,
             "mrad",
             "smallest error, of either sign, with which the spot leaves the aperture",
-            "infinite where it never does; missing where the aligned heliostat has no spot",
+            "infinite where it never does; 0 where errors of the mount have it outside without; missing where the "
+            "heliostat has no spot without the error",
         ),
         "conic": quantity(
             (*instants, "conic_coefficient"),
@@ -55,6 +56,15 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     for side, where in sides.items():
         meaning = f"focus of the deviation curve within its real branch, {where}"
         found[f"focus_{side}"] = quantity(instants, "m", meaning)
+    if study.beam is not None:
+        dims = (*swept_dims(study), "heliostat", day, hour)
+        for side, where in sides.items():
+            found[f"outline_{side}"] = quantity(
+                (*dims, "outline"), "m", f"outline of the spot of the beam, {where}", "of a beam from the mirror's centre"
+            )
+        for side, where in sides.items():
+            meaning = f"edge of the trace that the beam draws while the error changes, {where}"
+            found[f"edge_{side}"] = quantity((*dims, "edge"), "m", meaning)
     found["least_tolerance"] = quantity(curve, "mrad", "least tolerance of all days and hours", _INFINITE)
     if study.time is not None:
         of_least = {

@@ -1,0 +1,1 @@
+"""Mode `detectors`: where arrays of detectors see a heliostat's traces, and its misalignment from that."""
