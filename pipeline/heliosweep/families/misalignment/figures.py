@@ -27,7 +27,7 @@ HOUR, HELIOSTAT, AXIS, PARAMETER = "hour", "heliostat", "axis", "parameter"
 
 #: Dimensions that are neither swept nor instants.
 NOT_SWEPT = {*DAYS, HOUR, HELIOSTAT, PARAMETER, "parameter_2", "spot", "percentile", "tolerance_axis", "detector"}
-NOT_SWEPT |= {"conic_coefficient", "sample"}
+NOT_SWEPT |= {"conic_coefficient", "sample", "trace", "crossing", "round", "outline", "edge"}
 
 #: Panels of one figure, lines of one panel, maps of one figure.
 MOST_PANELS, MOST_LINES, MOST_MAPS = 6, 6, 6
@@ -64,6 +64,8 @@ class Spots(Shown):
         "days_used": "days used",
         "parameters": "parameters",
         "noise": "noise",
+        "detector_pitch": "pitch",
+        "detector_noise": "noise",
         "receiver_width": "aperture width",
         "receiver_height_extent": "height",
     }
@@ -206,20 +208,21 @@ def rows_of(shown: Spots, dims: Sequence[str]) -> tuple[list[Point], str]:
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
-    curves, mount_errors, calibration = _modes()
+    curves, mount_errors, calibration, detectors = _modes()
     field = result.sizes.get(HELIOSTAT, 0) >= FIELD
     first = (*curves.TOLERANCES, *curves.SPOTS) if field else (*curves.SPOTS, *curves.TOLERANCES)
     shown = Spots(result)
-    draws = (*first, *mount_errors.FIGURES, *calibration.FIGURES)
+    draws = (*detectors.FIGURES, *first, *mount_errors.FIGURES, *calibration.FIGURES)
     return one_by_one(draws, shown, MOST_FIGURES)
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
     """Tables of a result; none where its variables have numbers of the whole."""
-    shown, (_, mount_errors, calibration) = Spots(result), _modes()
+    shown, (_, mount_errors, calibration, _) = Spots(result), _modes()
     return chain(calibration.tables(shown), mount_errors.tables(shown))
 
 
 def _modes() -> list[Any]:
     """Modules with the figures of the modes, which import this one."""
-    return [import_module(f"{__package__}.{mode}.figures") for mode in ("curves", "mount_errors", "calibration")]
+    modes = ("curves", "mount_errors", "calibration", "detectors")
+    return [import_module(f"{__package__}.{mode}.figures") for mode in modes]

@@ -54,6 +54,7 @@ _SYNTHETIC = "Centres of the beams on the receiver plane before the calibration 
 #: Variables beside the errors in a table, what their columns are called, and decimals.
 _BESIDE = (
     ("spots_used", "spots", 0),
+    ("crossings_used", "crossings", 0),
     ("condition_number", "condition number", 1),
     ("residual_rms", "residual rms (m)", 3),
     ("leave_one_out_rms", "leave-one-out rms (m)", 3),

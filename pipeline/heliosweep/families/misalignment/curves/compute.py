@@ -143,7 +143,7 @@ def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.
     stands = None
     if study.mount_errors is not None or study.beam is not None:
         each = np.broadcast_to(np.arange(first.size).reshape(numbers[one_size].shape), numbers.shape).ravel()
-        once = mirrors(study, points.only(first))
+        once = mirrors(study, points, first)
         stood = [once[number] for number in each]
         if study.mount_errors is not None:
             stands = np.stack([mirror.rows() for mirror in stood])

@@ -24,7 +24,7 @@ from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import MINUS, number_text
 from heliosweep.report.panels import curve_figure
 from heliosweep.report.pictures import FieldMap, Shades, from_zero, picture_figure, symbols, within
-from heliosweep.report.selection import Point, at
+from heliosweep.report.selection import Point, at, evenly
 from heliosweep.report.tracks import Look, Plane, Track, cut, origin, plane_figure
 
 SIZE = "error_size"
@@ -43,6 +43,7 @@ POINTS, REACH = 400, 8.0
 
 _DETECTOR: Look = {"color": "#777777", "linestyle": (0, (6, 1.5, 1, 1.5)), "linewidth": 0.9}
 _CROSSING: Look = {"color": "black", "linestyle": "", "marker": "x", "markersize": 3.6}
+_MEASURED: Look = {"color": "black", "linestyle": "", "marker": "+", "markersize": 5, "markeredgewidth": 0.9}
 _PATH: Look = {"color": "#666666", "linewidth": 0.7, "marker": "o", "markersize": 3.4}
 
 
@@ -67,6 +68,8 @@ def deviation_curves(shown: Spots) -> Iterator[NamedFigure]:
                 y, z = _spots(shown, error, stands, one, axis, moment)
                 text = shown.values(moment) if shown.several(line) else ""
                 tracks += [Track(y, z, look, name, text=text), *_crossings(result, stands, one, axis, moment)]
+                tracks += _beams(shown, error, look, stands, one, axis, moment)
+        tracks += _measured(result, one)
         planes.append(Plane(shown.heliostat({**stands, **one}), tracks, (), aperture(result, stands)))
     if not _any(planes):
         return
@@ -74,9 +77,11 @@ def deviation_curves(shown: Spots) -> Iterator[NamedFigure]:
     ends = " to ".join(number_text(float(value), 1).removesuffix(".0") for value in (values.min(), values.max()))
     what = f"each line for the {shown.title(line)} at its positive end" if line else "each line one instant"
     held = {dim: index for dim, index in stands.items() if dim != SIZE}
+    beam = " Dotted: edges of the trace of the beam; rings: outlines of its spots." if "edge_y" in result else ""
+    beam += " Crosses: measured spots." if "measured_y" in result.coords else ""
     caption = (
         f"Where the beam meets the receiver plane while the {shown.label(error)} runs from {ends}: {what}; "
-        f"{shown.seen}.{_far(planes)}{shown.note(held, heliostats, lines)}"
+        f"{shown.seen}.{beam}{_far(planes)}{shown.note(held, heliostats, lines)}"
     )
     heading = "axis of the error" if AXIS in result["spot_y"].dims else ""
     yield NamedFigure("deviation_curves", caption, plane_figure(planes, shown.plane, legend_title=heading))
@@ -298,6 +303,28 @@ def _crossings(result: xr.Dataset, *points: Point) -> Iterator[Track]:
         y, z = (at(result[f"crossing_{side}"], *points) for side in "yz")
         if y.ndim == 1:
             yield Track(y.to_numpy(), z.to_numpy(), _CROSSING, "crossing", framed=False)
+
+
+def _beams(shown: Spots, error: str, look: Look, *points: Point) -> Iterator[Track]:
+    """Edges of the trace of the beam, and outlines of some of its spots."""
+    result = shown.result
+    if "edge_y" not in result or not {error} <= set(result["edge_y"].dims):
+        return
+    thin = {"color": look["color"], "linewidth": 0.6}
+    edges = [at(result[f"edge_{side}"], *points).transpose("edge", error).to_numpy() for side in "yz"]
+    outlines = [at(result[f"outline_{side}"], *points).transpose(error, "outline").to_numpy() for side in "yz"]
+    order = shown.order(error)
+    for y, z in zip(*edges, strict=True):
+        yield Track(y[order], z[order], {**thin, "linestyle": (0, (1, 1.4))}, framed=False)
+    for index in order[evenly(order.size, MOST_SIZES)]:
+        y, z = (np.append(side[index], side[index, :1]) for side in outlines)
+        yield Track(y, z, thin, framed=False)
+
+
+def _measured(result: xr.Dataset, one: Point) -> Iterator[Track]:
+    if "measured_y" in result.coords:
+        y, z = (at(result[f"measured_{side}"], one).to_numpy() for side in "yz")
+        yield Track(y, z, _MEASURED, "measured")
 
 
 def _any(planes: Sequence[Plane]) -> bool:

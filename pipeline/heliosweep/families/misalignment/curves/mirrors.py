@@ -23,13 +23,14 @@ Floats = NDArray[np.float64]
 OUTLINE = 36
 
 
-def mirrors(study: MisalignmentStudy, points: Points) -> list[traces.Stand]:
-    """How the mirrors of each point stand, of shape (H, T), at the commands of mounts without errors."""
+def mirrors(study: MisalignmentStudy, points: Points, some: NDArray[np.int64]) -> list[traces.Stand]:
+    """How the mirrors of some points stand, of shape (H, T), at the commands of mounts without errors."""
     errors = np.zeros((len(points.setting.kind), len(ERRORS)))
     if study.mount_errors is not None:
         errors = mean_errors(points, study.mount_errors) * 1e-3
     found = []
-    for point, actual in enumerate(errors):
+    for point in some.tolist():
+        actual = errors[point]
         mounts = Mounts.of(points, point)
         frames, towards = mounts.frames[:, np.newaxis], mounts.towards[:, np.newaxis]
         found.append(traces.stand(frames, mounts.ideal(), actual, towards, mounts.offsets))

@@ -1,0 +1,114 @@
+"""Figures of the mode `detectors`: crossings on the receiver's plane, and what each round of the closed loop leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.families.misalignment.figures import AXES, FIELD, HELIOSTAT, HOUR, MOST_PANELS, Spots, aperture
+from heliosweep.report.contents import NamedFigure
+from heliosweep.report.labels import number_text
+from heliosweep.report.panels import Panel, curve_figure
+from heliosweep.report.pictures import from_zero, picture_figure, symbols
+from heliosweep.report.selection import at
+from heliosweep.report.tracks import Look, Plane, Track, origin, plane_figure
+
+#: Instants of which the crossings are drawn.
+MOST_INSTANTS = 9
+#: How far lines without ends are drawn. [m]
+FAR = 1e3
+
+_ARRAY: Look = {"color": "#777777", "linewidth": 2.2}
+_LEFT = ("beam_error_rms", "spot_distance_rms")
+
+
+def crossings(shown: Spots) -> Iterator[NamedFigure]:
+    """Where the traces of some heliostats cross the arrays, a point for each hour."""
+    result, name = shown.result, "crossing_y"
+    if not shown.of_heliostats(name) or "trace" not in result[name].dims or "detectors" not in result.attrs:
+        return
+    inner = ("trace", "detector", "crossing")
+    stands = shown.fixed(name, HELIOSTAT, HOUR, *inner)
+    planes = []
+    heliostats = shown.heliostats(name, stands, MOST_PANELS)
+    moments = shown.chosen(HOUR, MOST_INSTANTS)
+    for one in heliostats:
+        tracks = [origin("aim"), *_arrays(result)]
+        for index, trace in enumerate(result["trace"].to_numpy().astype(str)):
+            look = {**AXES[trace], "linestyle": "", "marker": "os"[index % 2], "markersize": 3.4, "markeredgewidth": 0}
+            for moment in moments:
+                point = (stands, one, moment, {"trace": index})
+                y, z = (at(result[f"crossing_{side}"], *point).to_numpy().ravel() for side in "yz")
+                known = np.isfinite(y)
+                if known.any():
+                    text = shown.values(moment) if shown.several(HOUR) and len(moments) <= MOST_INSTANTS else ""
+                    tracks.append(Track(y[known], z[known], look, f"{trace} trace", text=text))
+        planes.append(Plane(shown.heliostat({**stands, **one}), tracks, (), aperture(result, stands)))
+    if not planes:
+        return
+    whose = "of aligned heliostats" if result.attrs.get("crossings") == "measured" else "before any correction"
+    caption = (
+        f"Where the traces {whose} cross the arrays of detectors (grey), with the hour; {shown.seen}."
+        f"{shown.note(stands, heliostats, moments)}"
+    )
+    yield NamedFigure("crossings", caption, plane_figure(planes, shown.plane))
+
+
+def closed_loop(shown: Spots) -> Iterator[NamedFigure]:
+    """What is left after each round: median, 95 % point and largest of the heliostats and draws."""
+    result, name = shown.result, _LEFT[0]
+    if not shown.has(*_LEFT) or "round" not in result[name].dims:
+        return
+    line = next((dim for dim in ("correction", *shown.numbers(name, "round", "sample")) if shown.several(dim)), None)
+    stands = shown.fixed(name, "round", HELIOSTAT, "sample", line)
+    panels = []
+    for quantity, title in zip(_LEFT, ("beam off the aim (mrad, rms)", "spot off the aim (m, rms)"), strict=True):
+        lines: dict[str, xr.DataArray] = {}
+        for one in shown.chosen(line, 3):
+            values = at(result[quantity], stands, one).compute()
+            many = [dim for dim in values.dims if dim != "round"]
+            known = values.notnull().any(many)
+            values = values.where(known, 0.0)
+            word = f"{shown.values(one)}: " if one else ""
+            parts = {"median": 0.5, "95 % point": 0.95, "largest": 1.0} if values.size > 3 * values.sizes["round"] else {"median": 0.5}
+            lines |= {f"{word}{part}": values.quantile(share, many).where(known) for part, share in parts.items()}
+        panels.append(Panel(title, lines))
+    if not any(bool((line > 0).any()) for panel in panels for line in panel.lines.values()):
+        return
+    caption = (
+        "What is left after each round of the closed loop, over all instants; round 0 is before any correction; over the "
+        f"heliostats and draws.{shown.note(stands)}"
+    )
+    yield NamedFigure("closed_loop", caption, curve_figure(panels, "rounds done", logarithmic_values=True))
+
+
+def loop_map(shown: Spots) -> Iterator[NamedFigure]:
+    """What the last round leaves of each heliostat of a field."""
+    result, name = shown.result, _LEFT[0]
+    if not shown.of_heliostats(name, FIELD) or "round" not in result[name].dims:
+        return
+    stands = {**shown.fixed(name, HELIOSTAT, "round"), "round": result.sizes["round"] - 1}
+    values = at(result[name], stands).to_numpy()
+    finite = values[np.isfinite(values)]
+    one = shown.map(values, stands, f"median {number_text(float(np.median(finite)), 3)} mrad") if finite.size else None
+    if one is None:
+        return
+    caption = (
+        "Root mean square angle between the beam of each heliostat and the way to the aim point, after the last round. "
+        f"{symbols([one])}{shown.note({dim: i for dim, i in stands.items() if dim != 'round'})}"
+    )
+    yield NamedFigure("loop_map", caption, picture_figure([one], from_zero("beam off the aim (mrad)", [one.values], 1e-3, held=0.98)))
+
+
+def _arrays(result: xr.Dataset) -> Iterator[Track]:
+    """The arrays, from the attribute that describes their straight pieces."""
+    for piece in str(result.attrs["detectors"]).split("; "):
+        number, rest = piece.split(": ")
+        y, z, across, up, length = map(float, rest.split())
+        ends = np.array([0.0, length]) if np.isfinite(length) else np.array([-FAR, FAR])
+        yield Track(y + ends * across, z + ends * up, _ARRAY, "array of detectors", framed=bool(np.isfinite(length)))
+
+
+FIGURES = (crossings, closed_loop, loop_map)

@@ -1,0 +1,176 @@
+"""Mode curves with errors that the mount has already, beams that open, and measured spots."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from heliosweep.errors import StudyError
+from heliosweep.families.misalignment.blocks import ERRORS, MOUNTS
+
+from . import studies
+from .mount_twin import Twin, solar_vector
+
+TRUE = dict(zip(ERRORS, (1.5, -0.8, 0.9, -1.2, 0.6, -0.7), strict=True))
+BASE: dict[str, Any] = {
+    "family": "misalignment",
+    "site": {"latitude": -33.4},
+    "time": {"clock": "solar", "days": [172], "hours": [9, 12, 14.5]},
+    "receiver": {"height": 143, "azimuth": 180, "width": 9, "height_extent": 9},
+    "heliostats": {"positions": [[-16, -150, 3], [120, -300, 0], [-60, -90, 5]]},
+    "mount": {"mirror_offset": 0.5, "pedestal_height": 6, "axis_azimuth": 20},
+}
+ERROR = {"source": ["canting", "encoder", "tilt"], "axis": ["elevation", "azimuth"], "size": [-12, 0, 4, 12]}
+
+
+def computed(mode: str = "curves", **blocks: Any) -> Any:
+    return studies.computed(studies.study({**BASE, "mode": mode}, **blocks))
+
+
+def spots(result: Any) -> np.ndarray:
+    return np.stack([result["spot_y"], result["spot_z"]], axis=-1)
+
+
+def twin(heliostat: int, kind: str) -> Twin:
+    place = tuple(float(value) for value in BASE["heliostats"]["positions"][heliostat])
+    return Twin(place, 143.0, (180.0, 0.0), (4.5, 4.5), kind, -33.4, 20.0, (0.5, 0.0, 6.0))
+
+
+@pytest.mark.parametrize("kind", MOUNTS)
+def test_errors_of_the_mount_alone_are_those_of_mode_mount_errors(kind):
+    mount = {**BASE["mount"], "kind": kind}
+    curves = computed(error={**ERROR, "size": [0, 1]}, mount=mount, mount_errors=TRUE)
+    other = computed("mount_errors", mount=mount, mount_errors=TRUE)
+    for source in ERROR["source"]:
+        for axis in ERROR["axis"]:
+            here = curves.sel(source=source, axis=axis, error_size=0)
+            np.testing.assert_allclose(spots(here), spots(other), atol=1e-12, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", MOUNTS)
+def test_a_tilt_is_the_same_in_both_modes(kind):
+    """One meaning of the pedestal's height, at 33.4 deg south: the base stands straight below the pivot."""
+    mount, size = {**BASE["mount"], "kind": kind}, 4.0
+    curves = computed(error={"source": "tilt", "axis": "elevation", "size": size}, mount=mount)
+    for h in range(3):
+        one = twin(h, kind)
+        for hour in BASE["time"]["hours"]:
+            normal, _ = one.mirror(one.aim(solar_vector(-33.4, 172, hour)), np.zeros(6))
+            axis = one.frame @ np.cross(normal[0], one.frame[2])  # level on the primary axis: no part along it
+            axis *= size / np.linalg.norm(axis)
+            other = computed(
+                "mount_errors",
+                mount=mount,
+                time={**BASE["time"], "hours": [hour]},
+                heliostats={"positions": [BASE["heliostats"]["positions"][h]]},
+                mount_errors={"tilt_about_east": float(axis[0]), "tilt_about_north": float(axis[1])},
+            )
+            here = spots(curves.isel(heliostat=h).sel(hour=hour)).ravel()
+            np.testing.assert_allclose(here, spots(other).ravel(), atol=1e-12, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", MOUNTS)
+def test_an_error_on_top_of_others_against_the_twin(kind):
+    result = computed(error=ERROR, mount={**BASE["mount"], "kind": kind}, mount_errors=TRUE)
+    actual = np.array(list(TRUE.values())) * 1e-3
+    pole, seen = np.array([0.0, 0.0, 6.0]), 0
+    for h in range(3):
+        one = twin(h, kind)
+        pivot = np.array(one.pivot)
+        tilt = Rotation.from_rotvec([actual[2], actual[3], 0.0]).as_matrix()
+        lean = one.frame.T @ tilt @ one.frame
+        stood = pivot - pole + lean @ pole
+        for hour in BASE["time"]["hours"]:
+            sun = solar_vector(-33.4, 172, hour)
+            angles = one.aim(sun)
+            normal, centre = (vector[0] for vector in one.mirror(angles, actual))
+            right = one.mirror(angles, actual + np.array([0, 0, 0, 0, 0, np.pi / 2]))[0][0]
+            for axis, about in (("elevation", right), ("azimuth", -np.cross(right, normal))):
+                for size in ERROR["size"]:
+                    turn = Rotation.from_rotvec(about * size * 1e-3)
+                    places = {"canting": centre, "encoder": stood + turn.apply(centre - stood)}
+                    places["tilt"] = pivot - pole + turn.apply(centre - pivot + pole)
+                    for source, place in places.items():
+                        expected, real = one.spots(turn.apply(normal), place, sun)
+                        here = result.isel(heliostat=h, day=0).sel(hour=hour, source=source, axis=axis, error_size=size)
+                        if real and np.abs(expected).max() < 50:
+                            np.testing.assert_allclose(spots(here), expected, atol=2e-12, rtol=1e-12)
+                            seen += 1
+    assert seen > 150
+
+
+def test_the_tolerance_that_other_errors_leave():
+    alone = computed(error=ERROR, mount_errors={"azimuth_reference": 0})
+    errors = computed(error=ERROR, mount_errors=TRUE)
+    assert float((errors.tracking_tolerance < alone.tracking_tolerance).mean()) > 0.8
+    # A step beyond, on one side or the other, the spot is outside; a step before it is inside.
+    point = dict(heliostat=0, hour=1, day=0)
+    for source in ERROR["source"]:
+        for axis in ERROR["axis"]:
+            at = float(errors.tracking_tolerance.isel(point).sel(source=source, axis=axis))
+            sizes = sorted([-at * 1.001, -at * 0.999, at * 0.999, at * 1.001])
+            around = computed(error={"source": source, "axis": axis, "size": sizes}, mount_errors=TRUE)
+            inside = around.inside.isel(point).to_numpy().tolist()
+            assert inside[1:3] == [1, 1]
+            assert not all(inside)
+    outside = computed(error=ERROR, mount_errors={"azimuth_reference": 60})
+    assert (outside.tracking_tolerance == 0).all()
+    assert (outside.hit_fraction.sel(error_size=0) == 0).all()
+    crossed = computed(error=ERROR, mount_errors=TRUE, detectors={"lines": [[1, 0, 0]]})
+    assert float(np.abs(crossed.crossing_error).min()) > 1e-3  # the curve no longer starts at the aim point
+    assert float(np.abs(crossed.crossing_y).max()) < 1e-10
+
+
+def test_mount_errors_of_curves_are_not_drawn():
+    with pytest.raises(StudyError, match="must be numbers or sweeps in mode: curves"):
+        computed(error=ERROR, mount_errors={"collimation": {"normal": [0, 1]}, "samples": 3})
+
+
+def test_outlines_and_edges_of_a_beam_of_4_mrad():
+    """Every ray of the outline leaves the mirror at 2 mrad from the central one; the edges are conics about the same axis."""
+    error = {"source": "canting", "axis": ["elevation", "azimuth"], "size": [-300, -12, 0, 12, 200]}
+    result = computed(error=error, beam={"divergence": 4}, mount={})
+    plain = computed(error=error, mount={})
+    np.testing.assert_array_equal(result.spot_y, plain.spot_y)
+    seen = 0
+    for h, hour in ((0, 9.0), (1, 12.0), (2, 14.5)):
+        one, sun = twin(h, "azimuth_elevation"), solar_vector(-33.4, 172, hour)
+        one = Twin(one.pivot, 143.0, (180.0, 0.0))
+        out, right, up = one.axes
+        here = result.isel(heliostat=h, day=0).sel(hour=hour)
+        normal = one.mirror(one.aim(sun), np.zeros(6))[0][0]
+        for axis in error["axis"]:
+            about = np.cross(normal, [0.0, 0.0, 1.0])
+            about /= np.linalg.norm(about)
+            about = about if axis == "elevation" else np.cross(normal, about)
+            angle = np.arccos(about @ sun)
+            for size in error["size"]:
+                found = here.sel(axis=axis, error_size=size)
+                if not found.is_real:
+                    continue
+
+                def way(y: Any, z: Any, place: Any = np.array(one.pivot) - one.target) -> np.ndarray:
+                    v = np.multiply.outer(np.asarray(y), right) + np.multiply.outer(np.asarray(z), up) - place
+                    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+                middle, ring = way(found.spot_y, found.spot_z), way(found.outline_y, found.outline_z)
+                known = np.isfinite(ring).all(axis=-1)
+                off = np.linalg.norm(np.cross(ring[known], middle), axis=-1)
+                np.testing.assert_allclose(np.arcsin(off), 2e-3, rtol=1e-9)
+                edge = way(found.edge_y, found.edge_z)
+                if np.isfinite(edge).all():
+                    np.testing.assert_allclose(edge @ about, -np.cos(angle + np.array([-2e-3, 2e-3])), atol=1e-12)
+                seen += int(known.all())
+    assert seen > 15
+
+
+def test_measured_spots_are_kept_beside_the_curves(tmp_path):
+    path = tmp_path / "spots.csv"
+    rows = "\n".join(f"{h},{y},{z},0,0.6,0.8" for h, y, z in ((1, 0.5, -1), (0, 2, 3), (1, 0.7, -2)))
+    path.write_text("heliostat,y,z,sun_x,sun_y,sun_z\n" + rows + "\n", encoding="utf-8")
+    result = computed(error=ERROR, measured=str(path))
+    np.testing.assert_array_equal(result.measured_y, [[2, np.nan], [0.5, 0.7], [np.nan, np.nan]])
+    np.testing.assert_array_equal(result.measured_z, [[3, np.nan], [-1, -2], [np.nan, np.nan]])

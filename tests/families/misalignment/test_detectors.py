@@ -1,0 +1,314 @@
+"""Mode detectors: crossings of arrays, the misalignment from them, the closed loop, and tables of crossings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heliosweep import api
+from heliosweep.errors import StudyError
+from heliosweep.families.misalignment.blocks import ERRORS, MOUNTS
+from heliosweep.families.misalignment.detectors.arrays import pieces_of
+from heliosweep.families.misalignment.detectors.compute import remarks
+from heliosweep.families.misalignment.detectors.variables import (
+    BY_INVERSION,
+    BY_LEAST_SQUARES,
+    NEITHER,
+    NO_AZIMUTH,
+    NO_LIGHT,
+    NONE,
+    SEEN,
+)
+from heliosweep.kernels.spots.traces import ESTIMATED
+
+from . import studies
+from .mount_twin import Twin, solar_vector
+
+BELOW, BESIDE = {"points": [[-12, -8], [12, -8]]}, {"points": [[8, -12], [8, 12]]}
+AROUND = [{"points": [[-9, -9], [9, -9], [9, 9]]}, {"points": [[-9, -8.9], [-9, 9], [8.9, 9]]}]
+TRUE = dict(zip(ERRORS, (1.5, -0.8, 0.9, -1.2, 0.0, 0.0), strict=True))
+BASE: dict[str, Any] = {
+    **{key: studies.CALIBRATION[key] for key in ("family", "site", "heliostats")},
+    "mode": "detectors",
+    "time": {"clock": "solar", "days": [81, 172], "hours": [8, 10, 12, 14, 16]},
+    "receiver": {"height": 143, "width": 9, "height_extent": 9},
+    "mount": {"mirror_offset": 0.5, "axis_offset": 0.2, "pedestal_height": 4, "axis_azimuth": 20},
+    "detectors": {"arrays": [BELOW, BESIDE]},
+    "mount_errors": TRUE,
+}
+
+
+def study(detectors: dict[str, Any] | None = None, **blocks: Any) -> Any:
+    given = {**BASE["detectors"], **(detectors or {})}
+    return studies.study(BASE, detectors={key: value for key, value in given.items() if value is not None}, **blocks)
+
+
+def computed(detectors: dict[str, Any] | None = None, **blocks: Any) -> Any:
+    return studies.computed(study(detectors, **blocks))
+
+
+@pytest.mark.parametrize("kind", MOUNTS)
+@pytest.mark.parametrize("parameters", [2, 4])
+def test_errors_are_recovered_exactly_and_the_loop_leaves_nothing(kind, parameters):
+    true = TRUE if parameters == 4 else dict(azimuth_reference=1.5, elevation_reference=-0.8)
+    result = computed(
+        {"arrays": AROUND, "parameters": parameters}, mount={**BASE["mount"], "kind": kind}, mount_errors=true
+    )
+    assert (result.calibration_status == ESTIMATED).all()
+    off = np.abs(result.estimated_error - result.true_error)
+    assert float(off.isel(parameter=slice(2)).max()) < (1e-12 if parameters == 2 else 5e-12)
+    assert float(off.max()) < 5e-12
+    assert (result.beam_error_rms.sel(round=0) > 1).all()
+    assert float(result.beam_error_rms.sel(round=1).max()) < 5e-12
+    assert float(result.spot_distance_rms.sel(round=1).max()) < 1e-11
+    assert (result.round_hit_fraction.sel(round=1) == 1).all()
+
+
+def test_crossings_lie_on_the_traces_of_the_twin():
+    """Of a second chain of rotations: rays of the mirror, turned by the angle that the result tells, end there."""
+    from scipy.spatial.transform import Rotation
+
+    result = computed({"arrays": AROUND}, mount_errors={**TRUE, "non_orthogonality": 0.6, "collimation": -0.7})
+    actual = np.array([1.5, -0.8, 0.9, -1.2, 0.6, -0.7]) * 1e-3
+    seen = 0
+    for h, day in ((0, 81), (1, 172)):
+        twin = Twin(tuple(float(result[axis][h]) for axis in "xyz"), 143.0, offsets=(0.5, 0.2, 4))
+        for hour in (8.0, 14.0):
+            sun, here = solar_vector(37.4, day, hour), result.isel(heliostat=h).sel(day=day, hour=hour)
+            angles = twin.aim(sun)
+            normal, centre = (vector[0] for vector in twin.mirror(angles, actual))
+            # The mirror's own axis: where the normal goes when the mount is told a little more.
+            collimated = twin.mirror(angles, actual + np.array([0, 0, 0, 0, 0, np.pi / 2]))[0][0]
+            right = collimated  # a quarter turn in the plane of bore and secondary axis
+            for trace, axis in (("elevation", right), ("azimuth", -np.cross(right, normal))):
+                found = here.sel(trace=trace)
+                for y, z, angle in zip(
+                    *(found[name].to_numpy().ravel() for name in ("crossing_y", "crossing_z", "crossing_angle")),
+                    strict=True,
+                ):
+                    if np.isfinite(y):
+                        turned = Rotation.from_rotvec(axis * angle * 1e-3).apply(normal)
+                        spot, real = twin.spots(turned, centre, sun)
+                        assert real
+                        np.testing.assert_allclose(spot, (y, z), atol=1e-11)
+                        seen += 1
+    assert seen >= 10
+
+
+def test_one_instant_tells_both_offsets_by_the_exact_inversion():
+    true = {"azimuth_reference": [-3, 2.5], "elevation_reference": 1.25}
+    result = computed({"parameters": 2}, mount={}, mount_errors=true)
+    assert float((result.inversion == BY_INVERSION).mean()) > 0.9
+    # A trace that crosses both arrays tells more than the inversion takes.
+    twice = np.isfinite(result.crossing_place).sum(["detector", "crossing"]).max("trace") > 1
+    assert ((result.inversion == BY_LEAST_SQUARES) == twice).all()
+    assert float(np.abs(result.instant_azimuth_error - result.azimuth_reference).max()) < 3e-12
+    assert float(np.abs(result.instant_elevation_error - 1.25).max()) < 1e-12
+    assert (result.instant_azimuth_standard_error == 0).all()
+    offset = computed({"parameters": 2}, mount={"mirror_offset": 0.5}, mount_errors=true)
+    assert (offset.inversion == BY_LEAST_SQUARES).all()
+    assert float(np.abs(offset.instant_azimuth_error - offset.azimuth_reference).max()) < 3e-12
+
+
+DRAWN = {name: {"normal": [0, 2]} for name in ERRORS[:4]} | {"samples": 150, "seed": 3}
+
+
+def test_intervals_hold_the_truth():
+    """95 % intervals hold 95 %: of 450 mounts from all instants, and of single instants."""
+    result = computed({"noise": 0.02, "parameters": [2, 4]}, mount_errors=DRAWN)
+    four = result.sel(parameters=4)
+    ratio = ((four.estimated_error - four.true_error) / four.standard_error).isel(parameter=slice(4)).to_numpy()
+    assert 0.93 < np.mean(np.abs(ratio) < 1.96) < 0.97
+    assert 0.95 < ratio.std() < 1.05
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(four.covariance, axis1=-2, axis2=-1))[..., :4], four.standard_error[..., :4], rtol=1e-12
+    )
+    np.testing.assert_allclose(four.residual_rms.mean(), 0.02, rtol=0.1)
+    # Two parameters cannot take up tilts: what is left is no noise.
+    two = result.sel(parameters=2)
+    assert float(two.residual_rms.median()) > 5 * 0.02
+    references = {name: {"normal": [0, 2]} for name in ERRORS[:2]} | {"samples": 60, "seed": 3}
+    single = computed({"noise": 0.02}, mount_errors=references)
+    for column, name in enumerate(("azimuth", "elevation")):
+        off = single[f"instant_{name}_error"] - single.true_error.isel(parameter=column)
+        ratio = (off / single[f"instant_{name}_standard_error"]).to_numpy()
+        assert 0.93 < np.mean(np.abs(ratio[np.isfinite(ratio)]) < 1.96) < 0.97
+
+
+def test_detectors_that_tell_nothing_finer_than_their_pitch():
+    result = computed({"pitch": [0, 0.1, 0.2]}, mount_errors={**DRAWN, "samples": 20})
+    off = np.sqrt(((result.estimated_error - result.true_error) ** 2).mean(["sample", "heliostat", "parameter"]))
+    assert off[0] < 1e-11
+    assert 1.5 < float(off[2] / off[1]) < 2.6
+    ratio = ((result.estimated_error - result.true_error) / result.standard_error).isel(detector_pitch=1)
+    assert 0.85 < float(np.sqrt((ratio**2).mean())) < 1.15
+    np.testing.assert_allclose(result.residual_rms.isel(detector_pitch=2).mean(), 0.2 / np.sqrt(12), rtol=0.15)
+
+
+def test_readings_are_those_of_the_nearest_detector():
+    pieces = pieces_of(study({"arrays": AROUND, "lines": [[0, 2, -16]]}).detectors)
+    assert pieces.count == 3
+    told = pieces.readings(np.array([[4.26, np.nan], [35.99, -0.5], [0.04, 17.9]]), 0.0, 0.5)
+    np.testing.assert_array_equal(told, [[4.5, np.nan], [36.0, 0.0], [0.0, 18.0]])
+    point, along = pieces.points(np.array([[3.0], [20.0], [1.0]]))
+    np.testing.assert_allclose(point[:, 0], [[3.0, -8.0], [9.0, -7.0], [-9.0, -7.9]])
+    np.testing.assert_allclose(along[:, 0], [[1, 0], [0, 1], [0, 1]], atol=1e-15)
+
+
+def test_more_rounds_leave_less_noise():
+    options = {"noise": 0.05, "rounds": 4, "correction": ["mount", "instant"]}
+    loop = computed(options, mount_errors={**DRAWN, "samples": 40})
+    left = np.sqrt((loop.beam_error_rms**2).mean(["sample", "heliostat"]))
+    mount = left.sel(correction="mount").to_numpy()
+    assert mount[0] > 3
+    assert (np.diff(mount) < 0).all()
+    np.testing.assert_allclose(mount[4] / mount[1], 0.5, rtol=0.2)
+    # A correction instant by instant takes up tilts too, but its noise is not averaged.
+    instant = left.sel(correction="instant").to_numpy()
+    assert instant[1] > 2 * mount[1]
+    np.testing.assert_allclose(instant[4], instant[1], rtol=0.2)
+    assert np.isfinite(loop.corrected_azimuth).all()
+
+
+def test_correcting_instant_by_instant_needs_no_model_of_the_mount():
+    """Without noise it leaves what the turn of the mirror about its normal, which two angles do not know, moves."""
+    loop = computed({"correction": "instant", "rounds": 3, "parameters": 2})
+    left = loop.beam_error_rms.to_numpy()
+    assert (left[:, 0] > 1).all()
+    assert (left[:, 1:] < 0.2).all()
+    assert computed({"rounds": 3, "parameters": 2}).beam_error_rms.sel(round=3).min() > 0.5
+
+
+def test_arrays_that_are_missed_are_flagged():
+    far = {"arrays": [BELOW, {"points": [[-60, 60], [-59, 60]]}], "parameters": 2}
+    result = computed(far, heliostats={"positions": BASE["heliostats"]["positions"][1:]})
+    assert (result.misses_array.sel(detector=1) == 1).all()
+    assert (result.misses_array.sel(detector=0) == 0).all()
+    missed = result.detector_status == NO_AZIMUTH
+    assert float(missed.mean()) > 0.7
+    assert result.detector_status.isin([SEEN, NO_AZIMUTH]).all()
+    assert ((result.inversion == NONE) == missed).all()
+    assert (result.crossed_fraction.sel(trace="elevation", detector=0) == 1).all()
+    said = list(remarks(result))
+    assert said[0].startswith("2 of 2 heliostats")
+    assert f"at {int(missed.sum())} of 20 instants the azimuth trace crosses no array (detector_status 2)" in said
+    nothing = computed({"arrays": [{"points": [[300, 300], [301, 300]]}]})
+    assert (nothing.detector_status == NEITHER).all()
+    assert (nothing.crossings_used == 0).all()
+    assert "no crossings that could be used" in " ".join(remarks(nothing))
+    np.testing.assert_array_equal(nothing.beam_error_rms.sel(round=1), nothing.beam_error_rms.sel(round=0))
+    assert np.isnan(nothing.corrected_azimuth).all()
+
+
+def test_night_and_heliostats_behind_the_receiver():
+    result = computed(
+        heliostats={"positions": [[-16, 150, 0], [10, -150, 0]]},
+        time={"clock": "solar", "days": [81], "hours": [3, 9, 12, 15]},
+    )
+    assert result.detector_status.isel(heliostat=0).to_numpy().tolist() == [[NO_LIGHT, SEEN, SEEN, SEEN]]
+    assert (result.detector_status.isel(heliostat=1) == NO_LIGHT).all()
+    assert np.isnan(result.beam_error_rms.isel(heliostat=1)).all()
+    assert float(result.beam_error_rms.isel(heliostat=0).sel(round=1)) < 5e-12
+
+
+def test_layouts_that_are_shorter_are_padded():
+    layout = {"radial_stagger": {"clearance": 12, "inner_radius": 60, "heliostats": [3, 5]}}
+    result = computed(heliostats=None, layout=layout, receiver={**BASE["receiver"], "tilt": -60})
+    assert (result.detector_status[0, 3:] == -1).all()
+    assert (result.calibration_status[0, 3:] == -1).all()
+    assert np.isnan(result.estimated_error[0, 3:]).all()
+    assert (result.misses_array[0, 3:] == 0).all()
+
+
+def test_a_line_without_ends_sees_as_a_long_array():
+    line = computed({"arrays": None, "lines": [[0, 1, -8], [1, 0, 8]]})
+    array = computed({"arrays": [{"points": [[-1e6, -8], [1e6, -8]]}, {"points": [[8, -1e6], [8, 1e6]]}]})
+    np.testing.assert_allclose(line.crossing_y, array.crossing_y, atol=1e-8)
+    np.testing.assert_allclose(line.crossing_z, array.crossing_z, atol=1e-8)
+    np.testing.assert_allclose(line.estimated_error, array.estimated_error, atol=1e-8)
+    np.testing.assert_allclose(line.crossing_place.sel(detector=0), line.crossing_y.sel(detector=0))
+
+
+def table(tmp_path: Any, result: Any, noise: float = 0.0, **columns: str) -> str:
+    """Crossings of a result as a table, with sun vectors; the columns replace."""
+    rng, rows = np.random.default_rng(1), ["heliostat,trace,y,z,sun_x,sun_y,sun_z"]
+    for h in range(result.sizes["heliostat"]):
+        for day in result.day.to_numpy():
+            for hour in result.hour.to_numpy():
+                sun = ",".join(map(repr, solar_vector(37.4, int(day), float(hour)).tolist()))
+                here = result.isel(heliostat=h).sel(day=day, hour=hour)
+                for trace in ("elevation", "azimuth"):
+                    y, z = (here[f"crossing_{side}"].sel(trace=trace).to_numpy().ravel() for side in "yz")
+                    for i in np.flatnonzero(np.isfinite(y)):
+                        # Along the array: the first is level, the second upright.
+                        shift = noise * rng.normal()
+                        level = i < here.sizes["crossing"]
+                        rows.append(f"{h},{trace},{float(y[i] + shift * level)!r},{float(z[i] + shift * (not level))!r},{sun}")
+    path = tmp_path / "crossings.csv"
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return str(path)
+
+
+def test_a_table_of_crossings_tells_the_errors(tmp_path):
+    made = computed()
+    measured = {"crossings": table(tmp_path, made)}
+    found = computed(measured, mount_errors=None)
+    np.testing.assert_allclose(found.estimated_error[:, :4], made.true_error[:, :4], atol=1e-11)
+    np.testing.assert_allclose(found.corrected_azimuth, made.corrected_azimuth, atol=1e-11)
+    assert float(np.abs(found.crossing_residual).max()) < 1e-11
+    aligned = computed(mount_errors={"azimuth_reference": 0})
+    np.testing.assert_array_equal(found.crossing_y, aligned.crossing_y)
+    noisy = computed({"crossings": table(tmp_path, made, 0.02)}, mount_errors=None)
+    stated = computed({"crossings": table(tmp_path, made, 0.02), "noise": 0.02}, mount_errors=None)
+    np.testing.assert_allclose(noisy.standard_error[:, :4], stated.standard_error[:, :4], rtol=0.5)
+    assert float(np.abs((noisy.estimated_error - made.true_error) / noisy.standard_error).max()) < 4
+    for name in ("true_error", "beam_error_rms", "spot_y_before"):
+        assert name not in found
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("trace", "axis"), "unknown column 'axis'"),
+        (("0,elevation", "0,sideways"), "trace must be 'elevation' or 'azimuth', the trace that crosses there"),
+        ((",-8.0,", ",8.0,"), "m from the nearest array of detectors: is it in metres, is the array?"),
+        (("0,elevation", "7,elevation"), "heliostat is unknown; they are numbered from 0 to 2"),
+    ],
+)
+def test_bad_tables_of_crossings(tmp_path, change, said):
+    path = table(tmp_path, computed())
+    text = (tmp_path / "crossings.csv").read_text(encoding="utf-8")
+    assert change[0] in text
+    (tmp_path / "crossings.csv").write_text(text.replace(*change), encoding="utf-8")
+    with pytest.raises(StudyError) as error:
+        study({"crossings": path}, mount_errors=None)
+    assert said in str(error.value)
+    assert "crossings.csv:" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "said"),
+    [
+        ({"detectors": None}, "'detectors' is missing: {arrays, ...}, where the detectors are"),
+        ({"detectors": {"pitch": 0.1}}, "detectors: gives no detectors: give 'arrays'"),
+        ({"detectors": {"arrays": [{"points": [[0, 1]]}]}}, "must have two points at least, the ends of the line"),
+        ({"mount_errors": None}, "'mount_errors' is missing: the truth of synthetic crossings"),
+        ({"detectors": {"arrays": [BELOW], "crossings": "x.csv", "rounds": 2}}, "detectors.rounds: is for crossings of"),
+        ({"error": {"size": 1}}, "error: is only for mode: curves"),
+        ({"measured": "x.csv"}, "measured: is only for mode: curves"),
+        ({"mode": "curves", "mount_errors": None, "error": {"size": 1}}, "in mode: curves give 'lines'"),
+    ],
+)
+def test_bad_studies(blocks, said):
+    with pytest.raises(StudyError) as error:
+        studies.study(BASE, **blocks)
+    assert said in str(error.value)
+
+
+def test_the_report_draws_the_crossings_and_the_loop(tmp_path):
+    result = api.run(study({"noise": 0.05, "rounds": 2}), output=tmp_path / "out")
+    names = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
+    assert {"crossings", "closed_loop"} <= names
+    assert result is not None
