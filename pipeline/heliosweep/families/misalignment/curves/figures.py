@@ -54,7 +54,7 @@ def deviation_curves(shown: Spots) -> Iterator[NamedFigure]:
         return
     if error is None or result.sizes[error] < LEAST_SIZES:
         return
-    others = shown.numbers("spot_y", AXIS, SIZE, *ERRORS)
+    others = shown.numbers("spot_y", AXIS, error, *(() if error == SIZE else ERRORS))
     line = next((dim for dim in (HOUR, shown.day, *others) if shown.several(dim)), None)
     stands = shown.fixed("spot_y", error, line, AXIS, HELIOSTAT)
     heliostats = shown.heliostats("spot_y", stands)
@@ -285,6 +285,7 @@ def _spots(shown: Spots, along: str, *points: Point) -> tuple[np.ndarray, np.nda
 
 def _aim(shown: Spots) -> Track:
     known = "tracking_tolerance" in shown.result or SIZE in shown.result.coords
+    known &= not set(ERRORS) & set(shown.result.coords)
     return origin("no error" if known else "aim")
 
 

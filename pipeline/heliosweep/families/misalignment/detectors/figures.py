@@ -7,20 +7,22 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.misalignment.figures import AXES, FIELD, HELIOSTAT, HOUR, MOST_PANELS, Spots, aperture
+from heliosweep.families.misalignment.figures import FIELD, HELIOSTAT, HOUR, MOST_PANELS, Spots, aperture
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import number_text
 from heliosweep.report.panels import Panel, curve_figure
-from heliosweep.report.pictures import from_zero, picture_figure, symbols
+from heliosweep.report.pictures import Shades, from_zero, picture_figure, symbols
 from heliosweep.report.selection import at
 from heliosweep.report.tracks import Look, Plane, Track, origin, plane_figure
 
-#: Instants of which the crossings are drawn.
-MOST_INSTANTS = 9
 #: How far lines without ends are drawn. [m]
 FAR = 1e3
 
-_ARRAY: Look = {"color": "#777777", "linewidth": 2.2}
+_ARRAY: Look = {"color": "#999999", "linewidth": 1.2}
+_CROSSINGS: dict[str, Look] = {
+    trace: {"color": "#333333", "linestyle": "", "marker": marker, "markersize": 4}
+    for trace, marker in (("elevation", "o"), ("azimuth", "s"))
+}
 _LEFT = ("beam_error_rms", "spot_distance_rms")
 
 
@@ -31,29 +33,26 @@ def crossings(shown: Spots) -> Iterator[NamedFigure]:
         return
     inner = ("trace", "detector", "crossing")
     stands = shown.fixed(name, HELIOSTAT, HOUR, *inner)
-    planes = []
+    planes: list[Plane] = []
+    hours = result[HOUR] if HOUR in result.coords else xr.DataArray(np.arange(result.sizes[HOUR]), dims=HOUR)
     heliostats = shown.heliostats(name, stands, MOST_PANELS)
-    moments = shown.chosen(HOUR, MOST_INSTANTS)
     for one in heliostats:
         tracks = [origin("aim"), *_arrays(result)]
         for index, trace in enumerate(result["trace"].to_numpy().astype(str)):
-            look = {**AXES[trace], "linestyle": "", "marker": "os"[index % 2], "markersize": 3.4, "markeredgewidth": 0}
-            for moment in moments:
-                point = (stands, one, moment, {"trace": index})
-                y, z = (at(result[f"crossing_{side}"], *point).to_numpy().ravel() for side in "yz")
-                known = np.isfinite(y)
-                if known.any():
-                    text = shown.values(moment) if shown.several(HOUR) and len(moments) <= MOST_INSTANTS else ""
-                    tracks.append(Track(y[known], z[known], look, f"{trace} trace", text=text))
+            found = at(result[name], stands, one, {"trace": index})
+            y, z = (at(result[f"crossing_{side}"], stands, one, {"trace": index}).to_numpy().ravel() for side in "yz")
+            numbers = hours.broadcast_like(found).transpose(*found.dims).to_numpy().ravel().astype(float)
+            tracks.append(Track(y, z, _CROSSINGS[trace], f"{trace} trace", numbers=numbers))
         planes.append(Plane(shown.heliostat({**stands, **one}), tracks, (), aperture(result, stands)))
     if not planes:
         return
+    scale = Shades(shown.label(HOUR), float(hours.min()), float(hours.max())) if shown.several(HOUR) else None
     whose = "of aligned heliostats" if result.attrs.get("crossings") == "measured" else "before any correction"
     caption = (
-        f"Where the traces {whose} cross the arrays of detectors (grey), with the hour; {shown.seen}."
-        f"{shown.note(stands, heliostats, moments)}"
+        f"Where the traces {whose} cross the arrays of detectors (grey), coloured by the hour: circles, the trace of the "
+        f"cylinder along the elevation axis; squares, of the other; {shown.seen}.{shown.note(stands, heliostats)}"
     )
-    yield NamedFigure("crossings", caption, plane_figure(planes, shown.plane))
+    yield NamedFigure("crossings", caption, plane_figure(planes, shown.plane, scale=scale))
 
 
 def closed_loop(shown: Spots) -> Iterator[NamedFigure]:
