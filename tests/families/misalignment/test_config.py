@@ -107,6 +107,9 @@ CIVIL = {"clock": "civil", "timezone": "+01:00", "dates": "2024-06-21", "window"
         {"mode": "mount_errors", "error": None, "mount_errors": {"collimation": 0}},
         DRAWN | {"mode": "mount_errors", "statistics": {"percentiles": [5, 95]}},
         DRAWN | {"mode": "calibration"},
+        DRAWN | {"mode": "detectors", "detectors": {"lines": [[1, 0, 6]], "arrays": [{"points": [[0, 0], [1, 1]]}]}},
+        {"beam": {"divergence": [4, 9.3]}, "mount_errors": {"collimation": [0, 1]}},
+        api.load(STUDIES / "detectors_measured.yaml"),
         api.load(STUDIES / "calibration_measured.yaml"),
     ],
 )

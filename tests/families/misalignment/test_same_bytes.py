@@ -41,6 +41,30 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
         MOUNT_ERRORS | {"mount_errors": MOUNT_ERRORS["mount_errors"] | {"collimation": [0, 1, 2]}},
         [THREADS | {"chunks": {"heliostat": 1}}],
     ),
+    "combined": (
+        SWEPT
+        | {
+            "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": 0.5},
+            "mount_errors": {"azimuth_reference": [0, 1], "tilt_about_east": 2},
+            "beam": {"divergence": 4},
+        },
+        [THREADS | {"chunks": {"heliostat": 2, "error_size": 1}}, THREADS | {"chunks": {"source": 1, "mount_kind": 1}}],
+    ),
+    "detectors": (
+        CALIBRATION
+        | {
+            "mode": "detectors",
+            "time": {"clock": "solar", "days": [80, 172], "hours": [8, 12, 16]},
+            "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
+            "detectors": {
+                "arrays": [{"points": [[-9, -8], [9, -8], [9, 9]]}, {"points": [[-8, -9], [-8, 9]]}],
+                "parameters": [2, 4, 6],
+                "noise": 0.02,
+                "rounds": 2,
+            },
+        },
+        [THREADS | {"chunks": {"heliostat": 1, "parameters": 1}}, THREADS | {"chunks": {"heliostat": 2}}],
+    ),
     "calibration": (
         CALIBRATION
         | {
