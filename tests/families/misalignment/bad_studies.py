@@ -151,7 +151,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         "error",
         f"error: {{size: 1}}\n{DRAWN}\nstatistics: {{percentiles: 50}}\ncalibration: {{parameters: 4}}",
         [
-            "9:15: mount_errors: is only for mode: mount_errors or calibration; remove it or change 'mode'",
+            "9:15: mount_errors: draws are for other modes: in mode: curves give numbers or sweeps",
             "10:13: statistics: is only for mode: mount_errors; remove it or change 'mode'",
             "11:14: calibration: is only for mode: calibration; remove it or change 'mode'",
         ],

@@ -125,7 +125,7 @@ def test_the_tolerance_that_other_errors_leave():
 
 
 def test_mount_errors_of_curves_are_not_drawn():
-    with pytest.raises(StudyError, match="must be numbers or sweeps in mode: curves"):
+    with pytest.raises(StudyError, match="in mode: curves give numbers or sweeps"):
         computed(error=ERROR, mount_errors={"collimation": {"normal": [0, 1]}, "samples": 3})
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field
@@ -337,23 +337,25 @@ class Detectors(Block):
         Field(max_length=100, description="Arrays of detectors along straight pieces; mode: detectors only"),
     ] = None
     pitch: Annotated[
-        float | Sweep,
-        Quantity("Distance of the detectors of an array, which tell nothing finer; 0: any place is told", "m", ge=0,
-                 dimension="detector_pitch", title="distance of the detectors"),
-    ] = 0.0  # fmt: skip
+        float | Sweep | None,
+        Quantity("Distance of the detectors of an array, which tell nothing finer; any place is told where left out",
+                 "m", ge=0, dimension="detector_pitch", title="distance of the detectors"),
+    ] = None  # fmt: skip
     noise: Annotated[
-        float | Sweep,
-        Quantity("Standard deviation of the place that an array tells, along it", "m", ge=0, dimension="detector_noise",
-                 title="noise of the place along an array"),
-    ] = 0.0  # fmt: skip
-    parameters: Annotated[int | Sweep, _PARAMETERS] = 4
+        float | Sweep | None,
+        Quantity("Standard deviation of the place that an array tells, along it; 0 where left out", "m", ge=0,
+                 dimension="detector_noise", title="noise of the place along an array"),
+    ] = None  # fmt: skip
+    parameters: Annotated[int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description}; 4 where left out")] = None
     correction: Annotated[
-        str | Sweep, Choice("What corrects the commands", CORRECTIONS, title="what corrects the commands")
-    ] = "mount"
+        str | Sweep | None,
+        Choice("What corrects the commands; mount where left out", CORRECTIONS, title="what corrects the commands"),
+    ] = None
     rounds: Annotated[
-        int,
-        Quantity("Rounds of the closed loop, each of all days and hours", "1", ge=1, le=50, integer=True, sweep=False),
-    ] = 1
+        int | None,
+        Quantity("Rounds of the closed loop, each of all days and hours; 1 where left out", "1", ge=1, le=50,
+                 integer=True, sweep=False),
+    ] = None  # fmt: skip
     crossings: Annotated[
         str | None,
         FileName(
@@ -370,7 +372,7 @@ class Detectors(Block):
             yield Fault("gives no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'", show_value=False)
         if self.crossings is not None:
             for key in ("rounds", "correction"):
-                if key in self.model_fields_set:
+                if getattr(self, key) is not None:
                     message = "is for crossings of 'mount_errors': those of a table answer to no command; remove it"
                     yield Fault(message, (key,), show_value=False)
 

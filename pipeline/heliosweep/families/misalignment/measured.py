@@ -55,7 +55,7 @@ def table_problems(study: MisalignmentStudy, notes: list[str]) -> Iterator[Probl
         return
     block = study.detectors if crossings else study.calibration
     assert block is not None
-    needed = int(max(ends(block.parameters)))
+    needed = int(max(ends(block.parameters or 4)))
     equations = counts if crossings else 2 * counts
     few = np.flatnonzero((counts > 0) & (equations < needed))
     if few.size and few.size == np.count_nonzero(counts):

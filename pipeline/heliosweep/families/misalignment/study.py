@@ -231,10 +231,12 @@ class MisalignmentStudy(Study):
                 message = "must be 0 in mode: curves, whose mounts have both axes through the pivot"
                 yield Fault(message, ("mount", "axis_offset"))
             if self.mount_errors is not None and self.mount_errors.drawn():
-                message = "must be numbers or sweeps in mode: curves, which a draw has no place in"
+                message = "draws are for other modes: in mode: curves give numbers or sweeps"
                 yield Fault(message, ("mount_errors",), show_value=False)
-            for key in sorted(self.detectors.model_fields_set - {"lines"}) if self.detectors is not None else ():
-                yield Fault("is only for mode: detectors; in mode: curves give 'lines'", ("detectors", key), show_value=False)
+            for key in () if self.detectors is None else sorted(set(Detectors.model_fields) - {"lines"}):
+                if getattr(self.detectors, key) is not None:
+                    message = "is only for mode: detectors; in mode: curves give 'lines'"
+                    yield Fault(message, ("detectors", key), show_value=False)
         elif self.mode == "detectors" and self.detectors is None:
             yield Fault("'detectors' is missing: {arrays, ...}, where the detectors are", show_value=False)
         elif self.mount_errors is None and self.table_of_spots() is None:

@@ -42,6 +42,8 @@ SECONDS_PER_CROSSING = 12e-6
 BYTES_PER_CROSSING = 3000
 #: Stream of the noise of the first round, after those of spots; numbers of one draw that have room in a stream.
 NOISE_STREAM, MOST_NUMBERS = 200, 2**24
+#: Values of keys that are left out.
+DEFAULTS: dict[str, Any] = {"pitch": 0.0, "noise": 0.0, "parameters": 4, "correction": "mount"}
 
 __all__ = ["inputs"]
 
@@ -54,11 +56,11 @@ def workload(study: MisalignmentStudy) -> Workload:
     inner |= {"parameter": len(ERRORS), "parameter_2": len(ERRORS), **instants, **_sizes(pieces)}
     count = math.prod(instants.values()) * len(pieces.array)
     if measured is None:
-        inner["round"] = block.rounds + 1
+        inner["round"] = (block.rounds or 1) + 1
     else:
         inner["spot"] = measured.most
         count += measured.most
-    each = max(1, draws) * count * block.rounds
+    each = max(1, draws) * count * (block.rounds or 1)
     values = bytes_of(variables(study), {**dict.fromkeys(parameters.sizes, 1), **inner, "heliostat": 1})
 
     def working_bytes(points: int, length: int) -> int:
@@ -96,10 +98,12 @@ def coordinates(study: MisalignmentStudy) -> xr.Dataset:
     if draws:
         labels["sample"] = numbered("sample", draws, "number of the draw, from 0")
     if measured is None:
-        labels["round"] = numbered("round", block.rounds + 1, "rounds of the closed loop that are done")
+        labels["round"] = numbered("round", (block.rounds or 1) + 1, "rounds of the closed loop that are done")
     else:
         meaning = "number of the crossing of a heliostat, from 0, in the order of the file"
         labels["spot"] = numbered("spot", measured.most, meaning)
+    if block.parameters is None:
+        labels["parameters"] = (), DEFAULTS["parameters"], {"long_name": "number of estimated errors", "units": "1"}
     found = coordinates_of(study, keys).assign_coords(labels)
     return found.assign_attrs(crossings="synthetic" if measured is None else "measured", detectors=_described(pieces))
 
@@ -141,7 +145,7 @@ def compute(study: MisalignmentStudy, inputs: Inputs, region: Region) -> xr.Data
         for index, name in enumerate(("nominal_azimuth", "nominal_elevation")):
             made.setdefault(name, []).append(nominal[..., index])
     inner = {"parameter": len(ERRORS), "parameter_2": len(ERRORS), "sample": draws}
-    inner |= _sizes(pieces) | {"round": block.rounds + 1, "spot": measured.most if measured is not None else 0}
+    inner |= _sizes(pieces) | {"round": (block.rounds or 1) + 1, "spot": measured.most if measured is not None else 0}
     return xr.Dataset(points.labelled(stated, {name: np.stack(arrays) for name, arrays in made.items()}, **inner))
 
 
@@ -149,10 +153,11 @@ def _options(study: MisalignmentStudy, points: Points, point: int) -> Options:
     """What the study says of its detectors at a point."""
     block = detectors_block(study)
     pitch, noise, parameters, correction = (
-        points.values(f"detectors.{key}")[point] for key in ("pitch", "noise", "parameters", "correction")
+        points.values(f"detectors.{key}")[point] if points.parameters.has(f"detectors.{key}") else default
+        for key, default in DEFAULTS.items()
     )
     limit = CONDITION_LIMITS[int(parameters)] if block.condition_limit is None else block.condition_limit
-    return Options(float(pitch), float(noise), int(parameters), float(limit), str(correction), block.rounds)
+    return Options(float(pitch), float(noise), int(parameters), float(limit), str(correction), block.rounds or 1)
 
 
 def _noise(

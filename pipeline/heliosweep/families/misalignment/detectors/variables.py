@@ -58,7 +58,7 @@ def draw_count(study: MisalignmentStudy) -> int:
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Variables of a study's result."""
-    swept, instants, measured = swept_dims(study), tuple(instant_sizes(study)), study.measured_spots() is not None
+    swept, instants, measured = swept_dims(study), tuple(instant_sizes(study)), study.table_of_spots() is not None
     lead = (*swept, *(("sample",) if draw_count(study) else ()), "heliostat")
     each = (*lead, *instants)
     found = _seen(lead, each, "of the aligned heliostat" if measured else "before any correction, without noise")
