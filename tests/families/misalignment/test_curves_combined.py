@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from heliosweep.errors import StudyError
+from heliosweep.families.family import families
 from heliosweep.families.misalignment.blocks import ERRORS, MOUNTS
 
 from . import studies
@@ -23,7 +24,11 @@ BASE: dict[str, Any] = {
     "heliostats": {"positions": [[-16, -150, 3], [120, -300, 0], [-60, -90, 5]]},
     "mount": {"mirror_offset": 0.5, "pedestal_height": 6, "axis_azimuth": 20},
 }
-ERROR = {"source": ["canting", "encoder", "tilt"], "axis": ["elevation", "azimuth"], "size": [-12, 0, 4, 12]}
+ERROR: dict[str, Any] = {
+    "source": ["canting", "encoder", "tilt"],
+    "axis": ["elevation", "azimuth"],
+    "size": [-12, 0, 4, 12],
+}
 
 
 def computed(mode: str = "curves", **blocks: Any) -> Any:
@@ -35,8 +40,8 @@ def spots(result: Any) -> np.ndarray:
 
 
 def twin(heliostat: int, kind: str) -> Twin:
-    place = tuple(float(value) for value in BASE["heliostats"]["positions"][heliostat])
-    return Twin(place, 143.0, (180.0, 0.0), (4.5, 4.5), kind, -33.4, 20.0, (0.5, 0.0, 6.0))
+    x, y, z = map(float, BASE["heliostats"]["positions"][heliostat])
+    return Twin((x, y, z), 143.0, (180.0, 0.0), (4.5, 4.5), kind, -33.4, 20.0, (0.5, 0.0, 6.0))
 
 
 @pytest.mark.parametrize("kind", MOUNTS)
@@ -107,7 +112,7 @@ def test_the_tolerance_that_other_errors_leave():
     errors = computed(error=ERROR, mount_errors=TRUE)
     assert float((errors.tracking_tolerance < alone.tracking_tolerance).mean()) > 0.8
     # A step beyond, on one side or the other, the spot is outside; a step before it is inside.
-    point = dict(heliostat=0, hour=1, day=0)
+    point = {"heliostat": 0, "hour": 1, "day": 0}
     for source in ERROR["source"]:
         for axis in ERROR["axis"]:
             at = float(errors.tracking_tolerance.isel(point).sel(source=source, axis=axis))
@@ -129,8 +134,15 @@ def test_mount_errors_of_curves_are_not_drawn():
         computed(error=ERROR, mount_errors={"collimation": {"normal": [0, 1]}, "samples": 3})
 
 
+def way(one: Twin, y: Any, z: Any) -> np.ndarray:
+    """Directions from the pivot to points of the plane."""
+    _, right, up = one.axes
+    v = np.multiply.outer(np.asarray(y), right) + np.multiply.outer(np.asarray(z), up) - one.pivot + one.target
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+
+
 def test_outlines_and_edges_of_a_beam_of_4_mrad():
-    """Every ray of the outline leaves the mirror at 2 mrad from the central one; the edges are conics about the same axis."""
+    """Every ray of the outline leaves the mirror 2 mrad from the central one; the edges are conics of the same axis."""
     error = {"source": "canting", "axis": ["elevation", "azimuth"], "size": [-300, -12, 0, 12, 200]}
     result = computed(error=error, beam={"divergence": 4}, mount={})
     plain = computed(error=error, mount={})
@@ -139,7 +151,6 @@ def test_outlines_and_edges_of_a_beam_of_4_mrad():
     for h, hour in ((0, 9.0), (1, 12.0), (2, 14.5)):
         one, sun = twin(h, "azimuth_elevation"), solar_vector(-33.4, 172, hour)
         one = Twin(one.pivot, 143.0, (180.0, 0.0))
-        out, right, up = one.axes
         here = result.isel(heliostat=h, day=0).sel(hour=hour)
         normal = one.mirror(one.aim(sun), np.zeros(6))[0][0]
         for axis in error["axis"]:
@@ -152,15 +163,11 @@ def test_outlines_and_edges_of_a_beam_of_4_mrad():
                 if not found.is_real:
                     continue
 
-                def way(y: Any, z: Any, place: Any = np.array(one.pivot) - one.target) -> np.ndarray:
-                    v = np.multiply.outer(np.asarray(y), right) + np.multiply.outer(np.asarray(z), up) - place
-                    return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-                middle, ring = way(found.spot_y, found.spot_z), way(found.outline_y, found.outline_z)
+                middle, ring = way(one, found.spot_y, found.spot_z), way(one, found.outline_y, found.outline_z)
                 known = np.isfinite(ring).all(axis=-1)
                 off = np.linalg.norm(np.cross(ring[known], middle), axis=-1)
                 np.testing.assert_allclose(np.arcsin(off), 2e-3, rtol=1e-9)
-                edge = way(found.edge_y, found.edge_z)
+                edge = way(one, found.edge_y, found.edge_z)
                 if np.isfinite(edge).all():
                     np.testing.assert_allclose(edge @ about, -np.cos(angle + np.array([-2e-3, 2e-3])), atol=1e-12)
                 seen += int(known.all())
@@ -174,3 +181,8 @@ def test_measured_spots_are_kept_beside_the_curves(tmp_path):
     result = computed(error=ERROR, measured=str(path))
     np.testing.assert_array_equal(result.measured_y, [[2, np.nan], [0.5, 0.7], [np.nan, np.nan]])
     np.testing.assert_array_equal(result.measured_z, [[3, np.nan], [-1, -2], [np.nan, np.nan]])
+    shown = {figure.name: figure for figure in families()["misalignment"].figures(result)}["deviation_curves"]
+    assert "Crosses: measured spots" in shown.caption
+    drawn = [line.get_xdata() for axes in shown.figure.axes for line in axes.get_lines() if line.get_marker() == "+"]
+    for measured in (2.0, 0.5, 0.7):
+        assert any(measured in line for line in drawn)

@@ -52,7 +52,7 @@ def computed(detectors: dict[str, Any] | None = None, **blocks: Any) -> Any:
 @pytest.mark.parametrize("kind", MOUNTS)
 @pytest.mark.parametrize("parameters", [2, 4])
 def test_errors_are_recovered_exactly_and_the_loop_leaves_nothing(kind, parameters):
-    true = TRUE if parameters == 4 else dict(azimuth_reference=1.5, elevation_reference=-0.8)
+    true = TRUE if parameters == 4 else {"azimuth_reference": 1.5, "elevation_reference": -0.8}
     result = computed(
         {"arrays": AROUND, "parameters": parameters}, mount={**BASE["mount"], "kind": kind}, mount_errors=true
     )
@@ -74,25 +74,25 @@ def test_crossings_lie_on_the_traces_of_the_twin():
     actual = np.array([1.5, -0.8, 0.9, -1.2, 0.6, -0.7]) * 1e-3
     seen = 0
     for h, day in ((0, 81), (1, 172)):
-        twin = Twin(tuple(float(result[axis][h]) for axis in "xyz"), 143.0, offsets=(0.5, 0.2, 4))
+        x, y, z = (float(result[axis][h]) for axis in "xyz")
+        twin = Twin((x, y, z), 143.0, offsets=(0.5, 0.2, 4))
         for hour in (8.0, 14.0):
             sun, here = solar_vector(37.4, day, hour), result.isel(heliostat=h).sel(day=day, hour=hour)
             angles = twin.aim(sun)
             normal, centre = (vector[0] for vector in twin.mirror(angles, actual))
-            # The mirror's own axis: where the normal goes when the mount is told a little more.
-            collimated = twin.mirror(angles, actual + np.array([0, 0, 0, 0, 0, np.pi / 2]))[0][0]
-            right = collimated  # a quarter turn in the plane of bore and secondary axis
+            # The mirror's own axis: its normal after a quarter turn in the plane of bore and secondary axis.
+            right = twin.mirror(angles, actual + np.array([0, 0, 0, 0, 0, np.pi / 2]))[0][0]
             for trace, axis in (("elevation", right), ("azimuth", -np.cross(right, normal))):
                 found = here.sel(trace=trace)
-                for y, z, angle in zip(
+                for across, above, angle in zip(
                     *(found[name].to_numpy().ravel() for name in ("crossing_y", "crossing_z", "crossing_angle")),
                     strict=True,
                 ):
-                    if np.isfinite(y):
+                    if np.isfinite(across):
                         turned = Rotation.from_rotvec(axis * angle * 1e-3).apply(normal)
                         spot, real = twin.spots(turned, centre, sun)
                         assert real
-                        np.testing.assert_allclose(spot, (y, z), atol=1e-11)
+                        np.testing.assert_allclose(spot, (across, above), atol=1e-11)
                         seen += 1
     assert seen >= 10
 
@@ -149,7 +149,7 @@ def test_detectors_that_tell_nothing_finer_than_their_pitch():
 
 def test_readings_are_those_of_the_nearest_detector():
     pieces = pieces_of(study({"arrays": AROUND, "lines": [[0, 2, -16]]}).detectors)
-    assert pieces.count == 3
+    assert pieces.arrays == 3
     told = pieces.readings(np.array([[4.26, np.nan], [35.99, -0.5], [0.04, 17.9]]), 0.0, 0.5)
     np.testing.assert_array_equal(told, [[4.5, np.nan], [36.0, 0.0], [0.0, 18.0]])
     point, along = pieces.points(np.array([[3.0], [20.0], [1.0]]))
@@ -245,7 +245,9 @@ def table(tmp_path: Any, result: Any, noise: float = 0.0, **columns: str) -> str
                         # Along the array: the first is level, the second upright.
                         shift = noise * rng.normal()
                         level = i < here.sizes["crossing"]
-                        rows.append(f"{h},{trace},{float(y[i] + shift * level)!r},{float(z[i] + shift * (not level))!r},{sun}")
+                        rows.append(
+                            f"{h},{trace},{float(y[i] + shift * level)!r},{float(z[i] + shift * (not level))!r},{sun}"
+                        )
     path = tmp_path / "crossings.csv"
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return str(path)
@@ -273,7 +275,7 @@ def test_a_table_of_crossings_tells_the_errors(tmp_path):
     [
         (("trace", "axis"), "unknown column 'axis'"),
         (("0,elevation", "0,sideways"), "trace must be 'elevation' or 'azimuth', the trace that crosses there"),
-        ((",-8.0,", ",8.0,"), "m from the nearest array of detectors: is it in metres, is the array?"),
+        ((",-8.0,", ",8.0,"), "m from the nearest array of detectors: are both in metres?"),
         (("0,elevation", "7,elevation"), "heliostat is unknown; they are numbered from 0 to 2"),
     ],
 )
@@ -295,7 +297,10 @@ def test_bad_tables_of_crossings(tmp_path, change, said):
         ({"detectors": {"pitch": 0.1}}, "detectors: gives no detectors: give 'arrays'"),
         ({"detectors": {"arrays": [{"points": [[0, 1]]}]}}, "must have two points at least, the ends of the line"),
         ({"mount_errors": None}, "'mount_errors' is missing: the truth of synthetic crossings"),
-        ({"detectors": {"arrays": [BELOW], "crossings": "x.csv", "rounds": 2}}, "detectors.rounds: is for crossings of"),
+        (
+            {"detectors": {"arrays": [BELOW], "crossings": "x.csv", "rounds": 2}},
+            "detectors.rounds: is for crossings of",
+        ),
         ({"error": {"size": 1}}, "error: is only for mode: curves"),
         ({"measured": "x.csv"}, "measured: is only for mode: curves"),
         ({"mode": "curves", "mount_errors": None, "error": {"size": 1}}, "in mode: curves give 'lines'"),

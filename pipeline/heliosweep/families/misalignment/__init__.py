@@ -24,7 +24,7 @@ class Misalignment(Family):
     headlines = ("least_tolerance", "day_hit_fraction", "hit_fraction", "residual_rms", "tracking_tolerance")
 
     def room(self, mode: str) -> str:
-        """Package of a mode: ``curves``, ``mount_errors`` or ``calibration``."""
+        """Package of a mode: ``curves``, ``mount_errors``, ``calibration`` or ``detectors``."""
         return f"{__name__}.{mode}"
 
     def mode(self, study: Any) -> str:

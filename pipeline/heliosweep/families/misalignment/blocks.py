@@ -177,7 +177,7 @@ class Mount(Block):
     pedestal_height: Annotated[
         float | Sweep,
         Quantity(
-            "Height of the pivot above the point about which the mount tilts: straight below it, for every kind of mount",
+            "Height of the pivot above the point about which the mount tilts: straight below it, for every mount",
             "m", ge=0, title="height of the pivot above the point about which the mount tilts",
         ),
     ] = 0.0  # fmt: skip
@@ -330,7 +330,9 @@ class Detectors(Block):
 
     lines: Annotated[
         tuple[Triple, ...] | None,
-        Lines("Lines without ends, l0 Y + l1 Z = l2, Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")),
+        Lines(
+            "Lines without ends, l0 Y + l1 Z = l2, Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")
+        ),
     ] = None
     arrays: Annotated[
         tuple[DetectorArray, ...] | None,
@@ -346,7 +348,9 @@ class Detectors(Block):
         Quantity("Standard deviation of the place that an array tells, along it; 0 where left out", "m", ge=0,
                  dimension="detector_noise", title="noise of the place along an array"),
     ] = None  # fmt: skip
-    parameters: Annotated[int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description}; 4 where left out")] = None
+    parameters: Annotated[
+        int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description}; 4 where left out")
+    ] = None
     correction: Annotated[
         str | Sweep | None,
         Choice("What corrects the commands; mount where left out", CORRECTIONS, title="what corrects the commands"),
@@ -359,8 +363,8 @@ class Detectors(Block):
     crossings: Annotated[
         str | None,
         FileName(
-            "CSV table of measured crossings: heliostat, trace, y and z in m, time or sun vector, optional weight; those "
-            "of 'mount_errors' where left out",
+            "CSV table of measured crossings: heliostat, trace, y and z in m, time or sun vector, optional weight; "
+            "those of 'mount_errors' where left out",
             sweep=False,
         ),
     ] = None
@@ -369,7 +373,9 @@ class Detectors(Block):
     def rules(self) -> Iterator[Fault]:
         """There must be something that detects, and no loop from a table."""
         if self.lines is None and self.arrays is None:
-            yield Fault("gives no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'", show_value=False)
+            yield Fault(
+                "gives no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'", show_value=False
+            )
         if self.crossings is not None:
             for key in ("rounds", "correction"):
                 if getattr(self, key) is not None:

@@ -16,6 +16,7 @@ _SPOTS = (
     ("spot_y_before", "spot_z_before"),
     ("spot_y_after", "spot_z_after"),
     ("residual_y", "residual_z"),
+    ("crossing_y", "crossing_z"),
 )
 
 _TYPICAL: dict[str, float | str] = {HOUR: 12.0, "error_scale": 1.0, "axis": "elevation"}

@@ -105,7 +105,7 @@ def _off_the_arrays(study: MisalignmentStudy, measured: MeasuredSpots) -> list[P
     off = np.flatnonzero(distance > FARTHEST_CROSSING)
     problems = (
         Problem(
-            f"the crossing lies {distance[row]:.4g} m from the nearest array of detectors: is it in metres, is the array?",
+            f"the crossing lies {distance[row]:.4g} m from the nearest array of detectors: are both in metres?",
             file=measured.name,
             line=int(measured.lines[row]),
         )

@@ -166,14 +166,14 @@ class MisalignmentStudy(Study):
         """The measured spots or crossings with their suns; None where there are none. Raises StudyError."""
         if (table := self.table_of_spots()) is None:
             return None
-        latitude, longitude, altitude = 0.0, None, 0.0
+        place: tuple[float, float | None, float] = 0.0, None, 0.0
         if self.site is not None:
             latitude, longitude, altitude = self.site.latitude, self.site.longitude, self.site.altitude
             assert not isinstance(latitude, Sweep)
             assert not isinstance(longitude, Sweep)
             assert not isinstance(altitude, Sweep)
+            place = latitude, longitude, altitude
         key, name = table
-        place = latitude, longitude, altitude
         measured = spots_under_suns(self.resolve(name), *self.heliostat_names(), place, key == "detectors.crossings")
         if measured.timed:
             message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"

@@ -2,7 +2,8 @@
 
 With the pieces of `aiming`, all in the frame of the mount: f = Rz(-(g + g0)) b is the bore askew, k = Rz(-(g + g0)) o
 the arm to the mirror centre, n = Q^T Rtilt f the normal, P = C + Q^T (Rtilt (k + h u) - h u) the centre with the height
-h of the pivot above the base, u = Q (0, 0, 1). The ray R = 2 (s.n) n - s from P meets the plane of the face at y = Y.p and z = Z.p, p = P + l R, and
+h of the pivot above the base, u = Q (0, 0, 1). The ray R = 2 (s.n) n - s from P meets the plane of the face at y = Y.p
+and z = Z.p, p = P + l R, and
 
     dy = u.dP + v.dn,   u = Y - (Y.R / X.R) X,   v = 2 l ((u.n) s + (s.n) u),   z alike:
 

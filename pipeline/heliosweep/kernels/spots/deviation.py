@@ -109,7 +109,7 @@ def deviation_curve(
 
 @inline
 def _turning_curve(source, axis, sun, axes, places, offset):
-    """Curve of a mirror with the normal n and the axes e and z, at the ways pivot, base [from the aim point], arm, pole."""
+    """Curve of a mirror with the normal n and the axes e and z, with the ways to pivot and base, arm and pole."""
     n, e, z = axes
     pivot, base, arm, pole = places
     b = cross(e, n)

@@ -1,8 +1,8 @@
 """Traces of the reflecting cylinders of a heliostat on the receiver's plane, and where detectors see them.
 
-Two small cylinders (or rotating prisms) stand in the middle of the mirror, one along its elevation axis e, one along the
-line b up its slope. The sun's rays that one with the axis a reflects are those of a mirror at every angle about a: with
-the mirror centre p and the direction S to the sun, all points x of the plane with
+Two small cylinders (or rotating prisms) stand in the middle of the mirror, one along its elevation axis e, one along
+the line b up its slope. One with the axis a reflects the sun's rays as a mirror at every angle about a does: with the
+mirror centre p and the direction S to the sun, to all points x of the plane with
 
     F(x) = a.(S + v / |v|) = 0,   v = x - p
 
@@ -12,17 +12,17 @@ Detectors stand along straight pieces x = q + s d of the plane. With c = q - p a
 
 and the cylinder's normal there is along S + v / |v|. After Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
 
-How a mount with errors stands follows from the chain of rotations of `heliosweep.kernels.mounts.aiming`; e and b are those of the
-mirror as it stands, and turn with every error. Errors turn a mirror about axes w: a changes by w x a, the centre by
-w x (its way from the axis). From these derivatives `fit` estimates errors by least squares; its residuals F / F' are
-distances along the detectors, to first order.
+How a mount with errors stands follows from the chain of rotations of `heliosweep.kernels.mounts.aiming`; e and b are
+those of the mirror as it stands, and turn with every error. Errors turn a mirror about axes w: a changes by w x a, the
+centre by w x (its way from the axis). From these derivatives `fit` estimates errors by least squares; its residuals
+F / F' are distances along the detectors, to first order.
 
 Everything is NumPy; arguments broadcast, with three numbers of each vector last.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 ELEVATION, AZIMUTH = 0, 1
-"""Traces: of the cylinder along the elevation axis, which errors about that axis move along itself, and of the other."""
+"""Traces: of the cylinder along the elevation axis, which errors about it move along itself, and of the other."""
 
 GRAZING = 0.05
 """Sine of the angle between a trace and an array, as seen from the mirror, below which their crossing tells nothing."""
@@ -103,7 +103,9 @@ def _mixed(*terms: tuple[Floats, Floats]) -> Floats:
     return first
 
 
-def stand(frame: Floats, angles: Floats, errors: Floats, to_target: Floats, offsets: tuple[float, float, float]) -> Stand:
+def stand(
+    frame: Floats, angles: Floats, errors: Floats, to_target: Floats, offsets: tuple[float, float, float]
+) -> Stand:
     """Mirrors of mounts with errors at commanded angles.
 
     Parameters
@@ -223,7 +225,8 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
     place : ndarray, shape (..., 2, S, 2)
         Places on the pieces, of each trace, rising; NaN where there is none. [m]
     angle : ndarray
-        Angle of the cylinder's normal from that of the mirror: positive raises it, or turns it clockwise from above. [rad]
+        Angle of the cylinder's normal from that of the mirror: positive raises it, or turns it clockwise from above.
+        [rad]
     """
     axis, s = mirror.axes[..., np.newaxis, :], sun[..., np.newaxis, np.newaxis, :]
     c = (start - mirror.centre[..., np.newaxis, :])[..., np.newaxis, :, :]
@@ -296,6 +299,16 @@ class Seen(NamedTuple):
     """Directions of the arrays there, shape (N, M, 3). [1]"""
     weight: Floats
     """Inverse variances in any unit, shape (N, M); 0 for what is not used. [1]"""
+
+    def of(self, mounts: NDArray[np.int64]) -> Seen:
+        """Those of some mounts."""
+        arrays: list[NDArray[Any]] = [array[mounts] for array in self]
+        return Seen(*arrays)
+
+    def of_each(self, mounts: int) -> Seen:
+        """The same where lists one after the other, as many for each, are of one mount."""
+        arrays: list[NDArray[Any]] = [array.reshape(mounts, -1, *array.shape[2:]) for array in self]
+        return Seen(*arrays)
 
 
 class Fit(NamedTuple):
@@ -379,7 +392,7 @@ def fit(
         here = np.flatnonzero(moving)
         if not here.size:
             break
-        part = Seen(*(array[here] for array in seen))
+        part = seen.of(here)
         with np.errstate(divide="ignore", invalid="ignore"):
             r, j, _ = _rows(frame[here], to_target[here], offsets, part, tried[here], parameters)
         weight = root[here]

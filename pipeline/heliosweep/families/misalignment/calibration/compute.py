@@ -223,7 +223,8 @@ def estimate_remarks(result: xr.Dataset, what: str) -> Iterator[str]:
     if count := int(np.count_nonzero(status == DEPENDENT)):
         yield (
             f"{count:,} of {status.size:,} calibrations cannot tell the errors apart at all, {least(DEPENDENT)} the "
-            f"least: nothing is estimated; take {what} at other hours and on other days (calibration_status {DEPENDENT})"
+            f"least: nothing is estimated; take {what} at other hours and on other days "
+            f"(calibration_status {DEPENDENT})"
         )
     if count := int(np.count_nonzero(status == INDISTINCT)):
         parameters = result["parameters"].broadcast_like(result["calibration_status"])

@@ -107,7 +107,11 @@ def _measured(spots: MeasuredSpots, count: int) -> dict[str, Any]:
     table[of, np.arange(of.size) - np.searchsorted(of, np.arange(count))[of]] = spots.position[order]
     meant = {"y": "to the right of the aim point", "z": "above the aim point"}
     return {
-        f"measured_{side}": (("heliostat", "spot"), table[..., i], {"long_name": f"measured spot, {where}", "units": "m"})
+        f"measured_{side}": (
+            ("heliostat", "spot"),
+            table[..., i],
+            {"long_name": f"measured spot, {where}", "units": "m"},
+        )
         for i, (side, where) in enumerate(meant.items())
     }
 

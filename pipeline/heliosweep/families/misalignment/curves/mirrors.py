@@ -1,4 +1,4 @@
-"""Mirrors with errors of their mounts as the curves of a further error start from them, and the beams on these curves."""
+"""Mirrors of mounts with errors, from which the curves of a further error start, and the beams on these curves."""
 
 from __future__ import annotations
 

@@ -60,7 +60,10 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         dims = (*swept_dims(study), "heliostat", day, hour)
         for side, where in sides.items():
             found[f"outline_{side}"] = quantity(
-                (*dims, "outline"), "m", f"outline of the spot of the beam, {where}", "of a beam from the mirror's centre"
+                (*dims, "outline"),
+                "m",
+                f"outline of the spot of the beam, {where}",
+                "of a beam from the mirror's centre",
             )
         for side, where in sides.items():
             meaning = f"edge of the trace that the beam draws while the error changes, {where}"

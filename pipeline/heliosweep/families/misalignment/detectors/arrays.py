@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ class Pieces(NamedTuple):
     """Places of both ends along the array, shape (S,); infinite ones of lines. [m]"""
 
     @property
-    def count(self) -> int:
+    def arrays(self) -> int:
         """Number of arrays."""
         return int(self.array[-1]) + 1
 
@@ -50,10 +51,10 @@ class Pieces(NamedTuple):
 
         Also from where in the last two axes, joined, each comes.
         """
-        found = np.full((*places.shape[:-2], self.count, self.most), np.nan)
+        found = np.full((*places.shape[:-2], self.arrays, self.most), np.nan)
         source = np.zeros(found.shape, np.int64)
         origin = np.where(np.isfinite(self.first), self.first, 0.0)[:, np.newaxis]
-        for number in range(self.count):
+        for number in range(self.arrays):
             own = np.flatnonzero(self.array == number)
             values = (places + origin)[..., own, :].reshape(*places.shape[:-2], -1)
             order = np.argsort(values, axis=-1)
@@ -67,8 +68,8 @@ class Pieces(NamedTuple):
         told = places + noise
         if pitch > 0:
             told = np.round(told / pitch) * pitch
-        longest = np.array([self.last[self.array == number].max() for number in range(self.count)])
-        least = np.array([self.first[self.array == number].min() for number in range(self.count)])
+        longest = np.array([self.last[self.array == number].max() for number in range(self.arrays)])
+        least = np.array([self.first[self.array == number].min() for number in range(self.arrays)])
         if pitch > 0:
             longest = np.where(np.isfinite(longest), np.floor(longest / pitch * (1 + 1e-12)) * pitch, longest)
         return np.clip(told, least[:, np.newaxis], longest[:, np.newaxis])
@@ -76,7 +77,7 @@ class Pieces(NamedTuple):
     def points(self, places: Floats) -> tuple[Floats, Floats]:
         """Points y, z of places along the arrays, shape (..., A, C, 2), and directions of the arrays there."""
         point, along = np.full((2, *places.shape, 2), np.nan)
-        for number in range(self.count):
+        for number in range(self.arrays):
             own = np.flatnonzero(self.array == number)
             here = places[..., number, :]
             which = own[np.clip(np.searchsorted(self.first[own], here, side="right") - 1, 0, own.size - 1)]
@@ -106,7 +107,7 @@ def pieces_of(block: Detectors) -> Pieces:
     for array in block.arrays or ():
         number, place = (rows[-1][0] + 1 if rows else 0), 0.0
         points = np.array(array.points, np.float64)
-        for start, stop in zip(points[:-1], points[1:], strict=True):
+        for start, stop in pairwise(points):
             length = float(np.hypot(*(stop - start)))
             rows.append((number, start, (stop - start) / length, place, place + length))
             place += length

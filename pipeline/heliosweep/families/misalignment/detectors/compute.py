@@ -15,9 +15,9 @@ from heliosweep.families.misalignment.calibration.fits import Mounts
 from heliosweep.families.misalignment.detectors.arrays import Pieces, pieces_of
 from heliosweep.families.misalignment.detectors.loop import Options, Site, from_table, run_loop
 from heliosweep.families.misalignment.detectors.variables import (
+    NEITHER,
     NO_AZIMUTH,
     NO_ELEVATION,
-    NEITHER,
     detectors_block,
     draw_count,
     variables,
@@ -93,8 +93,12 @@ def coordinates(study: MisalignmentStudy) -> xr.Dataset:
     trace = {"long_name": "trace, by the axis of the cylinder that makes it"}
     labels["trace"] = "trace", np.array(TRACES, dtype=object), trace
     sizes = _sizes(pieces)
-    labels["detector"] = numbered("detector", sizes["detector"], "number of the array of detectors, from 0, lines first")
-    labels["crossing"] = numbered("crossing", sizes["crossing"], "number of the crossing of a trace and an array, from 0")
+    labels["detector"] = numbered(
+        "detector", sizes["detector"], "number of the array of detectors, from 0, lines first"
+    )
+    labels["crossing"] = numbered(
+        "crossing", sizes["crossing"], "number of the crossing of a trace and an array, from 0"
+    )
     if draws:
         labels["sample"] = numbered("sample", draws, "number of the draw, from 0")
     if measured is None:
@@ -178,7 +182,7 @@ def _pieces(study: MisalignmentStudy) -> Pieces:
 
 def _sizes(pieces: Pieces) -> dict[str, int]:
     """Lengths of the dimensions of the arrays and of their crossings."""
-    return {"trace": len(TRACES), "detector": pieces.count, "crossing": pieces.most}
+    return {"trace": len(TRACES), "detector": pieces.arrays, "crossing": pieces.most}
 
 
 def _described(pieces: Pieces) -> str:
@@ -197,8 +201,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     for number, count in enumerate(np.count_nonzero(where, axis=0).tolist()):
         if count:
             yield (
-                f"{count:,} of {len(where):,} heliostats, counted at every point of the sweep, never cross array {number} "
-                "with any trace (misses_array): move the array, or make it longer"
+                f"{count:,} of {len(where):,} heliostats, counted at every point of the sweep, never cross array "
+                f"{number} with any trace (misses_array): move the array, or make it longer"
             )
     status = result["detector_status"].to_numpy()
     said = {

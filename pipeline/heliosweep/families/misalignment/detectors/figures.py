@@ -49,8 +49,8 @@ def crossings(shown: Spots) -> Iterator[NamedFigure]:
     scale = Shades(shown.label(HOUR), float(hours.min()), float(hours.max())) if shown.several(HOUR) else None
     whose = "of aligned heliostats" if result.attrs.get("crossings") == "measured" else "before any correction"
     caption = (
-        f"Where the traces {whose} cross the arrays of detectors (grey), coloured by the hour: circles, the trace of the "
-        f"cylinder along the elevation axis; squares, of the other; {shown.seen}.{shown.note(stands, heliostats)}"
+        f"Where the traces {whose} cross the arrays of detectors (grey), coloured by the hour: circles, the trace of "
+        f"the cylinder along the elevation axis; squares, of the other; {shown.seen}.{shown.note(stands, heliostats)}"
     )
     yield NamedFigure("crossings", caption, plane_figure(planes, shown.plane, scale=scale))
 
@@ -71,14 +71,18 @@ def closed_loop(shown: Spots) -> Iterator[NamedFigure]:
             known = values.notnull().any(many)
             values = values.where(known, 0.0)
             word = f"{shown.values(one)}: " if one else ""
-            parts = {"median": 0.5, "95 % point": 0.95, "largest": 1.0} if values.size > 3 * values.sizes["round"] else {"median": 0.5}
+            parts = (
+                {"median": 0.5, "95 % point": 0.95, "largest": 1.0}
+                if values.size > 3 * values.sizes["round"]
+                else {"median": 0.5}
+            )
             lines |= {f"{word}{part}": values.quantile(share, many).where(known) for part, share in parts.items()}
         panels.append(Panel(title, lines))
     if not any(bool((line > 0).any()) for panel in panels for line in panel.lines.values()):
         return
     caption = (
-        "What is left after each round of the closed loop, over all instants; round 0 is before any correction; over the "
-        f"heliostats and draws.{shown.note(stands)}"
+        "What is left after each round of the closed loop, over all instants; round 0 is before any correction; over "
+        f"the heliostats and draws.{shown.note(stands)}"
     )
     yield NamedFigure("closed_loop", caption, curve_figure(panels, "rounds done", logarithmic_values=True))
 
@@ -98,14 +102,15 @@ def loop_map(shown: Spots) -> Iterator[NamedFigure]:
         "Root mean square angle between the beam of each heliostat and the way to the aim point, after the last round. "
         f"{symbols([one])}{shown.note({dim: i for dim, i in stands.items() if dim != 'round'})}"
     )
-    yield NamedFigure("loop_map", caption, picture_figure([one], from_zero("beam off the aim (mrad)", [one.values], 1e-3, held=0.98)))
+    yield NamedFigure(
+        "loop_map", caption, picture_figure([one], from_zero("beam off the aim (mrad)", [one.values], 1e-3, held=0.98))
+    )
 
 
 def _arrays(result: xr.Dataset) -> Iterator[Track]:
     """The arrays, from the attribute that describes their straight pieces."""
     for piece in str(result.attrs["detectors"]).split("; "):
-        number, rest = piece.split(": ")
-        y, z, across, up, length = map(float, rest.split())
+        y, z, across, up, length = map(float, piece.partition(": ")[2].split())
         ends = np.array([0.0, length]) if np.isfinite(length) else np.array([-FAR, FAR])
         yield Track(y + ends * across, z + ends * up, _ARRAY, "array of detectors", framed=bool(np.isfinite(length)))
 

@@ -84,7 +84,9 @@ class Site(NamedTuple):
         places[behind] = np.nan
         along, source = pieces.by_array(places)
         joined = angles.reshape(*angles.shape[:-2], 1, -1)
-        angles = np.take_along_axis(np.broadcast_to(joined, (*joined.shape[:-2], pieces.count, joined.shape[-1])), source, -1)
+        angles = np.take_along_axis(
+            np.broadcast_to(joined, (*joined.shape[:-2], pieces.arrays, joined.shape[-1])), source, -1
+        )
         return along, np.where(np.isnan(along), np.nan, angles)
 
     def seen(self, angles: Floats, readings: Floats) -> Seen:
@@ -94,7 +96,9 @@ class Site(NamedTuple):
         lists = int(np.prod(shape[:3])), int(np.prod(shape[3:]))
 
         def spread(values: Floats) -> Floats:
-            whole = np.broadcast_to(values.reshape(*values.shape[:-1], 1, 1, 1, values.shape[-1]), (*shape, values.shape[-1]))
+            whole = np.broadcast_to(
+                values.reshape(*values.shape[:-1], 1, 1, 1, values.shape[-1]), (*shape, values.shape[-1])
+            )
             return whole.reshape(*lists, values.shape[-1])
 
         trace = np.broadcast_to(np.arange(len(TRACES))[:, np.newaxis, np.newaxis], shape).reshape(lists)
@@ -137,13 +141,16 @@ def run_loop(site: Site, options: Options, noise: Callable[[int], Floats | float
     rounds: list[Found] = [left]
     pooled: list[Seen] = []
     for number in range(options.rounds):
-        readings = site.pieces.readings(places, options.noise * noise(number) if options.noise > 0 else 0.0, options.pitch)
+        readings = site.pieces.readings(
+            places, options.noise * noise(number) if options.noise > 0 else 0.0, options.pitch
+        )
         here = site.seen(angles, readings)
-        pooled.append(Seen(*(each.reshape(heliostats * draws, -1, *each.shape[2:]) for each in here)))
+        pooled.append(here.of_each(heliostats * draws))
         instant = at_instants(site, angles, here, options) if number == 0 or options.correction == "instant" else {}
         if number == 0:
             values |= {name: array for name, array in instant.items() if name != "known"}
-        seen = Seen(*(np.concatenate(arrays, axis=1) for arrays in zip(*pooled, strict=True)))
+        arrays: list[NDArray[Any]] = [np.concatenate(each, axis=1) for each in zip(*pooled, strict=True)]
+        seen = Seen(*arrays)
         found = _fit(site, seen, options)
         status = np.reshape(found["calibration_status"], (heliostats, draws, 1, 1))
         if options.correction == "instant":
@@ -205,8 +212,8 @@ def sights(site: Site, places: Floats, turned: Floats, mirror: Stand) -> Found:
     """Crossings of all traces and arrays, and what is not crossed."""
     plane, _ = site.pieces.points(places)
     lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, site.mounts.face[0]) > 0)
-    crossed = np.isfinite(places).any(axis=-1)  # (H, K, T, 2, A)
-    some = crossed.any(axis=-1)
+    crossed: NDArray[np.bool_] = np.isfinite(places).any(axis=-1)  # (H, K, T, 2, A)
+    some: NDArray[np.bool_] = crossed.any(axis=-1)
     status = SEEN + NO_ELEVATION * ~some[..., ELEVATION] + NO_AZIMUTH * ~some[..., AZIMUTH]
     real = np.isfinite(site.mounts.pivots).all(axis=1)[:, np.newaxis]
     status = np.where(real[..., np.newaxis], np.where(lit, status, NO_LIGHT), NO_HELIOSTAT)
@@ -285,7 +292,9 @@ def _fit(site: Site, seen: Seen, options: Options) -> Found:
         "standard_error": 1e3 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
         "covariance": 1e6 * covariance,
         "condition_number": found.condition,
-        "residual_rms": np.sqrt(np.where(known.any(axis=1), np.sum(square, axis=1) / np.maximum(found.used, 1), np.nan)),
+        "residual_rms": np.sqrt(
+            np.where(known.any(axis=1), np.sum(square, axis=1) / np.maximum(found.used, 1), np.nan)
+        ),
         "crossings_used": found.used,
         "calibration_status": np.where(real, status, NO_HELIOSTAT),
         "least_known_direction": found.least_known,

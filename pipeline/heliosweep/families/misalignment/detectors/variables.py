@@ -79,7 +79,9 @@ def _seen(lead: tuple[str, ...], each: tuple[str, ...], whose: str) -> dict[str,
     """Crossings of traces and arrays."""
     dims = (*each, "trace", "detector", "crossing")
     found = {
-        f"crossing_{side}": quantity(dims, "m", f"crossing of a trace and an array of detectors {whose}, {where}", _CROSSED)
+        f"crossing_{side}": quantity(
+            dims, "m", f"crossing of a trace and an array of detectors {whose}, {where}", _CROSSED
+        )
         for side, where in _SIDES.items()
     }
     return found | {
@@ -103,7 +105,9 @@ def _seen(lead: tuple[str, ...], each: tuple[str, ...], whose: str) -> dict[str,
             "missing where there is no light at any instant",
         ),
         "misses_array": flags(
-            (*lead, "detector"), "whether no trace of a heliostat crosses an array at any instant", {0: "no", 1: "misses"}
+            (*lead, "detector"),
+            "whether no trace of a heliostat crosses an array at any instant",
+            {0: "no", 1: "misses"},
         ),
     }
 
@@ -115,7 +119,7 @@ def _at_instants(each: tuple[str, ...]) -> dict[str, Variable]:
         found[f"instant_{name}_error"] = quantity(
             each,
             "mrad",
-            f"angle by which the mirror stands off the command about the {axis} axis, from the crossings of one instant",
+            f"angle by which the mirror stands off the command about the {axis} axis, from one instant's crossings",
             "all other errors are taken to be zero",
         )
         found[f"instant_{name}_standard_error"] = quantity(
@@ -137,8 +141,8 @@ def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:
             (*lead, "parameter"),
             "mrad",
             "standard error of the estimate",
-            "from noise and pitch of the detectors (pitch / sqrt(12) where there is no noise); where both are 0 from the "
-            "residuals; 95 % intervals are 1.96 standard errors to both sides",
+            "from noise and pitch of the detectors (pitch / sqrt(12) where there is no noise); where both are 0 from "
+            "the residuals; 95 % intervals are 1.96 standard errors to both sides",
         ),
         "covariance": quantity((*lead, "parameter", "parameter_2"), "mrad2", "covariance of the estimates"),
         "condition_number": quantity(
