@@ -183,6 +183,7 @@ def test_measured_spots_are_kept_beside_the_curves(tmp_path):
     np.testing.assert_array_equal(result.measured_z, [[3, np.nan], [-1, -2], [np.nan, np.nan]])
     shown = {figure.name: figure for figure in families()["misalignment"].figures(result)}["deviation_curves"]
     assert "Crosses: measured spots" in shown.caption
-    drawn = [line.get_xdata() for axes in shown.figure.axes for line in axes.get_lines() if line.get_marker() == "+"]
+    lines = [line for axes in shown.figure.axes for line in axes.get_lines() if line.get_marker() == "+"]
+    drawn = [np.asarray(line.get_xdata()).tolist() for line in lines]
     for measured in (2.0, 0.5, 0.7):
         assert any(measured in line for line in drawn)

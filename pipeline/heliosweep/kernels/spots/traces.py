@@ -399,9 +399,7 @@ def fit(
         r, j = np.where(weight > 0, weight * r, 0.0), np.where(weight[..., None] > 0, weight[..., None] * j, 0.0)
         new = np.sum(r * r, axis=1)
         # Near the solution nothing but rounding changes the cost.
-        worse = ~(new <= cost[here] * (1 + 1e-9) + 1e-24 * used[here]) & (cost[here] < np.inf)
-        lost = ~np.isfinite(new)
-        fine = ~(worse | lost)
+        fine = np.isfinite(new) & (new <= cost[here] * (1 + 1e-9) + 1e-24 * used[here])
         good = here[fine]
         best[good], cost[good] = tried[good], new[fine]
         if good.size:
@@ -413,7 +411,7 @@ def fit(
         scale[here[~fine]] *= 0.5
         tried[here, :parameters] = best[here, :parameters] + scale[here, np.newaxis] * steps[here]
         rounding = _LAST_STEP * np.maximum(1.0, values[here, 0] / np.maximum(values[here, -1], _RANK * values[here, 0]))
-        small = np.max(np.abs(tried[here, :parameters] - best[here, :parameters]), axis=1) < rounding
+        small = np.max(np.abs(steps[here]), axis=1) < rounding
         best[here[small]] = tried[here[small]]
         moving[here[small]] = False
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -212,8 +212,8 @@ def sights(site: Site, places: Floats, turned: Floats, mirror: Stand) -> Found:
     """Crossings of all traces and arrays, and what is not crossed."""
     plane, _ = site.pieces.points(places)
     lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, site.mounts.face[0]) > 0)
-    crossed: NDArray[np.bool_] = np.isfinite(places).any(axis=-1)  # (H, K, T, 2, A)
-    some: NDArray[np.bool_] = crossed.any(axis=-1)
+    crossed = np.asarray(np.isfinite(places).any(axis=-1))  # (H, K, T, 2, A)
+    some = np.asarray(crossed.any(axis=-1))
     status = SEEN + NO_ELEVATION * ~some[..., ELEVATION] + NO_AZIMUTH * ~some[..., AZIMUTH]
     real = np.isfinite(site.mounts.pivots).all(axis=1)[:, np.newaxis]
     status = np.where(real[..., np.newaxis], np.where(lit, status, NO_LIGHT), NO_HELIOSTAT)
