@@ -212,10 +212,10 @@ def sights(site: Site, places: Floats, turned: Floats, mirror: Stand) -> Found:
     """Crossings of all traces and arrays, and what is not crossed."""
     plane, _ = site.pieces.points(places)
     lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, site.mounts.face[0]) > 0)
-    crossed = np.asarray(np.isfinite(places).any(axis=-1))  # (H, K, T, 2, A)
-    some = np.asarray(crossed.any(axis=-1))
+    crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
+    some: NDArray[Any] = np.any(crossed, axis=-1)
     status = SEEN + NO_ELEVATION * ~some[..., ELEVATION] + NO_AZIMUTH * ~some[..., AZIMUTH]
-    real = np.isfinite(site.mounts.pivots).all(axis=1)[:, np.newaxis]
+    real: NDArray[Any] = np.all(np.isfinite(site.mounts.pivots), axis=1)[:, np.newaxis]
     status = np.where(real[..., np.newaxis], np.where(lit, status, NO_LIGHT), NO_HELIOSTAT)
     count = np.count_nonzero(lit, axis=-1)[..., np.newaxis, np.newaxis]
     fraction = np.count_nonzero(crossed, axis=2) / np.where(count > 0, count, np.nan)
