@@ -85,8 +85,8 @@ def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
     """Least and largest angle, their difference, and the largest rate, of an angle that counts on beyond a full turn.
 
     From instant to instant of a course the angle goes the shorter way round. A course begins within half a turn of the
-    beginning of the one before, the first one as `angle` has it: overnight a mount may turn back. The rate is the change
-    between two successive instants of a course over the time between them, a mean over this step.
+    beginning of the one before, the first one as `angle` has it: overnight a mount may turn back. The rate is the
+    change between two successive instants of a course over the time between them: a mean over this step.
 
     Parameters
     ----------

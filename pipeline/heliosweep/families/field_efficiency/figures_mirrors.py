@@ -1,4 +1,4 @@
-"""Figures of single mirrors: how far their axes turn, and the outlines of shadows, after Figure 4 of Chong and Tan (2012)."""
+"""Figures of mirrors: how far their axes turn; outlines of shadows, after Figure 4 of Chong and Tan (2012)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.patches import Patch, Polygon, Rectangle
+from matplotlib.patheffects import withStroke
 
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import number_text
