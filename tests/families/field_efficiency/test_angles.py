@@ -62,38 +62,40 @@ def test_night_and_an_undefined_primary_angle_are_missing():
 
 
 def by_loops(angle, days, hours):
-    """Least, largest, range and rate, instant by instant and turn by turn."""
-    low, high, rate = math.inf, -math.inf, math.nan
-    begin = last = day = when = None
-    for value, of, hour in zip(angle, days, hours, strict=True):
+    """Least, largest, range and rate: instant by instant, then every day tried as that with the least angle."""
+    tracks, rate = {}, math.nan
+    for value, day, hour in zip(angle, days, hours, strict=True):
         if math.isnan(value):
             continue
-        near = last if of == day else begin
-        while near is not None and value - near > 180:
-            value -= 360
-        while near is not None and value - near < -180:
-            value += 360
-        if of == day:
+        track = tracks.setdefault(day, [])
+        if track:
+            last, when = track[-1]
+            value = min((value + turns * 360 for turns in range(-9, 10)), key=lambda one: abs(one - last))
             rate = max(abs(value - last) / (hour - when), 0.0 if math.isnan(rate) else rate)
-        else:
-            begin = value
-        last, day, when = value, of, hour
-        low, high = min(low, value), max(high, value)
-    return low, high, high - low, rate
+        track.append((value, hour))
+    ends = [(min(values), max(values)) for values in ([value for value, _ in track] for track in tracks.values())]
+    found = []
+    for low, _ in ends:
+        high = max(high - math.floor((one - low) / 360) * 360 for one, high in ends)
+        found.append((high - low, (low + 180) % 360 - 180))
+    span, low = min(found)
+    return low, low + span, span, rate
 
 
 def test_ranges_and_rates_are_those_of_plain_loops():
     rng = np.random.default_rng(7)
     for _ in range(50):
         days, hours = np.repeat(np.arange(6), 9), np.tile(np.sort(rng.uniform(6, 18, 9)), 6)
-        angle = np.cumsum(rng.normal(0, rng.choice([5, 40, 100]), days.size)) % 360
+        angle = np.cumsum(rng.normal(0, rng.choice([5, 20, 60]), days.size)) % 360
         angle[rng.random(days.size) < 0.2] = np.nan
         np.testing.assert_allclose(motion(angle, Courses(days, hours)), by_loops(angle, days, hours), atol=1e-9)
 
 
 def test_an_angle_counts_on_across_north():
     day = Courses(np.zeros(4, int), np.array([8.0, 9.0, 11.0, 12.0]))
-    assert motion(np.array([350.0, 355.0, 5.0, 30.0]), day) == (350, 390, 40, 25)
+    assert motion(np.array([350.0, 355.0, 5.0, 30.0]), day) == (-10, 30, 40, 25)
+    two = Courses(np.array([0, 0, 1, 1]), np.array([8.0, 9.0, 8.0, 9.0]))
+    assert motion(np.array([100.0, 200.0, 90.0, 350.0]), two) == (-10, 200, 210, 100)  # 90 to -10 and 100 to 200
     assert all(np.isnan(motion(np.full(4, np.nan), day)))
     alone = motion(np.array([20.0, np.nan, np.nan, np.nan]), day)
     assert alone[:3] == (20, 20, 0)

@@ -82,11 +82,12 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
 
 
 def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
-    """Least and largest angle, their difference, and the largest rate, of an angle that counts on beyond a full turn.
+    """Range of motion that an axis needs, and its largest rate.
 
-    From instant to instant of a course the angle goes the shorter way round. A course begins within half a turn of the
-    beginning of the one before, the first one as `angle` has it: overnight a mount may turn back. The rate is the
-    change between two successive instants of a course over the time between them: a mean over this step.
+    Within a course the angle goes the shorter way round from instant to instant, and counts on beyond a full turn.
+    Between two courses, overnight, the axis may turn back or on by whole turns: the range is the smallest one that
+    holds all courses. The rate is the change between two successive instants of a course over the time between them:
+    a mean over this step.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
     Returns
     -------
     low, high, span : float
-        NaN without any angle. [deg]
+        Ends of the range, the lower one from -180 on and below 180, and their difference; NaN without any angle. [deg]
     rate : float
         Largest absolute value; NaN where no course has two instants. [deg/h]
     """
@@ -106,12 +107,20 @@ def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
     if not known.size:
         return np.nan, np.nan, np.nan, np.nan
     angle, number, hours = angle[known], course.number[known], course.hours[known]
-    begins = np.concatenate([[True], np.diff(number) > 0])
-    steps = np.concatenate([[0.0], (np.diff(angle) + 180.0) % 360.0 - 180.0])
-    moves = ~begins
-    first, way = np.flatnonzero(begins), np.cumsum(np.where(begins, 0.0, steps))
-    which = np.cumsum(begins) - 1
-    whole = np.unwrap(angle[first], period=360.0)[which] + way - way[first][which]
-    low, high = float(whole.min()), float(whole.max())
+    moves = np.concatenate([[False], np.diff(number) == 0])
+    steps = np.where(moves, (np.diff(angle, prepend=0.0) + 180.0) % 360.0 - 180.0, 0.0)
+    first = np.flatnonzero(~moves)
+    way = np.cumsum(steps)
+    way += np.repeat(angle[first] - way[first], np.diff(first, append=angle.size))
+    lows, highs = np.minimum.reduceat(way, first), np.maximum.reduceat(way, first)
+    # Each course begins its range within a turn of the lowest one; the lowest may be any of them.
+    turns = np.floor((lows + 180.0) / 360.0) * 360.0
+    order = np.argsort(lows - turns, kind="stable")
+    lows, highs = (lows - turns)[order], (highs - turns)[order]
+    after = np.maximum.accumulate(highs[::-1])[::-1]
+    before = np.concatenate([[-np.inf], np.maximum.accumulate(highs)[:-1] + 360.0])
+    spans = np.maximum(after, before) - lows
+    best = int(np.argmin(spans))
     rates = np.abs(steps[moves]) / np.diff(hours, prepend=0.0)[moves]
-    return low, high, high - low, float(rates.max()) if rates.size else np.nan
+    low, span = float(lows[best]), float(spans[best])
+    return low, low + span, span, float(rates.max()) if rates.size else np.nan

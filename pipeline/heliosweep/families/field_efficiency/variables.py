@@ -67,8 +67,8 @@ _MOTION = (
     ("rate", "largest rate of the {} over the period", "degree h-1"),
 )
 _COUNTED = (
-    "; counted on beyond a full turn, the shorter way from instant to instant of a day, each day beginning within "
-    "half a turn of the beginning of the day before"
+    "; counted on beyond a full turn, the shorter way from instant to instant of a day; overnight the axis may turn "
+    "back by whole turns, so that the range is the smallest that holds all days"
 )
 _RATE = "; change between two successive instants of a day over the time between them"
 #: Angles of the mount at a direction of the sun, at each instant, and over the period.
