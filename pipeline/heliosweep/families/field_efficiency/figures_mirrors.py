@@ -30,17 +30,14 @@ _LOOKS = {
 _RANGE = "{}_angle_range"
 
 
-def motion_maps(
-    shown: Shown, stands: Point, methods: Sequence[Point], places: Sequence[Point], note: str
-) -> Iterator[NamedFigure]:
-    """Maps of the range of motion of both axes, where a result has it."""
+def motion_maps(shown: Shown, methods: Sequence[Point], stands: Point, along: str | None) -> Iterator[NamedFigure]:
+    """Maps of the range of motion of both axes."""
+    places = shown.chosen(along, COLUMNS)
     for axis in ("primary", "secondary"):
         name = _RANGE.format(axis)
-        if name not in shown.result:
-            return
         maps = []
         for method in methods:
-            for place in places[:COLUMNS]:
+            for place in places:
                 values = at(shown.result[name], stands, method, place).to_numpy()
                 known = values[np.isfinite(values)]
                 ends = (
@@ -55,19 +52,18 @@ def motion_maps(
             figure = picture_figure(maps, shades, len(maps) // len(methods) if len(methods) > 1 else 0)
             words = "vertical, or along the line to the receiver" if axis == "primary" else "the one in the mirror"
             caption = f"Largest minus least angle of the {axis} axis ({words}) over the period."
-            yield NamedFigure(f"{axis}_motion_maps", f"{caption} {symbols(maps, sized=True)}{note}", figure)
+            yield NamedFigure(
+                f"{axis}_motion_maps", f"{caption} {symbols(maps, sized=True)}{shown.note(stands, places)}", figure
+            )
 
 
-def outline_figures(
-    shown: Shown, stands: Point, methods: Sequence[Point], places: Sequence[Point]
-) -> Iterator[NamedFigure]:
-    """Shadows and blocked parts on the mirrors that lose most, where a result has outlines."""
-    if "outline_u" not in shown.result:
-        return
+def outline_figures(shown: Shown, methods: Sequence[Point], stands: Point, along: str | None) -> Iterator[NamedFigure]:
+    """Shadows and blocked parts on the mirror that loses most."""
+    places = shown.chosen(along, MOST_PLACES)
     names = [name for name in shown.result.data_vars if str(name).startswith("outline_")]
     panels = []
     for method in methods:
-        for place in places[:MOST_PLACES]:
+        for place in places:
             here = shown.result[[*names, "shading_efficiency", "blocking_efficiency"]].isel(
                 {**stands, **method, **place}
             )
@@ -83,9 +79,7 @@ def outline_figures(
             "The mirror on which both shadows and blocked parts are largest, in its own plane, seen from its front: "
             "outlines of what each other heliostat, named by its number, takes from it."
         )
-        yield NamedFigure(
-            "mirror_outlines", caption + shown.note(stands, places[:MOST_PLACES]), _outlines(panels, columns)
-        )
+        yield NamedFigure("mirror_outlines", caption + shown.note(stands, places), _outlines(panels, columns))
 
 
 @styled
