@@ -10,11 +10,17 @@ from shapely.geometry import Polygon
 from heliosweep.kernels.field.efficiency import aimed, field_series
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.outlines import CORNERS, mirror_outlines
-from tests.kernels.field.fields import chong2012, directions, scattered
+from tests.kernels.field.fields import Field, chong2012, directions, scattered
 from tests.kernels.field.oracles import SQUARE, frame, image
 
 METHODS = pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
 MANY = 40
+
+
+def part(count: int) -> Field:
+    """First heliostats of the paper's field."""
+    x, y, z, half_width, half_height, target = chong2012()
+    return x[:count], y[:count], z[:count], half_width[:count], half_height[:count], target
 
 
 def polygons(found, i, e):
@@ -29,7 +35,7 @@ def polygons(found, i, e):
 )
 def test_each_outline_is_shapely_s_image_within_the_mirror(tracking, close):
     rng = np.random.default_rng(3)
-    field = scattered(rng, 25, 5.0) if close else [one[:80] for one in chong2012()[:5]] + [95.0]
+    field = scattered(rng, 25, 5.0) if close else part(80)
     mirrors, count = aimed(*field), len(field[0])
     centres = np.stack(field[:3], axis=1)
     sides = np.stack(field[3:5], axis=1)
@@ -52,7 +58,7 @@ def test_each_outline_is_shapely_s_image_within_the_mirror(tracking, close):
                 names = found.heliostat[i, e, : len(drawn)].astype(int)
                 seen = [one.area > 1e-9 for one in drawn]
                 assert sorted(names[seen]) == sorted(expected)
-                assert found.count[i, e] == len(drawn)
+                assert found.total[i, e] == len(drawn)
                 for j, one, area in zip(names[seen], np.array(drawn)[seen], found.area[i, e], strict=False):
                     assert one.exterior.is_ccw
                     assert one.symmetric_difference(expected[j]).area < 1e-9
@@ -76,8 +82,8 @@ def test_unions_of_outlines_are_what_the_efficiencies_leave(tracking):
 def test_the_largest_are_kept_and_all_are_counted():
     field, sun = chong2012(), directions(110.0, 6.0)
     every, few = (mirror_outlines(*field, AZIMUTH_ELEVATION, sun, 0, 317, most) for most in (MANY, 2))
-    assert every.count.max() > 3
-    np.testing.assert_array_equal(few.count, every.count)
+    assert every.total.max() > 3
+    np.testing.assert_array_equal(few.total, every.total)
     np.testing.assert_array_equal(few.area, every.area[..., :2])
     np.testing.assert_array_equal(few.corners, every.corners[:, :, :2])
     assert every.corners.shape == (317, 2, MANY, CORNERS, 2)
@@ -92,7 +98,6 @@ def test_nothing_with_the_sun_down(elevation):
 
 
 def test_one_mirror_alone_has_no_outlines():
-    one = [np.array([value]) for value in (0.0, 60.0, 5.0, 4.0, 4.0)]
-    found = mirror_outlines(*one, 60.0, SPINNING_ELEVATION, directions(180.0, 20.0), 0, 1, 3)
-    assert not found.count.any()
+    found = mirror_outlines(*part(1), SPINNING_ELEVATION, directions(180.0, 20.0), 0, 1, 3)
+    assert not found.total.any()
     assert np.isnan(found.corners).all()

@@ -105,7 +105,7 @@ class Outlines(NamedTuple):
     """Shape (tests, 2, images). [m2]"""
     heliostat: Floats
     """Number of the heliostat that shades or blocks, of the same shape."""
-    count: Floats
+    total: Floats
     """Images in all, also those beyond the room, shape (tests, 2)."""
 
 

@@ -63,7 +63,8 @@ def test_night_and_an_undefined_primary_angle_are_missing():
 
 def by_loops(angle, days, hours):
     """Least, largest, range and rate: instant by instant, then every day tried as that with the least angle."""
-    tracks, rate = {}, math.nan
+    tracks: dict[int, list[tuple[float, float]]] = {}
+    rate = math.nan
     for value, day, hour in zip(angle, days, hours, strict=True):
         if math.isnan(value):
             continue

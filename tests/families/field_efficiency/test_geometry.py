@@ -20,8 +20,9 @@ def test_land_is_shapely_s_widened_hull(kind):
     points = {"scattered": rng.normal(0, 80, (40, 2)), "grid": grid, "line": line, "two": line[:2], "one": line[1:2]}
     places = points.get(kind, np.repeat(line[1:2], 2, axis=0))
     hull = MultiPoint(places).convex_hull
-    assert land_area(*places.T, 0.0) == pytest.approx(hull.area, abs=1e-9)
-    assert land_area(*places.T, 7.5) == pytest.approx(hull.buffer(7.5, quad_segs=2000).area, rel=1e-6)
+    x, y = places.T
+    assert land_area(x, y, 0.0) == pytest.approx(hull.area, abs=1e-9)
+    assert land_area(x, y, 7.5) == pytest.approx(hull.buffer(7.5, quad_segs=2000).area, rel=1e-6)
 
 
 def test_sizes_of_a_field_are_those_of_its_layout(small):
@@ -30,8 +31,8 @@ def test_sizes_of_a_field_are_those_of_its_layout(small):
     study = small(layout=rings, heliostat=mirrors, output=GEOMETRY)
     assert study.study_id == small(layout=rings, heliostat=mirrors).study_id
     result = api.build(study).compute()
-    for rings, pivot in ((1, 5), (2, 6)):
-        here = result.sel(rings=rings, pivot_height=pivot).isel(latitude=0, tracking=0)
+    for number, pivot in ((1, 5), (2, 6)):
+        here = result.sel(rings=number, pivot_height=pivot).isel(latitude=0, tracking=0)
         placed = here["x"].notnull().to_numpy()
         x, y = (here[name].to_numpy()[placed] for name in "xy")
         land = MultiPoint(np.stack([x, y], axis=-1)).convex_hull.buffer(np.hypot(9, 8) / 2, quad_segs=2000).area

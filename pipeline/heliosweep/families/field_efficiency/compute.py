@@ -245,7 +245,7 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
         if study.output.field_geometry:
             distance = np.hypot(layout.x, layout.y)
             elevation = np.degrees(np.arctan2(target - layout.z - pivot, distance))
-            places[:, *index, : len(layout)] = distance, elevation
+            places[0][index][: len(layout)], places[1][index][: len(layout)] = distance, elevation
             land[index] = land_area(layout.x, layout.y, np.hypot(*sides).max() / 2)
     means = {
         field_name: ((*parameters.sizes,), weighted_mean(computed[name].to_numpy(), area))

@@ -120,5 +120,6 @@ def _draw(axes: Axes, one: xr.Dataset, effect: str) -> None:
         axes.add_patch(Polygon(corners, facecolor=f"{colour}40", edgecolor=colour, hatch=hatch, linewidth=0.8))
         number = f"{one['outline_heliostat'].to_numpy()[image]:.0f}"
         if float(one["outline_area"][image]) > LEAST_NAMED * float(one["outline_area"].max()):
+            x, y = corners.mean(axis=0)
             halo = [withStroke(linewidth=2, foreground="white")]
-            axes.text(*corners.mean(axis=0), number, ha="center", va="center", color=colour, path_effects=halo)
+            axes.text(x, y, number, ha="center", va="center", color=colour, path_effects=halo)

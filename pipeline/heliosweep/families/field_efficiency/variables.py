@@ -151,13 +151,11 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     if study.output.tracking_angles:
         found |= {name: Variable((*swept, "heliostat"), attrs) for name, attrs in _of_axes(directions).items()}
     if study.output.outlines:
-        for name, (dims, *words) in OUTLINES.items():
-            found[name] = Variable((*swept, "heliostat", "effect", *dims), _described(*words))
+        for name, (dims, units, *words) in OUTLINES.items():
+            found[name] = Variable((*swept, "heliostat", "effect", *dims), _described(units, *words))
     if study.output.field_geometry:
-        for name, words in PLACES.items():
-            found[name] = Variable((*swept, "heliostat"), _described(*words), finished=True)
-        for name, words in SIZES.items():
-            found[name] = Variable(swept, _described(*words), finished=True)
+        for known, dims in ((PLACES, (*swept, "heliostat")), (SIZES, swept)):
+            found |= {name: Variable(dims, _described(*told), finished=True) for name, told in known.items()}
     if study.output.time_series:
         for name, (long_name, comment) in zip(SERIES, _QUANTITIES.values(), strict=True):
             attrs = _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
