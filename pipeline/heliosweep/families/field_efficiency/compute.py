@@ -235,7 +235,7 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
     parameters = Parameters(study, region)
     area = np.zeros((*parameters.sizes.values(), layouts.size))
     places = np.full((len(PLACES), *area.shape), np.nan)
-    land = np.zeros(area.shape[:-1])
+    land, lands = np.zeros(area.shape[:-1]), dict[tuple[int, float], float]()
     for index, (width, height, pivot, target) in parameters.points(
         *_SIZES, "heliostat.pivot_height", "receiver.height"
     ):
@@ -246,7 +246,10 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
             distance = np.hypot(layout.x, layout.y)
             elevation = np.degrees(np.arctan2(target - layout.z - pivot, distance))
             places[0][index][: len(layout)], places[1][index][: len(layout)] = distance, elevation
-            land[index] = land_area(layout.x, layout.y, np.hypot(*sides).max() / 2)
+            key = id(layout), float(np.hypot(*sides).max() / 2)
+            if key not in lands:
+                lands[key] = land_area(layout.x, layout.y, key[1])
+            land[index] = lands[key]
     means = {
         field_name: ((*parameters.sizes,), weighted_mean(computed[name].to_numpy(), area))
         for field_name, name in FIELD_MEANS.items()
