@@ -13,11 +13,15 @@ from sphinx.util.docutils import SphinxDirective
 ROOT = Path(__file__).parent.parent.parent
 
 
+#: Option of the directive -> key of the block `output`.
+_OPTIONS = {"series": "time_series", "maps": "maps", "angles": "tracking_angles", "geometry": "field_geometry"}
+
+
 class Variables(SphinxDirective):
-    """`{variables} studies/NAME.yaml`; with `:series:` those of time series too."""
+    """`{variables} studies/NAME.yaml`; with `:series:` and other options those of time series and more too."""
 
     required_arguments = 1
-    option_spec: ClassVar = {"series": directives.flag, "maps": directives.flag}
+    option_spec: ClassVar = dict.fromkeys(_OPTIONS, directives.flag)
 
     def run(self) -> list[nodes.Node]:
         """Return a table of the variables."""
@@ -25,7 +29,7 @@ class Variables(SphinxDirective):
 
         path = ROOT / self.arguments[0]
         study = heliosweep.load(path)
-        wanted = {key: True for option, key in (("series", "time_series"), ("maps", "maps")) if option in self.options}
+        wanted = {key: True for option, key in _OPTIONS.items() if option in self.options}
         output = study.output.model_copy(update=wanted)
         result = heliosweep.build(study.model_copy(update={"output": output}))
         lines = ["| variable | what | unit | over |", "|---|---|---|---|"]

@@ -67,3 +67,23 @@ def test_maps_are_symmetric_as_figures_6_to_8_show():
     north, south = result["y"] > 30, result["y"] < -30
     at_30 = efficiency.sel(latitude=30)
     assert (at_30.where(north).mean("heliostat") > at_30.where(south).mean("heliostat") + 0.05).all()
+
+
+def test_which_heliostats_mirror_each_other():
+    """Each has its like in the east or west; north to south at the equator those of rings 1 to 4 only."""
+    result = api.build(api.load(STUDIES / "chong2012_maps.yaml"))
+    efficiency = result["optical_efficiency"].compute()
+    places = np.round(np.column_stack([result["x"], result["y"]]), 6) + 0.0
+    rows = {tuple(place): row for row, place in enumerate(places)}
+    east_west = [rows[tuple(place * [-1, 1] + 0.0)] for place in places]
+    np.testing.assert_allclose(efficiency.isel(heliostat=east_west), efficiency, atol=1e-12)
+    north_south = np.array([rows.get(tuple(place * [1, -1] + 0.0), -1) for place in places])
+    inner = efficiency["ring"].to_numpy() <= 4
+    assert (north_south[inner] >= 0).all()
+    equator = efficiency.sel(latitude=0)
+    np.testing.assert_allclose(equator[:, north_south[inner]], equator[:, inner], atol=4e-6)
+    north = rows[0.0, 140.5]
+    gain = equator[:, north_south[north]] - equator[:, north]
+    np.testing.assert_allclose(
+        gain.sel(tracking=["spinning_elevation", "azimuth_elevation"]), [0.0275, 0.0482], atol=5e-5
+    )

@@ -7,12 +7,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, FIELD_MEANS, SERIES
+from heliosweep.config.times import CivilTime, SunDirections
+from heliosweep.families.field_efficiency.angles import courses, motion, tracking_angles
+from heliosweep.families.field_efficiency.geometry import land_area
+from heliosweep.families.field_efficiency.variables import (
+    ANGLE_SERIES,
+    ANGLES,
+    EFFICIENCIES,
+    FACTORED,
+    FIELD_MEANS,
+    MOTION,
+    OUTLINES,
+    PLACES,
+    SERIES,
+    SIZES,
+)
 from heliosweep.grid.clock import instant_count
 from heliosweep.grid.layout_axis import LayoutAxis, longest, mirror_size, weighted_mean
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
 from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
+from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.warm import warm_field
 
@@ -27,6 +42,8 @@ if TYPE_CHECKING:
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 100e-6
+#: Time of the angles of one heliostat at one instant. [s]
+SECONDS_OF_ANGLES = 200e-9
 #: Mirrors around a part that may stand in its way, with a low sun; and what is known of each of the field. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
 #: Points and instants from which the plan estimates the elevation of the sun.
@@ -43,6 +60,14 @@ _LABELS = (
 )
 
 
+#: Labels of the dimensions of outlines.
+EFFECTS = ("shading", "blocking")
+_NUMBERED = {
+    "image": "number of an outline on the mirror, from the largest, from 0",
+    "corner": "number of a corner of an outline, counter-clockwise, from 0",
+}
+
+
 def workload(study: FieldEfficiencyStudy) -> Workload:
     """Sizes and cost, for the plan."""
     parameters = Parameters(study)
@@ -51,19 +76,21 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     if study.output.time_series:
         instants = instants_of(parameters).size if instants <= MAX_INSTANTS else instants
         inner = {"time": instants, "heliostat": heliostats}
+    inner |= _outline_sizes(study)
+    angles = study.output.tracking_angles
     layouts = math.prod(len(dim) for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps))
 
     def working_bytes(points: int, length: int) -> int:
         # Frames of the heliostats and of those around them that may stand in the way, and who these are.
         frames = min(heliostats, length + HALO) * packets.PACKET * 10 * 8
-        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + 4 * instants * 24
+        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + 4 * instants * (24 + 40 * angles)
 
     return Workload(
         parameters=parameters.sizes,
         inner=inner,
         evaluations=heliostats * instants,
         unit="heliostat-instants",
-        seconds=_seconds(parameters) * (2 if study.output.time_series else 1),
+        seconds=(_seconds(parameters) + SECONDS_OF_ANGLES * angles) * (2 if study.output.time_series else 1),
         splittable="heliostat",
         working_bytes=working_bytes,
         seconds_per_point=SECONDS_PER_POINT,
@@ -93,14 +120,27 @@ def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
 
     parameters = Parameters(study)
     labels: dict[str, Any] = {**parameters.coordinates(_LABELS), **LayoutAxis(study).coordinates()}
+    for dim, size in _outline_sizes(study).items():
+        values, words = (
+            (EFFECTS, "what takes light from the mirror") if dim == "effect" else (range(size), _NUMBERED[dim])
+        )
+        units = {} if dim == "effect" else {"units": "1"}
+        labels[dim] = (dim, np.array(values, object if dim == "effect" else np.int64), {"long_name": words, **units})
     if study.output.time_series:
         labels |= instants_of(parameters).coordinates()
     return xr.Dataset(coords=labels, attrs=sun_attributes(study.time))
 
 
+def _outline_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
+    """Lengths of the dimensions of outlines, where they are asked for."""
+    if not study.output.outlines:
+        return {}
+    return {"effect": len(EFFECTS), "image": study.output.outlines, "corner": outlines.CORNERS}
+
+
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    return warm_field()
+    return warm_field(bool(study.output.outlines))
 
 
 def inputs(study: FieldEfficiencyStudy) -> LayoutAxis:
@@ -111,15 +151,23 @@ def inputs(study: FieldEfficiencyStudy) -> LayoutAxis:
 def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) -> xr.Dataset:
     """Efficiencies of every heliostat of a region: means over the instants, or at each where it has ``time``.
 
-    NaN where a shorter layout is padded, and where the sun is down: at that instant, or always.
+    NaN where a shorter layout is padded, and where the sun is down: at that instant, or always. With them, where the
+    study asks for them, angles of the mounts and outlines of shadows.
     """
     import xarray as xr
 
     parameters = Parameters(study, region)
     suns, series = Suns(parameters), "time" in region
     span = range(layouts.size)[region.get("heliostat", slice(None))]
+    names, angles = (SERIES, ANGLE_SERIES) if series else (EFFICIENCIES, _angle_names(study))
+    if not study.output.tracking_angles:
+        angles = ()
+    outlined = {} if series else _outline_sizes(study)
+    dims = ("time", "heliostat") if series else ("heliostat",)
     instants = (suns.size,) if series else ()
-    result = np.full((len(EFFICIENCIES), *parameters.sizes.values(), *instants, len(span)), np.nan)
+    result = np.full((len(names) + len(angles), *parameters.sizes.values(), *instants, len(span)), np.nan)
+    shapes = {name: tuple(outlined[dim] for dim in ("effect", *OUTLINES[name][0])) for name in OUTLINES if outlined}
+    drawn = {name: np.full((*parameters.sizes.values(), len(span), *shape), np.nan) for name, shape in shapes.items()}
     keys = (*_SIZES, "heliostat.pivot_height", "receiver.height", "tracking", *PLACE)
     for index, (width, height, pivot, target, tracking, *place) in parameters.points(*keys):
         layout = layouts.at(parameters.position(index))
@@ -135,25 +183,85 @@ def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) ->
             sums, count = efficiency.field_sums(*mirrors, sun, span.start, stop)
             values = (sums / count if count else np.full_like(sums, np.nan)).T
         point: tuple[Any, ...] = (slice(None), *index)
-        result[point][..., : stop - span.start] = values
-    names, inner = (SERIES, ("time", "heliostat")) if series else (EFFICIENCIES, ("heliostat",))
-    return xr.Dataset({name: ((*parameters.sizes, *inner), each) for name, each in zip(names, result, strict=True)})
+        result[point][: len(names), ..., : stop - span.start] = values
+        if angles:
+            aims = efficiency.aimed(*mirrors[:6]).aim[span.start : stop]
+            hours = None if series or angles == ANGLES else _hours(parameters, index)
+            result[point][len(names) :, ..., : stop - span.start] = _angles(aims, sun, mirrors[6], hours, series)
+        if outlined:
+            found = outlines.mirror_outlines(*mirrors, sun[0], span.start, stop, outlined["image"])
+            for name, values in zip(OUTLINES, (*np.moveaxis(found.corners, -1, 0), *found[1:]), strict=True):
+                drawn[name][index][: stop - span.start] = values
+    made = {name: ((*parameters.sizes, *dims), each) for name, each in zip((*names, *angles), result, strict=True)}
+    for name, each in drawn.items():
+        made[name] = ((*parameters.sizes, "heliostat", "effect", *OUTLINES[name][0]), each)
+    return xr.Dataset(made)
+
+
+def _angle_names(study: FieldEfficiencyStudy) -> tuple[str, ...]:
+    return ANGLES if isinstance(study.time, SunDirections) else MOTION
+
+
+def _hours(parameters: Parameters, index: tuple[int, ...]) -> tuple[np.ndarray, float]:
+    """Times of all instants at a point [h], and the longest step between two that follow each other in a day. [h]"""
+    time, instants = parameters.study.time, instants_of(parameters)  # type: ignore[attr-defined]
+    if not isinstance(time, CivilTime):
+        return instants.labels["solar_hour"].values, np.inf
+    sites = list(parameters.sizes)
+    here = instants.at_sites(index[sites.index("site")]) if "site" in sites else instants
+    stamps = here.labels["utc"].values
+    return (stamps - stamps[0]) / np.timedelta64(1, "h"), time.window_seconds()[2] / 3600
+
+
+def _angles(
+    aims: np.ndarray, sun: np.ndarray, tracking: int, hours: tuple[np.ndarray, float] | None, series: bool
+) -> np.ndarray:
+    """Angles of mounts, the last axis: at each instant, over the period where `hours` are given, or at the only one."""
+    course = None if hours is None else courses(*hours, sun)
+    found = []
+    for aim in aims:
+        both = tracking_angles(aim, sun, tracking)
+        if course is not None:
+            found.append(np.concatenate([motion(angle, course) for angle in both]))
+        else:
+            found.append(both if series else both[:, 0])
+    return np.stack(found, axis=-1)
 
 
 def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, computed: xr.Dataset) -> xr.Dataset:
-    """Means over the heliostats, weighted by mirror area, and the product of three of them."""
+    """Means over the heliostats, weighted by mirror area, and the product of three of them; the size of the field."""
     import xarray as xr
 
     parameters = Parameters(study, region)
     area = np.zeros((*parameters.sizes.values(), layouts.size))
-    for index, sizes in parameters.points(*_SIZES):
+    places = np.full((len(PLACES), *area.shape), np.nan)
+    land, lands = np.zeros(area.shape[:-1]), dict[tuple[int, float], float]()
+    for index, (width, height, pivot, target) in parameters.points(
+        *_SIZES, "heliostat.pivot_height", "receiver.height"
+    ):
         layout = layouts.at(parameters.position(index))
-        width, height = (mirror_size(layout, *one) for one in zip(("width", "height"), sizes, strict=True))
-        area[index][: len(layout)] = width * height
+        sides = mirror_size(layout, "width", width), mirror_size(layout, "height", height)
+        area[index][: len(layout)] = sides[0] * sides[1]
+        if study.output.field_geometry:
+            distance = np.hypot(layout.x, layout.y)
+            elevation = np.degrees(np.arctan2(target - layout.z - pivot, distance))
+            places[0][index][: len(layout)], places[1][index][: len(layout)] = distance, elevation
+            key = id(layout), float(np.hypot(*sides).max() / 2)
+            if key not in lands:
+                lands[key] = land_area(layout.x, layout.y, key[1])
+            land[index] = lands[key]
     means = {
         field_name: ((*parameters.sizes,), weighted_mean(computed[name].to_numpy(), area))
         for field_name, name in FIELD_MEANS.items()
     }
     made = xr.Dataset(means)
     factors = (made[f"field_{name}_efficiency"] for name in ("cosine", "shading", "blocking"))
-    return made.assign({FACTORED: math.prod(factors)})
+    made = made.assign({FACTORED: math.prod(factors)})
+    if not study.output.field_geometry:
+        return made
+    mirrors = area.sum(axis=-1)
+    sizes = ((area > 0).sum(axis=-1).astype(float), mirrors, land, mirrors / land, weighted_mean(places[0], area))
+    made = made.assign(
+        {name: ((*parameters.sizes, "heliostat"), each) for name, each in zip(PLACES, places, strict=True)}
+    )
+    return made.assign({name: ((*parameters.sizes,), each) for name, each in zip(SIZES, sizes, strict=True)})

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.families.field_efficiency.figures_mirrors import motion_maps, outline_figures
+from heliosweep.families.field_efficiency.variables import ANGLE_SERIES
 from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed
 from heliosweep.report.panels import Panel, curve_figure
@@ -49,7 +51,13 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     stands = shown.fixed(f"field_{_MAPPED}", _METHOD, along)
     methods = [{_METHOD: i} for i in range(result.sizes[_METHOD])] if _METHOD in dims else [{}]
     draws = [partial(_curves, others=others), partial(_maps, stands=stands, along=along)]
-    draws += [partial(_day_courses, stands=stands, along=along)] if _SERIES in result else []
+    asked = {
+        "primary_angle_range": motion_maps,
+        "outline_u": outline_figures,
+        _SERIES: _day_courses,
+        ANGLE_SERIES[0]: _angle_courses,
+    }
+    draws += [partial(draw, stands=stands, along=along) for name, draw in asked.items() if name in result]
     return one_by_one([partial(draw, methods=methods) for draw in draws], shown, MOST_FIGURES)
 
 
@@ -162,6 +170,35 @@ def _day_courses(
         f"{count} of the days computed.{shown.note(stands, places)}"
     )
     yield NamedFigure("day_courses", caption, figure)
+
+
+def _angle_courses(
+    shown: Shown, methods: list[dict[str, int]], stands: Point, along: str | None
+) -> Iterator[NamedFigure]:
+    """Angles of the mounts of the northernmost and the easternmost heliostat over some days, a line for each day."""
+    panels, kind, place = [], "", shown.chosen(along, 1)[0]
+    whole = shown.result.isel({**stands, **place})
+    chosen = {word: int(np.nanargmax(whole[side].to_numpy())) for word, side in (("north", "y"), ("east", "x"))}
+    for name in ANGLE_SERIES:
+        label = f"{name.split('_')[1]} angle (deg)"
+        for method in methods:
+            for word, index in chosen.items():
+                here = shown.result.isel({**stands, **method, **place, "heliostat": index})
+                kind, days, hours = _clock(here)
+                lines = {}
+                for day, instants in _days(kind, days).items():
+                    values = here[name].isel(time=instants).to_numpy().copy()
+                    values[np.isfinite(values)] = np.unwrap(values[np.isfinite(values)], period=360.0)
+                    lines[day] = xr.DataArray(values, {"hour": ("hour", hours[instants], {"units": "h"})})
+                title = ", ".join(filter(None, [shown.values(method), f"heliostat {index} in the {word}"]))
+                panels.append(Panel(label, lines, title))
+    clock = "universal time of day" if kind == "date" else "solar time of day"
+    caption = (
+        "Angles of the primary and the secondary axis of the northernmost and the easternmost heliostat, counted on "
+        f"beyond a full turn.{shown.note(stands, [place])}"
+    )
+    figure = curve_figure(panels, f"{clock} (h)", columns=len(panels) // len(ANGLE_SERIES), same_scale="row")
+    yield NamedFigure("angle_courses", caption, figure)
 
 
 def field_means(here: xr.Dataset, part: slice) -> np.ndarray:

@@ -44,3 +44,12 @@ def views(result: xr.Dataset) -> Iterator[View]:
         start={"latitude": 0.0},
         caption="Grey: the sun is below the horizon.",
     )
+    yield View(
+        "field",
+        "How far and how fast the axes of every heliostat turn",
+        [f"{axis}_angle{what}" for what in ("_range", "_rate", "") for axis in ("primary", "secondary")],
+        (HELIOSTAT,),
+        less="tracking",
+        start={"latitude": 0.0},
+        caption="Over the period; primary: the axis that is vertical or along the line to the receiver.",
+    )

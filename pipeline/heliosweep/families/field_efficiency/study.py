@@ -11,15 +11,16 @@ import numpy as np
 from pydantic import ConfigDict, Field
 from pydantic.config import JsonDict, JsonValue
 
-from heliosweep.config.blocks import Heliostat, Receiver, Site, Sites
+from heliosweep.config.blocks import Heliostat, Output, Receiver, Site, Sites
 from heliosweep.config.blocks import Layout as LayoutBlock
 from heliosweep.config.faults import Fault
 from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.study import Dimension, Study, parameters
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections
-from heliosweep.config.values import Choice
+from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.errors import Problem, StudyError
+from heliosweep.grid.clock import instant_count
 from heliosweep.grid.daylight import dark_latitudes
 from heliosweep.layouts.layout import Layout, check_layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, values_at
@@ -50,8 +51,37 @@ RESERVED = frozenset(
         *("site", "latitude", "longitude", "altitude", "tracking", "layout", "clearance", "inner_radius", "rings"),
         *("sun_azimuth", "sun_elevation"),
         *("pivot_height", "receiver_height", "heliostat_width", "heliostat_height", "heliostat_count"),
+        *(
+            f"{axis}_angle{what}"
+            for axis in ("primary", "secondary")
+            for what in ("", "_min", "_max", "_range", "_rate")
+        ),
+        *("instantaneous_primary_angle", "instantaneous_secondary_angle", "tower_distance", "target_elevation"),
+        *(f"field_{name}" for name in ("heliostats", "mirror_area", "land_area", "packing_factor", "mean_radius")),
+        *(f"outline_{name}" for name in ("u", "v", "area", "heliostat", "count")),
+        *("effect", "image", "corner"),
     )
 )
+
+
+class FieldOutput(Output):
+    """Stored variables and their format; not part of the study's identity."""
+
+    tracking_angles: Annotated[
+        bool,
+        Flag("Whether to store the angles of the two axes of each mount too: range and largest rate over the period"),
+    ] = False
+    field_geometry: Annotated[
+        bool, Flag("Whether to store mirror area, land area, packing factor and radius of the field too")
+    ] = False
+    outlines: Annotated[
+        int,
+        Quantity(
+            "Shadows, and blocked parts, of each mirror whose outlines are stored, the largest first; for one instant "
+            "or directions of the sun",
+            "1", ge=0, le=100, integer=True, sweep=False,
+        ),
+    ] = 0  # fmt: skip
 
 
 class FieldEfficiencyStudy(Study):
@@ -70,9 +100,13 @@ class FieldEfficiencyStudy(Study):
     layout: Annotated[LayoutBlock, Field(description="Where the heliostats stand")]
     heliostat: Annotated[Heliostat, Field(description="The mirror of every heliostat")]
     receiver: Annotated[Receiver, Field(description="The aim of all heliostats")]
+    output: Annotated[FieldOutput, Field(description="What is stored and how")] = FieldOutput()
 
     def rules(self) -> Iterator[Fault]:
         """Check that there is one site, or several; none where directions of the sun are given."""
+        if self.output.outlines and (count := instant_count(self.time)) > 1:
+            message = f"are of one instant, and the study has {count:,}: give one, or 'clock: sun' with directions"
+            yield Fault(message, ("output", "outlines"), show_value=False)
         given = [name for name in ("site", "sites") if getattr(self, name) is not None]
         if isinstance(self.time, SunDirections):
             for name in given:

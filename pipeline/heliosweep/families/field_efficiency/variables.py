@@ -53,6 +53,75 @@ FACTORED = "field_efficiency_factored"
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 
 
+_AXES = {
+    "primary": "vertical axis: azimuth of the normal, from north, clockwise; spinning axis: turn about the line to the "
+    "receiver, 0 with the sun above it and positive with the sun to its right",
+    "secondary": "vertical axis: elevation of the normal; spinning axis: tilt of the normal from the line to the "
+    "receiver, which is the angle of incidence",
+}
+#: What is told of the course of an angle, in the order of `angles.motion`: name, words, unit.
+_MOTION = (
+    ("min", "least {} over the period", "degree"),
+    ("max", "largest {} over the period", "degree"),
+    ("range", "range of motion: largest minus least {} over the period", "degree"),
+    ("rate", "largest rate of the {} over the period", "degree h-1"),
+)
+_COUNTED = (
+    "; counted on beyond a full turn, the shorter way from instant to instant of a day; overnight the axis may turn "
+    "back by whole turns, so that the range is the smallest that holds all days"
+)
+_RATE = "; change between two successive instants of a day over the time between them"
+#: Angles of the mount at a direction of the sun, at each instant, and over the period.
+ANGLES = ("primary_angle", "secondary_angle")
+ANGLE_SERIES = tuple(f"instantaneous_{name}" for name in ANGLES)
+MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
+
+#: Of each heliostat, and of the field.
+PLACES = {
+    "tower_distance": ("m", "horizontal distance of the heliostat from the tower", ""),
+    "target_elevation": ("degree", "elevation of the receiver seen from the mirror's centre", ""),
+}
+SIZES = {
+    "field_heliostats": ("1", "number of heliostats", ""),
+    "field_mirror_area": ("m2", "area of all mirrors", ""),
+    "field_land_area": (
+        "m2",
+        "land that the heliostats take",
+        "within a line around the convex hull of all heliostats, half the largest diagonal of a mirror outside of it",
+    ),
+    "field_packing_factor": ("1", "area of all mirrors over the land that they take", ""),
+    "field_mean_radius": ("m", "mean distance of the heliostats from the tower", "weighted by mirror area"),
+}
+
+_IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
+#: Dimensions beside those of the heliostats, units and words.
+OUTLINES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
+    "outline_u": (("image", "corner"), "m", "corner along the width, from the mirror's centre", _IMAGES),
+    "outline_v": (("image", "corner"), "m", "corner along the height, from the mirror's centre", _IMAGES),
+    "outline_area": (("image",), "m2", "area of the part of the mirror within an outline", _IMAGES),
+    "outline_heliostat": (("image",), "1", "number of the heliostat that shades or blocks", _IMAGES),
+    "outline_count": ((), "1", "number of outlines, also of those that are not stored", ""),
+}
+
+
+def _described(units: str, long_name: str, comment: str = "") -> dict[str, Any]:
+    return {"units": units, "long_name": long_name} | ({"comment": comment} if comment else {})
+
+
+def _of_axes(directions: bool) -> dict[str, dict[str, Any]]:
+    """Attributes of the angles of both axes, at directions of the sun or over the period."""
+    found = {}
+    for axis, comment in _AXES.items():
+        name = f"{axis}_angle"
+        if directions:
+            found[name] = _described("degree", f"angle of the {axis} axis", comment)
+            continue
+        for what, words, units in _MOTION:
+            more = _RATE if what == "rate" else _COUNTED if axis == "primary" else ""
+            found[f"{name}_{what}"] = _described(units, words.format(f"angle of the {axis} axis"), comment + more)
+    return found
+
+
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Variables of a study's result; where it gives directions of the sun, values at each and no means over time."""
     swept = tuple(Parameters(study).sizes)
@@ -79,8 +148,22 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         ),
         finished=True,
     )
+    if study.output.tracking_angles:
+        found |= {name: Variable((*swept, "heliostat"), attrs) for name, attrs in _of_axes(directions).items()}
+    if study.output.outlines:
+        for name, (dims, units, *words) in OUTLINES.items():
+            found[name] = Variable((*swept, "heliostat", "effect", *dims), _described(units, *words))
+    if study.output.field_geometry:
+        for known, dims in ((PLACES, (*swept, "heliostat")), (SIZES, swept)):
+            found |= {name: Variable(dims, _described(*told), finished=True) for name, told in known.items()}
     if study.output.time_series:
         for name, (long_name, comment) in zip(SERIES, _QUANTITIES.values(), strict=True):
             attrs = _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
             found[name] = Variable((*swept, "time", "heliostat"), attrs)
+        if study.output.tracking_angles:
+            for name, comment in zip(ANGLE_SERIES, _AXES.values(), strict=True):
+                long_name = f"angle of the {name.split('_')[1]} axis at each instant"
+                found[name] = Variable(
+                    (*swept, "time", "heliostat"), _described("degree", long_name, f"{comment}; missing at night")
+                )
     return found

@@ -1,0 +1,103 @@
+"""Outlines of shadows and blocked parts against shapely and against the areas that the field kernel measures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from shapely.geometry import Polygon
+
+from heliosweep.kernels.field.efficiency import aimed, field_series
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from heliosweep.kernels.outlines import CORNERS, mirror_outlines
+from tests.kernels.field.fields import Field, chong2012, directions, scattered
+from tests.kernels.field.oracles import SQUARE, frame, image
+
+METHODS = pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
+MANY = 40
+
+
+def part(count: int) -> Field:
+    """First heliostats of the paper's field."""
+    x, y, z, half_width, half_height, target = chong2012()
+    return x[:count], y[:count], z[:count], half_width[:count], half_height[:count], target
+
+
+def polygons(found, i, e):
+    """Outlines of one effect on one mirror, as shapely's polygons."""
+    corners = (one[np.isfinite(one[:, 0])] for one in found.corners[i, e])
+    return [Polygon(one) for one in corners if len(one)]
+
+
+@METHODS
+@pytest.mark.parametrize(
+    "close", [False, True], ids=["paper's field", "mirrors that reach through each other's planes"]
+)
+def test_each_outline_is_shapely_s_image_within_the_mirror(tracking, close):
+    rng = np.random.default_rng(3)
+    field = scattered(rng, 25, 5.0) if close else part(80)
+    mirrors, count = aimed(*field), len(field[0])
+    centres = np.stack(field[:3], axis=1)
+    sides = np.stack(field[3:5], axis=1)
+    cut = 0
+    for sun in directions(rng.uniform(0, 360, 3), [4.0, 11.0, 35.0]):
+        found = mirror_outlines(*field, tracking, sun, 0, count, MANY)
+        frames = [frame(r, sun, tracking) for r in mirrors.aim]
+        for i in range(count):
+            for e, direction in enumerate((sun, mirrors.aim[i])):
+                near = mirrors.throw[i] if e else np.inf
+                expected = {
+                    j: shapely.affinity.scale(
+                        image(i, j, direction, centres, frames, sides) & SQUARE, *sides[i], origin=(0, 0)
+                    )
+                    for j in range(count)
+                    if j != i and (centres[j] - centres[i]) @ direction < near
+                }
+                expected = {j: one for j, one in expected.items() if one.area > 1e-9}
+                drawn = polygons(found, i, e)
+                names = found.heliostat[i, e, : len(drawn)].astype(int)
+                seen = [one.area > 1e-9 for one in drawn]
+                assert sorted(names[seen]) == sorted(expected)
+                assert found.total[i, e] == len(drawn)
+                for j, one, area in zip(names[seen], np.array(drawn)[seen], found.area[i, e], strict=False):
+                    assert one.exterior.is_ccw
+                    assert one.symmetric_difference(expected[j]).area < 1e-9
+                    assert area == pytest.approx(one.area, abs=1e-9)
+                    cut += len(one.exterior.coords) - 1 > 4
+                assert (np.diff(found.area[i, e, : len(drawn)]) <= 0).all()
+    assert cut > 0
+
+
+@METHODS
+def test_unions_of_outlines_are_what_the_efficiencies_leave(tracking):
+    field = chong2012()
+    sun = directions(130.0, 14.0)
+    found = mirror_outlines(*field, tracking, sun, 100, 317, MANY)
+    expected = field_series(*field, tracking, sun[np.newaxis], 100, 317)[1:3, 0].T
+    unions = [[shapely.union_all(polygons(found, i, e)).area for e in range(2)] for i in range(217)]
+    np.testing.assert_allclose(1 - np.array(unions) / 121.0, expected, atol=1e-12)
+    assert (expected < 0.9).any(axis=0).all()
+
+
+def test_the_largest_are_kept_and_all_are_counted():
+    field, sun = chong2012(), directions(110.0, 6.0)
+    every, few = (mirror_outlines(*field, AZIMUTH_ELEVATION, sun, 0, 317, most) for most in (MANY, 2))
+    assert every.total.max() > 3
+    np.testing.assert_array_equal(few.total, every.total)
+    np.testing.assert_array_equal(few.area, every.area[..., :2])
+    np.testing.assert_array_equal(few.corners, every.corners[:, :, :2])
+    assert every.corners.shape == (317, 2, MANY, CORNERS, 2)
+
+
+@pytest.mark.parametrize("elevation", [0.0, -10.0])
+def test_nothing_with_the_sun_down(elevation):
+    found = mirror_outlines(
+        *chong2012(), AZIMUTH_ELEVATION, directions(110.0, elevation) * [1, 1, elevation != 0], 0, 5, 3
+    )
+    assert all(np.isnan(one).all() for one in found)
+
+
+def test_one_mirror_alone_has_no_outlines():
+    found = mirror_outlines(*part(1), SPINNING_ELEVATION, directions(180.0, 20.0), 0, 1, 3)
+    assert not found.total.any()
+    assert np.isnan(found.corners).all()
