@@ -199,7 +199,7 @@ def test_a_table_of_claims(compared, dataset):
         "4 of 5 published values agree, largest difference 90 deg and 0 days and 0.0081, 1 cannot be compared"
     )
     table = found.table(dataset)
-    assert table.header[0] == "claim"
+    assert table.header[:2] == ["claim", "quantity compared"]
     assert table.header[-2:] == ["reason", "verdict"]
     assert table.rows[1][-7:] == ["165.0", "75", "+90.0", "15", "deg", "steps of 15 deg", "does not agree"]
     assert table.rows[-1][-7:] == ["", "a dish", "", "", "", "no photograph is made", "cannot be compared"]

@@ -195,29 +195,26 @@ class Compared:
         """The table a person reads: quantity and coordinates, computed, published and verdict."""
         names = self.coordinates
         claims = any(one.claim for one in self.values)
-        rows = [
-            [
-                *[one.claim] * claims,
-                one.quantity.replace("_", " "),
-                *(one.where.get(name, "").replace("_", "-") for name in names),
+        rows = []
+        for one in self.values:
+            what = [one.quantity.replace("_", " "), *(one.where.get(name, "").replace("_", "-") for name in names)]
+            numbers = [
                 one.found,
                 number_text(one.published, one.decimals) if math.isfinite(one.published) else one.expected,
                 number_text(one.difference, one.decimals + 1, signed=True) if one.quantity else "",
                 f"{one.tolerance:g}" if one.quantity else "",
                 "%" if one.unit == "percent" else one.unit,
-                *[one.reason] * claims,
-                one.verdict,
             ]
-            for one in self.values
-        ]
+            chosen = [f"{_title(result, name)} {text}" for name, text in zip(names, what[1:], strict=True) if text]
+            about = "; ".join(filter(None, [what[0], ", ".join(chosen)]))
+            rows.append([*([one.claim, about] if claims else what), *numbers, *[one.reason] * claims, one.verdict])
         texts = [
             i for i, name in enumerate(names, 1) if not all(map(_is_number, (v.where.get(name) for v in self.values)))
         ]
         heads = ["quantity", *(_title(result, name) for name in names), *_SHOWN]
         words = [0, *texts, len(heads) - 2, len(heads) - 1]
         if claims:
-            heads = ["claim", *heads[:-1], "reason", "verdict"]
-            words = [0, *(place + 1 for place in words), len(heads) - 1]
+            heads, words = ["claim", "quantity compared", *_SHOWN[:-1], "reason", _SHOWN[-1]], [0, 1, 6, 7, 8]
         begins = [bool(i) and one.quantity != self.values[i - 1].quantity for i, one in enumerate(self.values)]
         kinds = {AGREES: "agrees", DIFFERS: "differs", APART: "apart"}
         return Table(
