@@ -26,8 +26,8 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 test: $(STAMP)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
 
-faults: $(STAMP)  ## the long tests: hostile studies, faults of disk and machine
-	@$(BIN)/python -m pytest -m long $(PYTEST_ARGS)
+faults: $(STAMP)  ## the long tests and all attempts to break runs, whose counts go into docs/faults.md
+	@$(BIN)/python -m pytest $(SHARED) -m "long or attempts" --share 1 --attempts-page docs/faults.md $(PYTEST_ARGS)
 
 check: $(STAMP)  ## lint, formatting and types
 	@$(BIN)/ruff check pipeline tests docs

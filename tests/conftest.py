@@ -17,6 +17,9 @@ from heliosweep.api import family_of, load
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels import compiled
+from tests.faults.attempts import attempts, pytest_addoption, pytest_configure
+
+__all__ = ["attempts", "pytest_addoption", "pytest_configure"]  # what the tests of faults bring to all
 
 settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
 settings.load_profile("heliosweep")

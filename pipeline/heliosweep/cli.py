@@ -10,6 +10,7 @@ import logging
 import os
 import re
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -62,6 +63,7 @@ def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
     try:
         return options.command(options) or 0
     except (RunInterrupted, KeyboardInterrupt) as stop:
+        warnings.filterwarnings("ignore", ".* was never awaited", RuntimeWarning)  # what an interruption tore in Zarr
         if ends_process:
             ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
         _say(str(stop) or "interrupted", sys.stderr)

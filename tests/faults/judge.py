@@ -1,4 +1,4 @@
-"""Judges study files in worker processes that are long-lived, watched and short of memory.
+"""Judges study files, and files that these name, in worker processes: long-lived, watched and short of memory.
 
 A file is right where it gives a plan, or is refused with problems that say where they are. Everything else is a
 *defect*: any other exception, a warning on the side, a message that is not fit for a terminal, too much time or memory.
@@ -17,7 +17,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -29,6 +29,7 @@ import psutil
 from heliosweep import api
 from heliosweep.errors import HeliosweepError, PlanError, Problem, StudyError
 from heliosweep.grid import machine as limits
+from tests.faults import tables
 from tests.faults.mutations import corpus, hostile_folder, mutated
 
 #: What no study file may take before it runs: processor time, for the machine may be busy, and memory.
@@ -38,6 +39,8 @@ PATIENCE = 20
 #: A run that is short enough to be tried, by its plan. [s], [bytes]
 RUN_SECONDS, RUN_BYTES = 0.2, 10**6
 
+#: Before the seed, in the name of a table or image.
+TABLE = "table or image "
 #: Problems of a file as a whole, which no line can be named for.
 _LINE_END = re.compile("\r\n|[\n\r\x85\u2028\u2029]")  # as YAML counts lines
 _WHOLE_FILE = ("cannot be read", "is larger than", "is not UTF-8", "and at least")
@@ -81,18 +84,26 @@ def complaints(problems: Iterable[Problem], path: str, text: str) -> Iterator[st
         yield f"{len(problems)} problems"
 
 
-def judge(path: Path, text: str, name: str, run_into: Path | None = None) -> Verdict:
-    """Load and plan a study file, and run it where it is tiny and `run_into` is given, with the limits above."""
+def judge(
+    path: Path, text: str, name: str, run_into: Path | None = None, read: Callable[[Path], object] | None = None
+) -> Verdict:
+    """Load and plan a study file, and run it where it is tiny and `run_into` is given, with the limits above.
+
+    Another file is given to `read` instead.
+    """
     status = _peak_reset()
     start = time.process_time()
     defect, outcome, study, planned = "", "plan", None, None
     try:
         with _limits():
-            study = api.load(path)
-            planned = api.plan(study)
+            if read is not None:
+                read(path)
+            else:
+                study = api.load(path)
+                planned = api.plan(study)
     except StudyError as error:
         outcome = "refused"
-        defect = "\n".join(complaints(error.problems, str(path), text))
+        defect = "\n".join(complaints(error.problems, "" if read else str(path), text))
     except PlanError as error:
         outcome = "refused"
         defect = "" if str(error).isprintable() else f"not fit for a terminal: {error!s:.500}"
@@ -172,7 +183,11 @@ def _work(connection: Connection, folder: Path) -> None:
     hostile_folder(folder)
     os.chdir(folder)
     limits.resource = None  # type: ignore[assignment]  # the plan shall not take our limits for those of the machine
-    for number, text in enumerate(corpus()):  # imports what is imported late
+    for number in range(30):  # imports what is imported late
+        kind, content = tables.originals()[number % len(tables.originals())]
+        (folder / "table").write_bytes(content)
+        tables.READERS[kind](folder / "table")
+    for number, text in enumerate(corpus()):
         path = folder / f"warm{number}.yaml"
         path.write_text(text, encoding="utf-8")
         api.plan(api.load(path))
@@ -181,11 +196,15 @@ def _work(connection: Connection, folder: Path) -> None:
     connection.send(None)
     while (task := connection.recv()) is not None:
         name, content, run = task
-        content = mutated(int(name)) if content is None else content
+        path, read = folder / "study.yaml", None
+        if name.startswith(TABLE):
+            kind, content = tables.mutated(int(name.removeprefix(TABLE)))
+            path, read = folder / "table", tables.READERS[kind]
+        elif content is None:
+            content = mutated(int(name))
         text = content.decode("utf-8", errors="replace")
-        path = folder / "study.yaml"
         path.write_bytes(content)
-        verdict = judge(path, text, name, folder / "out" if run else None)
+        verdict = judge(path, text, name, folder / "out" if run else None, read)
         gc.collect()
         connection.send(verdict)
 
@@ -212,7 +231,10 @@ class Pool:
         return worker, ours
 
     def judge(self, tasks: Iterable[tuple[str, bytes | None, bool]]) -> Iterator[Verdict]:
-        """Yield what becomes of each file: (name, content, whether to run it); a name without content is a seed."""
+        """Yield what becomes of each file: (name, content, whether to run it).
+
+        Without content the name is the seed of a mutated study file, or with `TABLE` before it of another file.
+        """
         tasks = iter(tasks)
         busy: dict[Connection, tuple[str, float]] = {}
         idle = [connection for _, connection in self._workers]

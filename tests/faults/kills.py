@@ -9,14 +9,17 @@ find the disk full, at the n-th time that it touches a file in its folder.
 
 from __future__ import annotations
 
+import atexit
 import errno
 import json
 import os
 import re
 import select
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections import Counter
@@ -38,7 +41,10 @@ from heliosweep.runs.verify import verify
 from heliosweep.store.manifest import Finished
 from heliosweep.store.parts import PartStore
 from tests.conftest import ROOT, SMALL
+from tests.faults.attempts import Attempts
 
+#: What is sent to runs; so many times before one is brought to its end.
+SIGNALS, CHAIN = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL], 3
 #: Parts in the works when a run with two workers is killed: handed out, and one that is being stored.
 IN_FLIGHT = {"threads": 4 + 1, "processes": 4 + 1, "distributed": 2 + 3 * 2 + 1}
 #: What makes parts as small as can be.
@@ -90,6 +96,8 @@ class Nursery:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._scratch = tempfile.TemporaryDirectory()  # with a name that leaves room for that of a socket
+        self.scratch = Path(self._scratch.name)
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])}
         self._process = subprocess.Popen(
             [sys.executable, "-m", "tests.faults.kills"],
@@ -105,9 +113,14 @@ class Nursery:
         """Begin a run; `faults` as in `_child`. Returns its process, which leads a group of its own."""
         for path in (self._log, self._begun, Path(f"{self._begun}.touched")):
             path.unlink(missing_ok=True)
-        self._say({"arguments": arguments, "log": str(self._log), "begun": str(self._begun), **faults})
+        places = {"log": str(self._log), "begun": str(self._begun), "scratch": str(self.scratch)}
+        self._say({"arguments": arguments, **places, **faults})
         self._pid, self._running = int(self._hear()), True
         return self._pid
+
+    def began(self) -> bool:
+        """Return whether the run obeys signals by now."""
+        return self._begun.exists() or self.ended_by(0.0)
 
     def end(self) -> Outcome:
         """Wait for the run."""
@@ -156,14 +169,18 @@ class Nursery:
         ready, _, _ = select.select([self._process.stdout.fileno()], [], [], left)
         return bool(ready)
 
-    def alone(self) -> bool:
-        """Wait until nothing that the run started is left; False where something stays."""
+    def left(self) -> list[str]:
+        """Return what is left of a run: its group, files for the time being, processes that have that folder."""
         with suppress(ProcessLookupError):
-            for _ in range(1500):
-                os.killpg(self._pid, 0)
-                time.sleep(0.02)
-            return False
-        return True
+            os.killpg(self._pid, 0)
+            return ["processes of its group"]
+        if found := [path.name for path in self.scratch.iterdir()]:
+            return found
+        for process in psutil.process_iter():
+            with suppress(psutil.Error):
+                if process.environ().get("TMPDIR") == str(self.scratch):
+                    found.append(" ".join(process.cmdline()))
+        return found
 
     def log(self) -> str:
         """What the run has said so far."""
@@ -188,24 +205,15 @@ class Nursery:
             if process.stdin:
                 process.stdin.close()
             process.wait(60)
+        self._scratch.cleanup()
 
 
-@dataclass
-class Tally:
-    """Kills, runs (killed or not), studies brought to their end, and parts begun again after the worst kill."""
-
-    kills: int = 0
-    runs: int = 0
-    finished: int = 0
-    most_redone: int = 0
-
-
-def wait_for(sight: Callable[[], object]) -> None:
+def wait_for(sight: Callable[[], object], seconds: float = 60) -> None:
     """Wait until something is to be seen."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + seconds
     while not sight():
         assert time.monotonic() < deadline
-        time.sleep(0.005)
+        time.sleep(0.01)
 
 
 def write_study(folder: Path, content: Mapping[str, Any], name: str = "study.yaml") -> Path:
@@ -215,63 +223,81 @@ def write_study(folder: Path, content: Mapping[str, Any], name: str = "study.yam
     return path
 
 
-def kill_and_resume(nursery: Nursery, name: str, arguments: list[str], kills: int, seed: int) -> Tally:
-    """Kill runs of one of the studies at random moments, `kills` times, and bring every one to its end.
+def interrupt_and_resume(nursery: Nursery, name: str, attempts: Attempts, seed: int) -> None:
+    """Send runs of one of the studies signals at random moments, and bring every one to its end.
 
-    Killed are in turn the process of the run, it with all that it started, and a worker process, where it has any: the
-    run itself goes on then. No part that was done may be lost, no more be redone than was in the works, no process be
-    left, and the result must be that of a run in peace.
+    They go in turn to the process of the run, to it with all that it started, and to a worker process, where it has
+    any: the run itself goes on then. Otherwise it is run again, and that run may be interrupted too. No part that was
+    done may be lost, no more be redone than was in the works, no process and no temporary file be left, and the result
+    must be that of a run in peace.
     """
-    random, tally, folder, scheduler = Random(seed), Tally(), nursery.folder, STUDIES[name]["execution"]["scheduler"]
-    study = write_study(folder, STUDIES[name])
-    command = ["run", str(study), "--quiet", *arguments, "--output"]
-    whom = ["process", "group"] + ["worker"] * (scheduler != "threads")
-    assert nursery.run([*command, str(folder / "warm")]).code == 0  # compiles, where nobody has
+    random, place, scheduler = Random(seed), nursery.folder / "out", STUDIES[name]["execution"]["scheduler"]
+    command = ["run", str(write_study(nursery.folder, STUDIES[name])), "--quiet", "--no-report", "--output"]
     start = time.monotonic()
-    peace = nursery.run([*command, str(folder / "peace")])
+    peace = nursery.run([*command, str(nursery.folder / "peace")])
     whole = time.monotonic() - start
     assert peace.code == 0, peace.errors
-    assert len(peace.begun) >= 20
-    assert len(set(peace.begun)) == len(peace.begun)
-    expected = content_of(folder / "peace")
-    while tally.kills < kills:
-        place, code = folder / f"out{tally.finished}", -1
-        before: dict[str, bytes] = {}
-        while code:
+    assert len(set(peace.begun)) == len(peace.begun) >= 20
+    expected = content_of(nursery.folder / "peace")
+
+    def check_result() -> None:
+        assert content_of(place) == expected
+        assert not leftovers(place), leftovers(place)
+        assert verify(place).ok, verify(place).text
+        shutil.rmtree(place)
+
+    def interrupted(number: int, whom: str) -> None:
+        """Send one signal to a run, of the study anew where the last one is done; one that comes too late is none."""
+        code = 0
+        while not code:
+            before = done_parts(place)
             nursery.start([*command, str(place)])
-            tally.runs += 1
-            # As many of them early as late: what is left to do grows less from kill to kill.
-            delay = random.uniform(0.0, whole * random.choice((0.3, 0.6, 1.1)))
-            killed, one = False, whom[tally.kills % len(whom)]
-            if one == "worker":  # workers that do not start are told of; those that have begun are replaced
+            wait_for(nursery.began)
+            # As many of them early as late: what is left to do grows less from one to the next.
+            delay = random.uniform(0.0, whole * random.choice((0.3, 0.6, 0.9)))
+            if whom == "worker":  # workers that do not start are told of; those that have begun are replaced
                 wait_for(partial(_begun_or_ended, nursery, place))
                 delay /= 10
-            deadline = time.monotonic() + delay
-            if tally.kills < kills and not nursery.ended_by(deadline):
-                killed = nursery.signal(whom=one)
+            sent = not nursery.ended_by(time.monotonic() + delay) and nursery.signal(number, whom)
             outcome = nursery.end()
             code = outcome.code
-            tally.kills += killed and (code != 0 or one == "worker")
-            assert code == 0 or (killed and code == -signal.SIGKILL), f"exit code {code}: {outcome.errors}"
-            assert nursery.alone(), f"the kill of the {one} left processes"
-            after = done_parts(place)
+            with suppress(AssertionError):
+                wait_for(lambda: not nursery.left(), 20)
+            assert nursery.left() == []
+            after, again = done_parts(place), {name for name, n in Counter(outcome.begun).items() if n > 1}
             if unfinished := (place / "working").exists():
-                assert after.items() >= before.items(), f"kill {tally.kills} lost parts"
-            assert unfinished or not outcome.begun or Finished.find(place), f"kill {tally.kills} lost all parts"
+                assert after.items() >= before.items(), "lost parts"
+                again |= (set(outcome.begun) - after.keys()) if code else set()
+            assert unfinished or Finished.find(place) or not before, "lost all parts"
             assert not before.keys() & set(outcome.begun), "computed what was done"
-            assert "damaged" not in outcome.errors
-            assert "Traceback" not in outcome.errors
-            again = {name for name, times in Counter(outcome.begun).items() if times > 1}
-            if code and unfinished:
-                again |= set(outcome.begun) - after.keys()
-            tally.most_redone = max(tally.most_redone, len(again))
-            before = after
-        tally.finished += 1
-        assert content_of(place) == expected
-        assert not leftovers(place)
-        assert verify(place).ok, verify(place).text
-    assert tally.most_redone <= IN_FLIGHT[scheduler]
-    return tally
+            assert len(again) <= IN_FLIGHT[scheduler]
+            said = [line for line in outcome.errors.splitlines() if not line.startswith(("goes on: ", "dashboard: "))]
+            if not code:
+                assert not said, outcome.errors
+                check_result()
+                if sent and whom == "worker":
+                    return
+            elif number == signal.SIGKILL:
+                assert (code, said, sent, whom != "worker") == (-number, [], True, True)
+                assert unfinished or not outcome.begun or Finished.find(place), "lost all parts"
+            else:
+                assert (code, sent, whom != "worker") == (4, True, True), f"exit code {code}: {outcome.errors}"
+                assert [line.partition(": ")[0] for line in said] == ["interrupted"], outcome.errors
+
+    targets = ["process", "group", *["worker"] * (scheduler != "threads")]
+    sends = [(number, whom) for number in SIGNALS for whom in targets]
+    random.shuffle(sends)
+    count = len(attempts.numbers)
+    for first in range(0, count, CHAIN):
+        chain = [sends[at % len(sends)] for at in range(first, min(first + CHAIN, count))]
+        with attempts.at(f"{name}: {chain}", len(chain)):
+            for number, whom in chain:
+                interrupted(number, whom)
+            outcome = nursery.run([*command, str(place)])
+            assert outcome.code == 0, outcome.errors
+            check_result()
+        nursery.clear()
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def done_parts(folder: Path) -> dict[str, bytes]:
@@ -310,7 +336,14 @@ def _nurse() -> None:
 
     from heliosweep import api
 
-    for name in ("matplotlib.pyplot", "zarr", "heliosweep.cli", "heliosweep.report.page", "heliosweep.runs.run"):
+    late = (
+        "matplotlib.pyplot",
+        "zarr",
+        "distributed",
+        "distributed.dashboard.scheduler",
+        "distributed.http.scheduler.api",
+    )
+    for name in (*late, "heliosweep.cli", "heliosweep.report.page", "heliosweep.runs.run", "heliosweep.runs.cluster"):
         import_module(name)
     ready: set[str] = set()
     for line in sys.stdin:
@@ -333,6 +366,10 @@ def _nurse() -> None:
 
                 traceback.print_exc()
             finally:
+                for number in SIGNALS[:-1]:
+                    signal.signal(number, signal.SIG_IGN)
+                threading._shutdown()  # type: ignore[attr-defined]  # as a process ends, but for the interpreter
+                atexit._run_exitfuncs()
                 sys.stderr.flush()
                 os._exit(code)
         print(pid, flush=True)
@@ -344,6 +381,7 @@ def _child(
     arguments: list[str],
     log: str,
     begun: str,
+    scratch: str,
     watch: str = "",
     kill_at: int = 0,
     full_at: int = 0,
@@ -351,9 +389,11 @@ def _child(
 ) -> int:
     """Run the command line after the Python of `setup`.
 
-    Standard error goes to the file `log`, the names of the parts that are begun to `begun`. In the folder `watch` the
+    Standard error goes to the file `log`, the names of the parts that are begun to `begun`, which is there as soon as
+    signals are obeyed, temporary files to the folder `scratch`. In the folder `watch` the
     touching of files is noted; before number `kill_at` the process is killed, from `full_at` on the disk is full.
     """
+    from heliosweep import cli
     from heliosweep.runs import cluster, executors
     from heliosweep.store import parts
 
@@ -381,14 +421,16 @@ def _child(
     if watch:
         parts.SYNC_SECONDS = 1e6  # the disk is waited for at the same moments in every run
         _Watch(watch, f"{begun}.touched", kill_at, full_at).begin()
-    return int(_main(arguments))
-
-
-def _main(arguments: list[str]) -> int:
-    from heliosweep.cli import main
-
+    os.environ["TMPDIR"], tempfile.tempdir = scratch, None
     sys.argv = ["heliosweep", *arguments]
-    return main()  # as a process of its own: signals that come when it has been stopped are ignored
+    command = cli._run
+
+    def begin(options: Any) -> int:
+        Path(begun).touch()
+        return command(options)
+
+    setattr(cli, "_run", begin)  # noqa: B010
+    return int(cli.main())  # as a process of its own: signals that come when it has been stopped are ignored
 
 
 class _Watch:

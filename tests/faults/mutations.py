@@ -416,7 +416,8 @@ def _known_keys() -> tuple[str, ...]:
 # Changes of the bytes.
 
 
-def _flip(content: bytes, random: Random) -> bytes:
+def flip(content: bytes, random: Random) -> bytes:
+    """Change some bytes."""
     data = bytearray(content)
     for _ in range(random.choice((1, 3, 30))):
         if data:
@@ -428,10 +429,14 @@ def _recode(codec: str) -> Callable[[bytes, Random], bytes]:
     return lambda content, random: content.decode("utf-8", errors="replace").encode(codec, errors="replace")
 
 
-_CHANGES: list[Change] = [
-    *map(_lines, (_delete, _duplicate, _swap, _indent, *[_replace_after_colon] * 2, _insert, _insert, _block_scalar)),
-    _word, _characters, _splice, _interleave,
+#: Of any text, lines of which mean something.
+TEXT_CHANGES: list[Change] = [
+    *map(_lines, (_delete, _duplicate, _swap, _indent)), _characters,
     lambda text, random: text[: random.randrange(len(text) + 1)],
+]  # fmt: skip
+_CHANGES: list[Change] = [
+    *TEXT_CHANGES, *map(_lines, (*[_replace_after_colon] * 2, _insert, _insert, _block_scalar)),
+    _word, _splice, _interleave,
     lambda text, random: text + random.choice(("\n---\n", "\n...\n", "\n", "")) + text,
     _bomb, _replace_values, _replace_values, _replace_values,
     _add_keys, _add_keys, _graft, _wrap, _remove, _scale_numbers, _sweep_numbers,
@@ -442,7 +447,7 @@ _GENTLE: list[Change] = [
     _sweep_numbers, _replace_values, _add_keys, _graft, _remove, _wrap, _title,
 ]  # fmt: skip
 _ENCODINGS: list[Callable[[bytes, Random], bytes]] = [
-    _flip, _flip, _recode("utf-16"), _recode("utf-32"), _recode("latin-1"), _recode("utf-8-sig"),
+    flip, flip, _recode("utf-16"), _recode("utf-32"), _recode("latin-1"), _recode("utf-8-sig"),
     lambda content, random: b"\xef\xbb\xbf" * 2 + content,
     lambda content, random: content.replace(b"\n", b"\r\n"),
     lambda content, random: content.replace(b"\n", b"\r"),

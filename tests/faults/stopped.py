@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from heliosweep.grid.lazy import Work
 from heliosweep.grid.regions import Part
 from heliosweep.store.parts import PartStore
 from tests.faults.kills import SMALL_PARTS, TINY, done_parts
-from tests.store.samples import flip, truncate
 
 #: Four points, each a part; and time series of a dozen parts.
 STUDY: dict[str, Any] = {**TINY, "site": {"latitude": [0, 40]}}
@@ -76,20 +74,3 @@ def after_parts(patch: pytest.MonkeyPatch, parts: int, then: Callable[[], object
 def interrupt(*_: object, **__: object) -> None:
     """Stand in for something during which Ctrl-C is hit."""
     raise KeyboardInterrupt
-
-
-def replace_by_folder(path: Path) -> None:
-    """Put a folder in the place of a file."""
-    path.unlink()
-    path.mkdir()
-
-
-Damage = Callable[[Path], None]
-#: What bad disks and good intentions do to a file.
-DAMAGES: dict[str, Damage] = {
-    "truncated": truncate,
-    "empty": lambda path: os.truncate(path, 0),
-    "flipped": flip,
-    "deleted": Path.unlink,
-    "folder": replace_by_folder,
-}

@@ -113,21 +113,6 @@ def script_that_computes(folder: Path) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-@pytest.mark.parametrize("number", ["SIGINT", pytest.param("SIGHUP", marks=pytest.mark.long)])
-def test_interrupted_on_a_terminal(number, tmp_path):
-    """Every process of the terminal gets the signal: the client alone acts on it."""
-    with script_that_computes(tmp_path) as process:
-        os.killpg(process.pid, getattr(signal, number))
-        before = time.monotonic()
-        _, errors = process.communicate(timeout=30)
-    assert time.monotonic() - before < 5
-    assert process.returncode == 4
-    assert errors == ""
-    wait_until(lambda: not alive(process.pid), 5)
-    assert not list((tmp_path / "scratch").iterdir())
-    assert {path.name for path in tmp_path.iterdir()} == {"script.py", "scratch"}
-
-
 def test_a_folder_for_temporary_files_too_long_for_sockets(tmp_path):
     folder = tmp_path / ("x" * 90)
     folder.mkdir()
@@ -144,26 +129,6 @@ def alive(group: int) -> bool:
     return True
 
 
-@pytest.mark.long
-def test_many_workers_are_killed():
-    """A worker dies now and then: all parts come through, for none is to blame."""
-    stop = threading.Event()
-    with pool() as started:
-
-        def kill() -> None:
-            while not stop.wait(4.0):
-                for pid in list(started.client.run(os.getpid, on_error="ignore").values())[:1]:
-                    os.kill(pid, signal.SIGKILL)
-
-        killer = threading.Thread(target=kill)
-        killer.start()
-        done = outcomes(started, parts(400), FakeWork(slow))
-        stop.set()
-        killer.join()
-    assert len(done) == 400
-    check(done)
-
-
 @contextmanager
 def running(folder: Path, *arguments: str, stdin: int | None = None, **blocks: Any) -> Iterator[subprocess.Popen[str]]:
     """A run with a local cluster, in a session of its own, of which nothing is left afterwards."""
@@ -174,14 +139,6 @@ def running(folder: Path, *arguments: str, stdin: int | None = None, **blocks: A
     ) as process:
         yield process
     wait_until(lambda: not alive(process.pid), 5)
-
-
-@pytest.mark.parametrize("delay", [0.4, 0.8, 1.2, 1.6])
-def test_interrupted_while_workers_are_got_ready(delay, tmp_path):
-    with running(tmp_path, "study.yaml") as process:
-        time.sleep(delay)
-        os.killpg(process.pid, signal.SIGINT)
-        assert "Traceback" not in process.communicate(timeout=30)[1]
 
 
 def test_a_study_that_is_refused_leaves_no_process(tmp_path):

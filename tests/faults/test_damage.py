@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from heliosweep.errors import HeliosweepError, RunInterrupted, StudyError
+from heliosweep.errors import HeliosweepError, RunInterrupted
 from heliosweep.runs import run as runtime
-from heliosweep.runs.verify import verify
 from heliosweep.store.parts import PartStore
 from tests.faults.kills import content_of, done_parts, leftovers
-from tests.faults.stopped import DAMAGES, PARTS, STUDY, ZARR, Runs, flip, interrupt
+from tests.faults.stopped import PARTS, STUDY, ZARR, Runs, interrupt
+from tests.store.samples import flip
 
 
 @pytest.fixture
@@ -29,34 +28,11 @@ def flip_part(folder: Path, part: int) -> None:
     flip(folder / "working/values.bin", next(line["offset"] for line in lines if line["part"] == PARTS[part]) + 9)
 
 
-@pytest.mark.parametrize("study", [STUDY, ZARR], ids=["netcdf", "zarr"])
-def test_a_damaged_part_is_computed_anew(runs, tmp_path, caplog, study):
-    runs.run(study, tmp_path / "peace")
-    assert runs.stop(study, tmp_path / "out", 3) == PARTS[:3]
+def test_a_damaged_part_is_computed_anew(runs, expected, tmp_path, caplog):
+    assert runs.stop(STUDY, tmp_path / "out", 3) == PARTS[:3]
     flip_part(tmp_path / "out", 1)
-    assert runs.run(study, tmp_path / "out") == [PARTS[1], PARTS[3]]
+    assert runs.run(STUDY, tmp_path / "out") == [PARTS[1], PARTS[3]]
     assert "1 parts were damaged on the disk and are computed anew: points-00001" in caplog.text
-    assert content_of(tmp_path / "out") == content_of(tmp_path / "peace")
-    assert not leftovers(tmp_path / "out")
-
-
-@pytest.mark.parametrize("damage", list(DAMAGES))
-@pytest.mark.parametrize("name", ["study.json", "values.bin", "journal.jsonl"])
-def test_a_damaged_store(runs, expected, tmp_path, name, damage):
-    """Its description is trusted whole or not at all; of the others, what is right is taken."""
-    runs.stop(STUDY, tmp_path / "out", 3)
-    path = tmp_path / "out/working" / name
-    if damage == "flipped" and name == "study.json":
-        flip(path, path.read_bytes().index(b'"format"') + 1, 4)
-    else:
-        DAMAGES[damage](path)
-    if name == "study.json" or damage == "folder":
-        with pytest.raises(HeliosweepError, match="--force"):
-            runs.run(STUDY, tmp_path / "out")
-        assert runs.run(STUDY, tmp_path / "out", force=True) == PARTS
-    else:
-        least = {"flipped": 1, "truncated": 1}.get(damage, 3)
-        assert runs.run(STUDY, tmp_path / "out")[-1 - least :] == PARTS[3 - least :]
     assert content_of(tmp_path / "out") == expected
     assert not leftovers(tmp_path / "out")
 
@@ -76,30 +52,6 @@ def test_a_damaged_journal(runs, expected, tmp_path, edit, again):
     path.write_bytes(edit(path.read_bytes()))
     assert runs.run(STUDY, tmp_path / "out") == again
     assert content_of(tmp_path / "out") == expected
-
-
-@pytest.mark.parametrize("damage", list(DAMAGES))
-@pytest.mark.parametrize("name", ["result.nc", "manifest.json"])
-def test_a_damaged_result_is_computed_anew(runs, expected, tmp_path, name, damage):
-    shutil.copytree(tmp_path / "peace", tmp_path / "out")
-    path = tmp_path / "out" / name
-    if name == "manifest.json" and damage == "flipped":
-        flip(path, path.read_bytes().index(b'"sha256"') + 1)
-    else:
-        DAMAGES[damage](path)
-    if damage == "folder":
-        with pytest.raises(HeliosweepError, match=r"s a (directory|folder)"):  # somebody made it: nothing is removed
-            runs.run(STUDY, tmp_path / "out")
-        path.rmdir()
-    if name == "manifest.json" and damage != "flipped":
-        with pytest.raises(StudyError, match=r"holds .*result\.nc.* without a manifest of heliosweep; --force"):
-            runs.run(STUDY, tmp_path / "out")
-        assert runs.run(STUDY, tmp_path / "out", force=True) == PARTS
-    else:
-        assert runs.run(STUDY, tmp_path / "out") in ([], PARTS)
-    assert content_of(tmp_path / "out") == expected
-    assert verify(tmp_path / "out").ok
-    assert not leftovers(tmp_path / "out")
 
 
 @pytest.mark.parametrize("study", [STUDY, ZARR], ids=["netcdf", "zarr"])

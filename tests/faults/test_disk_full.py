@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -36,6 +37,10 @@ def small_disk(tmp_path) -> Iterator[Path]:
     subprocess.run(["umount", "--lazy", str(place)], check=True)  # the library keeps open what it could not close
 
 
+def remount(place: Path, size: int) -> None:
+    subprocess.run(["mount", "-o", f"remount,size={size}", str(place)], check=True)
+
+
 def test_full_disk(small, small_disk, monkeypatch):
     monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 2**40)  # it fills up after the plan
     with pytest.raises(HeliosweepError, match=r"new/out/working: cannot be written: disk full \(.*B free\)"):
@@ -44,22 +49,26 @@ def test_full_disk(small, small_disk, monkeypatch):
     assert done_parts(small_disk / "new/out")
 
 
-@pytest.mark.parametrize("size", ["40k", "200k", "400k", "3m"])
-def test_full_disk_and_room_again(small, small_disk, tmp_path, monkeypatch, size):
+@pytest.mark.attempts("disks", 20)
+def test_full_disk_and_room_again(small, small_disk, tmp_path, monkeypatch, attempts):
     """In the store or in the result: once there is room again, the run goes on."""
     monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 2**40)
     for patch in SMALL_PARTS[:2]:
         monkeypatch.setattr(*patch)
-    subprocess.run(["mount", "-o", f"remount,size={size}", str(small_disk)], check=True)
-    with pytest.raises(HeliosweepError, match=r"cannot be written: "):
-        api.run(small(**BLOCKS), small_disk / "out", report=False)
-    assert not list(small_disk.glob("out/result*"))
-    assert not list(small_disk.glob("out/.*"))
-    assert bool(done_parts(small_disk / "out")) == (small_disk / "out").exists()
-    subprocess.run(["mount", "-o", "remount,size=32m", str(small_disk)], check=True)
-    api.run(small(**BLOCKS), small_disk / "out", report=False)
     api.run(small(**BLOCKS), tmp_path / "peace", report=False)
-    assert content_of(small_disk / "out") == content_of(tmp_path / "peace")
+    for number in attempts.numbers:
+        size = round(40e3 * 75 ** (number / attempts.whole))  # up to 3 MB
+        with attempts.at(f"a disk of {size} bytes"):
+            remount(small_disk, size)
+            with pytest.raises(HeliosweepError, match=r"cannot be written: "):
+                api.run(small(**BLOCKS), small_disk / "out", report=False)
+            assert not list(small_disk.glob("out/result*"))
+            assert not list(small_disk.glob("out/.*"))
+            assert bool(done_parts(small_disk / "out")) == (small_disk / "out").exists()
+            remount(small_disk, 2**25)
+            api.run(small(**BLOCKS), small_disk / "out", report=False)
+            assert content_of(small_disk / "out") == content_of(tmp_path / "peace")
+        shutil.rmtree(small_disk / "out", ignore_errors=True)
 
 
 @pytest.mark.parametrize(("scheduler", "needed"), [("threads", 32), ("processes", 64), ("distributed", 64)])

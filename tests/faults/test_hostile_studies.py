@@ -1,6 +1,6 @@
 """Whatever a study file holds, it can be planned or is refused where it is wrong, quickly and in little memory.
 
-``make faults`` tries thousands of mutated files, ``make test`` some of them.
+The same for tables and images that studies name.
 """
 
 from __future__ import annotations
@@ -14,31 +14,16 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 import heliosweep
 from heliosweep import api
 from heliosweep.config.source import MAX_BYTES, MAX_VALUES
 from heliosweep.errors import StudyError
 from tests.conftest import SMALL
-from tests.faults.judge import Pool, Verdict, complaints
-from tests.faults.mutations import (
-    FILES,
-    FLOOD_HEADS,
-    FLOODS,
-    KEYS,
-    SCALARS,
-    STRUCTURES,
-    corpus,
-    flooded,
-    hostile_folder,
-    mutated,
-)
+from tests.faults.attempts import Attempts
+from tests.faults.judge import TABLE, Pool, Verdict, complaints
+from tests.faults.mutations import FLOOD_HEADS, FLOODS, corpus, flooded, hostile_folder, mutated
 from tests.report.test_page import Page
-
-#: How many mutated files are tried by `make test` and by `make faults`; every which one of them is also run.
-QUICK, LONG, RUN_EVERY = 150, 12_000, 20
 
 
 @pytest.fixture(scope="module")
@@ -48,31 +33,34 @@ def pool(tmp_path_factory):
     pool.close()
 
 
-def all_right(verdicts: Iterable[Verdict]) -> Counter[str]:
-    """Count the outcomes, and fail where one is a defect."""
-    verdicts = list(verdicts)
-    defects = [f"{verdict.name}: {verdict.defect}" for verdict in verdicts if verdict.defect]
+def all_right(verdicts: Iterable[Verdict], attempts: Attempts | None = None) -> Counter[str]:
+    """Count the outcomes, and note or fail where one is a defect."""
+    verdicts, made = list(verdicts), attempts or Attempts(0, 1.0)
+    for verdict in verdicts:
+        with made.at(verdict.name):
+            assert not verdict.defect, verdict.defect
     if len(verdicts) > 1:  # shown by pytest -rP
         slowest, largest = max(verdicts, key=lambda one: one.seconds), max(verdicts, key=lambda one: one.bytes)
         most = f"{slowest.seconds:.2f} s ({slowest.name}), {largest.bytes / 1e6:.0f} MB ({largest.name})"
         print(f"{Counter(verdict.outcome for verdict in verdicts)}, at most {most}")
-    assert not defects, "\n".join([f"{len(defects)} of {len(verdicts)} files", *defects[:20]])
+    assert attempts or not made.failed, made.failed[:20]
     return Counter(verdict.outcome for verdict in verdicts)
 
 
-def test_some_mutated_files(pool):
-    outcomes = all_right(pool.judge((str(seed), None, seed % RUN_EVERY == 0) for seed in range(QUICK)))
-    assert outcomes["refused"] > QUICK / 2
-    assert outcomes["plan"] > QUICK / 20  # or the mutations would only ever try the reader
+@pytest.mark.attempts("studies", 10_000)
+def test_mutated_files(pool, attempts):
+    """Every twentieth of those that may be run quickly is run."""
+    outcomes = all_right(pool.judge((str(seed), None, seed // 10 % 20 == 0) for seed in attempts.numbers), attempts)
+    made = outcomes.total()
+    assert outcomes["refused"] > made / 2
+    assert outcomes["plan"] > made / 20  # or the mutations would only ever try the reader
     assert outcomes["ran"]
 
 
-@pytest.mark.long
-def test_many_mutated_files(pool):
-    seeds = range(QUICK, QUICK + LONG)
-    outcomes = all_right(pool.judge((str(seed), None, seed % RUN_EVERY == 0) for seed in seeds))
-    assert outcomes["plan"] > LONG / 20
-    assert outcomes["ran"] > LONG / RUN_EVERY / 20
+@pytest.mark.attempts("tables", 5_000)
+def test_mutated_tables_and_images(pool, attempts):
+    outcomes = all_right(pool.judge((f"{TABLE}{seed}", None, False) for seed in attempts.numbers), attempts)
+    assert min(outcomes["refused"], outcomes["plan"]) > outcomes.total() / 20
 
 
 @pytest.mark.long
@@ -95,41 +83,6 @@ def test_some_floods(pool):
     heads = ("x: " + "[" * 45, "sites: [", "")
     contents = (flooded(corpus()[0], piece, head, MAX_BYTES) for head, piece in itertools.product(heads, pieces))
     all_right(pool.judge((f"flood {number}", text.encode(), False) for number, text in enumerate(contents)))
-
-
-hostile = st.sampled_from([*SCALARS, *STRUCTURES, *FILES])
-values = st.recursive(
-    hostile | st.floats().map(str) | st.integers().map(str) | st.text(max_size=20),
-    lambda inner: (
-        st.lists(inner, max_size=4).map(lambda items: f"[{', '.join(items)}]")
-        | st.dictionaries(st.sampled_from(KEYS), inner, max_size=4).map(
-            lambda items: "{" + ", ".join(f"{key}: {item}" for key, item in items.items()) + "}"
-        )
-    ),
-    max_leaves=6,
-)
-keys = st.sampled_from([*KEYS, *SMALL, "sites", "zip", "execution", "output", "report", "references"])
-relaxed = settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
-
-
-@given(content=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode(errors="surrogatepass")))
-@relaxed
-def test_any_content(pool, content):
-    all_right([pool.one(content)])
-
-
-@given(changes=st.lists(st.tuples(keys, values), min_size=1, max_size=4), family=st.sampled_from(corpus()))
-@relaxed
-def test_any_structure(pool, changes, family):
-    """Keys of a study, replaced or added, with anything below them."""
-    blocks = yaml.safe_load(family)
-    lines = [
-        yaml.safe_dump({key: value}, default_flow_style=True, width=10**6).strip()[1:-1] + "\n"
-        for key, value in blocks.items()
-        if key not in dict(changes)
-    ]
-    content = "".join([*lines, *(f"{key}: {value}\n" for key, value in changes)])
-    all_right([pool.one(content.encode(errors="surrogatepass"))])
 
 
 def test_mutations_follow_from_the_seed():

@@ -13,7 +13,7 @@ from heliosweep import api
 from heliosweep.errors import RunInterrupted
 from heliosweep.runs import run as runtime
 from heliosweep.store.parts import PartStore
-from tests.faults.kills import STUDIES, content_of, done_parts, leftovers, wait_for, write_study
+from tests.faults.kills import STUDIES, done_parts, leftovers, wait_for, write_study
 from tests.faults.stopped import STUDY, Runs, interrupt
 
 #: Slows a run down where it shall be stopped.
@@ -37,48 +37,22 @@ def command(nursery) -> list[str]:
     return ["run", str(study), "-q", "--no-report", "--output"]
 
 
-@pytest.fixture(scope="module")
-def peace() -> dict[str, bytes]:
-    """Content of a run of that study in peace, once there was one."""
-    return {}
-
-
-@pytest.mark.parametrize(
-    ("when", "number", "pauses"),
-    [
-        ("computing", "SIGTERM", [0]),
-        ("computing", "SIGINT", [0, 0.01, 0.01, 0.01]),
-        ("publishing", "SIGHUP", [0.5]),
-        ("publishing", "SIGINT", [0.5, 0.05]),
-    ],
-)
-def test_signals(nursery, command, peace, tmp_path, when, number, pauses):
+@pytest.mark.parametrize(("number", "pauses"), [("SIGHUP", [0.5]), ("SIGINT", [0.5, 0.05])])
+def test_signals_when_all_parts_are_done(nursery, command, tmp_path, number, pauses):
     place = tmp_path / "new/out"
-    if not peace:
-        assert nursery.run([*command, str(tmp_path / "peace")]).code == 0
-        peace |= content_of(tmp_path / "peace")
-    command = [*command, str(place)]
-    nursery.start(command, setup=SLOW_WRITING)
-    wait_for(lambda: done_parts(place))
-    total = PartStore.open(place / "working").part_count
-    if when == "computing":
-        wait_for(lambda: len(done_parts(place)) >= 5)
-    else:
-        wait_for(lambda: len(done_parts(place)) == total and list(place.glob(".result.nc.*")))
+    nursery.start([*command, str(place)], setup=SLOW_WRITING)
+    wait_for(lambda: list(place.glob(".result.nc.*")))
     for pause in pauses:
         time.sleep(pause)
         nursery.signal(getattr(signal, number), "process")
     outcome = nursery.end()
     assert outcome.code == 4, outcome.errors
-    done = done_parts(place)
-    said = f"interrupted: {len(done)} of {total} parts are done and kept in {place}; run the same command again"
-    assert outcome.errors.splitlines()[-1].startswith(said)
+    total = PartStore.open(place / "working").part_count
+    said = f"interrupted: {total} of {total} parts are done and kept in {place}; run the same command again"
+    assert outcome.errors.startswith(said)
     assert len(outcome.errors.splitlines()) == 1
     assert [path.name for path in place.iterdir()] == ["working"]
-    again = nursery.run(command)
-    assert again.code == 0
-    assert not set(again.begun) & set(done)
-    assert content_of(place) == peace
+    assert nursery.run([*command, str(place)]).begun == []
     assert not leftovers(place)
 
 

@@ -1,18 +1,13 @@
-"""Runs that are killed: nothing done is lost, little is done again, and the result is that of a run in peace."""
+"""Runs that are interrupted: nothing done is lost, little is done again, and the result is that of a run in peace."""
 
 from __future__ import annotations
 
 import pytest
 
-from tests.faults.kills import STUDIES, kill_and_resume
+from tests.faults.kills import interrupt_and_resume
 
 
-@pytest.mark.parametrize(("name", "kills"), [("field", 6), ("processes-zarr", 3), ("cluster", 3)])
-def test_random_kills(nursery, name, kills):
-    print(name, kill_and_resume(nursery, name, ["--no-report"], kills, seed=1))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", list(STUDIES))
-def test_many_random_kills(nursery, name):
-    print(name, kill_and_resume(nursery, name, [] if name == "dish" else ["--no-report"], kills=9, seed=2))
+@pytest.mark.parametrize("name", ["field", "zarr", "processes", "processes-zarr", "cluster", "cluster-zarr"])
+@pytest.mark.attempts("signals", 50)
+def test_signals_at_random_moments(nursery, attempts, name):
+    interrupt_and_resume(nursery, name, attempts, seed=len(name))

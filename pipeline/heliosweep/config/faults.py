@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from heliosweep.errors import printable
-
 Path = tuple[str | int, ...]
 """Place of a value inside a study: keys and list positions from the top."""
 
@@ -111,7 +109,7 @@ def one_of(names: Iterable[str]) -> str:
 
 def in_short(text: str) -> str:
     """Return text on one line: what would move or colour a terminal as an escape, and no more than 60 characters."""
-    text = printable(text[:100]).replace("\n", "\\n").replace("\t", "\\t")
+    text = "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text[:100])
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

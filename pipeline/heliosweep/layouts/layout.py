@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.config.tables import HEADER, Table, numbers
-from heliosweep.errors import Problem, listed
+from heliosweep.errors import Problem, listed, printable
 
 MAX_HELIOSTATS = 1_000_000
 """Largest layout that is read or generated: ten times the largest field imaginable, still small in memory."""
@@ -115,7 +115,7 @@ def _check_names(table: Table, reserved: Collection[str]) -> None:
     for key, direction in (("x", "east"), ("y", "north")):
         if key not in header:
             similar = [name for name in header if name.lower().startswith((key, direction))]
-            hint = f"rename {similar[0]!r}?" if similar else f"the columns are {', '.join(header)[:200]}"
+            hint = f"rename {similar[0]!r}?" if similar else f"the columns are {printable(', '.join(header)[:200])}"
             table.add(f"needs a column {key}, the metres {direction} of the tower's base ({hint})", HEADER)
     table.check_header({}, others=True)
     for position, key in enumerate(header):
