@@ -194,7 +194,7 @@ def test_the_dashboard_is_shown_to_those_who_know_its_secret_address(caplog):
                 assert b"bokeh" in page.read().lower()
         host, secret = link.removeprefix("http://").split("/")[:2]
         assert len(secret) > 20
-        for path in ("status", "workers", "info/main/workers.html", "json/counts.json", "metrics", "sysinfo"):
+        for path in ("", "sitemap.json", "status", "workers", "info/main/workers.html", "json/counts.json", "metrics"):
             with pytest.raises(HTTPError, match="404"):
                 urllib.request.urlopen(f"http://{host}/{path}")
 

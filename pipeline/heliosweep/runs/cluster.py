@@ -191,7 +191,7 @@ def _local_cluster(workers: int, memory: int | None, folder: Path) -> Iterator[A
     security, secret = only_ours()
     with dask.config.set(settings):
         try:
-            with free_dashboard("127.0.0.1") as dashboard, interruptions_blocked():
+            with free_dashboard("127.0.0.1", secret) as dashboard, interruptions_blocked():
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,

@@ -10,6 +10,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -42,6 +43,9 @@ WORKER_SETTINGS: dict[str, Any] = {
 }
 #: Jobs that ended are submitted again, at most so often. [s]
 RENEWAL_SECONDS = 20.0
+
+#: Held while a scheduler starts, of which there may be several in a process.
+_starting = threading.Lock()
 
 _CLUSTERS = {
     "slurm": "SLURMCluster",
@@ -87,7 +91,7 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
         if local or not (job.interface or known):
             scheduler["host"] = "127.0.0.1" if local else get_ip()
         try:
-            with free_dashboard("127.0.0.1") as dashboard:
+            with free_dashboard("127.0.0.1", secret) as dashboard:
                 cluster = cluster_class(
                     job_cls=job_class,
                     scheduler_options={"dashboard_address": dashboard, **scheduler},
@@ -239,8 +243,21 @@ def dashboard_link(cluster: Any, secret: str) -> str:
 
 
 @contextmanager
-def free_dashboard(host: str) -> Iterator[str]:
-    """Address for a dashboard that is started in the context: the usual port where it is free, else any."""
+def free_dashboard(host: str, secret: str) -> Iterator[str]:
+    """Address for a dashboard that is started in the context: the usual port where it is free, else any.
+
+    It has no page but those below its secret part: of itself distributed leads from its first page, and from a list of
+    all, to that part.
+    """
+    from distributed import node
+    from tornado.web import ErrorHandler
+
+    class BelowSecret(node.RoutingApplication):  # type: ignore[misc]
+        def find_handler(self, request: Any, **options: Any) -> Any:
+            if request.path.startswith(f"/{secret}/"):
+                return super().find_handler(request, **options)
+            return self.get_handler_delegate(request, ErrorHandler, {"status_code": 404})
+
     address = f"{host}:{DASHBOARD_PORT}"
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -250,7 +267,12 @@ def free_dashboard(host: str) -> Iterator[str]:
             address = f"{host}:0"
     with warnings.catch_warnings():  # another run may take the port first: then distributed takes any, and warns
         warnings.filterwarnings("ignore", "Port .* is already in use", UserWarning)
-        yield address
+        with _starting:
+            known, node.RoutingApplication = node.RoutingApplication, BelowSecret
+            try:
+                yield address
+            finally:
+                node.RoutingApplication = known
 
 
 def _close(cluster: Any) -> None:
