@@ -105,7 +105,8 @@ def damages(whole: bytes) -> Iterator[bytes]:
     yield from (pickle.dumps(value) for value in (None, (), {"a": 1}, b"", "x" * len(whole)))
 
 
-def test_damaged_compiled_code_is_made_again(made, monkeypatch):
+@pytest.mark.attempts("kernels", 36)
+def test_damaged_compiled_code_is_made_again(made, monkeypatch, attempts):
     monkeypatch.syspath_prepend(str(made.parent))
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(made.parent / "cache"))
     for name in [name for name in sys.modules if name.partition(".")[0] == "made"]:
@@ -117,10 +118,11 @@ def test_damaged_compiled_code_is_made_again(made, monkeypatch):
     file = cache.path(signature, context.codegen())
     whole = file.read_bytes()
     tried = list(damages(whole))
-    assert len(tried) == 36
-    for damaged in tried:
-        file.write_bytes(damaged)
-        assert cache._load_overload(signature, context) is None
+    assert len(tried) == attempts.whole
+    for number in attempts.numbers:
+        file.write_bytes(tried[number])
+        with attempts.at(f"damage {number}"):
+            assert cache._load_overload(signature, context) is None
     file.write_bytes(whole)
     assert cache._load_overload(signature, context).entry_point
     file.unlink()
