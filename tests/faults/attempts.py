@@ -86,9 +86,10 @@ class _Sums:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         for name, value in report.user_properties if report.when == "teardown" else ():
             if name == "attempts":
-                line, made, survived = tuple(value)  # type: ignore[arg-type]
-                before = self._sums.get(str(line), (0, 0))
-                self._sums[str(line)] = before[0] + int(made), before[1] + int(survived)
+                said: Any = value
+                line, made, survived = said
+                before = self._sums.get(line, (0, 0))
+                self._sums[line] = before[0] + made, before[1] + survived
 
     def pytest_terminal_summary(self, terminalreporter: Any, config: pytest.Config) -> None:
         if not self._sums:

@@ -425,9 +425,9 @@ def _child(
     sys.argv = ["heliosweep", *arguments]
     command = cli._run
 
-    def begin(options: Any) -> int:
+    def begin(options: Any) -> None:
         Path(begun).touch()
-        return command(options)
+        command(options)
 
     setattr(cli, "_run", begin)  # noqa: B010
     return int(cli.main())  # as a process of its own: signals that come when it has been stopped are ignored

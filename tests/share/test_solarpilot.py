@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -123,36 +122,6 @@ def test_words_in_columns_that_solarpilot_has(tmp_path, written, key):
     with pytest.raises(StudyError, match=rf"{key} must hold .*numbers for SolarPILOT \(got 'wide' for heliostat 1 \("):
         write_solarpilot(layout, tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()
-
-
-tokens = st.sampled_from(
-    [
-        "0",
-        "1",
-        "-2.5",
-        "1e3",
-        "NULL",
-        "",
-        "x",
-        "Template",
-        "Loc. X",
-        "Pos-y",
-        "template 0: 3 m x 4 m",
-        "DNI",
-        "nan",
-        '"',
-        "#",
-    ]
-)
-lines = st.lists(st.lists(tokens, max_size=13), max_size=6)
-
-
-@given(rows=lines, separator=st.sampled_from([",", "\t", ", "]))
-def test_anything_else_is_told_in_words(tmp_path_factory, rows, separator):
-    path = tmp_path_factory.mktemp("any") / "field.csv"
-    path.write_text("\n".join(separator.join(row) for row in rows))
-    with contextlib.suppress(StudyError):
-        assert len(read_csv(path)) > 0
 
 
 lengths = st.floats(-1e5, 1e5).map(lambda value: value + 0.0)

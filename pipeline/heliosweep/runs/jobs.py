@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from unittest import mock
 
 from heliosweep.config.execution import Job
 from heliosweep.errors import HeliosweepError, Problem, StudyError
@@ -252,7 +253,7 @@ def free_dashboard(host: str, secret: str) -> Iterator[str]:
     from distributed import node
     from tornado.web import ErrorHandler
 
-    class BelowSecret(node.RoutingApplication):  # type: ignore[misc]
+    class BelowSecret(node.RoutingApplication):
         def find_handler(self, request: Any, **options: Any) -> Any:
             if request.path.startswith(f"/{secret}/"):
                 return super().find_handler(request, **options)
@@ -267,12 +268,8 @@ def free_dashboard(host: str, secret: str) -> Iterator[str]:
             address = f"{host}:0"
     with warnings.catch_warnings():  # another run may take the port first: then distributed takes any, and warns
         warnings.filterwarnings("ignore", "Port .* is already in use", UserWarning)
-        with _starting:
-            known, node.RoutingApplication = node.RoutingApplication, BelowSecret
-            try:
-                yield address
-            finally:
-                node.RoutingApplication = known
+        with _starting, mock.patch.object(node, "RoutingApplication", BelowSecret):
+            yield address
 
 
 def _close(cluster: Any) -> None:
