@@ -54,7 +54,7 @@ def crashes(request, nursery) -> Crashes:
     return Crashes(nursery, request.param)
 
 
-@pytest.mark.attempts("kills", 80)
+@pytest.mark.attempts("kills", 50)
 def test_killed_before_a_touch(crashes, attempts):
     for number, kind in crashes.points(attempts):
         what = f"killed before touch {number}, {kind}"
@@ -67,7 +67,7 @@ def test_killed_before_a_touch(crashes, attempts):
             crashes.resume(before, what)
 
 
-@pytest.mark.attempts("disks", 80)
+@pytest.mark.attempts("disks", 50)
 def test_disk_full_from_a_touch_on(crashes, attempts):
     for number, kind in crashes.points(attempts):
         what = f"disk full at touch {number}, {kind}"
