@@ -389,7 +389,7 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Pat
     HeliosweepError
         The result is damaged.
     """
-    page = _report(Path(folder), vector=vector)
+    page = _report(folder, vector=vector)
     update_index(folder)
     return page
 
@@ -402,7 +402,7 @@ def update_index(folder: str | os.PathLike[str]) -> None:
     update_index(folder, status_of)
 
 
-def _report(folder: Path, study: Study | None = None, vector: Sequence[str] = ()) -> Path:
+def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: Sequence[str] = ()) -> Path:
     try:
         from heliosweep.report.page import write_report
 
