@@ -14,7 +14,7 @@ PYTEST_ARGS ?=
 SHARED := -n logical --maxprocesses 2 --dist worksteal
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults check docs index bench setup lock audit clean help
+.PHONY: studies run test faults long check docs index bench setup lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
@@ -26,8 +26,11 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 test: $(STAMP)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
 
-faults: $(STAMP)  ## the long tests and all attempts to break runs, whose counts go into docs/faults.md
-	@$(BIN)/python -m pytest $(SHARED) -m "long or attempts" --share 1 --attempts-page docs/faults.md $(PYTEST_ARGS)
+faults: $(STAMP)  ## all attempts to break runs, whose counts go into docs/faults.md
+	@$(BIN)/python -m pytest $(SHARED) -m attempts --share 1 --attempts-page docs/faults.md $(PYTEST_ARGS)
+
+long: $(STAMP)  ## the long tests: whole years, ties, other processors, faults of disk and machine
+	@$(BIN)/python -m pytest $(SHARED) -m long $(PYTEST_ARGS)
 
 check: $(STAMP)  ## lint, formatting and types
 	@$(BIN)/ruff check pipeline tests docs
