@@ -239,7 +239,7 @@ def test_damage_that_only_the_libraries_know(tmp_path):
 
 def test_metadata_that_no_camera_has(tmp_path):
     message = said(write_png(tmp_path / "a.png", FOCALPIX=1e-9, ROLL=1e300, CENTREU=1e18, CAMERAY=-0.2))
-    for words in ("FOCALPIX in the metadata", "between -360 and 360 (got 1e+300)", "CENTREU"):
+    for words in ("FOCALPIX in the metadata", "between -360 and 360 deg, the turn", "CENTREU"):
         assert words in message
     assert "CAMERAY" not in message
 
@@ -252,7 +252,7 @@ def test_several_pages(tmp_path):
 
 def test_metadata_that_are_no_numbers(tmp_path):
     message = said(write_png(tmp_path / "a.png", FOCALPIX="far", WHITE="nan", DISTANCE=-3, ROLL="1.5"))
-    for words in ("FOCALPIX in the metadata must be a positive number", "WHITE", "DISTANCE", "'far'"):
+    for words in ("FOCALPIX in the metadata must be between 10 and 1e+07", "WHITE", "DISTANCE", "'far'"):
         assert words in message
     assert "ROLL" not in message
     assert all(len(key) <= 8 for key in KEYS)  # as FITS wants

@@ -353,9 +353,9 @@ def test_geometry_that_is_missing_or_contradictory(write):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("SUNEL", 95.0, "must be greater than 0 and at most 90 (got 95)"),
-        ("SUNEL", 0.0, "must be greater than 0 and at most 90 (got 0)"),
-        ("TARGETEL", 90.0, "must be greater than -90 and less than 90 (got 90)"),
+        ("SUNEL", 95.0, "must be greater than 0 and at most 90 deg, the elevation of the sun (got '95')"),
+        ("SUNEL", 0.0, "must be greater than 0 and at most 90 deg"),
+        ("TARGETEL", 90.0, "must be greater than -90 and less than 90 deg"),
         ("DISTANCE", 1.0, "must be more than 5.16 m, the reach of the heliostat from its centre (got 1)"),
         ("FOCALPIX", 1e-9, "must be between 10 and 1e+07"),
     ],
@@ -392,6 +392,23 @@ def test_corners_that_are_none_of_a_heliostat(write, corners, words):
     said = problems_of(study)
     assert words in said
     assert "images[1].corners" in said
+
+
+def test_metadata_of_the_study_count_before_those_of_files(tmp_path, levels, shipped):
+    """NPY files have none; a PNG with a wrong one is corrected."""
+    images = []
+    for number, image in enumerate(levels):
+        path = tmp_path / f"{number}.npy"
+        np.save(path, image.astype(np.uint16))
+        images.append({"file": str(path), "metadata": made.metadata(number)})
+    found = result_of(content(tmp_path, images=images))
+    np.testing.assert_array_equal(found["slope_x"].sel(LM), shipped["slope_x"].sel(LM))
+    images[1]["metadata"] = {**made.metadata(1), "SUNEL": "95 deg"}
+    assert "images[1].metadata.SUNEL: must be greater than 0 and at most 90 deg" in problems_of(
+        content(tmp_path, images=images)
+    )
+    images[1]["metadata"] = {"FOCALPIXEL": 2000}
+    assert "FOCALPIX" in problems_of(content(tmp_path, images=images))
 
 
 def test_a_bad_profile_is_said_once(write, tmp_path):

@@ -304,6 +304,57 @@ class HeliostatField(Block):
     ] = "heliostat"
 
 
+def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
+    return Quantity(description, unit, sweep=False, **bounds)  # type: ignore[arg-type]  # bounds are none of its flags
+
+
+class Metadata(Block):
+    """Numbers that a file of an image may have too, under the same keys; what the study says counts first."""
+
+    FOCALPIX: Annotated[
+        float | None, _said("Focal length of the camera over the side of a pixel", ge=10, le=1e7)
+    ] = None  # fmt: skip
+    CENTREU: Annotated[
+        float | None,
+        _said("Column at which the camera looks, from 0 at the centre of the left pixels", ge=-1e5, le=1e5),
+    ] = None
+    CENTREV: Annotated[
+        float | None, _said("Row at which the camera looks, from 0 at the centre of the upper pixels", ge=-1e5, le=1e5)
+    ] = None
+    ROLL: Annotated[
+        float | None,
+        _said("Turn of the camera about its line of sight, clockwise for someone behind it", "deg", ge=-360, le=360),
+    ] = None
+    CAMERAY: Annotated[
+        float | None,
+        _said("Place of the camera in the target's plane, to the east of a target that faces north", "m",
+              ge=-1e3, le=1e3),
+    ] = None  # fmt: skip
+    CAMERAZ: Annotated[float | None, _said("Place of the camera in the target's plane, up", "m", ge=-1e3, le=1e3)] = (
+        None
+    )
+    DARK: Annotated[float | None, _said("Level of a pixel without light")] = None
+    WHITE: Annotated[
+        float | None, _said("Level of the sun's centre seen in the mirror, the dark level included")
+    ] = None  # fmt: skip
+    SATURATE: Annotated[float | None, _said("Level from which a pixel counts as saturated", gt=0)] = None
+    SUNAZ: Annotated[
+        float | None, _said("Azimuth of the sun, from south towards east", "deg", ge=-360, le=360)
+    ] = None  # fmt: skip
+    SUNEL: Annotated[float | None, _said("Elevation of the sun", "deg", gt=0, le=90)] = None
+    TARGETAZ: Annotated[
+        float | None,
+        _said("Azimuth of the target seen from the heliostat, from south towards east", "deg", ge=-360, le=360),
+    ] = None
+    TARGETEL: Annotated[
+        float | None, _said("Elevation of the target seen from the heliostat", "deg", gt=-90, lt=90)
+    ] = None  # fmt: skip
+    DISTANCE: Annotated[
+        float | None, _said("Distance of the heliostat's centre from the target's", "m", gt=0)
+    ] = None  # fmt: skip
+    PIXANGLE: Annotated[float | None, _said("Angle of a pixel of an image of the sun", "mrad", gt=0)] = None
+
+
 class Image(Block):
     """One of the four measured images."""
 
@@ -317,6 +368,11 @@ class Image(Block):
         tuple[Two, ...] | None,
         ListOfNumbers("Upper left, upper right, lower right and lower left corner of the heliostat in the image, pixel "
                       "centres at whole numbers from the first pixel of the file", "1", ("column", "row"), entries=4),
+    ] = None  # fmt: skip
+    metadata: Annotated[
+        Metadata | None,
+        Field(description="What the metadata of the file would say: cards of a FITS header, text chunks of a PNG, lines "
+                          "'KEY = value' in the ImageDescription of a TIFF; counts before them. NPY has none"),
     ] = None  # fmt: skip
 
 

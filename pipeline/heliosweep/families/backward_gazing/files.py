@@ -2,7 +2,7 @@
 
 Images are read in grey levels and with their metadata.
 
-Metadata are numbers under the keys of `KEYS`: cards of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a
+Metadata are numbers under the keys of `blocks.Metadata`: cards of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a
 TIFF's ImageDescription. NPY has none. The first row of a picture is its upper one: in PNG, TIFF and NPY the first row
 of the file; in FITS, whose rows count from the bottom, the last one, unless the card ROWORDER says TOP-DOWN.
 """
@@ -24,8 +24,11 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.faults import Invalid
 from heliosweep.config.tables import Column, read_table
+from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
+from heliosweep.families.backward_gazing.blocks import Metadata
 
 #: Largest file, and pixels of an image. [bytes, 1]
 MAX_BYTES, MAX_PIXELS = 512 * 2**20, 25_000_000
@@ -46,30 +49,8 @@ COLUMNS = {
     "brightness": Column("relative to the disc centre", required=True),
 }
 
-#: Metadata that are read: key, and what it says.
-KEYS = {
-    "FOCALPIX": "focal length of the camera over the side of a pixel",
-    "CENTREU": "column at which the camera looks, from 0 at the centre of the left pixels",
-    "CENTREV": "row at which the camera looks, from 0 at the centre of the upper pixels",
-    "ROLL": "turn of the camera about its line of sight, clockwise for someone behind it, deg",
-    "CAMERAY": "place of the camera in the target's plane, to the east of a target that faces north, m",
-    "CAMERAZ": "place of the camera in the target's plane, up, m",
-    "DARK": "level of a pixel without light",
-    "WHITE": "level of the sun's centre seen in the mirror, the dark level included",
-    "SATURATE": "level from which a pixel counts as saturated",
-    "SUNAZ": "azimuth of the sun, from south towards east, deg",
-    "SUNEL": "elevation of the sun, deg",
-    "TARGETAZ": "azimuth of the target seen from the heliostat, from south towards east, deg",
-    "TARGETEL": "elevation of the target seen from the heliostat, deg",
-    "DISTANCE": "distance of the heliostat's centre from the target's, m",
-    "PIXANGLE": "angle of a pixel of an image of the sun, mrad",
-}
-_POSITIVE = ("FOCALPIX", "SATURATE", "DISTANCE", "PIXANGLE")
-#: What a camera can have.
-_RANGES = {
-    "FOCALPIX": (10.0, 1e7), "CENTREU": (-1e5, 1e5), "CENTREV": (-1e5, 1e5), "ROLL": (-360.0, 360.0),
-    "CAMERAY": (-1e3, 1e3), "CAMERAZ": (-1e3, 1e3),
-}  # fmt: skip
+#: Metadata that are read.
+KEYS: dict[str, Quantity] = {key: Metadata.parameter(key) for key in Metadata.model_fields}  # type: ignore[misc]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +61,7 @@ class Picture:
     """Upper row first; NaN where the file has none, shape (rows, columns). [levels]"""
     top: float
     """Highest level of the file's type of number; infinite for floating point."""
-    metadata: Mapping[str, float]
+    metadata: dict[str, float]
     """Those of `KEYS` that the file has."""
     name: str
     """Name of the file, as the user gave it."""
@@ -318,23 +299,16 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
     """Numbers under the known keys. Raises StudyError with all that are wrong."""
     found: dict[str, float] = {}
     problems: list[Problem] = []
-    for key, meaning in KEYS.items():
+    for key, quantity in KEYS.items():
         if key not in said:
             continue
         text = str(said[key]).strip()
         try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if isinstance(said[key], bool) or not math.isfinite(value) or (key in _POSITIVE and value <= 0.0):
-            kind = "positive number" if key in _POSITIVE else "number"
-            message = f"{key} in the metadata must be a {kind}, the {meaning} (got {text[:40]!r}); correct or remove it"
+            found[key] = float(quantity.read(math.nan if isinstance(said[key], bool) else float(text)))  # type: ignore[arg-type]
+        except (ValueError, Invalid):
+            what = f"must be {quantity.bounds() or 'a number'}, the {quantity.description[0].lower()}"
+            message = f"{key} in the metadata {what}{quantity.description[1:]} (got {text[:40]!r}); correct or remove it"
             problems.append(Problem(message, file=name))
-        elif key in _RANGES and not _RANGES[key][0] <= value <= _RANGES[key][1]:
-            low, high = _RANGES[key]
-            message = f"{key} in the metadata, the {meaning}, must be between {low:g} and {high:g} (got {value:g})"
-            problems.append(Problem(f"{message}; correct or remove it", file=name))
-        found[key] = value
     if problems:
         raise StudyError(problems)
     return found

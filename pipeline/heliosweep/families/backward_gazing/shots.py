@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -31,13 +30,6 @@ GEOMETRY = {
     "TARGETAZ": ("target.azimuth", "target_azimuth"),
     "TARGETEL": ("target.elevation", "target_elevation"),
     "DISTANCE": ("heliostat.distance", "distance"),
-}
-#: What metadata may say, as the study's keys: bounds, and the words for them.
-_RANGES = {
-    "SUNEL": (0.0, math.nextafter(90.0, 91.0), "greater than 0 and at most 90"),
-    "TARGETEL": (-90.0, 90.0, "greater than -90 and less than 90"),
-    "SUNAZ": (-360.1, 360.1, "between -360 and 360"),
-    "TARGETAZ": (-360.1, 360.1, "between -360 and 360"),
 }
 #: Where a level of white comes from; only the first two are those of each camera, with the mirror in between.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
@@ -74,8 +66,8 @@ class Shots(NamedTuple):
     """Source of each: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`."""
     noise: float
     """Standard deviation of a pixel relative to the sun's centre; NaN where it is to be found from the residuals."""
-    metadata: tuple[Mapping[str, float], ...]
-    """Metadata of the files, also those that do not count."""
+    metadata: tuple[dict[str, float], ...]
+    """Metadata of the images, also those that do not count."""
 
     @property
     def needs_gain(self) -> bool:
@@ -200,7 +192,9 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
     problems: list[Problem] = []
     for number, entry in enumerate(study.images or ()):
         try:
-            pictures.append(_read(study, f"images[{number}]", entry.file))
+            picture = _read(study, f"images[{number}]", entry.file)
+            stated = {} if entry.metadata is None else entry.metadata.model_dump(exclude_none=True)
+            pictures.append(replace(picture, metadata=picture.metadata | stated))
         except StudyError as error:
             problems += error.problems
     if problems:
@@ -274,11 +268,10 @@ def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, 
             message = f"is missing, in the study and as {key} in the metadata of the images"
             raise StudyError(study.problem(dotted, message))
         found[name] = first = next(iter(values.values()))
-        words = f"more than {least:.3g} m, the reach of the heliostat from its centre"
-        low, high, words = _RANGES.get(key, (least, math.inf, words))
         for number, value in values.items():
             message = ""
-            if not low < value < high:
+            if key == "DISTANCE" and not value > least:
+                words = f"more than {least:.3g} m, the reach of the heliostat from its centre"
                 message = f"{key} in the metadata must be {words} (got {value:g})"
             elif abs(value - first) > 1e-6 * max(1.0, abs(first)):
                 message = f"{key} in the metadata is {value:g} here and {first:g} in another image: "
