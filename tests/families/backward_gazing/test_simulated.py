@@ -278,3 +278,32 @@ def test_levels_of_cameras(level):
     one, two = (pointing.sel(camera_gain_noise=noise) for noise in (0.01, 0.02))
     np.testing.assert_allclose(two, 2.0 * one, rtol=0.2)
     assert np.all((np.abs(one) > 0.01) & (np.abs(one) < 0.3))  # 0.09 mrad for 1 %
+
+
+def test_curvature_of_modules_comes_back():
+    """Two principal focal lengths and their axis, within their standard errors; what is no sphere is said."""
+    blocks = {
+        "heliostat": {"distance": 120, "pixel": 0.15},
+        "defects": {"curvature": {"3": [125, 115, 20], "6": [110, 110, 0]}, "canting": {"3": [0, 0.5]}},
+        "method": "LM",
+        "referential": "exact",
+    }
+    noisy = computed(**blocks, cameras={"noise": 0.004, "seed": {"start": 0, "stop": 19, "step": 1}})
+    for name, planted in (("focal_length_long", 125), ("focal_length_short", 115), ("focal_axis", 20)):
+        values = noisy[name].sel(module=3).squeeze(drop=True)
+        error = float(noisy[f"{name}_standard_error"].sel(module=3).mean())
+        assert float(values.mean()) == pytest.approx(planted, abs=0.01 * planted)
+        assert float(values.std()) == pytest.approx(error, rel=0.4)  # of 20 seeds
+    assert noisy["focal_length_long"].sel(module=6).to_numpy() == pytest.approx(110, abs=0.6)
+    assert noisy["focal_length_long"].sel(module=1).to_numpy() == pytest.approx(120, abs=0.6)
+    (said,) = (one for one in compute.remarks(noisy) if "sphere" in one)
+    assert said.startswith("no part of a sphere: module 3; module 3 has focal lengths of 12")
+    seen = computed(**blocks, cameras={"images": "camera"}).sel(module=3).squeeze()
+    found = [float(seen[name]) for name in ("focal_length_long", "focal_length_short", "focal_axis")]
+    assert found == pytest.approx([125, 115, 20], rel=3e-3)
+
+
+def test_a_focal_length_that_is_not_the_ideal_one_is_said():
+    result = computed(defects={"focal_length": 126}, method="LM", referential="exact")
+    assert any("focal length found is 126" in one for one in compute.remarks(result))
+    assert not list(compute.remarks(computed(method="LM")))

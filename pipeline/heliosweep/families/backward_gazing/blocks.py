@@ -21,6 +21,9 @@ Two = tuple[float, float]
 #: Seeds are whole numbers that a float holds exactly, since swept ones are floats.
 MAX_SEED = 2**53
 
+#: Shortest principal focal length of a module, of either sign. [m]
+LEAST_FOCAL_LENGTH = 10.0
+
 METHODS = {
     "A": "analytic: linear least squares for the slopes of the wavefront",
     "O1": "optimised: the slopes of the wavefront by Nelder-Mead",
@@ -254,9 +257,23 @@ class Defects(Block):
         Quantity("Focal length that the heliostat really has; that of the ideal one where left out", "m", gt=0,
                  dimension="true_focal_length", title="focal length that the heliostat really has"),
     ] = None  # fmt: skip
+    curvature: Annotated[
+        dict[str, Annotated[tuple[float, float, float],
+                            Numbers("Curvature", ("m", "m", "deg"), ("first focal length", "second", "axis"))]] | None,
+        Field(description="Curvature of modules by their number from 1: two principal focal lengths, m, and the "
+                          "direction of the first, deg from horizontal towards up as seen from the target; other "
+                          "modules have focal_length both ways"),
+    ] = None  # fmt: skip
     seed: Annotated[
         int | Sweep, _seed("What the waviness follows from", "defect_seed", "seed of the planted waviness")
     ] = 0
+
+    def rules(self) -> Iterator[Fault]:
+        """Focal lengths are not 0; negative ones are those of convex mirrors."""
+        for number, (*lengths, _) in (self.curvature or {}).items():
+            if min(map(abs, lengths)) < LEAST_FOCAL_LENGTH:
+                message = f"focal lengths must be at least {LEAST_FOCAL_LENGTH:g} m, or at most -{LEAST_FOCAL_LENGTH:g} m"
+                yield Fault(message, ("curvature", number))
 
 
 class ProfileNoise(Block):

@@ -99,12 +99,13 @@ def _pixels(study: BackwardGazingStudy) -> Found:
 
 
 def _canting(study: BackwardGazingStudy) -> Found:
-    """Canting is of modules that there are."""
+    """Canting and curvature are of modules that there are."""
     count = len(study.heliostat.rectangles.size)
     numbers = set(map(str, range(1, count + 1)))
-    for key in study.defects.canting:
-        if key not in numbers:
-            yield study.problem(f"defects.canting.{key}", f"no such module: the heliostat has modules 1 to {count}")
+    for block in ("canting", "curvature"):
+        for key in getattr(study.defects, block) or ():
+            if key not in numbers:
+                yield study.problem(f"defects.{block}.{key}", f"no such module: the heliostat has modules 1 to {count}")
 
 
 def _cameras(study: BackwardGazingStudy) -> Found:

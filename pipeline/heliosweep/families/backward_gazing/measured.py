@@ -28,6 +28,7 @@ from heliosweep.families.backward_gazing.points import (
     estimates,
     gathered,
     reconstruct,
+    shape_remarks,
     workload_of_points,
 )
 from heliosweep.families.backward_gazing.shots import BRIGHTEST, GEOMETRY, SUN_IMAGE, Shots, read_shots, read_sun
@@ -278,6 +279,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         part = lost / max(1, known)
         if part > 0.01:
             yield f"{100 * part:.3g} % of the slopes of {method} did not converge (quality {NOT_CONVERGED})"
+    yield from shape_remarks(result)
 
 
 def _of_cameras(result: xr.Dataset, files: list[str]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import numpy as np
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 #: Time of a pixel on one core by each method, for a tabulated profile. [s]
 SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 4.5e-6, "O2": 5e-6, "LM": 1.6e-6}
+#: Relative difference of focal lengths that is said, and over its standard error.
+NO_SPHERE, SURE = 0.02, 4.0
 #: Overhead of a point. [s]
 SECONDS_PER_POINT = 3e-3
 #: The largest kernels of all families, and what is needed to load them. [bytes]
@@ -252,9 +254,45 @@ def estimates(
 
     made = {"focal_length_estimate": all_of("focal_length")}
     made["focal_length_standard_error"] = all_of("focal_length_error")
+    for name, values in (("focal_length_%", "principal"), ("focal_length_%_standard_error", "principal_error")):
+        for end, one in zip(("long", "short"), np.moveaxis(all_of(values), 2, 0), strict=True):
+            made[name.replace("%", end)] = one
+    made["focal_axis"], made["focal_axis_standard_error"] = (np.degrees(all_of(key)) for key in ("axis", "axis_error"))
     for name in ("canting", "canting_error", "waviness", "pointing", "pointing_error"):
         made |= by_axis(name.replace("_error", "_%_standard_error") if "_" in name else f"{name}_%", 1e3 * all_of(name))
     return made
+
+
+def shape_remarks(result: xr.Dataset) -> Iterator[str]:
+    """Modules that are no parts of spheres, and a focal length that is not the ideal one, by the best method."""
+    methods = [name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()]
+    if not methods:
+        return
+    best = result.sel({"slope_method": methods[0]}).isel(referential=0)
+    long, short = best["focal_length_long"], best["focal_length_short"]
+    with np.errstate(all="ignore"):
+        bend, error = 0.5 / short - 0.5 / long, 0.5 * best["focal_length_short_standard_error"] / short**2
+        odd = (bend > SURE * error) & (bend > NO_SPHERE * abs(0.5 / best["focal_length_estimate"]))
+    numbers = result["module"].to_numpy()[odd.any([dim for dim in odd.dims if dim != "module"]).to_numpy()]
+    if numbers.size:
+        index = {dim: int(at) for dim, at in bend.where(odd).fillna(0.0).argmax(...).items()}  # type: ignore[union-attr]
+        f1, f2, axis = (float(best[name].isel(index)) for name in ("focal_length_long", "focal_length_short", "focal_axis"))
+        yield (
+            f"no part of a sphere: {'module' if numbers.size == 1 else 'modules'} {', '.join(map(str, numbers))}; module "
+            f"{int(result['module'][index['module']])} has focal lengths of {f1:.4g} m along {axis:.0f} deg from "
+            f"horizontal and {f2:.4g} m across ({methods[0]}); focal_length_estimate is a mean that none of them has"
+        )
+    found, ideal = best["focal_length_estimate"], best["focal_length" if "focal_length" in best.coords else "distance"]
+    away = abs(found / ideal - 1.0)
+    off = (away > NO_SPHERE) & (abs(found - ideal) > SURE * best["focal_length_standard_error"])
+    if bool(off.any()):
+        index = {dim: int(at) for dim, at in away.where(off).fillna(0.0).argmax(...).items()}  # type: ignore[union-attr]
+        here = found.isel(index)
+        there = float(ideal.isel({dim: at for dim, at in index.items() if dim in ideal.dims}))
+        yield (
+            f"the focal length found is {float(here):.4g} m, and that of the ideal heliostat {there:.4g} m: canting is "
+            "against the ideal one, so modules away from the centre are canted by the difference"
+        )
 
 
 def by_axis(name: str, values: Floats, axis: int = 2) -> dict[str, Floats]:

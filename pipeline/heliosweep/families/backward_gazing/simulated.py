@@ -25,6 +25,7 @@ from heliosweep.families.backward_gazing.points import (
     estimates,
     gathered,
     reconstruct,
+    shape_remarks,
     workload_of_points,
 )
 from heliosweep.families.backward_gazing.variables import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
@@ -74,6 +75,8 @@ class Given(NamedTuple):
     sizes: Pairs
     canting: Pairs
     """Of every module, [rad]."""
+    curvature: tuple[tuple[int, float, float, float], ...]
+    """Row of each module with a curvature of its own, and of that yy, yz and zz. [1/m]"""
     pointing: tuple[float, float]
     """[rad]"""
     positions: Pairs | None
@@ -144,11 +147,16 @@ def inputs(study: BackwardGazingStudy) -> Given:
         canting[int(key) - 1] = pair
     name = study.sun.profile
     table = None if name is None else read_profile(study.resolve(name), name)
+    curved = []
+    for key, (first, second, axis) in (study.defects.curvature or {}).items():
+        c, s = math.cos(math.radians(axis)), math.sin(math.radians(axis))
+        one, other = 0.5 / first, 0.5 / second
+        curved.append((int(key) - 1, c * c * one + s * s * other, c * s * (one - other), s * s * one + c * c * other))
     centres, sizes, turns, (pointing,) = (
         tuple(map(tuple, values.tolist()))
         for values in (modules.centre, modules.size, 1e-3 * canting, 1e-3 * np.array([study.defects.pointing]))
     )
-    return Given(centres, sizes, turns, pointing, study.cameras.positions, table, Solver.of(study))
+    return Given(centres, sizes, turns, tuple(curved), pointing, study.cameras.positions, table, Solver.of(study))
 
 
 def compute(study: BackwardGazingStudy, given: Given, region: Region) -> xr.Dataset:
@@ -211,6 +219,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
             f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are not seen whole by three "
             f"cameras; the least has slopes for {math.floor(1000.0 * least) / 10.0:g} % of its pixels"
         )
+    yield from shape_remarks(result)
 
 
 def of_point(point: Point, given: Given, with_maps: bool) -> dict[str, Any]:
@@ -274,6 +283,12 @@ def observed(point: Point, given: Given) -> Observation:
     wavy = None
     if point.waviness:
         wavy = waviness(mirror, 1e-3 * point.waviness, point.waviness_length, point.defect_seed)
+    for row, yy, yz, zz in given.curvature:  # slopes about the module's centre, against its sphere's
+        here = mirror.pixel_module == row
+        y, z = mirror.pixel_y[here] - given.centres[row][0], mirror.pixel_z[here] - given.centres[row][1]
+        own = 0.5 / point.true_focal_length
+        wavy = np.zeros((2, len(mirror.place))) if wavy is None else wavy
+        wavy[:, here] += (own - yy) * y - yz * z, (own - zz) * z - yz * y
     canting = point.canting_scale * np.array(given.canting)
     spheres = module_spheres(given.modules, point.true_focal_length, canting, given.pointing)
     images, true = image_set(layout, mirror, profile, spheres, wavy)

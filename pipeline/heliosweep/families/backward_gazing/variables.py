@@ -117,6 +117,21 @@ _ESTIMATES = {
     "focal_length_standard_error": _quantity(
         OF_METHOD, "m", "standard error of the focal length of the modules", "of scatter alone"
     ),
+    **{
+        f"focal_length_{end}{ending}": _quantity(OF_MODULE, "m", f"{what}{end}er principal focal length of a module", said)
+        for end in ("long", "short")
+        for ending, what, said in (
+            ("", "", "of the least and the greatest curvature of its slopes; negative where it is convex"),
+            ("_standard_error", "standard error of the ", "of scatter alone"),
+        )
+    },
+    "focal_axis": _quantity(
+        OF_MODULE,
+        "degree",
+        "direction of the longer principal focal length of a module, from horizontal towards up",
+        "as seen from the target; without meaning where its standard error is large, as that of a sphere is",
+    ),
+    "focal_axis_standard_error": _quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
     "usable_fraction": _part(("slope_method", "module"), "part of the eroded module for which there are slopes"),
     "lit_cameras": _part(
         ("module",), "part of the cameras that see the sun in the module", "mean over the pixels of the eroded module"

@@ -6,6 +6,10 @@ focal length: k = 1 / 2 f0 - 1 / 2 f. The pointing of the heliostat is the media
 centre), which is against the heliostat's own sphere: a focal length that is not the ideal one does not move it, nor do
 a few bad modules. Canting is c less the pointing, against the ideal heliostat: modules on a sphere of another focal
 length are canted too. One slope alone cannot tell canting and pointing apart.
+
+The gradients of both slopes of a module are its own curvature: the symmetric matrix C = I / 2 f0 - K with K of dp_y/dy
+and dp_z/dz, and the mean of dp_y/dz and dp_z/dy beside the diagonal, which are equal on any surface. Its eigenvalues
+are 1 / 2 f of the two principal focal lengths, its eigenvectors their directions; they are the same on a sphere.
 """
 
 import math
@@ -82,6 +86,15 @@ class ModuleEstimates(NamedTuple):
     """Root mean square of what the plane leaves of the slopes, less known noise, shape (2, M). [rad]"""
     pixels: NDArray[np.int64]
     """Usable pixels of each module, shape (M,)."""
+    principal: Floats
+    """Principal focal lengths of each module, that of the least curvature first, negative where it is convex, (2, M).
+    [m]"""
+    principal_error: Floats
+    """Their standard errors, shape (2, M). [m]"""
+    axis: Floats
+    """Direction of the first, from horizontal, right as seen from the target, towards up; -pi/2 to pi/2, (M,). [rad]"""
+    axis_error: Floats
+    """Its standard error, without meaning where it is large: a sphere has no axis, shape (M,). [rad]"""
 
 
 @kernel
@@ -129,12 +142,13 @@ def module_estimates(
     """
     slopes = np.ascontiguousarray(slopes)
     noise = np.zeros_like(slopes) if deviation is None else np.ascontiguousarray(deviation)
-    fit, variance, scatter, known, shared, number = _fitted(
+    fit, variance, across, scatter, known, shared, number = _fitted(
         slopes, noise, grid.pixel_y, grid.pixel_z, grid.pixel_module, use, modules.centre, modules.size
     )
     seen = number >= _FEW
     with np.errstate(all="ignore"):
-        variance *= _inflation(shared, seen)[:, np.newaxis, np.newaxis]
+        inflation = _inflation(shared, seen)
+        variance *= inflation[:, np.newaxis, np.newaxis]
         left = np.where(seen, scatter / np.maximum(number - 3, 1) - known / np.maximum(number, 1), math.nan)
     weight, bend, bend_error = _pooled(fit[:, :, 1], variance[:, :, 1])
     length = 1.0 / (1.0 / focal_length - 2.0 * bend) if math.isfinite(bend) else math.nan
@@ -155,7 +169,28 @@ def module_estimates(
         2.0 * length * length * bend_error,
         np.sqrt(np.maximum(left, 0.0)),
         number,
+        *_principal(fit[:, :, 1], variance[:, :, 1], across[:, :, 0], across[:, :, 1] * inflation[:, np.newaxis], focal_length),
     )
+
+
+def _principal(
+    along: Floats, along_variance: Floats, across: Floats, across_variance: Floats, focal_length: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Principal focal lengths of modules and their axes, with standard errors, from gradients (2, M) of both slopes.
+
+    Along their own direction, dp_y/dy and dp_z/dz, and across it, dp_y/dz and dp_z/dy. [1/m]
+    """
+    yy, zz = 0.5 / focal_length - along
+    yz, shear = -0.5 * across.sum(axis=0), 0.25 * across_variance.sum(axis=0)
+    mean, half = 0.5 * (yy + zz), np.hypot(0.5 * (yy - zz), yz)
+    steep = 0.5 * np.arctan2(yz, 0.5 * (yy - zz))  # direction of the greatest curvature
+    c, s = np.cos(steep) ** 2, np.sin(steep) ** 2
+    with np.errstate(all="ignore"):
+        principal = 0.5 / np.stack((mean - half, mean + half))
+        errors = [u * u * along_variance[0] + v * v * along_variance[1] + 4.0 * u * v * shear for u, v in ((s, c), (c, s))]
+        axis = np.where(steep > 0.0, steep - 0.5 * math.pi, steep + 0.5 * math.pi)
+        turn = (c * s * along_variance.sum(axis=0) + (c - s) ** 2 * shear) / (4.0 * half**2)
+    return principal, 2.0 * principal**2 * np.sqrt(errors), axis, np.sqrt(turn)
 
 
 def _inflation(shared: Floats, seen: NDArray[np.bool_]) -> Floats:
@@ -192,15 +227,16 @@ def _fitted(
     use: NDArray[np.bool_],
     centre: Floats,
     size: Floats,
-) -> tuple[Floats, Floats, Floats, Floats, Floats, NDArray[np.int64]]:
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, NDArray[np.int64]]:
     """Planes through the slopes of each module.
 
     Returns, by direction and module: (value at the centre, curvature along the own direction), (their variances and
-    covariance, from the residuals), the squared residuals, the squared noise, the squared sums of the residuals of each
+    covariance, from the residuals), (gradient across the own direction, its variance), the squared residuals, the squared noise, the squared sums of the residuals of each
     block relative to what pixels without anything in common would give; and the pixels of each module.
     """
     modules, pixels = len(centre), y.size
     fit, variance = np.full((2, modules, 2), math.nan), np.full((2, modules, 3), math.nan)
+    across = np.full((2, modules, 2), math.nan)
     number = np.zeros(modules, np.int64)
     scatter, known, shared = np.zeros((2, modules)), np.zeros((2, modules)), np.zeros((2, modules))
     sums = np.zeros((modules, 5))
@@ -241,6 +277,7 @@ def _fitted(
             ky, kz = (zz * py - yz * pz) / determinant, (yy * pz - yz * py) / determinant
             plane[d, m, 0], plane[d, m, 1], plane[d, m, 2] = mean - ky * my - kz * mz, ky, kz
             fit[d, m, 0], fit[d, m, 1] = plane[d, m, 0], plane[d, m, 1 + d]
+            across[d, m, 0], across[d, m, 1] = plane[d, m, 2 - d], 0.0
     blocks, held = np.zeros((2, modules, _BLOCKS, _BLOCKS)), np.zeros((modules, _BLOCKS, _BLOCKS, 3))
     for k in range(pixels):
         m = module[k]
@@ -258,12 +295,13 @@ def _fitted(
         level = 1.0 / number[m] - shape[m, 0] * wy - shape[m, 1] * wz
         for d in range(2):
             rest = slopes[d, k] - plane[d, m, 0] - plane[d, m, 1] * dy - plane[d, m, 2] * dz
-            square, along = rest * rest, wy if d == 0 else wz
+            square, along, aside = rest * rest, wy if d == 0 else wz, wz if d == 0 else wy
             scatter[d, m] += square
             blocks[d, m, row, column] += rest
             variance[d, m, 0] += level * level * square
             variance[d, m, 1] += along * along * square
             variance[d, m, 2] += level * along * square
+            across[d, m, 1] += aside * aside * square
     for m in range(modules):
         n = number[m]
         alone = 0.0
@@ -277,9 +315,10 @@ def _fitted(
                 scatter[d, m] = math.nan
                 continue
             variance[d, m] *= n / (n - 3.0)
+            across[d, m, 1] *= n / (n - 3.0)
             for row in range(_BLOCKS):
                 for column in range(_BLOCKS):
                     shared[d, m] += blocks[d, m, row, column] ** 2
             unit = alone * scatter[d, m] / (n - 3.0)
             shared[d, m] = shared[d, m] / unit if unit > 0.0 else 1.0
-    return fit, variance, scatter, known, shared, number
+    return fit, variance, across, scatter, known, shared, number

@@ -28,7 +28,8 @@ def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Pr
     if nodes < 3:
         raise ValueError("a table needs 3 nodes at least")
     clean = render(profile, np.linspace(0.0, profile.radius, nodes))
-    return table_profile(np.maximum(clean + noise * normal_draws(seed, 1, nodes), 0.0), profile.radius)
+    table = np.maximum(clean + noise * normal_draws(seed, 1, nodes), 0.0)
+    return table_profile(table, profile.radius)._replace(power=profile.power)
 
 
 def scaled(profile: Profile, error: float) -> Profile:
@@ -61,12 +62,12 @@ def smoothed(profile: Profile, nodes: float) -> Profile:
     place = np.abs(np.arange(table.size)[:, np.newaxis] + offsets)
     beyond = np.maximum(place - (table.size - 1), 0)
     wide = table[np.minimum(place, table.size - 1)] + beyond * (profile.edge_slope * profile.step)
-    return table_profile(np.sum(wide * weights, axis=1), profile.radius)
+    return table_profile(np.sum(wide * weights, axis=1), profile.radius)._replace(power=profile.power)
 
 
-def smooth_fit(profile: Profile, power: float = POWER) -> Profile:
-    """The cubic in sqrt(1 - u^xi) nearest to a table in the sense of least squares over its nodes; `power` is xi."""
-    table = profile.table
+def smooth_fit(profile: Profile) -> Profile:
+    """The cubic in sqrt(1 - u^xi) nearest to a table in the sense of least squares over its nodes; xi is its power."""
+    table, power = profile.table, profile.power
     if table.size < 4:
         raise ValueError("the fit needs a table of 4 nodes at least")
     c = _limb_cosine(np.linspace(0.0, 1.0, table.size), power)
@@ -76,6 +77,40 @@ def smooth_fit(profile: Profile, power: float = POWER) -> Profile:
     curve = fit[0] + c * (fit[1] + c * (fit[2] + c * fit[3]))
     c0, c1, c2, c3 = (float(f) for f in fit)
     return analytic((c0, c1, c2, c3), profile.radius, power, falling_envelope(curve))
+
+
+class FormulaFit(NamedTuple):
+    """The formula of Jose nearest to a table."""
+
+    limb: float
+    """A, relative to the centre of the fitted curve. [1]"""
+    power: float
+    """xi. [1]"""
+    level: float
+    """Brightness of the fitted curve at the disc centre. [1]"""
+    residual: float
+    """Root mean square of the table less the curve. [1]"""
+
+
+def formula_fit(brightness: ArrayLike) -> FormulaFit:
+    """The generalised formula of Jose nearest to a profile, in the sense of least squares.
+
+    `brightness` is at equal steps from the centre to the edge of the disc, eps_max, shape (n,), n > 3. For an exponent
+    xi the formula is a line in sqrt(1 - u^xi); the best xi between 0.5 and 10 is searched for.
+    """
+    from scipy.optimize import minimize_scalar
+
+    table = np.asarray(brightness, np.float64)
+    u = np.linspace(0.0, 1.0, len(table))
+
+    def line(power: float) -> tuple[Floats, float]:
+        columns = np.stack((np.ones_like(u), _limb_cosine(u, power)), axis=1)
+        fit, *_ = np.linalg.lstsq(columns, table, rcond=None)
+        return fit, float(np.sum((columns @ fit - table) ** 2))
+
+    power = float(minimize_scalar(lambda trial: line(trial)[1], bounds=(0.5, 10.0), options={"xatol": 1e-6}).x)
+    (low, rise), square = line(power)
+    return FormulaFit(float(low / (low + rise)), power, float(low + rise), math.sqrt(square / len(table)))
 
 
 def normal_draws(seed: int, stream: int, count: int) -> Floats:
