@@ -92,7 +92,7 @@ cameras > cameras: {arangement: square, threshold: 1, bits: 2.5, noise: -1}
 defects > defects: {canting: {9: [0, 1], x: [0, 1], 02: [0, 1], 2: [1]}}
     7:58: defects.canting.2: must be two numbers [horizontal, vertical] in mrad (got [1])
 defects > defects: {curvature: {2: [120, 1, 0]}}
-    7:26: defects.curvature.2: focal lengths must be at least 10 m, or at most -10 m (got [120.0, 1.0, 0.0])
+    7:26: defects.curvature.2: focal lengths must be at least 10 m, or at most -10 m (got [120, 1, 0])
 defects > defects: {curvature: {3: [120, 0]}}
     7:26: defects.curvature.3: must be three numbers [first focal length, second, axis] (got [120, 0])
 defects > defects: {curvature: {9: [120, 110, 0]}}

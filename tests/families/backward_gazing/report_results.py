@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.backward_gazing.variables import FIELD, MAPS, SIMULATED, over_seeds
+from heliosweep.families.backward_gazing.variables import FIELD, MAPS, NODES, SIMULATED, over_seeds
 from heliosweep.grid.regions import Variable
 from heliosweep.kernels.gazing.geometry import mirror_grid, themis_8
 
@@ -43,6 +43,7 @@ def result(
         "camera": np.arange(1, 5),
         "y": grid.y,
         "z": grid.z,
+        "disc_fraction": np.linspace(0.0, 1.0, NODES),
     }
     wanted = dict(entries or {**SIMULATED, **(MAPS if maps else {})})
     seeds = [dim for dim in sweep if dim.endswith("_seed")]

@@ -10,10 +10,12 @@ from heliosweep.families.backward_gazing import measured as mode
 from heliosweep.families.backward_gazing import points, simulated
 from heliosweep.families.backward_gazing.files import read_picture
 from heliosweep.families.backward_gazing.measured import remarks
+from heliosweep.families.backward_gazing.shots import read_sun
 from heliosweep.kernels.gazing import lm as gazing_lm
 from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
 from heliosweep.kernels.gazing.rectification import pinholes, places_of
+from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
 
@@ -265,6 +267,32 @@ def test_the_sun_may_be_an_image(write, truth):
     assert any("least falling curve" in note for note in _notes(study))
     error, uncertainty = errors(result_of(study), truth, "y")
     assert np.sqrt(np.mean(error**2)) < 1.1 * np.sqrt(np.mean(uncertainty**2))
+
+
+def test_median_of_several_frames_of_the_sun(tmp_path):
+    """Frames whose disc moves, with dust on the sensor and more noise each: the median is better than one of them."""
+    clean, rng, names = made.sun_levels(), np.random.default_rng(1), []
+    for number in range(15):
+        frame = np.roll(clean, (number % 5 - 2, number % 3 - 1), (0, 1)) + rng.normal(0.0, 60.0, clean.shape)
+        frame[60:66, 40:100] *= 0.8  # dust stays where it is
+        names.append(str(tmp_path / f"{number}.npy"))
+        np.save(names[-1], np.clip(frame, 0.0, 4000.0))
+    errors = []
+    for sun in ({"frames": names}, {"image": names[0]}):
+        pixel = 1e3 * EPS_MAX / made.SUN_RADIUS
+        study = heliosweep.load(content(STUDIES / "images", sun={**sun, "pixel_angle": pixel}, image_geometry={"dark": 64}))
+        table, _ = read_sun(study)
+        errors.append(np.std(np.array(table.brightness)[:-3] - render(jose(), np.array(table.angle)[:-3])))
+    assert errors[0] < 0.3 * errors[1]
+    assert errors[0] < 0.004
+    study = content(STUDIES / "images", sun={"frames": names, "pixel_angle": pixel}, heliostat={"focal_length": 120, "pixel": 0.1})
+    result = result_of(study)
+    assert float(result["sun_limb_fit"]) == pytest.approx(0.679, abs=0.02)
+    assert float(result["sun_exponent_fit"]) == pytest.approx(2.222, abs=0.15)
+    np.save(names[3], clean[:-2])
+    assert "sun.frames[3].file: " in problems_of(study)
+    both = {"frames": names[:2], "image": names[0]}
+    assert "stands beside sun.image" in problems_of(content(STUDIES / "images", sun=both))
 
 
 def _notes(study):

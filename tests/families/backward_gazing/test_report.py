@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.families.backward_gazing.figures import MOST_FIGURES, figures
-from heliosweep.families.backward_gazing.variables import MEASURED
+from heliosweep.families.backward_gazing.variables import MAPS, MEASURED, RAW, SIMULATED
 from heliosweep.report.comparison import Comparison, told
 from heliosweep.report.style import image
 from tests.families.backward_gazing import report_results as results
@@ -54,6 +54,7 @@ def zipped():
 
 CASES = {
     "maps": lambda: results.result(PROFILES, maps=True),
+    "raw slopes": lambda: results.result(maps=True, entries={**SIMULATED, **MAPS, **RAW}),
     "maps of seeds": lambda: results.result({**PROFILES, **SEEDS}, methods=["A", "LM"], maps=True),
     "one module, one method": lambda: results.result(methods=["LM"], referentials=["none"], maps=True, modules=1),
     "one method over suns": lambda: results.result(SUNS, methods=["A"], referentials=["exact"]),
@@ -139,13 +140,14 @@ def test_nothing_is_cut_off(case):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("maps", "images slope_maps slope_errors quality errors canting"),
-        ("one module, one method", "images slope_maps slope_errors quality errors canting"),
-        ("table", "errors canting"),
-        ("suns", "errors canting errors_over_sun_azimuth rms_errors_over_sun_azimuth sight_over_sun_azimuth"),
-        ("many modules", "errors_jose errors_noisy canting"),
+        ("maps", "images slope_maps slope_errors quality errors canting sun_profile sun_disc effort"),
+        ("one module, one method", "images slope_maps slope_errors quality errors canting sun_profile sun_disc"),
+        ("raw slopes", "images slope_maps slope_errors quality errors canting sun_profile sun_disc raw_slopes effort"),
+        ("table", "errors canting effort"),
+        ("suns", "errors canting errors_over_sun_azimuth rms_errors_over_sun_azimuth sight_over_sun_azimuth effort"),
+        ("many modules", "errors_jose errors_noisy canting effort"),
         ("nothing", "quality"),
-        ("measured", "images slope_maps slope_uncertainty residuals which_pixels_count quality canting"),
+        ("measured", "images slope_maps slope_uncertainty residuals which_pixels_count quality canting sun_profile sun_disc"),
         ("measured, nothing", "which_pixels_count quality"),
         ("field", "accuracy_map usable_map accuracy_over_distance"),
         ("field without slopes", ""),
@@ -259,3 +261,22 @@ def test_missing_variables_leave_figures_out(make):
     for start in range(3):
         assert set(drawn(dataset.drop_vars(names[start::3]))) <= every
     assert not drawn(xr.Dataset())
+
+
+def test_raw_slopes_and_their_difference_stand_beside_each_other():
+    """Figure 7: rows horizontal and vertical, the third picture the first less the second."""
+    dataset = dataset_of("raw slopes")
+    exact = dataset.assign({f"slope_{end}": dataset[f"raw_slope_{end}"] - dataset[f"raw_ideal_slope_{end}"] for end in "xy"})
+    axes = drawn(exact)["raw_slopes"].figure.axes[:6]
+    assert [one.get_title() for one in axes[:3]] == ["with the defects", "without", "difference"]
+    for row in (0, 3):
+        first, second, third = (np.ma.filled(one.images[0].get_array(), np.nan) for one in axes[row : row + 3])
+        np.testing.assert_allclose(third, first - second)
+
+
+def test_the_sun_is_drawn_over_angles_with_the_fit_in_the_caption():
+    dataset = dataset_of("measured")
+    radius = np.asarray(dataset["sun_radius_fit"]).ravel()[0]
+    named = drawn_case("measured")["sun_profile"]
+    assert named.figure.axes[0].lines[0].get_xdata()[-1] == pytest.approx(radius)
+    assert f"eps_max = {radius:.3f} mrad" in named.caption

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from heliosweep import api
+from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing import simulated as compute
 from heliosweep.families.backward_gazing.points import KEYS, Point
 from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN, variables
@@ -15,7 +16,7 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels.gazing.geometry import camera_square, eroded, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.lm import fit_slopes
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
-from heliosweep.kernels.sun.profiles import jose
+from heliosweep.kernels.sun.profiles import jose, render
 from heliosweep.kernels.sun.tables import normal_draws
 from heliosweep.store.read import file_digest
 
@@ -237,9 +238,9 @@ def test_zip_ties_seeds_to_other_keys():
 
 def test_every_variable_is_computed():
     """No name is misspelt on its way from a point to the variables of the result."""
-    one = study(output={"maps": True})
+    one = study(output={"maps": True, "raw_slopes": True})
     ((_, values),) = Parameters(one).points(*KEYS)
-    assert set(compute.of_point(Point.of(values), compute.inputs(one), with_maps=True)) == set(variables(one))
+    assert set(compute.of_point(Point.of(values), compute.inputs(one), with_maps=True, raw=True)) == set(variables(one))
 
 
 def test_profile_of_lm():
@@ -307,3 +308,31 @@ def test_a_focal_length_that_is_not_the_ideal_one_is_said():
     result = computed(defects={"focal_length": 126}, method="LM", referential="exact")
     assert any("focal length found is 126" in one for one in compute.remarks(result))
     assert not list(compute.remarks(computed(method="LM")))
+
+
+def test_formula_of_the_sun():
+    """A, xi and eps_max of the study make the images and are found again by the fit; the defaults are the paper's."""
+    keys = {"limb_brightness": 0.5, "limb_exponent": 2.0, "angular_radius": [4.36, 4.65]}
+    result = computed(sun={"azimuth": 30, "elevation": 60, **keys}, method="LM", output={"maps": True})
+    assert result["angular_radius"].to_numpy().tolist() == [4.36, 4.65]
+    for name, planted in (("sun_limb_fit", 0.5), ("sun_exponent_fit", 2.0), ("sun_radius_fit", [4.36, 4.65])):
+        assert result[name].to_numpy() == pytest.approx(np.broadcast_to(planted, 2), rel=1e-5)
+    wide = jose(0.5, 4.65e-3, 2.0)
+    np.testing.assert_allclose(
+        result["sun_brightness"].isel(angular_radius=1), render(wide, np.linspace(0.0, 4.65e-3, 101)), rtol=1e-12
+    )
+    assert float(result["slope_rms_x"].max()) < 1e-3  # the same sun makes the images and finds the slopes
+    usual = computed(sun={"azimuth": 30, "elevation": 60, "limb_brightness": 0.679}, method="LM")
+    np.testing.assert_array_equal(usual["slope_bias_x"], computed(method="LM")["slope_bias_x"])
+    noisy = computed(sun_profile="noisy", method="LM", output={"maps": True})
+    assert float(noisy["sun_fit_rms"]) == pytest.approx(0.012, rel=0.15)
+    assert float(noisy["sun_limb_fit"]) == pytest.approx(0.679, abs=0.02)
+
+
+def test_raw_slopes_and_evaluations():
+    result = computed(output={"maps": True, "raw_slopes": True})
+    np.testing.assert_allclose(result["slope_x"], result["raw_slope_x"] - result["raw_ideal_slope_x"], atol=1e-15)
+    spent = dict(zip(result["slope_method"].to_numpy(), result["evaluations"].to_numpy(), strict=True))
+    assert spent["A"] == 0.0 < spent["LM"] < 10.0 < spent["O2"] < 100.0
+    with pytest.raises(StudyError, match="needs output.maps"):
+        study(output={"raw_slopes": True})

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import curve_fit
 
 from heliosweep.kernels.compiled import PURE_PYTHON
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render, tabulated
-from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled, smooth_fit, smoothed
+from heliosweep.kernels.sun.tables import formula_fit, noisy, normal_draws, scaled, smooth_fit, smoothed
 from tests.kernels.gazing import twin
 from tests.kernels.sun import curves
 from tests.kernels.sun.curves import evaluate, invert
@@ -191,3 +192,16 @@ def test_all_kinds_share_one_compiled_kernel():
     for profile in kinds():
         evaluate(profile, ANGLES)
     assert len(curves._evaluate.signatures) == 1
+
+
+@pytest.mark.parametrize(("limb", "power"), [(0.679, 2.222), (0.3, 1.5), (0.0, 2.0), (0.8, 4.0)])
+def test_formula_fit_finds_what_was_planted(limb, power):
+    """Also with noise, where it is as good as a search for all three parameters at once by scipy."""
+    u = np.linspace(0.0, 1.0, 120)
+    clean = 0.9 * (limb + (1.0 - limb) * np.sqrt(1.0 - u**power))
+    assert formula_fit(clean)[:3] == pytest.approx((limb, power, 0.9), abs=1e-5)
+    table = clean + 0.01 * np.random.default_rng(0).standard_normal(u.size)
+    fit = formula_fit(table)
+    other = curve_fit(lambda x, a, b, p: a + b * np.sqrt(1.0 - x**p), u, table, (0.6, 0.3, 2.0))[0]
+    assert fit[:3] == pytest.approx((other[0] / (other[0] + other[1]), other[2], other[0] + other[1]), rel=2e-3, abs=1e-3)
+    assert fit.residual == pytest.approx(0.01, rel=0.2)

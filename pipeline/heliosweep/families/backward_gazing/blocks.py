@@ -142,8 +142,22 @@ class Target(Block):
     ] = 0.0  # fmt: skip
 
 
+class Frame(Block):
+    """One of several images of the sun."""
+
+    file: Annotated[str, FileName("Image of the sun, NPY, TIFF, PNG or FITS", sweep=False)]
+
+
+def _with_file(raw: Any) -> Any:
+    """An image that is written as the name of its file alone, in full: ``a.npy`` is ``{file: a.npy}``."""
+    return {"file": raw} if isinstance(raw, str) else raw
+
+
+FrameEntry = Annotated[Frame, BeforeValidator(_with_file, json_schema_input_type=str | Frame)]
+
+
 class Sun(Block):
-    """Position of the sun, and its measured profile."""
+    """Position of the sun, and its profile."""
 
     azimuth: Annotated[
         float | Sweep | None,
@@ -163,10 +177,30 @@ class Sun(Block):
     image: Annotated[
         str | None, FileName("Image of the sun, NPY, TIFF, PNG or FITS; mode: measured only", sweep=False)
     ] = None
+    frames: Annotated[
+        tuple[FrameEntry, ...] | None,
+        Field(description="Several images of the sun, of which the median is taken, each moved until its disc is where "
+                          "that of the first is; instead of image", min_length=2, max_length=1000),
+    ] = None  # fmt: skip
     pixel_angle: Annotated[
         float | None,
-        Quantity("Angle of a pixel of the sun's image; fitted to the angular radius of 4.36 mrad where left out",
+        Quantity("Angle of a pixel of the sun's image; fitted to the angular radius where left out",
                  "mrad", gt=0, sweep=False),
+    ] = None  # fmt: skip
+    limb_brightness: Annotated[
+        float | Sweep | None,
+        Quantity("A of the formula of Jose: brightness of the limb relative to the centre; 0.679 where left out", "1",
+                 ge=0, lt=1, title="brightness of the sun's limb relative to the centre, A"),
+    ] = None  # fmt: skip
+    limb_exponent: Annotated[
+        float | Sweep | None,
+        Quantity("xi of the formula of Jose; 2.222 where left out", "1", gt=0, le=20,
+                 title="exponent of the formula of Jose, xi"),
+    ] = None  # fmt: skip
+    angular_radius: Annotated[
+        float | Sweep | None,
+        Quantity("eps_max of the formula of Jose, the angular radius of the disc; 4.36 where left out", "mrad", gt=1,
+                 le=20, title="angular radius of the sun's disc, eps_max"),
     ] = None  # fmt: skip
 
 
@@ -393,11 +427,6 @@ class Image(Block):
     ] = None  # fmt: skip
 
 
-def _with_file(raw: Any) -> Any:
-    """An image that is written as the name of its file alone, in full: ``a.npy`` is ``{file: a.npy}``."""
-    return {"file": raw} if isinstance(raw, str) else raw
-
-
 ImageEntry = Annotated[Image, BeforeValidator(_with_file, json_schema_input_type=str | Image)]
 
 
@@ -432,7 +461,10 @@ class ImageGeometry(Block):
 class Output(StoredOutput):
     """Stored variables and their form; not part of the study's identity."""
 
-    maps: Annotated[bool, Flag("Whether to store the images and the maps of the slopes too")] = False
+    maps: Annotated[bool, Flag("Whether to store the images, the maps of the slopes and the sun's profile too")] = False
+    raw_slopes: Annotated[
+        bool, Flag("Whether to store the maps of the slopes found with and without the defects; needs maps")
+    ] = False
 
 
 def positions_rules(cameras: Cameras) -> Iterator[Fault]:

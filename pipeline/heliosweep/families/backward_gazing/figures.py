@@ -1,4 +1,4 @@
-"""Figures of a finished result, after Figures 2, 7 and 8 and Table 1 of Defieux et al. (2020), by what it holds.
+"""Figures of a finished result, after Figures 2 and 5 to 8 and Table 1 of Defieux et al. (2020), by what it holds.
 
 Each figure takes from the sweep what it can show, and its caption says at which values the rest stands; one that needs
 what the result does not have is left out.
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.backward_gazing import figures_errors, figures_images
+from heliosweep.families.backward_gazing import figures_errors, figures_images, figures_sun
 from heliosweep.families.backward_gazing.shown import DIRECT, DIRECTIONS, HELIOSTAT, HOUR, METHOD, REFERENTIAL, Gazing
 from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.labels import number_text
@@ -32,8 +32,8 @@ _ERRORS = ("slope_rms_x", "slope_rms_y")
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
     shown = Gazing(result)
-    draws = (*figures_images.FIGURES, *figures_errors.FIGURES, accuracy_map, usable_map, over_distance)
-    return one_by_one(draws, shown, MOST_FIGURES)
+    pictures = (*figures_images.FIGURES, *figures_errors.FIGURES, *figures_sun.FIGURES)
+    return one_by_one((*pictures, accuracy_map, usable_map, over_distance), shown, MOST_FIGURES)
 
 
 def accuracy_map(shown: Gazing) -> Iterator[NamedFigure]:

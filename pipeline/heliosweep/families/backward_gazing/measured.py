@@ -29,6 +29,7 @@ from heliosweep.families.backward_gazing.points import (
     gathered,
     reconstruct,
     shape_remarks,
+    sun_of,
     workload_of_points,
 )
 from heliosweep.families.backward_gazing.shots import BRIGHTEST, GEOMETRY, SUN_IMAGE, Shots, read_shots, read_sun
@@ -171,6 +172,8 @@ def _solved(point: Point, inputs: Inputs) -> dict[str, Any]:
     for reason, bit in _REASONS.items():
         reasons |= bit * np.any(seen.flags & reason, axis=0)
     return values | {
+        **sun_of(point.profile(inputs.table)),
+        "evaluations": found.evaluations[: inputs.methods],
         **by_axis("slope_%", maps(mirror, 1e3 * slopes)),
         **by_axis("slope_uncertainty_%", maps(mirror, 1e3 * deviation), 0),
         "image": maps(mirror, seen.images),

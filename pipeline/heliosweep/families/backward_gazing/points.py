@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.families.backward_gazing.variables import NOT_IDENTIFIABLE, most_pixels
+from heliosweep.families.backward_gazing.variables import NODES, NOT_IDENTIFIABLE, most_pixels
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
 from heliosweep.kernels.gazing import linear
@@ -28,8 +28,8 @@ from heliosweep.kernels.gazing.lanes import UNLIT, SlopeFit
 from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.modules import module_estimates
 from heliosweep.kernels.gazing.search import search_slopes, search_wavefronts
-from heliosweep.kernels.sun.profiles import Profile, jose, tabulated
-from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
+from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose, render, tabulated
+from heliosweep.kernels.sun.tables import formula_fit, noisy, scaled, smooth_fit
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.files import ProfileTable
@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 #: Time of a pixel on one core by each method, for a tabulated profile. [s]
 SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 4.5e-6, "O2": 5e-6, "LM": 1.6e-6}
 #: Relative difference of focal lengths that is said, and over its standard error.
-NO_SPHERE, SURE = 0.02, 4.0
+NO_SPHERE, SURE = 0.03, 4.0
 #: Overhead of a point. [s]
 SECONDS_PER_POINT = 3e-3
 #: The largest kernels of all families, and what is needed to load them. [bytes]
@@ -53,7 +53,8 @@ KEYS = (
     "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits", "cameras.images",
     "cameras.supersampling", "cameras.threshold", "cameras.seed", "defects.canting_scale", "defects.waviness",
     "defects.waviness_length", "defects.focal_length", "defects.seed", "sun_profile", "profile_noise.noise",
-    "profile_noise.nodes", "profile_noise.seed", "profile_error", "erosion",
+    "profile_noise.nodes", "profile_noise.seed", "profile_error", "erosion", "sun.limb_brightness",
+    "sun.limb_exponent", "sun.angular_radius",
 )  # fmt: skip
 
 
@@ -90,6 +91,9 @@ class Point(NamedTuple):
     profile_seed: int
     profile_error: float
     erosion: int
+    limb: float
+    exponent: float
+    angular_radius: float
 
     @classmethod
     def of(cls, values: Iterable[Any], **known: float) -> Point:
@@ -109,6 +113,10 @@ class Point(NamedTuple):
             point = point._replace(defect_seed=0, waviness_length=1.0)
         if point.sun_profile != "noisy":
             point = point._replace(profile_noise=0.0, nodes=0, profile_seed=0)
+        usual = {"limb": LIMB, "exponent": POWER, "angular_radius": 1e3 * EPS_MAX}
+        for name, value in usual.items():
+            if math.isnan(getattr(point, name)) or point.sun_profile == "table":
+                point = point._replace(**{name: value})
         if point.images != "camera":
             point = point._replace(supersampling=1)
         return point
@@ -139,11 +147,13 @@ class Point(NamedTuple):
 
     def profile(self, table: ProfileTable | None) -> Profile:
         """Profile of the sun. Raises ValueError where noise makes it no darker at its edge."""
-        if self.sun_profile == "noisy":
-            return noisy(jose(), self.profile_noise, self.nodes, self.profile_seed)
         if self.sun_profile == "table" and table is not None:
             return tabulated(table.brightness, angle=table.angle)
-        return jose()
+        radius = EPS_MAX if self.angular_radius == 1e3 * EPS_MAX else 1e-3 * self.angular_radius
+        formula = jose(self.limb, radius, self.exponent)
+        if self.sun_profile == "noisy":
+            return noisy(formula, self.profile_noise, self.nodes, self.profile_seed)
+        return formula
 
     def known(self, profile: Profile) -> Profile:
         """The profile by which slopes are found, of the one that makes the images: wider by `profile_error`."""
@@ -191,6 +201,8 @@ class Found(NamedTuple):
     """Bits of `shared`: NOT_CONVERGED, UNLIT, OUTSIDE; shape (M, N)."""
     fit: SlopeFit | None
     """Result of LM; None where it is not among the methods."""
+    evaluations: Floats
+    """Mean number of evaluations of the merit at a pixel with slopes, 0 for A, shape (M,)."""
 
 
 def reconstruct(
@@ -210,12 +222,13 @@ def reconstruct(
     slopes = np.empty((len(solver.methods), len(matrices), 2, y.size))
     quality = np.zeros((len(solver.methods), y.size), np.int64)
     how: dict[str, Any] = {"threshold": threshold, "fit_gain": solver.fit_gain}
-    fit = None
+    evaluations, fit = np.zeros(len(solver.methods)), None
     for row, method in enumerate(solver.methods):
         if method == "A":
             slopes[row] = linear.transferred(departures, matrices)
             quality[row] = UNLIT * ~np.isfinite(departures[0])
-        elif method == "O1":
+            continue
+        if method == "O1":
             wavefront = linear.ideal_wavefront(layout, ideal)
             found = search_wavefronts(layout, profile, images, wavefront + departures, **how)
             slopes[row] = linear.transferred(found.slopes - wavefront, matrices)
@@ -226,9 +239,26 @@ def reconstruct(
         else:
             smooth = solver.smooth and profile.table.size > 3
             stages = [smooth_fit(profile)] if smooth else graduated(profile)
-            fit = fit_slopes(layout, stages, images, y, z, start, **how)
+            found = fit = fit_slopes(layout, stages, images, y, z, start, **how)
             slopes[row], quality[row] = fit.slopes, fit.flags
-    return Found(slopes, lit, quality, fit)
+        spent = found.evaluations[found.evaluations > 0]
+        evaluations[row] = spent.mean() if spent.size else 0.0
+    return Found(slopes, lit, quality, fit, evaluations)
+
+
+def sun_of(profile: Profile) -> dict[str, Any]:
+    """A profile at `variables.NODES` places of the disc, and the formula of Jose nearest to it. [1], [mrad]"""
+    nodes = np.linspace(0.0, 1.0, NODES)
+    known = render(profile, nodes * profile.radius)
+    fit = formula_fit(profile.table if profile.table.size > 3 else known)
+    return {
+        "sun_brightness": known,
+        "sun_formula": fit.level * render(jose(fit.limb, 1.0, fit.power), nodes),
+        "sun_limb_fit": fit.limb,
+        "sun_exponent_fit": fit.power,
+        "sun_radius_fit": 1e3 * profile.radius,
+        "sun_fit_rms": fit.residual,
+    }
 
 
 def estimates(

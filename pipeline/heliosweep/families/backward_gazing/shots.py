@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import shift
 
+from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.files import Picture, ProfileTable, read_picture, read_profile
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope
@@ -138,24 +140,28 @@ def read_sun(study: BackwardGazingStudy) -> tuple[ProfileTable | None, list[str]
     StudyError
         If the file cannot be used.
     """
-    if study.sun.image is None:
+    frames = sun_frames(study)
+    if not frames:
         if study.sun.profile is None:
             return None, []
         return read_profile(study.resolve(study.sun.profile), study.sun.profile), []
-    picture = _read(study, "sun.image", study.sun.image)
-    saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
-    if saturated > 0.0:
-        message = f"{100 * saturated:.3g} % of its pixels are saturated: the profile would be flat; expose it shorter"
-        raise StudyError(Problem(message, "sun.image", study.sun.image))
+    pictures = {key: _read(study, key, name) for key, name in frames.items()}
+    for key, one in pictures.items():
+        saturated = float(np.mean(one.levels >= one.metadata.get("SATURATE", one.saturation)))
+        if saturated > 0.0:
+            message = f"{100 * saturated:.3g} % of its pixels are saturated: the profile would be flat; expose it shorter"
+            raise StudyError(Problem(message, key, frames[key]))
     disc = _disc(study)
+    (key, name), picture = next(iter(frames.items())), next(iter(pictures.values()))
     pixel = study.sun.pixel_angle or picture.metadata.get("PIXANGLE")
-    radius = EPS_MAX if pixel is None else 1e-3 * pixel * disc.radius
+    assert not isinstance(study.sun.angular_radius, Sweep)
+    radius = 1e-3 * pixel * disc.radius if pixel is not None else 1e-3 * (study.sun.angular_radius or 1e3 * EPS_MAX)
     if not 3e-3 < radius < 7e-3:
         message = f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad; a sun has 4.65"
-        raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", "sun.image", study.sun.image))
+        raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", key, name))
     rises = int(np.count_nonzero(np.diff(disc.brightness) > 0.0))
     note = (
-        f"{study.sun.image}: the brightness rises in {rises} of {len(disc.brightness) - 1} rings from the centre "
+        f"{name}: the brightness rises in {rises} of {len(disc.brightness) - 1} rings from the centre "
         "to the edge; the least falling curve above it is used"
     )
     angle = np.linspace(0.0, radius, len(disc.brightness))
@@ -168,14 +174,33 @@ def _stated(study: BackwardGazingStudy, key: str) -> Any:
     return None if study.image_geometry is None else getattr(study.image_geometry, key)
 
 
+def sun_frames(study: BackwardGazingStudy) -> dict[str, str]:
+    """Names of the images of the sun by their keys in the study."""
+    if study.sun.image is not None:
+        return {"sun.image": study.sun.image}
+    return {f"sun.frames[{number}].file": one.file for number, one in enumerate(study.sun.frames or ())}
+
+
 def _disc(study: BackwardGazingStudy) -> SunDisc:
-    """The disc in the image of the sun. Raises StudyError."""
-    assert study.sun.image is not None
-    picture = _read(study, "sun.image", study.sun.image)
-    try:
-        return disc_profile(picture.levels - picture.metadata.get("DARK", _stated(study, "dark") or 0.0))
-    except ValueError as error:
-        raise StudyError(Problem(str(error), "sun.image", study.sun.image)) from None
+    """The disc in the image of the sun, or in the median of several. Raises StudyError."""
+    moved: list[Floats] = []
+    first: SunDisc | None = None
+    for key, name in (frames := sun_frames(study)).items():
+        picture = _read(study, key, name)
+        levels = picture.levels - picture.metadata.get("DARK", _stated(study, "dark") or 0.0)
+        if moved and levels.shape != moved[0].shape:
+            message = "has another size than the first image of the sun; frames of one camera have the same"
+            raise StudyError(Problem(message, key, name))
+        try:
+            disc = disc_profile(levels)
+            first = first or disc
+            if len(frames) > 1:
+                by = first.centre[1] - disc.centre[1], first.centre[0] - disc.centre[0]
+                moved.append(shift(levels, by, order=1, cval=math.nan))
+                disc = disc_profile(np.median(moved, axis=0)) if len(moved) == len(frames) else disc
+        except ValueError as error:
+            raise StudyError(Problem(str(error), key, name)) from None
+    return disc
 
 
 def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
@@ -218,13 +243,15 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
     """Levels of white and where they come from."""
     stated = _stated(study, "white")
     white, source = np.empty(len(pictures)), []
+    known = stated is not None or all("WHITE" in one.metadata for one in pictures)
+    level = math.nan if known or not sun_frames(study) else _disc(study).level
     for number, picture in enumerate(pictures):
         if stated is not None:
             white[number], origin = stated, "study"
         elif "WHITE" in picture.metadata:
             white[number], origin = picture.metadata["WHITE"], "metadata"
-        elif study.sun.image is not None:
-            white[number], origin = dark[number] + _disc(study).level, SUN_IMAGE
+        elif math.isfinite(level):
+            white[number], origin = dark[number] + level, SUN_IMAGE
         else:
             white[number], origin = math.nan, BRIGHTEST
         source.append(origin)

@@ -26,6 +26,7 @@ from heliosweep.families.backward_gazing.points import (
     gathered,
     reconstruct,
     shape_remarks,
+    sun_of,
     workload_of_points,
 )
 from heliosweep.families.backward_gazing.variables import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
@@ -105,10 +106,15 @@ class Observation(NamedTuple):
     true: Floats
     """True slopes relative to the ideal heliostat, shape (2, N). [rad]"""
     found: Found
-    net: Floats
-    """Slopes found, less those found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
+    ideal: Floats
+    """Slopes found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
     share: Floats
     """Standard deviation of the images' values for camera pixels of standard deviation 1, (4, N) or (1, 1). [1]"""
+
+    @property
+    def net(self) -> Floats:
+        """Slopes found, less those found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
+        return self.found.slopes - self.ideal
 
     @property
     def lit(self) -> NDArray[np.int64]:
@@ -173,7 +179,7 @@ def compute(study: BackwardGazingStudy, given: Given, region: Region) -> xr.Data
         for index, values in parameters.points(*KEYS):
             point = Point.of(values)
             result = _remembered if area / point.pixel**2 <= MOST_REMEMBERED else of_point
-            yield index, result(point, given, study.output.maps)
+            yield index, result(point, given, study.output.maps, study.output.raw_slopes)
 
     return gathered(made, {**parameters.sizes, **told.sizes_of(study, study.output.maps)}, points())
 
@@ -222,7 +228,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     yield from shape_remarks(result)
 
 
-def of_point(point: Point, given: Given, with_maps: bool) -> dict[str, Any]:
+def of_point(point: Point, given: Given, with_maps: bool, raw: bool) -> dict[str, Any]:
     """Values of the variables of a point, by name; ``scene_status`` alone where no slopes can be found."""
     try:
         seen = observed(point, given)
@@ -237,7 +243,8 @@ def of_point(point: Point, given: Given, with_maps: bool) -> dict[str, Any]:
     values |= estimates(seen.net, deviations, seen.mirror, seen.modules, seen.keep, point.focal_length)
     values["scene_status"] = SEEN if np.any(seen.keep & np.isfinite(seen.net[:, 0, 0]).any(axis=0)) else NOT_SEEN
     values["incidence"] = float(np.degrees(1.0)) * seen.layout.incidence
-    return values | (_maps(seen) if with_maps else {})
+    values["evaluations"] = seen.found.evaluations
+    return values | (_maps(seen, point, given, raw) if with_maps else {})
 
 
 _remembered = lru_cache(maxsize=4)(of_point)
@@ -262,11 +269,14 @@ def _sight(seen: Observation, least: Floats) -> dict[str, Any]:
     return made | by_axis("cramer_rao_bound_%", square, 0)
 
 
-def _maps(seen: Observation) -> dict[str, Any]:
+def _maps(seen: Observation, point: Point, given: Given, raw: bool) -> dict[str, Any]:
     """Images, slopes and what is known of each pixel, on the grid. [1], [mrad]"""
     mirror = seen.mirror
     mask = np.where(seen.keep, np.where(seen.lit >= NEEDED, 3, 2), 1)
+    found = {"raw_slope_%": seen.found.slopes, "raw_ideal_slope_%": seen.ideal} if raw else {}
     return {
+        **{end: one for name, all_of in found.items() for end, one in by_axis(name, maps(mirror, 1e3 * all_of)).items()},
+        **sun_of(point.profile(given.table)),
         "image": maps(mirror, seen.images),
         **by_axis("slope_%", maps(mirror, 1e3 * seen.net)),
         **by_axis("true_slope_%", maps(mirror, 1e3 * seen.true), 0),
@@ -304,8 +314,8 @@ def observed(point: Point, given: Given) -> Observation:
         images = expose(images * gains[:, np.newaxis], point.noise, point.bits, point.camera_seed)
     found = reconstruct(layout, known, images, mirror, point.threshold, given.solver)
     ideal_found, ideal_true = _ideal(point.ideal, given)
-    net = found.slopes - ideal_found.slopes
-    return Observation(given.modules, mirror, keep, layout, known, images, true - ideal_true, found, net, share)
+    ideal = ideal_found.slopes
+    return Observation(given.modules, mirror, keep, layout, known, images, true - ideal_true, found, ideal, share)
 
 
 def bound(seen: Observation, point: Point, given: Given, method: str | None = None) -> Floats:

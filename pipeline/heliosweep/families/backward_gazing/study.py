@@ -115,7 +115,7 @@ class BackwardGazingStudy(Study):
             yield from self._measured_faults()
         else:
             yield from self._simulated_faults()
-        if "table" in ends(self.sun_profile) and self.sun.profile is None and self.sun.image is None:
+        if "table" in ends(self.sun_profile) and self.sun.profile is self.sun.image is self.sun.frames is None:
             yield Fault("'sun.profile' is missing: the table that 'sun_profile: table' means", show_value=False)
 
     @property
@@ -140,6 +140,7 @@ class BackwardGazingStudy(Study):
             ("images",): self.images,
             ("image_geometry",): self.image_geometry,
             ("sun", "image"): self.sun.image,
+            ("sun", "frames"): self.sun.frames,
         }
         for where, value in measured.items():
             if value is not None:
@@ -151,6 +152,8 @@ class BackwardGazingStudy(Study):
             elif self.field is None and not given:
                 purpose = type(getattr(self, block)).parameter(key).purpose
                 yield Fault(f"'{block}.{key}' is missing: {purpose}", show_value=False)
+        if self.output.raw_slopes and not self.output.maps:
+            yield Fault("needs output.maps", ("output", "raw_slopes"))
         if self.field is not None:
             if self.output.maps:
                 yield Fault("must be false with a 'field'", ("output", "maps"))
@@ -174,9 +177,14 @@ class BackwardGazingStudy(Study):
             yield Fault(message, ("images",), show_value=False)
         if self.defects != Defects():
             yield Fault("is the truth of a simulation; remove it", ("defects",), show_value=False)
-        if self.sun.image is not None and self.sun.profile is not None:
-            message = "stands beside sun.image, and both are the sun's profile; give one of the two"
-            yield Fault(message, ("sun", "profile"), show_value=False)
+        given = [key for key in ("image", "frames", "profile") if getattr(self.sun, key) is not None]
+        for key in given[1:]:
+            message = f"stands beside sun.{given[0]}, and both are the sun's profile; give one of the two"
+            yield Fault(message, ("sun", key), show_value=False)
+        if isinstance(self.sun.angular_radius, Sweep) and {"image", "frames"} & set(given):
+            yield Fault("must be one value with an image of the sun", ("sun", "angular_radius"))
+        if self.output.raw_slopes:
+            yield Fault("is only for mode: simulated", ("output", "raw_slopes"))
         if isinstance(self.sun_profile, Sweep):
             yield Fault("must be one profile in mode: measured", ("sun_profile",))
 

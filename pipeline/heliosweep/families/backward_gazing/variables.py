@@ -49,6 +49,8 @@ QUALITY = {
 MASKS = ("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts")
 
 PLANE = ("z", "y")
+#: Places of the disc at which the sun's profile is stored.
+NODES = 101
 OF_METHOD = ("slope_method", "referential")
 OF_MODULE = (*OF_METHOD, "module")
 _HOUR = ("heliostat", "hour")
@@ -140,6 +142,25 @@ _ESTIMATES = {
 #: What noise leaves of the slopes of a pixel; of a module it is a mean.
 _BOUND = "least standard deviation that the cameras leave to % slopes of a pixel"
 
+_EVALUATIONS = {
+    "evaluations": _quantity(
+        ("slope_method",),
+        "1",
+        "evaluations of the merit by the search at a pixel",
+        "mean over the pixels that have slopes; A searches nothing",
+    )
+}
+_DISC = ("disc_fraction",)
+#: Of the sun.
+_SUN = {
+    "sun_brightness": _quantity(_DISC, "1", "brightness of the sun's profile relative to the centre of the disc"),
+    "sun_formula": _quantity(_DISC, "1", "brightness by the formula of Jose that is nearest to the sun's profile"),
+    "sun_limb_fit": _quantity((), "1", "brightness of the limb over that of the centre, A, of the nearest formula"),
+    "sun_exponent_fit": _quantity((), "1", "exponent xi of the nearest formula of Jose"),
+    "sun_radius_fit": _quantity((), "mrad", "angular radius eps_max of the nearest formula", "at which the profile ends"),
+    "sun_fit_rms": _quantity((), "1", "root mean square of the sun's profile less the nearest formula"),
+}
+
 #: Of the whole scene.
 _SCENE = {
     "scene_status": _flags((), "whether there are slopes, and why not", STATUS),
@@ -164,6 +185,7 @@ SIMULATED = {
         "percent",
     ),
     **_ESTIMATES,
+    **_EVALUATIONS,
     **_both(
         "cramer_rao_bound_%",
         ("module",),
@@ -192,6 +214,17 @@ MAPS = {
     **_both("true_slope_%", PLANE, "true % slope of the mirror relative to the ideal heliostat"),
     "mask": _MASK,
     "quality": _quality({bit: name for bit, name in QUALITY.items() if bit <= SATURATED}),
+    **_SUN,
+}
+#: With ``output: {raw_slopes: true}``, after Figure 7.
+RAW = {
+    **_both("raw_slope_%", (*OF_METHOD, *PLANE), "% slope of the mirror as it is found, with the defects", _WAVEFRONT),
+    **_both(
+        "raw_ideal_slope_%",
+        (*OF_METHOD, *PLANE),
+        "% slope of the ideal heliostat as it is found",
+        f"what is left of its shape and of referentials; slope_% is raw_slope_% less this; {_WAVEFRONT}",
+    ),
 }
 
 #: Heliostats of a field.
@@ -220,6 +253,8 @@ FIELD = {
 #: Measured images; what simulations have too is called as there, and means the same.
 MEASURED = {
     **_ESTIMATES,
+    **_EVALUATIONS,
+    **_SUN,
     **_both(
         "cramer_rao_bound_%",
         ("module",),
@@ -291,7 +326,7 @@ def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
 def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
     """Variables of a study's result; of one simulated heliostat with percentiles over swept seeds."""
     dims, seeds = tuple(dim.name for dim in study.dimensions()), seed_dims(study)
-    simulated = SIMULATED | (MAPS if study.output.maps else {})
+    simulated = SIMULATED | (MAPS if study.output.maps else {}) | (RAW if study.output.raw_slopes else {})
     table = MEASURED if study.mode == "measured" else simulated if study.field is None else FIELD
     found = {name: replace(one, dims=(*dims, *one.dims)) for name, one in table.items()}
     if table is simulated and seeds:
@@ -322,6 +357,7 @@ COORDINATES = {
     "z": ("place on the mirror, up", "m"),
     "module_of_pixel": ("number of the module that holds the pixel, 0 for none", "1"),
     "hour": ("solar hour", "h"),
+    "disc_fraction": ("angle from the centre of the sun's disc over its angular radius", "1"),
     "sun_world_azimuth": ("azimuth of the sun, clockwise from north", "degree"),
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }
@@ -361,7 +397,7 @@ def sizes_of(study: BackwardGazingStudy, maps: bool) -> dict[str, int]:
     if maps:
         span = (modules.centre + 0.5 * modules.size).max(axis=0) - (modules.centre - 0.5 * modules.size).min(axis=0)
         columns, rows = np.maximum(np.ceil(span / study.heliostat.pixel - 1e-6), 1.0)  # as mirror_grid has them
-        sizes |= {"camera": CAMERAS, "z": int(rows), "y": int(columns)}
+        sizes |= {"camera": CAMERAS, "z": int(rows), "y": int(columns), "disc_fraction": NODES}
     return sizes
 
 
@@ -386,5 +422,6 @@ def coordinates(study: BackwardGazingStudy, maps: bool, keys: Sequence[str]) -> 
     if maps:
         mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
         labels |= {"camera": label("camera", np.arange(1, CAMERAS + 1)), "z": label("z", mirror.z)}
+        labels["disc_fraction"] = label("disc_fraction", np.linspace(0.0, 1.0, NODES))
         labels |= {"y": label("y", mirror.y), "module_of_pixel": label("module_of_pixel", mirror.module, *PLANE)}
     return xr.Dataset(coords=labels, attrs=attributes(study))
