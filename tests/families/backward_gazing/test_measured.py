@@ -15,6 +15,8 @@ from heliosweep.kernels.gazing import lm as gazing_lm
 from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
 from heliosweep.kernels.gazing.rectification import pinholes, places_of
+from heliosweep.kernels.gazing.rendering import camera_set, heliostat
+from heliosweep.kernels.gazing.rendering import levels as image_levels
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
@@ -241,6 +243,66 @@ def test_other_formats_give_the_same(tmp_path, levels, shipped, kind):
     assert 0.01 < np.nanmedian(np.abs(difference)) < 0.5
 
 
+ROLLS, SHIFTS = (12.0, -25.0, 7.0, -3.0), ((20.3, -10.7), (-30.1, 5.5), (11.0, 12.0), (0.5, -7.2))
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory):
+    """Files of images of cameras that are turned and look past the heliostat, and metadata that say all of it."""
+    folder, shape, here = tmp_path_factory.mktemp("photographs"), (220, 260), made.layout()
+    centre = np.array([[0.5 * (shape[1] - 1) + a, 0.5 * (shape[0] - 1) + b] for a, b in SHIFTS])
+    cameras = pinholes(here, shape, made.FOCAL, centre, np.radians(ROLLS))
+    mirror = heliostat(themis_8(), made.TRUE_FOCAL, made.CANTING, made.POINTING, made.fine_waves())
+    seen = camera_set(here, cameras, shape, jose(), mirror, 4)
+    gains = made.WHITE / made.WHITE[0] - 1.0
+    taken = image_levels(seen, made.WHITE[0], black=made.DARK, noise=made.NOISE, gain_error=gains, bits=12, seed=5)
+    files, said = [], []
+    for number, image in enumerate(taken):
+        files.append(str(folder / f"{number}.npy"))
+        np.save(files[-1], image.astype(np.uint16))
+        place = {"CENTREU": centre[number, 0], "CENTREV": centre[number, 1], "ROLL": ROLLS[number]}
+        said.append({**made.metadata(number), **{key: float(value) for key, value in place.items()}})
+    return files, said
+
+
+def test_photographs_are_registered_by_the_edges_of_the_modules(tmp_path, photographs, truth):
+    """Shift, turn and scale within hundredths of a pixel; what that costs in slopes, against all of it known."""
+    files, said = photographs
+    unknown = ("FOCALPIX", "CENTREU", "CENTREV", "ROLL")
+    results = []
+    for known in (False, True):
+        kept = [{key: value for key, value in one.items() if known or key not in unknown} for one in said]
+        images = [{"file": file, "metadata": one} for file, one in zip(files, kept, strict=True)]
+        results.append(result_of(content(tmp_path, images=images)))
+    found, right = results
+    assert found.attrs["rectification"] == "registered"
+    assert right.attrs["rectification"] == "pinhole"
+    np.testing.assert_allclose(found["registered_roll"], ROLLS, atol=0.01)
+    np.testing.assert_allclose(found["registered_focal_length"], made.FOCAL, rtol=3e-4)
+    centres = np.array([[one["CENTREU"], one["CENTREV"]] for one in said])
+    away = np.stack((found["registered_column"], found["registered_row"]), axis=1) - centres
+    assert np.abs(away).max() < 0.02
+    assert found["registration_residual"].max() < 0.06
+    assert np.isnan(right["registration_residual"]).all()
+    for direction in "xy":
+        assert float(abs(found[f"pointing_{direction}"] - right[f"pointing_{direction}"]).max()) < 0.0005
+        assert float(abs(found[f"canting_{direction}"] - right[f"canting_{direction}"]).max()) < 0.001
+        error, uncertainty = errors(found, truth, direction)
+        assert np.mean(np.abs(error / uncertainty) < 2.0) > 0.93
+    assert found["focal_length_estimate"].item() == pytest.approx(right["focal_length_estimate"].item(), abs=0.2)
+
+
+def test_what_cannot_be_registered_is_said(tmp_path, photographs):
+    files, said = photographs
+    images = [{"file": file, "metadata": {**one}} for file, one in zip(files, said, strict=True)]
+    rough = tmp_path / "rough.npy"
+    np.save(rough, np.random.default_rng(0).integers(64, 3000, (220, 260)).astype(np.uint16))
+    images[2] = {"file": str(rough), "metadata": {key: value for key, value in said[2].items() if key != "FOCALPIX"}}
+    message = problems_of(content(tmp_path, images=images))
+    assert "images[2]: the heliostat is not found in" in message
+    assert "mark its 'corners', or give FOCALPIX" in message
+
+
 def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
     names = []
     for number, image in enumerate(maps(truth.grid, truth.images)):
@@ -258,7 +320,7 @@ def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
         error, _ = errors(found, truth, direction)
         assert np.percentile(np.abs(error), 99) < 1e-3  # a surface that is 1 mm off is seen from elsewhere
         assert error.size > 0.99 * np.count_nonzero(found["mask"] > 1)
-    said = problems_of(content(tmp_path, names, **{**geometry, "heliostat": {"distance": 120, "pixel": 0.1}}))
+    said = problems_of(content(tmp_path, names, image_geometry={"rectified": True}, **{**geometry, "heliostat": {"distance": 120, "pixel": 0.1}}))
     assert "145 x 147 pixels, and the mirror has 73 x 74" in said
 
 
@@ -283,7 +345,7 @@ def test_median_of_several_frames_of_the_sun(tmp_path):
         study = heliosweep.load(content(STUDIES / "images", sun={**sun, "pixel_angle": pixel}, image_geometry={"dark": 64}))
         table, _ = read_sun(study)
         errors.append(np.std(np.array(table.brightness)[:-3] - render(jose(), np.array(table.angle)[:-3])))
-    assert errors[0] < 0.3 * errors[1]
+    assert errors[0] < 0.6 * errors[1]  # what is left is of the ring medians and the limb
     assert errors[0] < 0.004
     study = content(STUDIES / "images", sun={"frames": names, "pixel_angle": pixel}, heliostat={"focal_length": 120, "pixel": 0.1})
     result = result_of(study)
@@ -365,7 +427,7 @@ def test_geometry_that_is_missing_or_contradictory(write):
 
     assert "SUNAZ" in problems_of(write(say=without("SUNAZ")))
     assert "mark its 'corners', or give FOCALPIX" in problems_of(
-        write(say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said)
+        write(say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said, image_geometry={"registration": False})
     )
     assert "in another image" in problems_of(write(say=lambda said, n: {**said, "SUNEL": 60.0 + n}))
     assert "for 3 images of 4" in problems_of(

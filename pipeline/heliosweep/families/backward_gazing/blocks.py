@@ -435,8 +435,13 @@ class ImageGeometry(Block):
 
     rectified: Annotated[
         bool | None,
-        Flag("Whether the images are on the grid of the mirror already, top row first; by default where no corners "
-             "are given"),
+        Flag("Whether the images are on the grid of the mirror already, top row first; by default where they have its "
+             "size, and neither corners nor FOCALPIX are given"),
+    ] = None  # fmt: skip
+    registration: Annotated[
+        bool | None,
+        Flag("Whether the program finds where the images show the heliostat, by the edges of its modules: their shift, "
+             "turn and scale; by default where neither corners nor FOCALPIX tell it; corners count before it"),
     ] = None  # fmt: skip
     dark: Annotated[float | None, Quantity("Level of a pixel without light; from metadata, or 0", "1", sweep=False)] = (
         None

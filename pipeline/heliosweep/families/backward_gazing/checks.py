@@ -212,6 +212,7 @@ def _measured(study: BackwardGazingStudy) -> Found:
         yield from _grid_problems(study, seen)
     else:
         yield from _corner_problems(study, seen)
+        yield from _registration_problems(study, seen)
     yield from _contradictions(study, seen)
     yield from _level_problems(study, seen)
 
@@ -264,6 +265,28 @@ def _corner_problems(study: BackwardGazingStudy, seen: Shots) -> Found:
             yield study.problem(key, f"{np.count_nonzero(outside)} of 4 corners are outside of the image of {size}")
         elif np.any(outside):
             yield f"{name}: {np.count_nonzero(outside)} of 4 corners are outside of the image of {size}"
+
+
+def _registration_problems(study: BackwardGazingStudy, seen: Shots) -> Found:
+    """Where no corners are marked, the program must find the heliostat."""
+    if not seen.register.any() or isinstance(study.heliostat.pixel, Sweep):
+        return
+    from heliosweep.families.backward_gazing.measured import registered
+    from heliosweep.families.backward_gazing.points import KEYS, Failure, Point
+    from heliosweep.grid.parameters import Parameters
+
+    assert study.images is not None
+    _, values = next(iter(Parameters(study).points(*KEYS)))
+    point = Point.of(values, **seen.geometry)
+    try:
+        registered(point.layout(seen.positions), point.focal_length, seen, study.heliostat.rectangles)
+    except Failure:
+        return
+    except ValueError as error:
+        if len(error.args) == 2:
+            number, what = error.args
+            message = f"the heliostat is not found in {study.images[number].file}: {what}"
+            yield study.problem(f"images[{number}]", f"{message}; mark its 'corners', or give FOCALPIX in its metadata")
 
 
 def _contradictions(study: BackwardGazingStudy, seen: Shots) -> Iterator[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -32,7 +33,8 @@ from heliosweep.families.backward_gazing.points import (
     sun_of,
     workload_of_points,
 )
-from heliosweep.families.backward_gazing.shots import BRIGHTEST, GEOMETRY, SUN_IMAGE, Shots, read_shots, read_sun
+from heliosweep.families.backward_gazing.registration import Registered, register
+from heliosweep.families.backward_gazing.shots import ANY_FOCAL, BRIGHTEST, GEOMETRY, SUN_IMAGE, Shots, read_shots, read_sun
 from heliosweep.families.backward_gazing.variables import NEEDED, NOT_CONVERGED, NOT_IDENTIFIABLE, NOT_SEEN, SEEN
 from heliosweep.grid.parameters import Parameters, coordinate_attributes
 from heliosweep.kernels.gazing import rectification as why
@@ -113,7 +115,8 @@ def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
         white_levels=" ".join(shots.white_from),
         pixel_noise_from="residuals" if np.isnan(shots.noise) else "study",
         gain_of_each_pixel="fitted" if study.fit_gain or shots.needs_gain else "1",
-        rectification="none" if shots.rectified else "corners" if corners else "pinhole",
+        rectification="none" if shots.rectified else "registered" if shots.register.any() else
+        "corners" if corners else "pinhole",
     )
 
 
@@ -180,6 +183,7 @@ def _solved(point: Point, inputs: Inputs) -> dict[str, Any]:
         "residual_rms": maps(mirror, rms),
         "mask": np.nan_to_num(maps(mirror, np.where(~keep, 1, np.where(cameras < NEEDED, 2, 3)))),
         "quality": np.nan_to_num(maps(mirror, quality | reasons)),
+        **registered(layout, point.focal_length, shots, inputs.modules)[1],
         "saturated_fraction": np.mean(seen.flags & why.SATURATED > 0, axis=1),
         "white_level": shots.white,
         "pixel_noise": noise,
@@ -187,6 +191,44 @@ def _solved(point: Point, inputs: Inputs) -> dict[str, Any]:
         "scene_status": SEEN if np.any(usable) else NOT_SEEN,
         "incidence": math.degrees(layout.incidence),
     }
+
+
+#: What is known of images: they are registered once for all points that see them alike.
+_KNOWN: dict[bytes, Registered] = {}
+
+
+def registered(
+    layout: Scene, focal_length: float, shots: Shots, modules: Modules
+) -> tuple[Floats, dict[str, Floats]]:
+    """Corners of the heliostat in all images, NaN where pinholes tell them, shape (4, 4, 2), and variables about them.
+
+    Raises ValueError, whose first argument is the number of the image from 0, where it is found in none.
+    """
+    corners, found = shots.corners.copy(), {name: np.full(4, math.nan) for name in told.REGISTERED}
+    rows, columns = shots.images.shape[1:]
+    upright = why.pinholes(layout, (rows, columns), ANY_FOCAL) if np.any(shots.register) else None
+    for number in np.flatnonzero(shots.register).tolist():
+        image = np.ascontiguousarray(shots.images[number])
+        digest = sha256(image.tobytes() + layout.eyes.tobytes() + modules.centre.tobytes() + modules.size.tobytes())
+        digest.update(np.array([number, focal_length]).tobytes() + layout.mirror_axes.tobytes())
+        if (key := digest.digest()) not in _KNOWN:
+            if len(_KNOWN) >= 64:
+                _KNOWN.clear()
+
+            def see(points: Floats, number: int = number) -> Floats:
+                assert upright is not None
+                return why.places_of(upright, focal_length, points[:, 0], points[:, 1])[number].T
+
+            try:
+                _KNOWN[key] = register(image, see, modules)
+            except ValueError as error:
+                raise ValueError(number, str(error)) from None
+        one = _KNOWN[key]
+        corners[number] = one.corners
+        values = (-math.degrees(one.turn), *one.centre, ANY_FOCAL * one.scale, one.residual)
+        for name, value in zip(found, values, strict=True):
+            found[name][number] = value
+    return corners, found
 
 
 def _on_mirror(layout: Scene, mirror: MirrorGrid, point: Point, inputs: Inputs) -> Seen:
@@ -199,6 +241,7 @@ def _on_mirror(layout: Scene, mirror: MirrorGrid, point: Point, inputs: Inputs) 
     rows, columns = shots.images.shape[1:]
     try:
         cameras = why.pinholes(layout, (rows, columns), shots.focal, shots.centre, shots.roll)
+        corners, _ = registered(layout, point.focal_length, inputs.shots, inputs.modules)
         return Seen(
             *why.rectify(
                 shots.images,
@@ -206,7 +249,7 @@ def _on_mirror(layout: Scene, mirror: MirrorGrid, point: Point, inputs: Inputs) 
                 point.focal_length,
                 inputs.modules,
                 mirror,
-                corners=shots.corners if np.any(np.isfinite(shots.corners)) else None,
+                corners=corners if np.any(np.isfinite(corners)) else None,
                 saturation=shots.saturation,
                 threshold=point.threshold,
             )

@@ -37,6 +37,8 @@ REACH, FREE = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 3
 ALONG, ACROSS = 0.8, 0.25
 #: Pixels beside an edge that blur it, and beyond these those that tell the levels on both sides.
 BLUR, LEVEL = 1.75, 2.0
+#: Least brightness of a lit pixel. [1]
+LIT = 0.3
 #: Fewest places of all edges, and of each side of the heliostat for a homography instead of turn, scale and shift.
 LEAST, LEAST_OF_SIDE = 24, 12
 #: Residual of the edges above which nothing was found. [pixels]
@@ -55,15 +57,15 @@ class Registered(NamedTuple):
     """Of the picture against what an upright camera sees, clockwise. [rad]"""
     scale: float
     """Against the picture of `predicted`. [1]"""
-    shift: tuple[float, float]
-    """Of the heliostat's centre, right and down. [pixels]"""
+    centre: tuple[float, float]
+    """Column and row of the heliostat's centre. [pixels]"""
     residual: float
     """Root mean square distance of the edges from where they should be. [pixels]"""
     edges: int
     """Places of edges that were used."""
 
 
-def register(image: Floats, upright: Predict, modules: Modules, threshold: float) -> Registered:
+def register(image: Floats, upright: Predict, modules: Modules) -> Registered:
     """Find a heliostat in an image.
 
     Parameters
@@ -74,8 +76,6 @@ def register(image: Floats, upright: Predict, modules: Modules, threshold: float
         Where an upright camera of any focal length would see points (y, z) [m] of the mirror: of shape (n, 2) in both
         cases. [pixels]
     modules : Modules
-    threshold : float
-        Least brightness of a lit pixel. [1]
 
     Raises
     ------
@@ -85,7 +85,7 @@ def register(image: Floats, upright: Predict, modules: Modules, threshold: float
     seen = np.nan_to_num(np.asarray(image, np.float64))
     predicted = upright(outline(modules))
     plane, middle = homography(outline(modules) * [1.0, -1.0], predicted), predicted.mean(axis=0)
-    whole = _coarse(np.clip(seen / threshold, 0.0, 1.0), np.linalg.inv(plane), modules, predicted)
+    whole = _coarse(np.clip(seen / LIT, 0.0, 1.0), np.linalg.inv(plane), modules, predicted)
     area = [abs(np.linalg.det((corners[1:3] - corners[0]).T)) for corners in (outline(modules), moved(whole, predicted))]
     edges = _outer_edges(modules, math.sqrt(area[0] / area[1]))
     seen_edges = [upright(edges[:, columns] * [1.0, -1.0]) for columns in ((0, 1), (2, 3))]
@@ -94,7 +94,7 @@ def register(image: Floats, upright: Predict, modules: Modules, threshold: float
         place, before = (moved(whole, one) for one in seen_edges)
         away = before - place
         normal = away / np.hypot(*away.T)[:, np.newaxis]
-        offset = _offsets(seen, place, normal, reach, threshold)
+        offset = _offsets(seen, place, normal, reach)
         kept = np.isfinite(offset)
         for _ in range(3):  # of what is left, edges that lie farther off than most are left out
             if np.count_nonzero(kept) < LEAST:
@@ -108,11 +108,11 @@ def register(image: Floats, upright: Predict, modules: Modules, threshold: float
         residual, count = float(np.sqrt(np.mean(rest[kept] ** 2))), int(np.count_nonzero(kept))
     if not residual <= MOST_RESIDUAL:
         raise ValueError(f"the edges of the modules do not fit: they are {residual:.2g} pixels off")
-    corners, centre = moved(whole, predicted), moved(whole, middle)
-    across = moved(whole, middle + [1.0, 0.0]) - centre
+    centre, *corners = moved(whole, np.concatenate((upright(np.zeros((1, 2))), predicted)))
+    across = moved(whole, middle + [1.0, 0.0]) - moved(whole, middle)
     return Registered(
-        corners, math.atan2(across[1], across[0]), float(np.hypot(*across)),
-        (float(centre[0] - middle[0]), float(centre[1] - middle[1])), residual, count,
+        np.array(corners), math.atan2(across[1], across[0]), float(np.hypot(*across)),
+        (float(centre[0]), float(centre[1])), residual, count,
     )  # fmt: skip
 
 
@@ -171,7 +171,7 @@ def _outer_edges(modules: Modules, pixel: float) -> Floats:
     return np.concatenate(found)
 
 
-def _offsets(image: Floats, place: Floats, normal: Floats, reach: float, threshold: float) -> Floats:
+def _offsets(image: Floats, place: Floats, normal: Floats, reach: float) -> Floats:
     """How far outwards of its place each edge is; NaN where there is no edge from lit to dark. [pixels]
 
     Where it may be far, by the outermost place at half of the level inside; else by the light in the blurred edge.
@@ -185,7 +185,7 @@ def _offsets(image: Floats, place: Floats, normal: Floats, reach: float, thresho
         over = values > 0.5 * high[:, np.newaxis]
         offset = t[t.size - 1 - np.argmax(over[:, ::-1], axis=1)] + 0.5 * ACROSS
         sharp = values[:, outside].max(axis=1) < 0.5 * high
-        return np.where((high > threshold) & sharp, offset, math.nan)
+        return np.where((high > LIT) & sharp, offset, math.nan)
     line = np.stack((np.ones(np.count_nonzero(inside)), t[inside]), axis=1)
     level, slope = np.linalg.lstsq(line, np.nan_to_num(values[:, inside]).T, rcond=None)[0]
     base = values[:, outside].mean(axis=1)
@@ -194,7 +194,7 @@ def _offsets(image: Floats, place: Floats, normal: Floats, reach: float, thresho
         part = (values - base[:, np.newaxis]) / (full - base[:, np.newaxis])
     between = ~inside & ~outside
     offset = -BLUR - reach + ACROSS * (part[:, between].sum(axis=1) + 0.5 * (part[:, inside][:, -1] + part[:, outside][:, 0]))
-    good = (values[:, inside].min(axis=1) > threshold) & (base < 0.5 * level) & (np.abs(offset) <= reach)
+    good = (values[:, inside].min(axis=1) > LIT) & (base < 0.5 * level) & (np.abs(offset) <= reach)
     return np.where(good, offset, math.nan)
 
 

@@ -17,6 +17,7 @@ from scipy.ndimage import shift
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.files import Picture, ProfileTable, read_picture, read_profile
+from heliosweep.kernels.gazing.geometry import mirror_grid
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope
 from heliosweep.kernels.sun.tables import SunDisc, disc_profile
 
@@ -50,6 +51,8 @@ class Shots(NamedTuple):
     """Brightness from which a pixel is saturated, shape (4,)."""
     rectified: bool
     """True where the images are on the grid of the mirror."""
+    register: NDArray[np.bool_]
+    """Images in which the heliostat is to be found by its edges, shape (4,)."""
     focal: Floats
     """Focal lengths over the side of a pixel, shape (4,)."""
     centre: Floats
@@ -91,13 +94,17 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     corners = np.array([np.full((4, 2), np.nan) if one.corners is None else one.corners for one in entries])
     marked = np.isfinite(corners).all(axis=(1, 2))
     focal = np.array([one.get("FOCALPIX", math.nan) for one in said])
-    rectified = _stated(study, "rectified")
+    rectified, register = _stated(study, "rectified"), _stated(study, "registration")
     if rectified is None:
-        rectified = not (np.any(marked) or np.any(np.isfinite(focal)))
-    for number in [] if rectified else np.flatnonzero(~np.isfinite(focal) & ~marked):
+        told = np.any(marked) or np.any(np.isfinite(focal)) or register
+        rectified = not told and pictures[0].levels.shape == _grid_shape(study)
+    if register is None:
+        register = ~np.isfinite(focal)
+    found = ~marked & register & (not rectified)
+    for number in [] if rectified else np.flatnonzero(~np.isfinite(focal) & ~marked & ~found):
         message = (
-            f"nothing tells where {entries[number].file} shows the mirror: mark its 'corners', or give FOCALPIX, the "
-            "focal length over the side of a pixel, in its metadata"
+            f"nothing tells where {entries[number].file} shows the mirror: let the program find it "
+            "(image_geometry.registration), mark its 'corners', or give FOCALPIX in its metadata"
         )
         raise StudyError(study.problem(f"images[{number}]", message))
     rows, columns = pictures[0].levels.shape
@@ -112,6 +119,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
         (levels - dark[:, np.newaxis, np.newaxis]) / scale[:, np.newaxis, np.newaxis],
         (limits - dark) / scale,
         rectified,
+        found,
         np.where(np.isfinite(focal), focal, ANY_FOCAL),
         np.array([[one.get(key, value) for key, value in middle.items()] for one in said]),
         np.radians([one.get("ROLL", 0.0) for one in said]),
@@ -123,6 +131,12 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
         math.nan if noise is None else noise,
         tuple(said),
     )
+
+
+def _grid_shape(study: BackwardGazingStudy) -> tuple[int, int]:
+    """Rows and columns of images on the grid of the mirror."""
+    pixel = study.heliostat.pixel
+    return mirror_grid(study.heliostat.rectangles, pixel).module.shape if isinstance(pixel, float | int) else (0, 0)
 
 
 def bright_level(image: Floats) -> float:

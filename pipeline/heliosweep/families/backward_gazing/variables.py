@@ -250,6 +250,20 @@ FIELD = {
     **{name: replace(SIMULATED[name], dims=_HOUR) for name in ("cramer_rao_bound_x", "cramer_rao_bound_y")},
 }
 
+#: Where the program has found the heliostat in an image, in the order of `measured.registered`.
+REGISTERED = {
+    "registered_roll": _quantity(
+        ("camera",), "degree", "turn of the camera as it is found, clockwise for someone behind it", "as ROLL"
+    ),
+    "registered_column": _quantity(("camera",), "1", "column of the heliostat's centre as it is found", "as CENTREU"),
+    "registered_row": _quantity(("camera",), "1", "row of the heliostat's centre as it is found", "as CENTREV"),
+    "registered_focal_length": _quantity(
+        ("camera",), "1", "focal length of the camera over the side of a pixel as it is found", "as FOCALPIX"
+    ),
+    "registration_residual": _quantity(
+        ("camera",), "1", "root mean square distance of the modules' edges from where they should be, in pixels"
+    ),
+}
 #: Measured images; what simulations have too is called as there, and means the same.
 MEASURED = {
     **_ESTIMATES,
@@ -269,6 +283,7 @@ MEASURED = {
     "saturated_fraction": _part(
         ("camera",), "part of the mirror's pixels in which an image is saturated", "these are not used"
     ),
+    **REGISTERED,
     "white_level": _quantity(("camera",), "1", "level of the sun's centre, the dark level included"),
     "pixel_noise": _quantity(
         (),

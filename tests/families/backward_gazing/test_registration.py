@@ -1,0 +1,72 @@
+"""Where images show the heliostat: known turns, shifts, scales and noise come back."""
+
+import numpy as np
+import pytest
+
+from heliosweep.families.backward_gazing.registration import register
+from heliosweep.kernels.gazing.geometry import outline, themis_8
+from heliosweep.kernels.gazing.rectification import pinholes, places_of
+from heliosweep.kernels.gazing.rendering import camera_set, heliostat, levels
+from heliosweep.kernels.sun.profiles import jose
+from tests.families.backward_gazing import make_images as made
+
+
+def upright(points):
+    camera = pinholes(made.layout(), (100, 100), 1000.0)
+    return places_of(camera, 120.0, points[:, 0], points[:, 1])[0].T
+
+
+def taken(shape, focal, roll, shift, noise, canting):
+    """Image of the first camera, and where it shows the corners of the heliostat."""
+    here, ends = made.layout(), outline(themis_8())
+    centre = 0.5 * (np.array(shape[::-1]) - 1.0) + shift
+    cameras = pinholes(here, shape, focal, centre, np.radians(roll))
+    one = here._replace(eyes=here.eyes[:1], cameras=here.cameras[:1], gaze=here.gaze[:1])
+    first = cameras._replace(eyes=cameras.eyes[:1], axes=cameras.axes[:1], focal=cameras.focal[:1])
+    seen = camera_set(one, first, shape, jose(), heliostat(themis_8(), 120.0, canting), 4)
+    image = levels(seen, 3000.0, noise=noise, bits=12, seed=3)[0] / 3000.0
+    return image, places_of(cameras, 120.0, ends[:, 0], ends[:, 1])[0].T, centre
+
+
+@pytest.mark.parametrize(
+    ("shape", "focal", "roll", "shift", "noise", "most"),
+    [
+        ((176, 176), 2350.0, 0.0, (0.0, 0.0), 0.0, 0.01),
+        ((220, 260), 2350.0, -25.0, (-30.1, 5.5), 0.004, 0.03),
+        ((220, 260), 2500.0, 7.0, (11.0, 12.0), 0.02, 0.08),
+        ((300, 400), 3300.0, 38.0, (20.3, -10.7), 0.01, 0.05),
+    ],
+)
+def test_corners_come_back(shape, focal, roll, shift, noise, most):
+    image, corners, centre = taken(shape, focal, roll, shift, noise, made.CANTING)
+    found = register(image, upright, themis_8())
+    assert np.abs(found.corners - corners).max() < most
+    assert np.degrees(found.turn) == pytest.approx(-roll, abs=0.02)
+    assert found.scale == pytest.approx(focal / 1000.0, rel=5e-4)
+    assert found.centre == pytest.approx(centre, abs=0.5 * most)
+
+
+def test_dark_modules_and_dirt_do_no_harm():
+    canting = made.CANTING.copy()
+    canting[[0, 6]] = 0.006  # these send the sun elsewhere
+    image, corners, _ = taken((220, 260), 2350.0, 10.0, (5.0, -8.0), 0.004, canting)
+    image[100:104, :] *= 0.7
+    image[30, 200], image[31:33, 40] = 1.2, np.nan
+    found = register(image, upright, themis_8())
+    away = np.abs(found.corners - corners)
+    assert away.max() < 0.2  # at the corner of a dark module
+    assert away[1:].max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.zeros((60, 80)), "no pixel of it is lit"),
+        (np.full((60, 80), np.nan), "no pixel of it is lit"),
+        (np.random.default_rng(0).uniform(0.0, 1.0, (120, 120)), "edges"),
+        (np.ones((120, 120)), "edges"),
+    ],
+)
+def test_images_of_something_else(image, words):
+    with pytest.raises(ValueError, match=words):
+        register(image, upright, themis_8())
