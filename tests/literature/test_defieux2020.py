@@ -18,10 +18,11 @@ from tests.conftest import STUDIES
 
 PUBLISHED_FILE = STUDIES / "published" / "defieux2020_table1.csv"
 TABLE = read_published(PUBLISHED_FILE)
+NUMBERS = [f"Table 1: {method} {profile}" for method in ("A", "O1", "O2") for profile in ("clean", "noisy")]
 PUBLISHED = {
     (one.where["slope_method"], one.where["sun_profile"], int(one.where["module"]), one.quantity[15]): one.published
     for one in TABLE.values
-    if one.claim.endswith(" profile")
+    if one.claim in NUMBERS
 }
 PAPER = ("A", "O1", "O2")
 
@@ -53,12 +54,6 @@ def table(result):
     ]
     assert result["slope_method"].values.tolist() == [*PAPER, "LM"]
     return np.stack(both, axis=-1)
-
-
-def test_each_number_and_verdict_is_the_stated_one(result):
-    table = read_published(PUBLISHED_FILE)
-    assert len(table.values) == 24
-    assert compare(result, table).surprises == []
 
 
 def test_clean_a_and_o1_miss_the_rotation_of_the_field(table):
@@ -184,9 +179,9 @@ def test_claims(result):
     assert verdicts["Abstract: slopes within 0.05 mrad RMS, single pixels"] == {"does not agree"}
     assert verdicts["Conclusion: noisy, O2 is off by less than 4.5 %"] == {"does not agree"}
     assert verdicts["Results: O2 is more accurate than O1"] == {"agrees"}
-    numbers = [one for one in compared.values if one.claim.endswith(" profile")]
+    numbers = [one for one in compared.values if one.claim in NUMBERS]
     assert sum(one.agrees for one in numbers) == 16
-    between = [one for one in compared.values if "percentile" in one.claim]
+    between = [one for one in compared.values if "seeds" in one.claim]
     assert [(one.where["slope_method"], one.text) for one in between if not one.agrees] == [("O1", ">= 10.1")]
 
 
@@ -194,5 +189,5 @@ def test_no_error_at_all_is_not_what_was_published(result):
     """Zero and twice what was published are beyond every tolerance of the 24 numbers."""
     for factor in (0.0, 2.0):
         for one in compare(result, TABLE).values:
-            if one.claim.endswith(" profile"):
+            if one.claim in NUMBERS:
                 assert not replace(one, computed=factor * one.published + 1e-6 * (factor - 1.0)).agrees
