@@ -320,7 +320,14 @@ def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
         error, _ = errors(found, truth, direction)
         assert np.percentile(np.abs(error), 99) < 1e-3  # a surface that is 1 mm off is seen from elsewhere
         assert error.size > 0.99 * np.count_nonzero(found["mask"] > 1)
-    said = problems_of(content(tmp_path, names, image_geometry={"rectified": True}, **{**geometry, "heliostat": {"distance": 120, "pixel": 0.1}}))
+    said = problems_of(
+        content(
+            tmp_path,
+            names,
+            image_geometry={"rectified": True},
+            **{**geometry, "heliostat": {"distance": 120, "pixel": 0.1}},
+        )
+    )
     assert "145 x 147 pixels, and the mirror has 73 x 74" in said
 
 
@@ -342,12 +349,16 @@ def test_median_of_several_frames_of_the_sun(tmp_path):
     errors = []
     for sun in ({"frames": names}, {"image": names[0]}):
         pixel = 1e3 * EPS_MAX / made.SUN_RADIUS
-        study = heliosweep.load(content(STUDIES / "images", sun={**sun, "pixel_angle": pixel}, image_geometry={"dark": 64}))
+        study = heliosweep.load(
+            content(STUDIES / "images", sun={**sun, "pixel_angle": pixel}, image_geometry={"dark": 64})
+        )
         table, _ = read_sun(study)
         errors.append(np.std(np.array(table.brightness)[:-3] - render(jose(), np.array(table.angle)[:-3])))
     assert errors[0] < 0.6 * errors[1]  # what is left is of the ring medians and the limb
     assert errors[0] < 0.004
-    study = content(STUDIES / "images", sun={"frames": names, "pixel_angle": pixel}, heliostat={"focal_length": 120, "pixel": 0.1})
+    study = content(
+        STUDIES / "images", sun={"frames": names, "pixel_angle": pixel}, heliostat={"focal_length": 120, "pixel": 0.1}
+    )
     result = result_of(study)
     assert float(result["sun_limb_fit"]) == pytest.approx(0.679, abs=0.02)
     assert float(result["sun_exponent_fit"]) == pytest.approx(2.222, abs=0.15)
@@ -427,7 +438,9 @@ def test_geometry_that_is_missing_or_contradictory(write):
 
     assert "SUNAZ" in problems_of(write(say=without("SUNAZ")))
     assert "mark its 'corners', or give FOCALPIX" in problems_of(
-        write(say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said, image_geometry={"registration": False})
+        write(
+            say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said, image_geometry={"registration": False}
+        )
     )
     assert "in another image" in problems_of(write(say=lambda said, n: {**said, "SUNEL": 60.0 + n}))
     assert "for 3 images of 4" in problems_of(

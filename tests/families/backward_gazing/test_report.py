@@ -147,7 +147,10 @@ def test_nothing_is_cut_off(case):
         ("suns", "errors canting errors_over_sun_azimuth rms_errors_over_sun_azimuth sight_over_sun_azimuth effort"),
         ("many modules", "errors_jose errors_noisy canting effort"),
         ("nothing", "quality"),
-        ("measured", "images slope_maps slope_uncertainty residuals which_pixels_count quality canting sun_profile sun_disc"),
+        (
+            "measured",
+            "images slope_maps slope_uncertainty residuals which_pixels_count quality canting sun_profile sun_disc",
+        ),
         ("measured, nothing", "which_pixels_count quality"),
         ("field", "accuracy_map usable_map accuracy_over_distance"),
         ("field without slopes", ""),
@@ -266,7 +269,9 @@ def test_missing_variables_leave_figures_out(make):
 def test_raw_slopes_and_their_difference_stand_beside_each_other():
     """Figure 7: rows horizontal and vertical, the third picture the first less the second."""
     dataset = dataset_of("raw slopes")
-    exact = dataset.assign({f"slope_{end}": dataset[f"raw_slope_{end}"] - dataset[f"raw_ideal_slope_{end}"] for end in "xy"})
+    exact = dataset.assign(
+        {f"slope_{end}": dataset[f"raw_slope_{end}"] - dataset[f"raw_ideal_slope_{end}"] for end in "xy"}
+    )
     axes = drawn(exact)["raw_slopes"].figure.axes[:6]
     assert [one.get_title() for one in axes[:3]] == ["with the defects", "without", "difference"]
     for row in (0, 3):

@@ -203,5 +203,7 @@ def test_formula_fit_finds_what_was_planted(limb, power):
     table = clean + 0.01 * np.random.default_rng(0).standard_normal(u.size)
     fit = formula_fit(table)
     other = curve_fit(lambda x, a, b, p: a + b * np.sqrt(1.0 - x**p), u, table, (0.6, 0.3, 2.0))[0]
-    assert fit[:3] == pytest.approx((other[0] / (other[0] + other[1]), other[2], other[0] + other[1]), rel=2e-3, abs=1e-3)
+    assert fit[:3] == pytest.approx(
+        (other[0] / (other[0] + other[1]), other[2], other[0] + other[1]), rel=2e-3, abs=1e-3
+    )
     assert fit.residual == pytest.approx(0.01, rel=0.2)

@@ -306,7 +306,9 @@ class Defects(Block):
         """Focal lengths are not 0; negative ones are those of convex mirrors."""
         for number, (*lengths, _) in (self.curvature or {}).items():
             if min(map(abs, lengths)) < LEAST_FOCAL_LENGTH:
-                message = f"focal lengths must be at least {LEAST_FOCAL_LENGTH:g} m, or at most -{LEAST_FOCAL_LENGTH:g} m"
+                message = (
+                    f"focal lengths must be at least {LEAST_FOCAL_LENGTH:g} m, or at most -{LEAST_FOCAL_LENGTH:g} m"
+                )
                 yield Fault(message, ("curvature", number))
 
 

@@ -307,7 +307,9 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
             found[key] = float(quantity.read(math.nan if isinstance(said[key], bool) else float(text)))  # type: ignore[arg-type]
         except (ValueError, Invalid):
             what = f"must be {quantity.bounds() or 'a number'}, the {quantity.description[0].lower()}"
-            message = f"{key} in the metadata {what}{quantity.description[1:]} (got {text[:40]!r}); correct or remove it"
+            message = (
+                f"{key} in the metadata {what}{quantity.description[1:]} (got {text[:40]!r}); correct or remove it"
+            )
             problems.append(Problem(message, file=name))
     if problems:
         raise StudyError(problems)

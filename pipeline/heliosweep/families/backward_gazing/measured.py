@@ -34,7 +34,15 @@ from heliosweep.families.backward_gazing.points import (
     workload_of_points,
 )
 from heliosweep.families.backward_gazing.registration import Registered, register
-from heliosweep.families.backward_gazing.shots import ANY_FOCAL, BRIGHTEST, GEOMETRY, SUN_IMAGE, Shots, read_shots, read_sun
+from heliosweep.families.backward_gazing.shots import (
+    ANY_FOCAL,
+    BRIGHTEST,
+    GEOMETRY,
+    SUN_IMAGE,
+    Shots,
+    read_shots,
+    read_sun,
+)
 from heliosweep.families.backward_gazing.variables import NEEDED, NOT_CONVERGED, NOT_IDENTIFIABLE, NOT_SEEN, SEEN
 from heliosweep.grid.parameters import Parameters, coordinate_attributes
 from heliosweep.kernels.gazing import rectification as why
@@ -115,8 +123,13 @@ def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
         white_levels=" ".join(shots.white_from),
         pixel_noise_from="residuals" if np.isnan(shots.noise) else "study",
         gain_of_each_pixel="fitted" if study.fit_gain or shots.needs_gain else "1",
-        rectification="none" if shots.rectified else "registered" if shots.register.any() else
-        "corners" if corners else "pinhole",
+        rectification="none"
+        if shots.rectified
+        else "registered"
+        if shots.register.any()
+        else "corners"
+        if corners
+        else "pinhole",
     )
 
 
@@ -197,9 +210,7 @@ def _solved(point: Point, inputs: Inputs) -> dict[str, Any]:
 _KNOWN: dict[bytes, Registered] = {}
 
 
-def registered(
-    layout: Scene, focal_length: float, shots: Shots, modules: Modules
-) -> tuple[Floats, dict[str, Floats]]:
+def registered(layout: Scene, focal_length: float, shots: Shots, modules: Modules) -> tuple[Floats, dict[str, Floats]]:
     """Corners of the heliostat in all images, NaN where pinholes tell them, shape (4, 4, 2), and variables about them.
 
     Raises ValueError, whose first argument is the number of the image from 0, where it is found in none.

@@ -306,7 +306,9 @@ def shape_remarks(result: xr.Dataset) -> Iterator[str]:
     numbers = result["module"].to_numpy()[odd.any([dim for dim in odd.dims if dim != "module"]).to_numpy()]
     if numbers.size:
         index = {dim: int(at) for dim, at in bend.where(odd).fillna(0.0).argmax(...).items()}  # type: ignore[union-attr]
-        f1, f2, axis = (float(best[name].isel(index)) for name in ("focal_length_long", "focal_length_short", "focal_axis"))
+        f1, f2, axis = (
+            float(best[name].isel(index)) for name in ("focal_length_long", "focal_length_short", "focal_axis")
+        )
         yield (
             f"no part of a sphere: {'module' if numbers.size == 1 else 'modules'} {', '.join(map(str, numbers))}; module "
             f"{int(result['module'][index['module']])} has focal lengths of {f1:.4g} m along {axis:.0f} deg from "

@@ -86,7 +86,9 @@ def register(image: Floats, upright: Predict, modules: Modules) -> Registered:
     predicted = upright(outline(modules))
     plane, middle = homography(outline(modules) * [1.0, -1.0], predicted), predicted.mean(axis=0)
     whole = _coarse(np.clip(seen / LIT, 0.0, 1.0), np.linalg.inv(plane), modules, predicted)
-    area = [abs(np.linalg.det((corners[1:3] - corners[0]).T)) for corners in (outline(modules), moved(whole, predicted))]
+    area = [
+        abs(np.linalg.det((corners[1:3] - corners[0]).T)) for corners in (outline(modules), moved(whole, predicted))
+    ]
     edges = _outer_edges(modules, math.sqrt(area[0] / area[1]))
     seen_edges = [upright(edges[:, columns] * [1.0, -1.0]) for columns in ((0, 1), (2, 3))]
     residual, count = math.inf, 0
@@ -193,14 +195,16 @@ def _offsets(image: Floats, place: Floats, normal: Floats, reach: float) -> Floa
     with np.errstate(all="ignore"):
         part = (values - base[:, np.newaxis]) / (full - base[:, np.newaxis])
     between = ~inside & ~outside
-    offset = -BLUR - reach + ACROSS * (part[:, between].sum(axis=1) + 0.5 * (part[:, inside][:, -1] + part[:, outside][:, 0]))
+    offset = (
+        -BLUR
+        - reach
+        + ACROSS * (part[:, between].sum(axis=1) + 0.5 * (part[:, inside][:, -1] + part[:, outside][:, 0]))
+    )
     good = (values[:, inside].min(axis=1) > LIT) & (base < 0.5 * level) & (np.abs(offset) <= reach)
     return np.where(good, offset, math.nan)
 
 
-def _step(
-    place: Floats, normal: Floats, offset: Floats, kept: NDArray[np.bool_], free: bool
-) -> tuple[Floats, Floats]:
+def _step(place: Floats, normal: Floats, offset: Floats, kept: NDArray[np.bool_], free: bool) -> tuple[Floats, Floats]:
     """Map that takes edges nearest to where they were seen, shape (3, 3), and what it leaves of the offsets. [pixels]
 
     A turn, scale and shift, or a homography where it is `free`.

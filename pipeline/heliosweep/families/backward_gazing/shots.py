@@ -163,7 +163,9 @@ def read_sun(study: BackwardGazingStudy) -> tuple[ProfileTable | None, list[str]
     for key, one in pictures.items():
         saturated = float(np.mean(one.levels >= one.metadata.get("SATURATE", one.saturation)))
         if saturated > 0.0:
-            message = f"{100 * saturated:.3g} % of its pixels are saturated: the profile would be flat; expose it shorter"
+            message = (
+                f"{100 * saturated:.3g} % of its pixels are saturated: the profile would be flat; expose it shorter"
+            )
             raise StudyError(Problem(message, key, frames[key]))
     disc = _disc(study)
     (key, name), picture = next(iter(frames.items())), next(iter(pictures.values()))

@@ -275,7 +275,9 @@ def _maps(seen: Observation, point: Point, given: Given, raw: bool) -> dict[str,
     mask = np.where(seen.keep, np.where(seen.lit >= NEEDED, 3, 2), 1)
     found = {"raw_slope_%": seen.found.slopes, "raw_ideal_slope_%": seen.ideal} if raw else {}
     return {
-        **{end: one for name, all_of in found.items() for end, one in by_axis(name, maps(mirror, 1e3 * all_of)).items()},
+        **{
+            end: one for name, all_of in found.items() for end, one in by_axis(name, maps(mirror, 1e3 * all_of)).items()
+        },
         **sun_of(point.profile(given.table)),
         "image": maps(mirror, seen.images),
         **by_axis("slope_%", maps(mirror, 1e3 * seen.net)),

@@ -120,7 +120,9 @@ _ESTIMATES = {
         OF_METHOD, "m", "standard error of the focal length of the modules", "of scatter alone"
     ),
     **{
-        f"focal_length_{end}{ending}": _quantity(OF_MODULE, "m", f"{what}{end}er principal focal length of a module", said)
+        f"focal_length_{end}{ending}": _quantity(
+            OF_MODULE, "m", f"{what}{end}er principal focal length of a module", said
+        )
         for end in ("long", "short")
         for ending, what, said in (
             ("", "", "of the least and the greatest curvature of its slopes; negative where it is convex"),
@@ -157,7 +159,9 @@ _SUN = {
     "sun_formula": _quantity(_DISC, "1", "brightness by the formula of Jose that is nearest to the sun's profile"),
     "sun_limb_fit": _quantity((), "1", "brightness of the limb over that of the centre, A, of the nearest formula"),
     "sun_exponent_fit": _quantity((), "1", "exponent xi of the nearest formula of Jose"),
-    "sun_radius_fit": _quantity((), "mrad", "angular radius eps_max of the nearest formula", "at which the profile ends"),
+    "sun_radius_fit": _quantity(
+        (), "mrad", "angular radius eps_max of the nearest formula", "at which the profile ends"
+    ),
     "sun_fit_rms": _quantity((), "1", "root mean square of the sun's profile less the nearest formula"),
 }
 

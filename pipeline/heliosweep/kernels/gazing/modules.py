@@ -169,7 +169,9 @@ def module_estimates(
         2.0 * length * length * bend_error,
         np.sqrt(np.maximum(left, 0.0)),
         number,
-        *_principal(fit[:, :, 1], variance[:, :, 1], across[:, :, 0], across[:, :, 1] * inflation[:, np.newaxis], focal_length),
+        *_principal(
+            fit[:, :, 1], variance[:, :, 1], across[:, :, 0], across[:, :, 1] * inflation[:, np.newaxis], focal_length
+        ),
     )
 
 
@@ -187,7 +189,9 @@ def _principal(
     c, s = np.cos(steep) ** 2, np.sin(steep) ** 2
     with np.errstate(all="ignore"):
         principal = 0.5 / np.stack((mean - half, mean + half))
-        errors = [u * u * along_variance[0] + v * v * along_variance[1] + 4.0 * u * v * shear for u, v in ((s, c), (c, s))]
+        errors = [
+            u * u * along_variance[0] + v * v * along_variance[1] + 4.0 * u * v * shear for u, v in ((s, c), (c, s))
+        ]
         axis = np.where(steep > 0.0, steep - 0.5 * math.pi, steep + 0.5 * math.pi)
         turn = (c * s * along_variance.sum(axis=0) + (c - s) ** 2 * shear) / (4.0 * half**2)
     return principal, 2.0 * principal**2 * np.sqrt(errors), axis, np.sqrt(turn)
