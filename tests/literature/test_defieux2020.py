@@ -173,7 +173,7 @@ def test_claims(result):
     """Every verdict and number is the one that the table states, also where the paper's claim does not hold here."""
     compared = compare(result, TABLE)
     assert compared.surprises == []
-    verdicts = {one.claim: set() for one in compared.values}
+    verdicts: dict[str, set[str]] = {one.claim: set() for one in compared.values}
     for one in compared.values:
         verdicts[one.claim].add(one.verdict)
     assert verdicts["Abstract: slopes within 0.05 mrad RMS, single pixels"] == {"does not agree"}

@@ -334,5 +334,5 @@ def test_raw_slopes_and_evaluations():
     np.testing.assert_allclose(result["slope_x"], result["raw_slope_x"] - result["raw_ideal_slope_x"], atol=1e-15)
     spent = dict(zip(result["slope_method"].to_numpy(), result["evaluations"].to_numpy(), strict=True))
     assert spent["A"] == 0.0 < spent["LM"] < 10.0 < spent["O2"] < 100.0
-    with pytest.raises(StudyError, match="needs output.maps"):
+    with pytest.raises(StudyError, match=r"needs output\.maps"):
         study(output={"raw_slopes": True})

@@ -113,8 +113,10 @@ def effort(shown: Gazing) -> Iterator[NamedFigure]:
         spent = at(result["evaluations"], stands, where)
         spent = spent.mean([dim for dim in spent.dims if dim != METHOD]).astype(float)
         found = {
-            word: np.sqrt(np.array([float((at(result[f"slope_rms_{end}"], stands, where, module, way.point) ** 2).mean())
-                                    for way in best]))
+            word: [
+                float((at(result[f"slope_rms_{end}"], stands, where, module, way.point) ** 2).mean()) ** 0.5
+                for way in best
+            ]
             for end, word in DIRECTIONS.items()
         }  # fmt: skip
         words = {METHOD: methods}

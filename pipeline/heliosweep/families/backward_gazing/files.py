@@ -2,9 +2,10 @@
 
 Images are read in grey levels and with their metadata.
 
-Metadata are numbers under the keys of `blocks.Metadata`: cards of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a
-TIFF's ImageDescription. NPY has none. The first row of a picture is its upper one: in PNG, TIFF and NPY the first row
-of the file; in FITS, whose rows count from the bottom, the last one, unless the card ROWORDER says TOP-DOWN.
+Metadata are numbers under the keys of `image_blocks.Metadata`: cards of a FITS header, text chunks of a PNG, lines
+``KEY = value`` of a TIFF's ImageDescription. NPY has none. The first row of a picture is its upper one: in PNG, TIFF and
+NPY the first row of the file; in FITS, whose rows count from the bottom, the last one, unless the card ROWORDER says
+TOP-DOWN.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from heliosweep.config.faults import Invalid
 from heliosweep.config.tables import Column, read_table
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.blocks import Metadata
+from heliosweep.families.backward_gazing.image_blocks import Metadata
 
 #: Largest file, and pixels of an image. [bytes, 1]
 MAX_BYTES, MAX_PIXELS = 512 * 2**20, 25_000_000

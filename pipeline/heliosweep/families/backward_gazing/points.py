@@ -113,10 +113,12 @@ class Point(NamedTuple):
             point = point._replace(defect_seed=0, waviness_length=1.0)
         if point.sun_profile != "noisy":
             point = point._replace(profile_noise=0.0, nodes=0, profile_seed=0)
-        usual = {"limb": LIMB, "exponent": POWER, "angular_radius": 1e3 * EPS_MAX}
-        for name, value in usual.items():
-            if math.isnan(getattr(point, name)) or point.sun_profile == "table":
-                point = point._replace(**{name: value})
+        if math.isnan(point.limb) or point.sun_profile == "table":
+            point = point._replace(limb=LIMB)
+        if math.isnan(point.exponent) or point.sun_profile == "table":
+            point = point._replace(exponent=POWER)
+        if math.isnan(point.angular_radius) or point.sun_profile == "table":
+            point = point._replace(angular_radius=1e3 * EPS_MAX)
         if point.images != "camera":
             point = point._replace(supersampling=1)
         return point
@@ -305,12 +307,12 @@ def shape_remarks(result: xr.Dataset) -> Iterator[str]:
         odd = (bend > SURE * error) & (bend > NO_SPHERE * abs(0.5 / best["focal_length_estimate"]))
     numbers = result["module"].to_numpy()[odd.any([dim for dim in odd.dims if dim != "module"]).to_numpy()]
     if numbers.size:
-        index = {dim: int(at) for dim, at in bend.where(odd).fillna(0.0).argmax(...).items()}  # type: ignore[union-attr]
+        index = {dim: int(at) for dim, at in bend.where(odd).fillna(0.0).argmax(...).items()}
         f1, f2, axis = (
             float(best[name].isel(index)) for name in ("focal_length_long", "focal_length_short", "focal_axis")
         )
         yield (
-            f"no part of a sphere: {'module' if numbers.size == 1 else 'modules'} {', '.join(map(str, numbers))}; module "
+            f"no part of a sphere: module{'s' * (numbers.size > 1)} {', '.join(map(str, numbers))}; module "
             f"{int(result['module'][index['module']])} has focal lengths of {f1:.4g} m along {axis:.0f} deg from "
             f"horizontal and {f2:.4g} m across ({methods[0]}); focal_length_estimate is a mean that none of them has"
         )
@@ -318,7 +320,7 @@ def shape_remarks(result: xr.Dataset) -> Iterator[str]:
     away = abs(found / ideal - 1.0)
     off = (away > NO_SPHERE) & (abs(found - ideal) > SURE * best["focal_length_standard_error"])
     if bool(off.any()):
-        index = {dim: int(at) for dim, at in away.where(off).fillna(0.0).argmax(...).items()}  # type: ignore[union-attr]
+        index = {dim: int(at) for dim, at in away.where(off).fillna(0.0).argmax(...).items()}
         here = found.isel(index)
         there = float(ideal.isel({dim: at for dim, at in index.items() if dim in ideal.dims}))
         yield (

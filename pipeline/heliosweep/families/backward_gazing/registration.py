@@ -85,7 +85,7 @@ def register(image: Floats, upright: Predict, modules: Modules) -> Registered:
     seen = np.nan_to_num(np.asarray(image, np.float64))
     predicted = upright(outline(modules))
     plane, middle = homography(outline(modules) * [1.0, -1.0], predicted), predicted.mean(axis=0)
-    whole = _coarse(np.clip(seen / LIT, 0.0, 1.0), np.linalg.inv(plane), modules, predicted)
+    whole = _coarse(np.clip(seen / LIT, 0.0, 1.0), np.asarray(np.linalg.inv(plane), np.float64), modules, predicted)
     area = [
         abs(np.linalg.det((corners[1:3] - corners[0]).T)) for corners in (outline(modules), moved(whole, predicted))
     ]
@@ -111,7 +111,7 @@ def register(image: Floats, upright: Predict, modules: Modules) -> Registered:
     if not residual <= MOST_RESIDUAL:
         raise ValueError(f"the edges of the modules do not fit: they are {residual:.2g} pixels off")
     centre, *corners = moved(whole, np.concatenate((upright(np.zeros((1, 2))), predicted)))
-    across = moved(whole, middle + [1.0, 0.0]) - moved(whole, middle)
+    across = moved(whole, middle + np.array([1.0, 0.0])) - moved(whole, middle)
     return Registered(
         np.array(corners), math.atan2(across[1], across[0]), float(np.hypot(*across)),
         (float(centre[0]), float(centre[1])), residual, count,

@@ -298,9 +298,9 @@ def observed(point: Point, given: Given) -> Observation:
     for row, yy, yz, zz in given.curvature:  # slopes about the module's centre, against its sphere's
         here = mirror.pixel_module == row
         y, z = mirror.pixel_y[here] - given.centres[row][0], mirror.pixel_z[here] - given.centres[row][1]
-        own = 0.5 / point.true_focal_length
+        sphere = 0.5 / point.true_focal_length
         wavy = np.zeros((2, len(mirror.place))) if wavy is None else wavy
-        wavy[:, here] += (own - yy) * y - yz * z, (own - zz) * z - yz * y
+        wavy[:, here] += (sphere - yy) * y - yz * z, (sphere - zz) * z - yz * y
     canting = point.canting_scale * np.array(given.canting)
     spheres = module_spheres(given.modules, point.true_focal_length, canting, given.pointing)
     images, true = image_set(layout, mirror, profile, spheres, wavy)

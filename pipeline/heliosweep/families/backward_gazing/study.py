@@ -24,14 +24,13 @@ from heliosweep.families.backward_gazing.blocks import (
     Defects,
     Heliostat,
     HeliostatField,
-    ImageEntry,
-    ImageGeometry,
     Output,
     ProfileNoise,
     Sun,
     Target,
     positions_rules,
 )
+from heliosweep.families.backward_gazing.image_blocks import ImageEntry, ImageGeometry
 
 MODES = {
     "simulated": "images are made of a heliostat with known defects",

@@ -235,8 +235,9 @@ def _fitted(
     """Planes through the slopes of each module.
 
     Returns, by direction and module: (value at the centre, curvature along the own direction), (their variances and
-    covariance, from the residuals), (gradient across the own direction, its variance), the squared residuals, the squared noise, the squared sums of the residuals of each
-    block relative to what pixels without anything in common would give; and the pixels of each module.
+    covariance, from the residuals), (gradient across the own direction, its variance), the squared residuals, the
+    squared noise, the squared sums of the residuals of each block relative to what pixels without anything in common
+    would give; and the pixels of each module.
     """
     modules, pixels = len(centre), y.size
     fit, variance = np.full((2, modules, 2), math.nan), np.full((2, modules, 3), math.nan)

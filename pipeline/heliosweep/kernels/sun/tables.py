@@ -105,7 +105,7 @@ def formula_fit(brightness: ArrayLike) -> FormulaFit:
 
     def line(power: float) -> tuple[Floats, float]:
         columns = np.stack((np.ones_like(u), _limb_cosine(u, power)), axis=1)
-        fit, *_ = np.linalg.lstsq(columns, table, rcond=None)
+        fit = np.asarray(np.linalg.lstsq(columns, table, rcond=None)[0], np.float64)
         return fit, float(np.sum((columns @ fit - table) ** 2))
 
     power = float(minimize_scalar(lambda trial: line(trial)[1], bounds=(0.5, 10.0), options={"xatol": 1e-6}).x)
