@@ -11,6 +11,7 @@ from heliosweep.families.backward_gazing import points, simulated
 from heliosweep.families.backward_gazing.files import read_picture
 from heliosweep.families.backward_gazing.measured import remarks
 from heliosweep.families.backward_gazing.shots import read_sun
+from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 from heliosweep.kernels.gazing import lm as gazing_lm
 from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
@@ -352,7 +353,9 @@ def test_median_of_several_frames_of_the_sun(tmp_path):
         study = heliosweep.load(
             content(STUDIES / "images", sun={**sun, "pixel_angle": pixel}, image_geometry={"dark": 64})
         )
+        assert isinstance(study, BackwardGazingStudy)
         table, _ = read_sun(study)
+        assert table is not None
         errors.append(np.std(np.array(table.brightness)[:-3] - render(jose(), np.array(table.angle)[:-3])))
     assert errors[0] < 0.6 * errors[1]  # what is left is of the ring medians and the limb
     assert errors[0] < 0.004
