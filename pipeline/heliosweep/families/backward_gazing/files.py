@@ -4,8 +4,8 @@ Images are read in grey levels and with their metadata.
 
 Metadata are numbers under the keys of `image_blocks.Metadata`: cards of a FITS header, text chunks of a PNG, lines
 ``KEY = value`` of a TIFF's ImageDescription. NPY has none. The first row of a picture is its upper one: in PNG, TIFF
-and NPY the first row of the file; in FITS, whose rows count from the bottom, the last one, unless the card ROWORDER says
-TOP-DOWN.
+and NPY the first row of the file; in FITS, whose rows count from the bottom, the last one, unless the card ROWORDER
+says TOP-DOWN.
 """
 
 from __future__ import annotations
