@@ -27,7 +27,7 @@ test: $(STAMP)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
 
 faults: $(STAMP)  ## all attempts to break runs, whose counts go into docs/faults.md
-	@$(BIN)/python -m pytest $(SHARED) -m attempts --share 1 --attempts-page docs/faults.md $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest $(SHARED) -m attempts --share=1 --attempts-page=docs/faults.md $(PYTEST_ARGS)
 
 long: $(STAMP)  ## the long tests: whole years, ties, other processors, faults of disk and machine
 	@$(BIN)/python -m pytest $(SHARED) -m long $(PYTEST_ARGS)
