@@ -230,14 +230,14 @@ def test_usage_errors(folder, capsys):
     assert main(["report", "nowhere"]) == 2
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["validate", str(STUDIES / "chong2012_table2.yaml")]])
-def test_quick_answers_load_nothing_heavy(arguments):
+def test_quick_answers_load_nothing_heavy():
     code = (
-        "import sys\nfrom heliosweep.cli import main\n"
-        "try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
+        "import sys\nfrom heliosweep.cli import main\nmain(['validate', sys.argv[1]])\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
         "print(*{name.partition('.')[0] for name in sys.modules})"
     )
-    done = subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True)
+    command = [sys.executable, "-c", code, str(STUDIES / "chong2012_table2.yaml")]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert not HEAVY & set(done.stdout.splitlines()[-1].split())
 
 
@@ -296,24 +296,6 @@ def test_polar_night_of_a_dish_is_said_and_recorded(folder, capsys, caplog):
     assert "1 of 2 days have no instant that counts" in caplog.text
     remarks = json.loads((folder / "out" / "manifest.json").read_text())["remarks"]
     assert len(remarks) == 1
-
-
-@pytest.mark.parametrize(
-    ("block", "change"),
-    [
-        ("tolerance", 0),
-        ("site", {"latitude": 80}),
-        ("time", {**DISH["time"], "timezone": "Mars/Base"}),  # type: ignore[dict-item]
-        ("time", {**DISH["time"], "dates": ["2021-02-29"]}),  # type: ignore[dict-item]
-        ("time", {**DISH["time"], "window": {"start": "21:00", "stop": "07:00", "step": "1 h"}}),  # type: ignore[dict-item]
-    ],
-)
-def test_bad_input_of_a_dish_is_code_2_and_nothing_written(folder, capsys, block, change):
-    (folder / "dish.yaml").write_text(yaml.safe_dump({**DISH, block: change}))
-    before = contents(folder)
-    assert main(["run", "dish.yaml"]) == 2
-    assert "dish.yaml:" in capsys.readouterr().err
-    assert contents(folder) == before
 
 
 def test_from_run_to_status_verify_compare_and_export(folder, capsys):

@@ -60,22 +60,6 @@ def test_files_are_named_as_seen_from_the_study_file(tmp_path, monkeypatch):
     assert heliosweep.load(saved).study_id == made.study_id
 
 
-@pytest.mark.parametrize(
-    ("others", "said"),
-    [
-        ({"site": {"latitude": heliosweep.sweep(0, 100, step=50)}}, "site.latitude.stop: must be between -90 and 90"),
-        ({"site": {"latitude": heliosweep.sweep(0, 60)}}, "site.latitude: a range needs 'step' or 'num'"),
-        ({"site": {"latitude": heliosweep.sweep(0, 60, step=-1)}}, "site.latitude.step: has the wrong sign"),
-        ({"receiver": {"height": heliosweep.logspace(0, 60, num=3)}}, "receiver.height.logspace.start: must not be"),
-        ({"reciever": {"height": 60}}, "reciever: unknown key; did you mean 'receiver'?"),
-    ],
-)
-def test_the_same_messages_as_for_files(others, said):
-    with pytest.raises(StudyError) as caught:
-        heliosweep.study("field_efficiency", **blocks(**others))
-    assert said in str(caught.value)
-
-
 def test_unknown_family():
     with pytest.raises(StudyError, match="family: unknown family; did you mean 'field_efficiency'"):
         heliosweep.study("field_eficiency", **blocks())

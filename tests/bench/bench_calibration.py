@@ -23,7 +23,7 @@ from heliosweep.kernels.spots.receiver import face_axes
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
 from tests.bench.arithmetic import operations
-from tests.bench.table import Row, best, measured, show
+from tests.bench.table import Row, best, measured
 from tests.kernels.mounts.normals import normal_and_centre
 
 Floats = NDArray[np.float64]
@@ -97,11 +97,6 @@ def operations_of(parameters: int) -> float:
     return operations(derivative_lanes, loops_only=True) + weights + factors
 
 
-def groups() -> Iterator[Iterator[Row]]:
-    """All rows."""
-    yield rows()
-
-
 def rows() -> Iterator[Row]:
     """Numbers of errors and loss functions."""
     spots, frames, pivots = field()
@@ -122,5 +117,4 @@ def rows() -> Iterator[Row]:
             yield measured(label, "heliostat", work, HELIOSTATS, beside=beside, operations=count, times=3)
 
 
-if __name__ == "__main__":
-    show(groups())
+GROUPS = (rows,)

@@ -16,7 +16,7 @@ from heliosweep.kernels.spots.curves import deviation_curves
 from heliosweep.kernels.spots.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, deviation_spots
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.bench.arithmetic import operations
-from tests.bench.table import Row, best, measured, show
+from tests.bench.table import Row, best, measured
 from tests.kernels.spots.deviations import LATITUDE, setting, unit
 
 Floats = NDArray[np.float64]
@@ -52,11 +52,6 @@ def counted(sizes: int, offset: float) -> float:
     return operations(deviation.spot_at) + operations(deviation.curve_of, known) / sizes
 
 
-def groups() -> Iterator[Iterator[Row]]:
-    """All rows."""
-    yield rows()
-
-
 def rows() -> Iterator[Row]:
     """Spots of several sizes of the error, and what is solved from curves."""
     rng = np.random.default_rng(0)
@@ -88,5 +83,4 @@ def rows() -> Iterator[Row]:
             yield measured(f"{what}, {name}", "mirror-instant", whole, places)
 
 
-if __name__ == "__main__":
-    show(groups())
+GROUPS = (rows,)

@@ -17,7 +17,7 @@ from heliosweep.kernels import dish as pointing
 from heliosweep.kernels.dish import RIGID, UNTILTED_HOME_AXES, pack_windows, window_errors
 from heliosweep.kernels.sun import ephemeris
 from tests.bench.arithmetic import operations
-from tests.bench.table import Row, best, measured, show
+from tests.bench.table import Row, best, measured
 
 Floats = NDArray[np.float64]
 
@@ -130,11 +130,4 @@ def suns() -> Iterator[Row]:
     yield Row("sun, 1 site, with the nodes of the year", "sun position", best(first_call) / len(UTC), beside)
 
 
-def groups() -> Iterator[Iterator[Row]]:
-    """All rows."""
-    yield dishes()
-    yield suns()
-
-
-if __name__ == "__main__":
-    show(groups())
+GROUPS = (dishes, suns)

@@ -23,7 +23,7 @@ from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
 from tests.bench.arithmetic import operations as counted
 from tests.bench.events import EVENTS, events
-from tests.bench.table import Row, best, measured, show
+from tests.bench.table import Row, best, measured
 from tests.kernels.field.fields import Field, chong2012
 from tests.kernels.field.oracles import frame, image, lost
 from tests.kernels.field.straightforward import straightforward_series
@@ -197,11 +197,4 @@ def set_up(field: Field) -> Row:
     return Row(f"set-up of {count:,}", "heliostat", seconds / count, remark=f"{seconds:.2f} s in all")
 
 
-def groups() -> Iterator[Iterator[Row]]:
-    """All rows."""
-    yield small()
-    yield sizes()
-
-
-if __name__ == "__main__":
-    show(groups())
+GROUPS = (small, sizes)

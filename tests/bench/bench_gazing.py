@@ -23,7 +23,7 @@ from heliosweep.kernels.gazing.rendering import image_set, module_spheres, trace
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy
 from tests.bench.arithmetic import operations
-from tests.bench.table import Row, best, measured, show
+from tests.bench.table import Row, best, measured
 from tests.kernels.gazing import twin
 
 CAMERAS = 4
@@ -72,11 +72,6 @@ def counted(kernel: Callable[..., object], mirrored: bool = True) -> float:
     return operations(kernel, KNOWN, loops_only=True) - (CAMERAS * DERIVATIVES if mirrored else 0.0)
 
 
-def groups() -> Iterator[Iterator[Row]]:
-    """All rows."""
-    yield rows()
-
-
 def rows() -> Iterator[Row]:
     """Images, method A and what is made of its slopes."""
     layout, grid = twin.paper_scene(), twin.paper_grid()
@@ -109,5 +104,4 @@ def rows() -> Iterator[Row]:
     )
 
 
-if __name__ == "__main__":
-    show(groups())
+GROUPS = (rows,)

@@ -27,7 +27,7 @@ from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, sear
 from heliosweep.kernels.sun.profiles import Profile, jose
 from heliosweep.kernels.sun.tables import noisy
 from tests.bench.arithmetic import operations
-from tests.bench.table import Row, best, measured, show
+from tests.bench.table import Row, best, measured
 from tests.kernels.gazing import twin
 
 Floats = NDArray[np.float64]
@@ -100,11 +100,6 @@ def counted(evaluate: Callable[..., object], more: Callable[..., object] | None,
     return sum(operations(stage, known) for stage in stages)
 
 
-def groups() -> Iterator[Iterator[Row]]:
-    """All rows."""
-    yield rows()
-
-
 def rows() -> Iterator[Row]:
     """O1, O2 and Levenberg-Marquardt."""
     layout, grid, canting = twin.paper_scene(), twin.paper_grid(), twin.paper_canting()
@@ -153,5 +148,4 @@ def rows() -> Iterator[Row]:
     yield row("O2, noisy table", partial(search_slopes, layout, table, tabled, *place, begin), merit)
 
 
-if __name__ == "__main__":
-    show(groups())
+GROUPS = (rows,)

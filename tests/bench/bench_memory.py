@@ -68,7 +68,8 @@ def _held(number: int, file: str, name: str) -> int:
     return 0
 
 
-def _shipped(name: str, **blocks: Any) -> dict[str, Any]:
+def shipped(name: str, **blocks: Any) -> dict[str, Any]:
+    """A shipped study with other blocks, compared with nothing that was published."""
     content: dict[str, Any] = yaml.safe_load((STUDIES / f"{name}.yaml").read_text(encoding="utf-8"))
     content.pop("report", None)
     return content | blocks
@@ -86,7 +87,7 @@ def _field(heliostats: int, days: int, hours: int, **blocks: Any) -> dict[str, A
         "sampling": "midpoint",
     }
     one = {"tracking": "azimuth_elevation", "site": {"latitude": 30}, "layout": _stagger(heliostats)}
-    return _shipped("latitude_sweep", **one, time=time_block) | blocks
+    return shipped("latitude_sweep", **one, time=time_block) | blocks
 
 
 def _changed(content: dict[str, Any], block: str, **keys: Any) -> dict[str, Any]:
@@ -109,31 +110,31 @@ def larger_studies() -> dict[str, dict[str, Any]]:
         "field_100k_instants": _field(20, 365, 480),
         "field_3000_latitudes": _field(200, 1, 4, site=latitudes),
         "field_1_worker": _field(2000, 60, 12, execution={"workers": 1}),
-        "dish_300_latitudes": _shipped(
+        "dish_300_latitudes": shipped(
             "dish_world",
             site={"latitude": {"start": -60, "stop": 60, "step": 0.4}, "longitude": 0},
             statistics={"required_factor": [0.5]},
         ),
         "drift_3000_sizes": _changed(
-            _shipped("spot_drift"), "error", size={"start": -12, "stop": 12, "step": 24 / 2999}
+            shipped("spot_drift"), "error", size={"start": -12, "stop": 12, "step": 24 / 2999}
         ),
         "drift_4_workers": _changed(
-            _shipped("spot_drift", execution={"workers": 4}),
+            shipped("spot_drift", execution={"workers": 4}),
             "error",
             size={"start": -12, "stop": 12, "step": 24 / 2999},
         ),
-        "tolerance_20k_heliostats": _shipped("field_tolerance", layout=_stagger(20_000)),
-        "draws_1000_heliostats": _shipped("mount_error_monte_carlo", layout=_stagger(1000)),
+        "tolerance_20k_heliostats": shipped("field_tolerance", layout=_stagger(20_000)),
+        "draws_1000_heliostats": shipped("mount_error_monte_carlo", layout=_stagger(1000)),
         "draws_100k_samples": _changed(
-            _shipped("mount_error_monte_carlo", layout=_stagger(10)), "mount_errors", samples=100_000
+            shipped("mount_error_monte_carlo", layout=_stagger(10)), "mount_errors", samples=100_000
         ),
-        "calibration_1000_draws": _changed(_shipped("calibration_synthetic"), "mount_errors", samples=1000),
+        "calibration_1000_draws": _changed(shipped("calibration_synthetic"), "mount_errors", samples=1000),
         "gazing_maps": _changed(
-            _changed(_shipped("camera_radius", output={"maps": True}), "heliostat", pixel=0.05),
+            _changed(shipped("camera_radius", output={"maps": True}), "heliostat", pixel=0.05),
             "cameras",
             radius=[0.2, 0.24, 0.28],
         ),
-        "gazing_fine_pixels": _changed(_shipped("defieux2020_figures"), "heliostat", pixel=0.02),
+        "gazing_fine_pixels": _changed(shipped("defieux2020_figures"), "heliostat", pixel=0.02),
     }
 
 

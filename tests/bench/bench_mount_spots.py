@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.mounts import aiming as mount_aiming
 from heliosweep.kernels.mounts import kinematics as mount_terms
-from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION
 from heliosweep.kernels.spots import mount_spots as spot_lanes
 from heliosweep.kernels.spots.mount_spots import mount_spots
-from heliosweep.kernels.spots.receiver import Setting, face_axes
+from heliosweep.kernels.spots.receiver import face_axes
 from heliosweep.kernels.spots.statistics import spot_statistics
 from tests.bench.arithmetic import operations
-from tests.bench.table import Row, best, measured, show
+from tests.bench.table import Row, best, measured
+from tests.kernels.spots.deviations import setting
 
 Floats = NDArray[np.float64]
 
@@ -31,20 +31,10 @@ ROUNDS = 6
 STEPS = 2
 #: Operations of the mean, variances and covariance for each spot.
 MOMENTS = 12
-ONE = np.ones(1)
-SETTING = Setting(
-    0.1 * ONE,
-    -0.2 * ONE,
-    4.5 * ONE,
-    4.5 * ONE,
-    HEIGHT * ONE,
-    np.array([AZIMUTH_ELEVATION]),
-    0.65 * ONE,
-    0.0 * ONE,
-    OFFSET * ONE,
-    AXIS_OFFSET * ONE,
-    PEDESTAL * ONE,
-)
+SETTING = setting(
+    latitude=0.65, face_azimuth=0.1, face_tilt=-0.2, mirror_offset=OFFSET, axis_offset=AXIS_OFFSET,
+    pedestal_height=PEDESTAL,
+)  # fmt: skip
 
 
 def scene(heliostats: int, instants: int, samples: int) -> tuple[Floats, Floats, Floats, Floats]:
@@ -127,11 +117,6 @@ def counted(instants: int, samples: int) -> float:
     return own + aiming / samples + sample / instants + known / (instants * samples)
 
 
-def groups() -> Iterator[Iterator[Row]]:
-    """All rows."""
-    yield rows()
-
-
 def rows() -> Iterator[Row]:
     """Spots, then statistics of them."""
     for heliostats, instants in ((317, 1000), (3170, 15), (200_000, 1)):
@@ -163,5 +148,4 @@ def rows() -> Iterator[Row]:
         )
 
 
-if __name__ == "__main__":
-    show(groups())
+GROUPS = (rows,)

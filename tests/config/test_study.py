@@ -6,7 +6,6 @@ import pickle
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
@@ -275,19 +274,6 @@ def test_resolved_study_loads_to_the_same(load_study, lines: dict[str, str]) -> 
     assert again.study_id == study.study_id
     assert again.title == study.title
     assert again.to_yaml() == study.to_yaml()
-
-
-def test_python_study_is_the_same_as_its_file(load_study) -> None:
-    data = {"family": "field_efficiency", "site": {"latitude": np.float64(30)}, "tracking": "spinning_elevation"}
-    data |= {"time": {"clock": "solar", "hours": np.arange(8.0, 17.0)}, "receiver": {"height": 95}}
-    data |= {"layout": {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": 4}}}
-    data |= {"heliostat": {"width": 11.1, "height": np.array([11.1, 12]), "pivot_height": 7}}
-    study = load_mapping(data, REGISTRY)
-    text = {
-        "time": "time: {clock: solar, hours: [8, 9, 10, 11, 12, 13, 14, 15, 16]}",
-        "heliostat": "heliostat: {width: 11.1, height: [11.1, 12], pivot_height: 7}",
-    }
-    assert study.study_id == load_study(**text).study_id
 
 
 def test_equality_is_of_what_is_said(load_study) -> None:

@@ -57,10 +57,6 @@ def test_declination_instead_of_days() -> None:
     assert time.count() == 2 * 41
 
 
-def test_a_trillion_hours_load_without_expansion() -> None:
-    assert solar(hours={"start": 0, "stop": 24, "num": 10**12}).count() == 365 * 10**12
-
-
 def test_civil() -> None:
     time = civil(timezone="+08:00", sampling="left")
     assert time.date_list() == [dt.date(2021, 6, 21)]

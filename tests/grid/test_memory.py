@@ -12,19 +12,18 @@ import yaml
 from heliosweep import api
 from heliosweep.errors import PlanError
 from heliosweep.grid.plan import BASE_MEMORY
-from tests.bench.bench_memory import FACTOR, STUDIES, peak_memory
+from tests.bench.bench_memory import FACTOR, peak_memory, shipped
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from /proc")
 
 
-def shipped(name: str, **blocks: Any) -> dict[str, Any]:
-    content: dict[str, Any] = yaml.safe_load((STUDIES / f"{name}.yaml").read_text(encoding="utf-8"))
-    return content | {"execution": {"workers": 2}} | blocks
+TWO: dict[str, Any] = {"execution": {"workers": 2}}
 
 
 def field_series(clearance: int, heliostats: int, days: dict[str, int], step: float, **output: str) -> dict[str, Any]:
     return shipped(
         "latitude_sweep",
+        **TWO,
         site={"latitude": 30},
         tracking="azimuth_elevation",
         layout={"radial_stagger": {"clearance": clearance, "inner_radius": 61.3, "heliostats": heliostats}},
@@ -48,7 +47,7 @@ def wide_series() -> dict[str, Any]:
 
 def draws(memory: int | None = None) -> dict[str, Any]:
     """Calibrations of 3,000 draws of each of six heliostats: blocks of 180 MB, where nothing bounds them."""
-    content = shipped("calibration_synthetic")
+    content = shipped("calibration_synthetic", execution={"workers": 2})
     content["mount_errors"]["samples"] = 3000
     content["calibration"] = {"parameters": 4, "noise": content["calibration"]["noise"]}
     if memory is not None:
@@ -65,7 +64,7 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "arguments"),
-    [(shipped("figure7_hyperbolas"), []), (series(), ["--no-report"]), (wide_series(), ["--no-report"])],
+    [(shipped("figure7_hyperbolas", **TWO), []), (series(), ["--no-report"]), (wide_series(), ["--no-report"])],
     ids=["little", "time series", "wide time series"],
 )
 def test_plan_foresees_the_peak(content, arguments, tmp_path):

@@ -72,7 +72,6 @@ def test_kernels_are_compiled_anew_where_they_or_those_they_call_change(made):
     assert compilations(7.0) == "1"
     assert compilations(7.0, *words) == "0"
     assert compilations(10.0, ("lower", "2.0 * x", "3.0 * x")) == "1"
-    assert compilations(11.0, ("upper", "1.0", "2.0")) == "1"
 
 
 def test_old_compiled_code_is_removed(made, monkeypatch):
@@ -129,10 +128,12 @@ def test_damaged_compiled_code_is_made_again(made, monkeypatch, attempts):
     os.mkfifo(file)
     program = COUNT.format(folder=str(made.parent), expected=7.0)
     environment = {"NUMBA_CACHE_DIR": str(made.parent / "cache")}
-    assert [run(program, **environment) for _ in range(2)] == ["1", "0"]
+    assert run(program, **environment) == "1"
+    assert cache._load_overload(signature, context).entry_point
     file.unlink()
     file.mkdir()
-    assert [run(program, **environment) for _ in range(2)] == ["1", "1"]
+    assert run(program, **environment) == "1"
+    assert cache._load_overload(signature, context) is None
 
 
 def test_warm_makes_the_one_signature_ready():
@@ -187,29 +188,25 @@ def test_options():
         assert not options.get("fastmath")
 
 
-PLAIN = {
-    "field": (
-        "from heliosweep.kernels.field.efficiency import field_series\n"
-        "x, y, side = np.array([10., 19., 30.]), np.array([20., 21., 60.]), np.full(3, 5.)\n"
-        "s = np.array([[.8, .3, .2]]) / np.sqrt(.77)\n"
-        "print(field_series(x, y, side, side, side, 50., 0, s, 0, 3).ravel().tolist())"
-    ),
-    "dish": (
-        "from heliosweep.grid.sun import sun_vectors\n"
-        "from heliosweep.kernels.dish import window_errors\n"
-        "from heliosweep.kernels.dish import pack_windows\n"
-        "utc = np.datetime64('2021-06-21T01:00', 'ns') + np.arange(9) * np.timedelta64(1, 'h')\n"
-        "windows = pack_windows(sun_vectors(utc, 40.0, 95.0), [0, 4, 9])\n"
-        "for model in (0, 1):\n"
-        "    errors = window_errors(model, windows, [0.002, 0.7], [[0.3], [2.0]], [[[0.0]], [[1e-3]]], 0.0, 1e-3)\n"
-        "    print([repr(value) for value in np.ravel(errors)])"
-    ),
-}
+PLAIN = """
+import sys
+import numpy as np
+from heliosweep.grid.sun import sun_vectors
+from heliosweep.kernels.dish import pack_windows, window_errors
+from heliosweep.kernels.field.efficiency import field_series
+x, y, side = np.array([10., 19., 30.]), np.array([20., 21., 60.]), np.full(3, 5.)
+s = np.array([[.8, .3, .2]]) / np.sqrt(.77)
+print(field_series(x, y, side, side, side, 50., 0, s, 0, 3).ravel().tolist())
+utc = np.datetime64('2021-06-21T01:00', 'ns') + np.arange(9) * np.timedelta64(1, 'h')
+windows = pack_windows(sun_vectors(utc, 40.0, 95.0), [0, 4, 9])
+for model in (0, 1):
+    errors = window_errors(model, windows, [0.002, 0.7], [[0.3], [2.0]], [[[0.0]], [[1e-3]]], 0.0, 1e-3)
+    print([repr(value) for value in np.ravel(errors)])
+print('numba' in sys.modules)
+"""
 
 
-@pytest.mark.parametrize("name", PLAIN)
-def test_kernels_run_as_plain_python_with_the_same_result(name):
-    program = f"import numpy as np, sys\n{PLAIN[name]}\nprint('numba' in sys.modules)"
-    compiled_found, plain_found = (run(program, HELIOSWEEP_PURE_PYTHON=switch).splitlines() for switch in ("0", "1"))
+def test_kernels_run_as_plain_python_with_the_same_result():
+    compiled_found, plain_found = (run(PLAIN, HELIOSWEEP_PURE_PYTHON=switch).splitlines() for switch in ("0", "1"))
     assert (compiled_found.pop(), plain_found.pop()) == ("True", "False")
     assert compiled_found == plain_found

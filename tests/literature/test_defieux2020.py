@@ -6,11 +6,13 @@ them. What is asked here is what the paper claims, and what the studies' descrip
 
 from __future__ import annotations
 
+from contextlib import chdir
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from heliosweep import api
 from heliosweep.report.comparison import compare, read_published
@@ -27,8 +29,11 @@ PUBLISHED = {
 PAPER = ("A", "O1", "O2")
 
 
-def result_of(name: str) -> Any:
-    return api.build(api.load(STUDIES / f"{name}.yaml")).compute()
+def result_of(name: str, **blocks: Any) -> Any:
+    """What a shipped study computes with some of its blocks replaced: fewer points or methods have the same numbers."""
+    content = yaml.safe_load((STUDIES / f"{name}.yaml").read_text(encoding="utf-8"))
+    with chdir(STUDIES):
+        return api.build(api.load(content | blocks)).compute()
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +106,7 @@ def test_noisy_lm_is_better_than_o2(table):
     assert np.mean(size[:, 3] < size[:, 2]) >= 0.9
     medians = np.median(table[1], axis=0)
     assert (medians[3] < medians[2]).all()
+    assert (medians[1, :, 1] < medians[0, :, 1]).all()  # on Y, O1 is less sensitive to noise than A
     assert medians[2] == pytest.approx(np.array([[1.6, 3.5], [1.3, 2.3]]), abs=0.1)
     assert medians[3] == pytest.approx(np.array([[1.0, 1.2], [0.9, 1.7]]), abs=0.1)
 
@@ -127,7 +133,7 @@ def test_under_4_5_percent_is_a_matter_of_luck(table):
 
 
 def test_contamination_grows_with_the_sun_s_azimuth():
-    result = result_of("sun_azimuth_contamination").sel(module=[2, 3])
+    result = result_of("sun_azimuth_contamination", method=["A", "LM"]).sel(module=[2, 3])
     a, azimuth = result["slope_bias_x"].sel({"slope_method": "A"}), result["sun_azimuth"]
     none = np.abs(a.sel(referential="none"))
     assert float(none.sel(sun_azimuth=0).max()) < 0.002  # the sun in the target's plane
@@ -140,7 +146,11 @@ def test_contamination_grows_with_the_sun_s_azimuth():
 
 def test_profile_and_gain_limit_the_method():
     """One percent of angular radius costs about 2 % of slope; one of gain 3 % on module 3, 6 % on module 2."""
-    result = result_of("profile_error").sel({"slope_method": "LM", "module": [2, 3]}).isel(referential=0)
+    result = (
+        result_of("profile_error", method=["LM"], profile_error=[0, 0.01])
+        .sel({"slope_method": "LM", "module": [2, 3]})
+        .isel(referential=0)
+    )
     wide = result["relative_error_y"].sel(profile_error=0.01, gain_error=0)
     bright = result["relative_error_y"].sel(profile_error=0, gain_error=0.01)
     assert wide.to_numpy() == pytest.approx(np.array([1.84, 2.12]), abs=0.1)
@@ -149,7 +159,9 @@ def test_profile_and_gain_limit_the_method():
 
 
 def test_near_cameras_see_more_and_far_ones_more_precisely():
-    result = result_of("camera_radius").sel({"slope_method": "LM", "arrangement": "square"}).isel(referential=0)
+    cameras = {"radius": {"start": 0.06, "stop": 0.42, "step": 0.06}, "noise": 0.005, "bits": 12}
+    cameras |= {"arrangement": "square", "seed": [0, 1]}
+    result = result_of("camera_radius", method=["LM"], cameras=cameras).sel({"slope_method": "LM"}).isel(referential=0)
     bound = result["cramer_rao_bound_y"].sel(canting_scale=0).mean(["camera_seed", "module"])
     assert (bound.diff("camera_radius") < 0).all()
     seen = (result["lit_cameras"].sel(module=2).mean("camera_seed") == 1).sum("canting_scale")
@@ -159,7 +171,7 @@ def test_near_cameras_see_more_and_far_ones_more_precisely():
 
 
 def test_a_field_is_measured_far_from_the_tower_and_under_a_sun_behind_it():
-    result = result_of("field_of_heliostats")
+    result = result_of("field_of_heliostats", method=["LM"], referential=["exact"])
     lm = result.sel({"slope_method": "LM", "referential": "exact"})
     seen = lm["usable_fraction"] > 0.9
     assert [int(seen.sel(hour=hour).sum()) for hour in (9, 12, 15)] == pytest.approx([126, 144, 126], abs=5)

@@ -18,6 +18,7 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.grid.regions import Part
 from heliosweep.runs import executors
 from heliosweep.runs.executors import Outcome, compute_parts, local_pool
+from tests.runs.clusters import nothing, parts
 
 LOCAL = ["threads", "synchronous", "processes"]
 
@@ -25,7 +26,7 @@ LOCAL = ["threads", "synchronous", "processes"]
 class FakeWork:
     """Doubles the number of a part; `before` is called first with the number."""
 
-    def __init__(self, before: Callable[[int], object] = lambda number: None) -> None:
+    def __init__(self, before: Callable[[int], object] = nothing) -> None:
         self.before = before
 
     def compute(self, part: Part) -> xr.Dataset:
@@ -34,22 +35,14 @@ class FakeWork:
         return xr.Dataset({"double": ("a", 2.0 * np.arange(start, stop))})
 
 
-def parts(count: int) -> Iterator[Part]:
-    return (Part(f"points-{n:05}", "points", {"a": slice(n, n + 1)}) for n in range(count))
-
-
 def compute(name: str, work: Any, numbers: Iterator[Part], workers: int = 2) -> dict[str, Outcome]:
     with local_pool(name, work, workers) as pool:
         return {outcome.part.name: outcome for outcome in compute_parts(pool, numbers)}
 
 
-def no_operation(number: int) -> None:
-    pass
-
-
 @pytest.mark.parametrize("name", LOCAL)
 def test_values_of_every_part(name):
-    outcomes = compute(name, FakeWork(no_operation), parts(20))
+    outcomes = compute(name, FakeWork(nothing), parts(20))
     for part in parts(20):
         values = outcomes.pop(part.name).values
         assert values is not None

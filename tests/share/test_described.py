@@ -7,7 +7,6 @@ import importlib
 import io
 import json
 import re
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -101,18 +100,6 @@ def test_crate(folder):
         assert all(len(value) > 1 for value in entity.values() if isinstance(value, list))
 
 
-@pytest.mark.skipif(shutil.which("rocrate-validator") is None, reason="needs roc-validator and the network")
-def test_crate_as_the_validator_sees_it(folder):
-    command = [
-        *["rocrate-validator", "-y", "validate", "-p", "ro-crate-1.1", "-l", "REQUIRED", "--no-paging"],
-        str(folder),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if "URLError" in done.stdout + done.stderr:
-        pytest.skip("no network")
-    assert done.returncode == 0, done.stdout
-
-
 def test_people_and_licence(folders):
     folder = folders["named"]
     found = entities(folder)
@@ -157,7 +144,9 @@ def test_readme(folder):
     assert "heliosweep run study.yaml --output again" in text
 
 
-def test_notebook_opens_the_data(folder):
+@pytest.mark.parametrize("name", ["nameless", "zarr"])
+def test_notebook_opens_the_data(folders, name):
+    folder = folders[name]
     notebook = json.loads((folder / "open.ipynb").read_text("utf-8"))
     assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in notebook["cells"]}) == len(notebook["cells"])
@@ -188,7 +177,7 @@ def test_large_files_are_streamed_and_fit(tmp_path):
     """More than memory should hold at once: what is copied is never more than a piece."""
 
     class Source(io.RawIOBase):
-        left = 50 * 2**20
+        left = 5 * 2**20
         most = 0
 
         def read(self, size: int = -1) -> bytes:
@@ -202,7 +191,7 @@ def test_large_files_are_streamed_and_fit(tmp_path):
     assert 0 < Source.most <= 2**20
     with zipfile.ZipFile(tmp_path / "a.zip") as zipped:
         assert zipped.testzip() is None
-        assert zipped.getinfo("top/large").file_size == 50 * 2**20
+        assert zipped.getinfo("top/large").file_size == 5 * 2**20
 
 
 def test_nothing_is_left_of_an_archive_that_failed(tmp_path):

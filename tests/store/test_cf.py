@@ -129,6 +129,7 @@ def _two_zones(content: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in content.items() if key != "site"} | {"sites": sites, "time": time}
 
 
+FEW = {"layout": {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": 5}}}
 CASES: dict[str, Any] = {
     "field_efficiency": lambda: content_of("field_efficiency"),
     "field_efficiency, series": lambda: _two_zones(content_of("field_efficiency")) | {"output": {"time_series": True}},
@@ -137,7 +138,7 @@ CASES: dict[str, Any] = {
     "misalignment, curves": lambda: content_of("misalignment"),
     "misalignment, two zones": lambda: _two_zones(content_of("misalignment")),
     "misalignment, mount errors": lambda: (
-        content_of("mount_error_monte_carlo") | {"time": {"clock": "solar", "days": [80], "hours": [9, 12]}}
+        content_of("mount_error_monte_carlo") | {"time": {"clock": "solar", "days": [80], "hours": [9, 12]}} | FEW
     ),
     "misalignment, calibration": lambda: content_of("calibration_measured"),
     "backward_gazing, simulated": lambda: content_of("backward_gazing"),

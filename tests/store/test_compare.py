@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -170,10 +169,3 @@ def test_what_is_no_result(tmp_path):
         compare(tmp_path / "empty", good)
     with pytest.raises(HeliosweepError, match=r"text\.nc: is no result"):
         compare(good, tmp_path / "text.nc")
-
-
-def test_every_attribute_counts(tmp_path):
-    a = write_zarr(tmp_path / "a.zarr")
-    b = write_zarr(tmp_path / "b.zarr", version=2)
-    assert compare(a, b).differences == ["attribute version: 1 in A, 2 in B"]
-    assert isinstance(a, Path)

@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.grid.regions import Cut, Part, Variable
 from heliosweep.store import parts as module
 from heliosweep.store.parts import PartStore, remove
-from tests.store.samples import CUTS, PARTS, SIZES, VALUES, VARIABLES, flip, values
+from tests.store.samples import CUTS, PARTS, SIZES, VALUES, VARIABLES, values
 
 IDENTITY = {"study": {"a": 1, "b": (1.5, None, "é\ud800")}}
 
@@ -231,23 +231,6 @@ def test_made_whole_or_not_at_all(tmp_path, monkeypatch, name):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_flipped_bit_costs_the_part_it_hits(full):
-    journal = (full / "journal.jsonl").read_text().splitlines()
-    for number in (0, 4, len(PARTS) - 1):
-        said = json.loads(journal[number])
-        flip(full / "values.bin", said["offset"] + said["bytes"] // 2)
-        with PartStore.open(full) as store:
-            with pytest.raises(HeliosweepError, match=f"{PARTS[number].name} was damaged on the disk; run again"):
-                store.read(PARTS[number])
-            assert store.drop_damaged() == [PARTS[number]]
-            assert PARTS[number].name not in store.done
-        with PartStore.open(full) as store:  # it is written down
-            assert PARTS[number].name not in store.done
-            store.commit(PARTS[number], values(PARTS[number]))
-    assert len(done(full)) == len(PARTS)
-    assert_right(done(full))
-
-
 @pytest.mark.parametrize("name", ["values.bin", "journal.jsonl"])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.999])
 def test_a_truncated_file_costs_the_parts_at_its_end(full, name, share):
@@ -266,15 +249,6 @@ def test_a_truncated_file_costs_the_parts_at_its_end(full, name, share):
             if part.name not in store.done:
                 store.commit(part, values(part))
     assert len(done(full)) == len(PARTS)
-
-
-@pytest.mark.parametrize("name", ["values.bin", "journal.jsonl"])
-def test_a_file_that_is_gone_costs_all_parts(full, name):
-    (full / name).unlink()
-    assert done(full) == {}
-    with PartStore.open(full) as store:
-        store.commit(PARTS[0], values(PARTS[0]))
-    assert list(done(full)) == [PARTS[0].name]
 
 
 BAD_LINES = [
@@ -308,43 +282,6 @@ def test_lines_of_the_journal_that_are_none(store):
     assert list(found) == ["points-00000", PARTS[4].name]
 
 
-@pytest.mark.parametrize("seconds", ["NaN", "-1e9", "Infinity", "1e300", "-Infinity"])
-def test_times_that_are_none(store, seconds):
-    with (store.folder / "journal.jsonl").open("a") as file:
-        file.write('{"part": "points-00001", "failed": "x", "seconds": ' + seconds + "}\n")
-    assert PartStore.open(store.folder).seconds == 0
-
-
-DESCRIPTIONS: list[str | Callable[[dict[str, Any]], object]] = [
-    "", "{", "[]", "null", "{}", '{"format": 1}', '{"format": []}', "\0", "[" * 10**5, '{"format": 2}',
-    lambda said: said["identity"].update(study=2), lambda said: said["cuts"].clear(), lambda said: said.pop("sha256"),
-    lambda said: said["variables"].pop(), lambda said: said["sizes"].update(latitude=10**12),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("edit", DESCRIPTIONS)
-def test_a_folder_that_is_no_store_or_a_damaged_one(store, edit):
-    path = store.folder / "study.json"
-    if callable(edit):
-        said = json.loads(path.read_text())
-        edit(said)
-        edit = json.dumps(said)
-    path.write_text(edit)
-    with pytest.raises(HeliosweepError, match=r"working: is (no working store|damaged) \(.*\); --force .* removes it"):
-        PartStore.open(store.folder)
-    remove(store.folder)
-    assert not list(store.folder.parent.iterdir())
-
-
-@pytest.mark.parametrize("name", ["study.json", "values.bin", "journal.jsonl"])
-@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
-def test_what_is_no_file_is_not_waited_for(store, name, make):
-    (store.folder / name).unlink()
-    make(store.folder / name)
-    with pytest.raises(HeliosweepError, match=rf"is no working store \({name} is no file\); --force"):
-        PartStore.open(store.folder)
-
-
 def test_nothing_is_changed_before_something_is_committed(full):
     places = [full, *full.iterdir()]
     with (full / "journal.jsonl").open("a") as file:
@@ -364,30 +301,3 @@ def test_removed(store):
     store.remove()
     store.remove()
     assert not list(store.folder.parent.iterdir())
-
-
-@pytest.mark.long
-def test_a_million_parts(tmp_path):
-    import resource
-
-    count = 10**6
-    cut = Cut({"x": count}, {"x": 1000}, {"x": 1})
-    variables = {"a": Variable(("x",), {}), "b": Variable(("x", "y"), {})}
-    value = {"a": np.zeros(1), "b": np.ones((1, 3))}
-
-    def all_parts() -> Iterator[Part]:
-        return (Part(f"points-{number:05}", "points", {"x": slice(number, number + 1)}) for number in range(count))
-
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    start = time.process_time()
-    with PartStore.create(tmp_path / "working", {}, {"points": cut}, variables, {"x": count, "y": 3}) as store:
-        for part in all_parts():
-            store.commit(part, value)
-    committed = time.process_time()
-    with PartStore.open(tmp_path / "working") as store:
-        assert len(store.done) == count
-        opened = time.process_time()
-        assert store.drop_damaged() == []
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, "kB"
-    assert (committed - start) / count < 0.2e-3
-    assert opened - committed < 30

@@ -48,7 +48,6 @@ def straightforward_series(x, y, z, half_width, half_height, target_height, trac
     return out
 
 
-@compiled
 def neighbours(centres, radius, aim, throw, lowest, start, stop):
     """Who may shade and who may block heliostats start..stop: rows of their number and their names.
 
@@ -59,23 +58,17 @@ def neighbours(centres, radius, aim, throw, lowest, start, stop):
     count = len(centres)
     limits = np.zeros((stop - start, count))
     shaders, blockers = np.zeros((stop - start, count), np.int64), np.zeros((stop - start, count), np.int64)
-    for t in range(stop - start):
-        i = start + t
-        for j in range(count):
-            if j == i:
-                continue
-            dx, dy, dz, reach = apart(i, j, centres, radius)
-            limit = (reach + abs(dz)) / np.sqrt(dx * dx + dy * dy) * SLACK
-            if limit > lowest:
-                shaders[t, 0] += 1
-                shaders[t, shaders[t, 0]], limits[t, shaders[t, 0]] = j, limit
-            ahead = dx * aim[i, 0] + dy * aim[i, 1] + dz * aim[i, 2]
-            if meets(dx, dy, dz, reach, aim[i, 0], aim[i, 1], aim[i, 2]) and ahead < throw[i]:
-                blockers[t, 0] += 1
-                blockers[t, blockers[t, 0]] = j
-        some = shaders[t, 0] + 1
-        order = np.argsort(-limits[t, 1:some]) + 1
-        shaders[t, 1:some], limits[t, 1:some] = shaders[t][order], limits[t][order]
+    for t, i in enumerate(range(start, stop)):
+        offset, reach = centres - centres[i], (radius + radius[i]) * SLACK
+        with np.errstate(divide="ignore"):
+            limit = (reach + np.abs(offset[:, 2])) / np.hypot(offset[:, 0], offset[:, 1]) * SLACK
+        limit[i] = 0.0
+        names = np.argsort(-limit, kind="stable")[: np.count_nonzero(limit > lowest)]
+        shaders[t, 0], shaders[t, 1 : len(names) + 1], limits[t, 1 : len(names) + 1] = len(names), names, limit[names]
+        ahead = offset @ aim[i]
+        met = (ahead > -reach) & (ahead < throw[i]) & (np.sum(offset**2, axis=1) - ahead**2 < reach**2)
+        met[i] = False
+        blockers[t, 0], blockers[t, 1 : met.sum() + 1] = met.sum(), np.flatnonzero(met)
     return shaders, limits, blockers
 
 

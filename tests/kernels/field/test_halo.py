@@ -3,16 +3,13 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.field import efficiency as kernels
-from heliosweep.kernels.field.efficiency import aimed, field_series
-from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, packet_order
+from heliosweep.kernels.field.efficiency import field_series
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.layouts import radial_stagger
 from tests.kernels.field.fields import Field, directions
 
 SIDE, TOWER = 11.0, 150.0
 BLOCK = range(900, 905)
-FEW = 120
-"""Five mirrors and those within 200 m towards the sun and the tower, 30 m apart, are fewer."""
 
 
 def staggered(count: int) -> Field:
@@ -25,35 +22,6 @@ def staggered(count: int) -> Field:
 def packet(rng):
     """Sun directions that fit in one packet."""
     return directions(rng.uniform(119.0, 121.0, 8), rng.uniform(14.0, 15.0, 8))
-
-
-def framed(field: Field, sun, monkeypatch):
-    """Who got a frame in one packet for the block, in the kernel run as plain Python."""
-    made, half_sides = [], kernels.half_sides
-
-    def counting(frames, f, to_sun, mirrors, i, tracking, lanes):
-        made.append(int(i))
-        half_sides(frames, f, to_sun, mirrors, i, tracking, lanes)
-
-    order, first = packet_order(sun)
-    assert len(first) == 2
-    series = np.full((4, len(sun), len(BLOCK)), np.nan)
-    sweep = getattr(kernels.sweep, "py_func", kernels.sweep)
-    with monkeypatch.context() as patch:
-        patch.setattr(kernels, "half_sides", counting)
-        sweep(aimed(*field), 0, sun, order, first, BLOCK.start, BLOCK.stop, np.empty((0, 4)), series)
-    compiled = field_series(*field, 0, sun, BLOCK.start, BLOCK.stop)
-    np.testing.assert_array_equal(series, compiled)
-    return made
-
-
-@pytest.mark.long  # the stages are compiled for plain Python
-def test_frames_are_those_of_the_block_and_its_halo(monkeypatch):
-    sun = packet(np.random.default_rng(1))
-    small, large = (framed(staggered(count), sun, monkeypatch) for count in (2_000, 20_000))
-    assert len(large) == len(set(large)) < FEW
-    assert sorted(large) == sorted(small)
-    assert set(BLOCK) < set(large)
 
 
 @pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])

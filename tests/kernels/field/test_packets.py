@@ -41,24 +41,6 @@ def test_packets_are_compact():
     assert np.mean(angles) < 6.0
 
 
-@pytest.mark.parametrize(
-    "sun",
-    [
-        over_days(np.arange(1, 366, 40), np.arange(8.0, 17.0)),
-        over_days(np.arange(15, 366, 30), np.arange(4.0, 21.0)),
-        over_days(np.arange(172, 180), np.arange(5.0, 19.0, 0.1))[:512],
-        over_days([80], [6.01, 6.02, 7.0, 12.0, 17.0]),
-    ],
-)
-def test_few_instants_make_small_packets(sun):
-    """The candidates of a heliostat grow with the spread of a packet over the sine of the elevation."""
-    order, first = packet_order(sun)
-    for a, b in itertools.pairwise(first):
-        packet = sun[order[a:b]]
-        assert b - a == 1 or (b - a) * np.ptp(packet, axis=0).max() <= 60.0 * packet[:, 2].min()
-    assert len(first) - 1 < len(sun)
-
-
 def test_what_is_below_the_horizon_or_no_number_is_cut_too():
     sun = suns(np.random.default_rng(0), 200, -90.0, 90.0)
     sun[::50] = np.nan

@@ -4,11 +4,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-import shapely
 
 from heliosweep.kernels.vectors import PACKET
 from tests.kernels.field.exact_areas import exact_areas
-from tests.kernels.field.parallelograms import SQUARE, corners, shapely_areas, union_areas
+from tests.kernels.field.parallelograms import shapely_areas, union_areas
 from tests.kernels.field.ties import tied_shapes
 
 BATCH = 8 * PACKET
@@ -40,14 +39,6 @@ def test_ties(count):
 def test_256_000_ties(count):
     for batch in range(256_000 // BATCH):
         check(count, batch)
-
-
-@COUNTS
-def test_most_sets_overlap_mutually(count):
-    common = SQUARE
-    for image in shapely.polygons(corners(tied_shapes(np.random.default_rng(count), count, BATCH))):
-        common = shapely.intersection(common, image)
-    assert (shapely.area(common) > 1e-3).mean() > 0.5
 
 
 @pytest.mark.parametrize("shading", range(5))

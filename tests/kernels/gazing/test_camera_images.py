@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.kernels.gazing.geometry import EXACT, Modules, mirror_grid, outline, themis_8, transfers
@@ -45,6 +45,7 @@ def projected(cameras, camera, points):
     return cameras.centre[camera] + cameras.focal[camera] * np.array([right, down]) / forward
 
 
+@settings(max_examples=40)
 @given(
     *[st.floats(-3e-3, 3e-3)] * 4,
     st.floats(60.0, 300.0),
@@ -204,6 +205,7 @@ def test_noise_of_rectified_images(shot):
     assert abs(np.sqrt(np.mean(ratio**2)) - 1.0) < 0.02
 
 
+@settings(max_examples=20)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
 def test_the_cubic_of_keys_is_exact_for_parabolas(c):
     layout, modules = twin.paper_scene(), themis_8()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, themis_8
@@ -15,6 +15,7 @@ SMALL = st.floats(-3e-3, 3e-3)
 FLAT = np.zeros((8, 2))
 
 
+@settings(max_examples=40)
 @given(SMALL, SMALL, SMALL, SMALL, st.floats(60.0, 300.0))
 def test_images_are_those_of_vectors_in_space(c_y, c_z, p_y, p_z, focal_length):
     layout, modules, grid = twin.paper_scene(), themis_8(), twin.paper_grid(0.4)
@@ -32,47 +33,6 @@ def test_images_are_those_of_vectors_in_space(c_y, c_z, p_y, p_z, focal_length):
         _, ideal = twin.series(y, z, 120.0)
         true = normals[:, 1:] / normals[:, :1] - ideal[:, 1:] / ideal[:, :1]
         np.testing.assert_allclose(slopes[:, here], true.T, atol=1e-14)
-
-
-def test_undefected_slopes_are_what_the_series_leaves_of_the_sphere():
-    """3 r^4 / 128 f^4 of the slope: 1.2e-6 mrad at a corner of the heliostat, less than 1e-7 within 2 m."""
-    grid = twin.paper_grid()
-    _, slopes = image_set(twin.paper_scene(), grid, jose(), module_spheres(themis_8(), 120.0, FLAT))
-    r2 = grid.pixel_y**2 + grid.pixel_z**2
-    left = -3.0 * r2**2 / (128.0 * 120.0**4) / 240.0
-    np.testing.assert_allclose(slopes, [grid.pixel_y * left, grid.pixel_z * left], atol=1e-12)
-    assert np.abs(slopes[:, r2 < 4.0]).max() < 1e-10
-    assert 1.1e-9 < np.abs(slopes).max() < 1.3e-9
-
-
-def test_canting_turns_the_normal_at_the_centre_of_a_module():
-    modules = themis_8()
-    for canting in ([1e-3, 0.0], [0.0, -1e-3], [0.3, -0.4]):
-        spheres = module_spheres(modules, 1e9, np.tile(canting, (8, 1)))  # nearly flat
-        grid = mirror_grid(Modules(modules.centre, np.full((8, 2), 0.02)), 0.01)
-        _, slopes = image_set(twin.paper_scene(), grid, jose(), spheres)
-        np.testing.assert_allclose(slopes[0] - grid.pixel_y / 240.0, canting[0], atol=3e-5)
-        np.testing.assert_allclose(slopes[1] - grid.pixel_z / 240.0, canting[1], atol=3e-5)
-
-
-def test_pointing_of_the_whole_is_canting_of_all_but_for_their_places():
-    modules = themis_8()
-    both = [
-        module_spheres(modules, 120.0, np.tile([1e-3, -2e-3], (8, 1))),
-        module_spheres(modules, 120.0, FLAT, (1e-3, -2e-3)),
-    ]
-    slopes = [image_set(twin.paper_scene(), twin.paper_grid(0.2), jose(), s)[1] for s in both]
-    np.testing.assert_allclose(slopes[0], slopes[1], atol=3e-7)
-    # As one rigid body the heliostat stays one sphere.
-    assert np.ptp(both[1], axis=0).max() < 1e-12
-    assert np.ptp(both[0][:, 0]) > 1e-4
-
-
-def test_wrong_focal_length():
-    grid = twin.paper_grid(0.1)
-    _, slopes = image_set(twin.paper_scene(), grid, jose(), module_spheres(themis_8(), 110.0, FLAT))
-    bend = -(1.0 / 220.0 - 1.0 / 240.0)
-    np.testing.assert_allclose(slopes, [bend * grid.pixel_y, bend * grid.pixel_z], rtol=1e-3)
 
 
 def test_modules_may_have_focal_lengths_of_their_own():

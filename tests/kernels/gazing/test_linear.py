@@ -56,20 +56,6 @@ def test_method_a_of_the_paper():
     assert np.all(np.abs(errors[EXACT]) < 0.45)  # what its own approximation leaves
 
 
-def test_method_a_with_noisy_profiles():
-    """The paper's single errors lie within the spread of 32 seeds.
-
-    A trial had medians of 13.4/10.5 and 10.6/10.2 % with 16 seeds of its own. Here they are 13.5/11.4 and 13.9/12.8 %
-    with 32, and move by 2 % from one set of seeds to another, hence the tolerance. The envelope was chosen to agree.
-    """
-    layout, grid = twin.paper_scene(), twin.paper_grid()
-    errors = np.abs([table_errors(layout, grid, noisy(jose(), 0.012, seed=seed))[NONE] for seed in range(32)])
-    np.testing.assert_allclose(np.median(errors, axis=0), [[13.4, 10.5], [10.6, 10.2]], atol=4.0)
-    low, high = np.percentile(errors, [5, 95], axis=0)
-    published = np.array([[14.6, 11.6], [14.2, 13.1]])
-    assert np.all((low < published) & (published < high))
-
-
 def test_twin():
     layout, grid = twin.paper_scene(), twin.paper_grid(0.2)
     images, _ = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 1.4 * twin.paper_canting()))
@@ -247,11 +233,3 @@ def test_bound_of_a_noisy_table_is_what_camera_noise_leaves_on_its_smooth_fit(se
         found = fit_slopes(layout, smooth, seen, grid.pixel_y, grid.pixel_z, true)
         ratios.append((found.slopes - true) / bound)
     np.testing.assert_allclose(np.std(ratios, axis=(0, 2)), 1.0, atol=0.03)
-
-
-def test_a_common_gain_costs_nothing_once_it_is_found():
-    layout, y, z = twin.paper_scene(), np.array([0.5, -2.0]), np.array([1.0, 3.0])
-    slopes = np.array([[0.3, -0.2], [0.1, 0.4]]) * MRAD
-    seen = 1.01 * twin.modelled(layout, y, z, slopes)
-    assert np.abs(twin.gauss_newton(seen, layout, y, z, 0 * slopes, gain=True) - slopes).max() < 1e-9
-    assert np.abs(twin.gauss_newton(seen, layout, y, z, 0 * slopes) - slopes).max() > 0.01 * MRAD

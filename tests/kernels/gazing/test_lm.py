@@ -7,11 +7,11 @@ from scipy.optimize import least_squares
 from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, eroded, scene, themis_8, transfers
 from heliosweep.kernels.gazing.lanes import NOT_CONVERGED, OUTSIDE, UNLIT
 from heliosweep.kernels.gazing.linear import slope_bound
-from heliosweep.kernels.gazing.lm import GRADUATION, fit_slopes, graduated
+from heliosweep.kernels.gazing.lm import fit_slopes
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.search import merits, search_slopes
+from heliosweep.kernels.gazing.search import merits
 from heliosweep.kernels.sun.profiles import jose, table_profile
-from heliosweep.kernels.sun.tables import noisy, scaled, smoothed
+from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin
 
 LAYOUT = twin.paper_scene()
@@ -41,10 +41,6 @@ def table_errors(grid, profile, method=fitted):
     keep = eroded(grid, 1)
     rows = [np.nanmean((net[0] - net[1])[:, keep & (grid.pixel_module == row)], axis=1) for row in (1, 2)]
     return 1e5 * np.abs(np.array(rows) - twin.paper_canting()[1:3])
-
-
-def by_search(grid, images, profile):
-    return search_slopes(LAYOUT, profile, images, grid.pixel_y, grid.pixel_z, start(grid, images, profile))
 
 
 def test_clean_table_of_the_paper():
@@ -137,18 +133,6 @@ def test_stationary_to_machine_level():
     np.testing.assert_allclose(found.merit, merit(found.slopes), rtol=1e-9, atol=1e-16)
 
 
-def test_noisy_tables():
-    """Noise of 1.2 % at 120 nodes: better than O2 in the median and in most seeds, and than its own start."""
-    grid = twin.paper_grid(0.2)
-    profiles = [noisy(jose(), 0.012, seed=seed) for seed in range(24)]
-    own = np.array([table_errors(grid, profile) for profile in profiles])
-    search = np.array([table_errors(grid, profile, by_search) for profile in profiles])
-    assert np.median(own) < 1.7
-    assert np.all(np.median(own, axis=0) < 3.0)
-    assert np.median(own.mean(axis=(1, 2))) < 0.7 * np.median(search.mean(axis=(1, 2)))
-    assert np.mean(own.mean(axis=(1, 2)) < search.mean(axis=(1, 2))) > 0.75
-
-
 def test_without_graduation_the_search_sticks_at_its_start():
     """On X at the 13 % of method A without the field rotation, on Y at the 9 % of its sensitivity to noise."""
 
@@ -164,17 +148,6 @@ def test_without_graduation_the_search_sticks_at_its_start():
     assert np.all(np.median([errors(profile, profile) for profile in profiles], axis=0) < 3.0)
 
 
-def test_graduation():
-    profile = noisy(jose(), 0.012)
-    stages = graduated(profile)
-    assert len(stages) == len(GRADUATION) + 2
-    assert stages[0].table.size == 0
-    assert stages[-1] is profile
-    for stage, nodes in zip(stages[1:-1], GRADUATION, strict=True):
-        np.testing.assert_array_equal(stage.table, smoothed(profile, nodes).table)
-    assert len(graduated(jose())) == 1
-
-
 def test_gain():
     """A gain error of 1 % costs a tenth of the slope, unless a gain is fitted."""
     grid = twin.paper_grid(0.2)
@@ -186,15 +159,6 @@ def test_gain():
     assert np.max(np.abs(free.slopes - true)) < 1e-6
     np.testing.assert_allclose(free.gain, 1.01, atol=1e-5)
     assert np.all(without.gain == 1.0)
-
-
-def test_profile_error():
-    """Each percent of the radius costs percents of the slope."""
-    grid = twin.paper_grid(0.2)
-    images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
-    found = fitted(grid, images, scaled(jose(), 0.01))
-    relative = np.mean((found.slopes - true)[1, grid.pixel_module == 2]) / 0.9e-3
-    assert 0.01 < abs(relative) < 0.06
 
 
 def test_flags():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.gazing.geometry import EXACT, Modules, eroded, mirror_grid, themis_8, transfers
+from heliosweep.kernels.gazing.geometry import Modules, eroded, mirror_grid, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
 from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose
@@ -30,26 +30,6 @@ def test_what_is_planted_is_found():
     np.testing.assert_allclose(found.pointing, POINTING, atol=1e-4 * MRAD)
     assert found.focal_length == pytest.approx(120.0, abs=2e-3)
     assert found.pixels.tolist() == [68 * 32] * 8
-
-
-def test_another_focal_length_cants_the_modules_too():
-    grid = twin.paper_grid()
-    found = estimates(true_slopes(grid, 119.0), grid)
-    assert found.focal_length == pytest.approx(119.0, abs=2e-3)
-    bend = -(0.5 / 119.0 - 0.5 / 120.0)
-    np.testing.assert_allclose(found.canting.T, bend * themis_8().centre, rtol=2e-3)
-    np.testing.assert_allclose(found.pointing, 0.0, atol=1e-12)
-
-
-def test_through_method_a_and_its_own_reference():
-    layout, grid, modules = twin.paper_scene(), twin.paper_grid(), themis_8()
-    maps = []
-    for canting in (0.3 * twin.paper_canting(), FLAT):
-        images, _ = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting))
-        found, _ = twin.by_kernels(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
-        maps.append(found[0])
-    found = estimates(maps[0] - maps[1], grid)
-    np.testing.assert_allclose(found.canting.T, 0.3 * twin.paper_canting(), atol=2e-3 * MRAD)
 
 
 def test_standard_errors_are_those_of_trials():
@@ -79,7 +59,7 @@ def some_modules(number):
 TRIALS = 400
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 8])
+@pytest.mark.parametrize("number", [1, 2, 8])
 @pytest.mark.parametrize("kind", ["together", "apart", "unequal"])
 def test_stated_errors_are_those_found(number, kind):
     """Modules at one place or far apart, with noise that is the same or up to three times as large: found standard
@@ -130,6 +110,7 @@ def test_wrong_focal_length_does_not_move_pointing(number):
         slopes = image_set(twin.paper_scene(), grid, jose(), spheres, None)[1]
         found = module_estimates(slopes, grid, modules, eroded(grid, 0), 120.0)
         np.testing.assert_allclose(found.pointing, POINTING, atol=2e-4 * MRAD)
+        assert found.focal_length == pytest.approx(focal_length, abs=2e-3)
         bend = 0.5 / 120.0 - 0.5 / focal_length
         np.testing.assert_allclose(found.canting, canting.T + bend * modules.centre.T, atol=5e-4 * MRAD)
 

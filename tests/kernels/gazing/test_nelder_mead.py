@@ -75,10 +75,6 @@ def test_points_bit_for_bit(name, size):
         assert found.nfev > 30
 
 
-def test_simplex_of_any_shape():
-    same(FUNCTIONS["rosenbrock"], [[1.2, -0.4], [0.3, 0.35], [-0.7, 0.1]], 1e-9, 1e-12)
-
-
 @given(st.integers(0, 10**6), st.integers(0, 9), st.floats(-8.0, 0.0), st.floats(-12.0, 0.0))
 @settings(max_examples=40, deadline=None)
 def test_points_at_random(seed, number, xatol, fatol):
@@ -96,12 +92,6 @@ def test_evaluations_run_out_at_any_step(name):
         assert counts[EVALUATIONS] == found.nfev == evaluations
         np.testing.assert_array_equal(state[:6].reshape(3, 2), found.final_simplex[0])
         np.testing.assert_array_equal(state[VALUE : VALUE + 3], found.final_simplex[1])
-
-
-@pytest.mark.parametrize("iterations", [1, 2, 5, 17])
-def test_iterations_run_out(iterations):
-    found = same(FUNCTIONS["wavy"], [[0.4, 0.3], [0.5, 0.3], [0.4, 0.4]], 1e-9, 1e-9, iterations)
-    assert found.nit == iterations
 
 
 def test_equal_values_keep_the_older_vertex_first():

@@ -8,34 +8,11 @@ from hypothesis import strategies as st
 from tests.kernels.mounts.normals import aim_normals
 from tests.kernels.spots.deviations import iterated_normals, unit
 
-RHO = [0.0, 1e-6, 1e-3, 0.1, 0.5, 0.9, 0.99, -0.3, -0.9]
-
 
 def directions(count, seed):
     """Sun and target directions of any angle to each other."""
     rng = np.random.default_rng(seed)
     return unit(rng.normal(size=(count, 3))), rng.normal(size=(count, 3)) * 300.0
-
-
-def angle(a, b):
-    """Angle between unit vectors."""
-    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
-
-
-@pytest.mark.parametrize("rho", RHO)
-def test_root_of_alhazens_quartic(rho):
-    """exp(i alpha) is the unit root nearest to psi / 2 of e^(-i psi) z^4 - rho z^3 + rho z - e^(i psi) = 0."""
-    sun, d = directions(300, 0)
-    n = aim_normals(sun, d, rho * np.linalg.norm(d, axis=1))
-    psi = angle(sun, unit(d))
-    for i in range(len(psi)):
-        if psi[i] > 3.0:  # at pi two roots meet
-            continue
-        turn = np.exp(1j * psi[i])
-        roots = np.roots([1.0 / turn, -rho, 0.0, rho, -turn])
-        roots = roots[np.abs(np.abs(roots) - 1.0) < 1e-6]
-        nearest = roots[np.argmin(np.abs(np.angle(roots * np.exp(-0.5j * psi[i]))))]
-        assert abs(angle(sun[i], n[i]) - abs(np.angle(nearest))) < 1e-12
 
 
 @pytest.mark.parametrize("rho", [0.0, 1e-6, 1e-3, 0.1, 0.5, -0.3, -0.5])

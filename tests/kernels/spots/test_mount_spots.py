@@ -18,26 +18,17 @@ from heliosweep.kernels.spots.receiver import (
 )
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.kernels.mounts.normals import normal_and_centre
+from tests.kernels.spots import deviations
 
 KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
 
 
 def setting(kinds=(AZIMUTH_ELEVATION,), offset=0.5, axis_offset=0.3, pedestal=4.0, face=(0.1, -0.2)):
     """One parameter combination for each kind of mount."""
-    one = np.ones(len(kinds))
-    return Setting(
-        face[0] * one,
-        face[1] * one,
-        2.0 * one,
-        1.5 * one,
-        143.0 * one,
-        np.array(kinds),
-        0.65 * one,
-        0.3 * one,
-        offset * one,
-        axis_offset * one,
-        pedestal * one,
-    )
+    return deviations.setting(
+        len(kinds), kind=kinds, half_width=2.0, half_height=1.5, latitude=0.65, axis_azimuth=0.3, mirror_offset=offset,
+        axis_offset=axis_offset, pedestal_height=pedestal, face_azimuth=face[0], face_tilt=face[1],
+    )  # fmt: skip
 
 
 def suns(count, seed=0):

@@ -6,7 +6,7 @@ import pytest
 from heliosweep.kernels.mounts.aiming import aim, mount_frames
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, TARGET_ALIGNED, TILT_ROLL
 from heliosweep.kernels.spots.mount_spots import mount_spots
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, Setting, face_axes
+from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, Setting, face_axes
 from heliosweep.kernels.spots.statistics import MOMENTS, percentiles_of, ranks_of, spot_statistics
 from tests.kernels.mounts.normals import normal_and_centre
 from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting, suns
@@ -193,13 +193,3 @@ def test_bad_arguments():
             spot_statistics(one, errors(1, 1, 3), known, sun, places, [wrong])
     assert spot_statistics(one, errors(1, 1, 3), known, sun, places, [])["tolerance"].shape == (1, 1, 2, 0, 2)
     assert spot_statistics(one, errors(1, 1, 3), known, suns(0), places)["mean_y"].shape == (1, 1, 0)
-
-
-def test_pivots_behind_the_plane_are_flagged():
-    one = setting(face=(0.0, 0.0), axis_offset=0.0)
-    places = np.array([[[100.0, 100.0, 0.0], [100.0, 0.0, 0.0], [100.0, -0.2, 0.0]]])
-    made = spot_statistics(one, errors(1, 1, 20), np.zeros((1, 1, 6)), np.array([[[0.0, 0.6, 0.8]]]), places)
-    np.testing.assert_array_equal(made["status"][0, :, 0], [REACHES, BEHIND_FACE, BEHIND_FACE])
-    np.testing.assert_array_equal(made["real_fraction"][0, :, 0], [1.0, 0.0, 0.0])
-    np.testing.assert_array_equal(made["tolerance"][0, 1:], 0.0)
-    assert np.isnan(made["mean_y"][0, 1:]).all()

@@ -94,15 +94,6 @@ def test_curve_inside_the_aperture_is_never_left():
             assert np.isfinite(tolerances(smaller, [ENCODER], [ELEVATION], sun, pivot)).all()
 
 
-def test_small_apertures_and_first_order():
-    """Near the aim point the curve is straight: tolerance = half side / speed of the spot."""
-    pivots, sun = field(np.random.default_rng(5), 10)
-    settings = setting(half_width=1e-4, half_height=1e-4)
-    found = tolerances(settings, [CANTING], [ELEVATION], sun, pivots)[0]
-    speed = np.abs(deviation_spots(settings, [CANTING], [ELEVATION], [1e-8], sun, pivots)[:2, 0] / 1e-8).max(axis=0)
-    np.testing.assert_allclose(found, 1e-4 / speed, rtol=1e-5)
-
-
 def test_primary_axis_along_the_normal_moves_nothing():
     towards, pivot = np.array([0.0, -1.0, 1.0]) / np.sqrt(2.0), np.array([[[0.0, 100.0, 0.0]]])
     settings = setting(target_height=100.0, mirror_offset=0.5, kind=TARGET_ALIGNED)
