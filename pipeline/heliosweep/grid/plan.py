@@ -14,7 +14,7 @@ from heliosweep.grid.machine import Limits, human_seconds
 from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, parts_of, series_cut, slab_lengths
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
-BASE_MEMORY, WORKER_PROCESS_MEMORY = 391 * 2**20, 100 * 2**20
+BASE_MEMORY, WORKER_PROCESS_MEMORY = 410 * 2**20, 100 * 2**20
 #: A NetCDF file without any data. [bytes]
 EMPTY_FILE = 56 * 2**10
 #: Values of all variables that a slab holds. [bytes]
