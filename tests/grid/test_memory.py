@@ -64,7 +64,7 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "arguments"),
-    [(shipped("figure7_hyperbolas", **TWO), []), (series(), ["--no-report"]), (wide_series(), ["--no-report"])],
+    [(shipped("figure7_hyperbolas", **TWO), []), (series(), []), (wide_series(), ["--no-report"])],
     ids=["little", "time series", "wide time series"],
 )
 def test_plan_foresees_the_peak(content, arguments, tmp_path):
