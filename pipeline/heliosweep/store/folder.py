@@ -362,7 +362,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
     """
     for name in (*DESCRIPTIONS, RESULTS[0], LOCK):
         if (folder / name).is_dir():
-            raise StudyError(Problem(f"is a folder, where {name} shall stand", file=str(folder / name)))
+            raise StudyError(Problem(f"is a folder, where {name} shall stand; move it away", file=str(folder / name)))
     if (folder / WORKING).exists() and not _is_working_store(folder / WORKING):
         _refuse(folder / WORKING, "is none of heliosweep's, and parts of the run would stand there; move it away")
     for path in _inputs(study):
