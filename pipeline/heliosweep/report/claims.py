@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -24,10 +24,13 @@ from heliosweep.config.units import factor
 #: How far a coordinate may be from the one asked for, relative and absolute.
 SAME = 1e-9
 
-#: Rounding that a value on the edge of what is expected is forgiven. [unit of the number]
-EDGE = 1e-9
+#: Rounding that a value on the edge of what is expected is forgiven, relative to it.
+EDGE = 1e-12
 
-Values = NDArray[np.float64]
+Values: TypeAlias = NDArray[np.float64]
+
+#: Least and greatest value, and whether these are left out.
+Interval: TypeAlias = tuple[float, float, bool]
 
 #: What is taken of the values along a dimension; missing ones are left out.
 STATISTICS: dict[str, Callable[[Values], float]] = {
@@ -36,22 +39,21 @@ STATISTICS: dict[str, Callable[[Values], float]] = {
     "mean": np.mean,
     "median": np.median,
     "std": np.std,
-    "span": np.ptp,
 }
 
 #: Where along a dimension the least and the greatest value are: coordinates.
 PLACES: dict[str, Callable[[Values], np.intp]] = {"argmin": np.argmin, "argmax": np.argmax}
 
-#: What is taken of the values in the order of the coordinate, which must be numbers or dates.
+#: What is taken of the values in the order of the coordinate.
 TRENDS = ("least step", "largest step", "correlation")
 
 WORDS = (*STATISTICS, *PLACES, *TRENDS, "count > 0")
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2})?"
 _DATE = r"\d{4}-\d{2}(?:-\d{2}(?:T\d{2}:\d{2})?)?"
-_BOUND = re.compile(rf"(>=|<=|>|<)\s*({_NUMBER}|{_DATE})")
-_RANGE = re.compile(rf"({_NUMBER}|{_DATE}) to ({_NUMBER}|{_DATE})")
-_TAKEN = re.compile(rf"({'|'.join(WORDS[:-1])}|count (?:>=|<=|>|<) {_NUMBER})(?: of (.+))?")
+_BOUND = rf"(>=|<=|>|<)\s*({_NUMBER}|{_DATE})"
+_RANGE = re.compile(rf"({_NUMBER}|{_DATE})(?: to ({_NUMBER}|{_DATE}))?", re.ASCII)
+_TAKEN = re.compile(rf"({'|'.join(WORDS[:-1])}|count (?:>=|<=|>|<) {_NUMBER})(?: of (.+))?", re.ASCII)
 
 #: Names of units in results and in tables, by the house's.
 _SPELLINGS = {
@@ -74,7 +76,7 @@ def conversion(unit: str, wanted: str) -> float:
 
 def days(values: Any) -> Values:
     """Dates as days since 1970, missing ones as NaN."""
-    since = values.astype("datetime64[ns]")
+    since = np.asarray(values, "datetime64[ns]")
     return np.where(np.isnat(since), np.nan, since.astype("int64") / 86_400e9)
 
 
@@ -82,27 +84,62 @@ def day_number(value: float | str) -> float:
     """A number as it is, a date as its day since 1970; NaN for other words."""
     if not isinstance(value, str):
         return value
-    return float(days(np.datetime64(value))) if re.fullmatch(_DATE, value) else math.nan
+    return float(days(np.datetime64(value))) if re.fullmatch(_DATE, value, re.ASCII) else math.nan
 
 
 def date_text(value: float) -> str:
     """Day of a number of days since 1970."""
-    return str(np.datetime64("1970-01-01") + np.timedelta64(math.floor(value + EDGE), "D"))
+    return str(np.datetime64("1970-01-01") + np.timedelta64(math.floor(value + SAME), "D"))
+
+
+def intervals(text: str) -> list[Interval]:
+    """Numbers, dates (as days since 1970), ranges and bounds, with ``or`` between them.
+
+    A day or month is all of it. Raises ValueError with the end of a sentence.
+    """
+    found = []
+    for piece in map(str.strip, text.split(" or ")):
+        if bound := re.fullmatch(_BOUND, piece, re.ASCII):
+            low, high = _ends(bound[2])
+            above = ">" in bound[1]
+            limit = high if bound[1] in (">", "<=") else low
+            found.append((limit if above else -math.inf, math.inf if above else limit, "=" not in bound[1]))
+        elif ends := _RANGE.fullmatch(piece):
+            found.append((_ends(ends[1])[0], _ends(ends[2] or ends[1])[1], False))
+        if not found or not found[-1][0] <= found[-1][1] or not (bound or ends):
+            raise ValueError(
+                "must be a finite number, a bound as '> 0', a range as '1 to 2', a date, or several with 'or' "
+                f"(got {text[:40]!r})"
+            )
+    return found
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """The least and greatest number, or moment in days, that a text means."""
+    if re.fullmatch(_NUMBER, text, re.ASCII):
+        return float(text), float(text)
+    first = np.datetime64(text)
+    return float(days(first)), max(float(days(first)), float(days(first + 1)) - 3 * SAME)
+
+
+def is_date(text: str) -> bool:
+    """Whether what is expected is a date."""
+    return bool(re.search(_DATE, text))
 
 
 @dataclass(frozen=True)
 class Expected:
-    """Numbers or dates that agree: intervals from `low` to `high`, and whether their ends are left out.
+    """Numbers, or days since 1970, that agree.
 
     Parameters
     ----------
-    intervals : tuple of (float, float, bool)
-        At least one; that of a number begins and ends there. Dates are days since 1970.
+    intervals : list of (float, float, bool)
+        At least one: from, to, and whether these are left out; that of a number begins and ends there.
     date : bool
         Whether they are dates.
     """
 
-    intervals: tuple[tuple[float, float, bool], ...]
+    intervals: list[Interval]
     date: bool = False
 
     @property
@@ -113,51 +150,32 @@ class Expected:
 
     def difference(self, computed: float, turn: bool = False) -> float:
         """How far a value is from the nearest interval, 0 within; with `turn`, degrees the shorter way round."""
-        found = []
-        for low, high, _ in self.intervals:
-            away = computed - min(max(computed, low), high) if computed == computed else math.nan
-            found.append((away + 180) % 360 - 180 if turn and abs(away) > 180 else away)
-        return min(found, key=abs)
+        return min((_away(one, computed, turn) for one in self.intervals), key=abs)
 
     def holds(self, computed: float, tolerance: float, turn: bool = False) -> bool:
         """Whether a value is in an interval, or off by the tolerance at most; NaN never is."""
         for low, high, ends in self.intervals:
-            away = Expected(((low, high, ends),)).difference(computed, turn)
             if ends and not tolerance:
                 if low < computed < high:
                     return True
-            elif abs(away) <= tolerance + EDGE:
+                continue
+            size = max(abs(end) for end in (low, high, tolerance) if math.isfinite(end))
+            if abs(_away((low, high, ends), computed, turn)) <= tolerance + EDGE * size:
                 return True
         return False
 
 
+def _away(interval: Interval, computed: float, turn: bool) -> float:
+    away = computed - min(max(computed, interval[0]), interval[1]) if computed == computed else math.nan
+    return (away + 180) % 360 - 180 if turn and abs(away) > 180 else away
+
+
 def expected(text: str) -> Expected:
-    """Read what is expected. Raises ValueError with the end of a sentence."""
-    intervals = []
-    for piece in map(str.strip, text.split(" or ")):
-        if bound := _BOUND.fullmatch(piece):
-            low, high = _values(bound[2])
-            above = (high if bound[1] == ">" else low, math.inf)
-            below = (-math.inf, low if bound[1] == "<" else high)
-            intervals.append((*(above if ">" in bound[1] else below), "=" not in bound[1]))
-        elif ends := _RANGE.fullmatch(piece):
-            intervals.append((_values(ends[1])[0], _values(ends[2])[1], False))
-        elif re.fullmatch(f"{_NUMBER}|{_DATE}", piece):
-            intervals.append((*_values(piece), False))
-        else:
-            raise ValueError(
-                "must be a finite number, a bound as '> 0', a range as '1 to 2', a date, or several with 'or' "
-                f"(got {text[:40]!r})"
-            )
-    return Expected(tuple(intervals), bool(re.search(_DATE, text)))
-
-
-def _values(text: str) -> tuple[float, float]:
-    """The least and greatest number, or day, that a text means: a month has several days."""
-    if re.fullmatch(_NUMBER, text):
-        return float(text), float(text)
-    first, after = np.datetime64(text), np.datetime64(text) + 1
-    return float(days(first)), max(float(days(first)), float(days(after)) - 1)
+    """Read what is expected; a date is a whole day. Raises ValueError with the end of a sentence."""
+    found = intervals(text)
+    if is_date(text):
+        found = [(*(math.floor(end) if math.isfinite(end) else end for end in one[:2]), one[2]) for one in found]
+    return Expected(found, is_date(text))
 
 
 @dataclass(frozen=True)
@@ -168,138 +186,108 @@ class Term:
     taken: str = ""
 
 
-@dataclass(frozen=True)
-class Cell:
-    """What a cell asks for along the dimension of its coordinate: one term, or the difference of two."""
-
-    terms: tuple[Term, ...]
-
-    @property
-    def places(self) -> bool:
-        """Whether it asks where a value is, not for the value."""
-        return any(term.taken in PLACES for term in self.terms)
-
-    @property
-    def selects(self) -> bool:
-        """Whether it only chooses points."""
-        return len(self.terms) == 1 and not self.terms[0].taken
-
-    def among(self, points: NDArray[np.intp]) -> Cell:
-        """The same of a dimension of which only some points are left."""
-        return Cell(tuple(Term(term.chosen[points], term.taken) for term in self.terms))
-
-
-def read_cell(coordinate: xr.DataArray, text: str) -> Cell:
-    """Read a cell below the name of a coordinate. Raises ValueError with what is wrong, in words."""
-    if (same := labelled(coordinate, text)).any():
-        return Cell((Term(same),))
-    terms = []
-    for piece in text.split(" - "):
-        if (taken := _TAKEN.fullmatch(piece.strip())) and not labelled(coordinate, piece.strip()).any():
-            every = np.ones(coordinate.size, dtype=bool)
-            if coordinate.dtype.kind not in "fiumM" and taken[1] in TRENDS:
-                raise ValueError(f"{coordinate.name} has no order, which {taken[1]!r} needs: its labels are words")
-            terms.append(Term(_points(coordinate, taken[2]) if taken[2] else every, taken[1]))
-        else:
-            terms.append(Term(_points(coordinate, piece.strip())))
-    if len(terms) > 2:
-        raise ValueError(f"{coordinate.name} has more than two terms (got {text!r})")
-    for term, piece in zip(terms, text.split(" - "), strict=True):
-        if len(terms) == 2 and not term.taken and term.chosen.sum() > 1:
-            raise ValueError(
-                f"{coordinate.name} {piece!r} is more than one point: take one of {', '.join(WORDS)} of it"
-            )
-    return Cell(tuple(terms))
+def along(coordinate: xr.DataArray) -> Values | None:
+    """Coordinates as numbers, dates and months as days since 1970; None where they are words."""
+    values = np.atleast_1d(coordinate.to_numpy())
+    if values.dtype.kind in "OU" and values.size and all(re.fullmatch(_DATE, str(one), re.ASCII) for one in values):
+        values = values.astype("datetime64[ns]")
+    if values.dtype.kind == "M":
+        return days(values)
+    return values.astype(float) if values.dtype.kind in "fiu" else None
 
 
 def labelled(coordinate: xr.DataArray, text: str) -> NDArray[np.bool_]:
     """Where a coordinate has a label; dates are compared as far as the text tells them."""
-    values = np.atleast_1d(coordinate.to_numpy())
-    if values.dtype.kind == "M":
-        if not re.fullmatch(_DATE, text):
-            return np.zeros(values.shape, dtype=bool)
-        day = np.datetime64(text)
-        return np.asarray(values.astype(day.dtype) == day)
-    if values.dtype.kind not in "fiu":
-        return np.asarray(values.astype(str) == text)
-    if not re.fullmatch(_NUMBER, text):
-        return np.zeros(values.shape, dtype=bool)
-    return np.isclose(values.astype(float), float(text), rtol=SAME, atol=SAME)
+    values = along(coordinate)
+    if values is None:
+        return np.asarray(np.atleast_1d(coordinate.to_numpy()).astype(str) == text)
+    return _within(coordinate, values, text) if re.fullmatch(f"{_NUMBER}|{_DATE}", text, re.ASCII) else values != values
+
+
+def _within(coordinate: xr.DataArray, values: Values, text: str) -> NDArray[np.bool_]:
+    """Where numbers or days are in the interval that a text means."""
+    if is_date(text) != (dates := coordinate.dtype.kind not in "fiu"):
+        raise ValueError(f"{coordinate.name} has {'dates' if dates else 'numbers'} (got {text!r})")
+    [(low, high, ends)] = intervals(text)
+    slack = [(-SAME if ends else SAME) * max(1.0, abs(end) * (not dates)) for end in (low, high) if math.isfinite(end)]
+    return np.asarray((values >= low - slack[0]) & (values <= high + slack[-1]))
 
 
 def _points(coordinate: xr.DataArray, text: str) -> NDArray[np.bool_]:
     """Where a coordinate is what labels, ranges and bounds say."""
-    values, chosen = np.atleast_1d(coordinate.to_numpy()), np.zeros(coordinate.size, dtype=bool)
+    values, chosen = along(coordinate), np.zeros(coordinate.size, dtype=bool)
     for piece in map(str.strip, text.split(" or ")):
-        bound, ends = _BOUND.fullmatch(piece), _RANGE.fullmatch(piece)
-        if (bound or ends) and values.dtype.kind in "fiuM":
-            sides = [(bound[1], bound[2])] if bound else [(">=", ends[1]), ("<=", ends[2])] if ends else []
-            found = np.ones(values.size, dtype=bool)
-            for sign, limit in sides:
-                found &= _beyond(values, sign, limit, str(coordinate.name))
-        else:
+        if values is None:
             found = labelled(coordinate, piece)
-            if not found.any() and values.dtype.kind in "fiu" and not re.fullmatch(_NUMBER, piece):
-                raise ValueError(f"{coordinate.name} must be a number, a range, a bound or a statistic (got {piece!r})")
+        elif re.fullmatch(f"{_RANGE.pattern}|{_BOUND}", piece, re.ASCII):
+            found = _within(coordinate, values, piece)
+        else:
+            raise ValueError(f"{coordinate.name} must be a number, a range, a bound or a statistic (got {piece!r})")
         if not found.any():
             raise ValueError(f"{coordinate.name} {piece!r} is not in the result, which has {_some(coordinate)}")
         chosen |= found
     return chosen
 
 
-def _beyond(values: NDArray[np.generic], sign: str, limit: str, name: str) -> NDArray[np.bool_]:
-    if (values.dtype.kind == "M") != bool(re.fullmatch(_DATE, limit)):
-        raise ValueError(f"{name} has {'dates' if values.dtype.kind == 'M' else 'numbers'} (got {limit!r})")
-    if values.dtype.kind == "M":
-        day = np.datetime64(limit)
-        return np.asarray(_COMPARED[sign](values.astype(day.dtype), day))
-    slack = SAME * max(1.0, abs(float(limit))) * (1 if "=" in sign else -1) * (1 if "<" in sign else -1)
-    return np.asarray(_COMPARED[sign](values.astype(float), float(limit) + slack))
-
-
-_COMPARED: dict[str, Callable[..., NDArray[np.bool_]]] = {
-    ">": np.greater,
-    "<": np.less,
-    ">=": np.greater_equal,
-    "<=": np.less_equal,
-}
-
-
 def _some(coordinate: xr.DataArray, most: int = 8) -> str:
-    numbers = coordinate.dtype.kind in "fiu"
-    values = [f"{value:g}" if numbers else str(value) for value in coordinate.to_numpy().ravel()[:most]]
-    more = coordinate.size - len(values)
-    return ", ".join(values) + (f" and {more} more" if more > 0 else "")
+    kind, values = coordinate.dtype.kind, coordinate.to_numpy().ravel()[:most]
+    texts = [f"{one:g}" if kind in "fiu" else str(one)[:10] if kind == "M" else str(one) for one in values]
+    more = coordinate.size - len(texts)
+    return ", ".join(texts) + (f" and {more} more" if more > 0 else "")
 
 
-def take(cell: Cell, values: Values, axis: int, along: Values) -> Values:
-    """Take what a cell asks for along one axis, of which `along` are the coordinates as numbers."""
+def read_cell(coordinate: xr.DataArray, text: str) -> list[Term]:
+    """Read a cell below the name of a coordinate: a term, or two of which the difference is meant.
+
+    Raises ValueError with what is wrong, in words.
+    """
+    if (same := labelled(coordinate, text)).any():
+        return [Term(same)]
+    terms, pieces = [], [piece.strip() for piece in text.split(" - ")]
+    for piece in pieces:
+        taken = None if labelled(coordinate, piece).any() else _TAKEN.fullmatch(piece)
+        if taken and along(coordinate) is None and taken[1] in (*PLACES, *TRENDS):
+            raise ValueError(f"{coordinate.name} has no {taken[1]}: its labels are words")
+        every = np.ones(coordinate.size, dtype=bool)
+        part = taken[2] if taken else piece
+        terms.append(Term(_points(coordinate, part) if part else every, taken[1] if taken else ""))
+        if len(pieces) > 1 and not taken and terms[-1].chosen.sum() > 1:
+            raise ValueError(
+                f"{coordinate.name} {piece!r} is more than one point: take one of {', '.join(WORDS)} of it"
+            )
+    if len(terms) > 2 or (len(terms) > 1 and any(term.taken in PLACES for term in terms)):
+        raise ValueError(f"{coordinate.name} must be one term, or the difference of two values (got {text!r})")
+    return terms
+
+
+def take(terms: Iterable[Term], values: Values, axis: int, coordinates: Values) -> Values:
+    """Take what a cell asks for along one axis, of which the coordinates are given as numbers."""
     first, *second = (
-        np.apply_along_axis(_taken, axis, np.compress(term.chosen, values, axis), term.taken, along[term.chosen])
-        for term in cell.terms
+        np.apply_along_axis(_taken, axis, np.compress(term.chosen, values, axis), term.taken, coordinates[term.chosen])
+        for term in terms
     )
     return np.asarray(first - second[0] if second else first, float)
 
 
-def _taken(values: Values, taken: str, along: Values) -> float:
+def _taken(values: Values, taken: str, coordinates: Values) -> float:
     here = np.isfinite(values)
-    values, along = values[here], along[here]
+    values, coordinates = values[here], coordinates[here]
     if taken.startswith("count"):
-        _, sign, limit = taken.split()
-        return float(_COMPARED[sign](values, float(limit)).sum())
+        [(low, high, ends)] = intervals(taken.removeprefix("count "))
+        inside = (values > low) & (values < high) if ends else (values >= low) & (values <= high)
+        return float(inside.sum())
     if not values.size:
         return math.nan
     if taken in STATISTICS:
         return float(STATISTICS[taken](values))
     if taken in PLACES:
-        return float(along[PLACES[taken](values)])
+        return float(coordinates[PLACES[taken](values)])
     if not taken:
         return float(values[0])
-    in_order = np.argsort(along, kind="stable")
     if taken == "correlation":
-        flat = np.ptp(values) == 0 or np.ptp(along) == 0
-        return math.nan if flat else float(np.corrcoef(along, values)[0, 1])
-    steps = np.diff(values[in_order])
+        flat = np.ptp(values) == 0 or np.ptp(coordinates) == 0
+        return math.nan if flat else float(np.corrcoef(coordinates, values)[0, 1])
+    steps = np.diff(values[np.argsort(coordinates, kind="stable")])
     if not steps.size:
         return math.nan
     return float(steps.min() if taken == "least step" else steps.max())
@@ -315,49 +303,36 @@ class Asked:
         The quantity, or two, of which the difference is meant.
     chosen : dict of str to int or ndarray
         Index along each dimension.
-    taken : list of (str, str, Cell)
+    taken : list of (str, str, list of Term)
         Dimension, coordinate and what is taken along it, in the order of the columns, places last.
-    kind : {"number", "date", "text"}
-        What comes out.
+    date : bool
+        Whether a date comes out.
     factor : float
         To the unit of the row.
     """
 
     names: list[str]
     chosen: dict[str, Any]
-    taken: list[tuple[str, str, Cell]]
-    kind: str
+    taken: list[tuple[str, str, list[Term]]]
+    date: bool
     factor: float
 
-    def computed(self, result: xr.Dataset) -> dict[str, Any]:
-        """What a result has for it, as fields of `Comparison`."""
-        first, *second = (result[name].isel(self.chosen).transpose(..., *self._dims) for name in self.names)
-        if first.dtype.kind not in "fiubM":
-            return {"computed": str(first.item())}
-        values = _numbers(first)
-        values = values - _numbers(second[0]) if second else values
-        dims, labels = list(first.dims), None
-        for dim, name, cell in self.taken:
-            coordinate = result[name].isel({dim: self.chosen[dim]})
-            labels = coordinate if coordinate.dtype.kind not in "fiubM" else None
-            along = np.arange(float(coordinate.size)) if labels is not None else _numbers(coordinate)
-            values = take(cell, values, dims.index(dim), along)
+    def computed(self, result: xr.Dataset) -> float | str:
+        """What a result has for it: a number in the unit of the row, or a date."""
+        arrays = [result[name].isel(self.chosen).transpose(..., *self._dims) for name in self.names]
+        first, *second = (days(one) if one.dtype.kind == "M" else one.to_numpy().astype(float) for one in arrays)
+        values, dims = first - second[0] if second else first, list(arrays[0].dims)
+        for dim, name, terms in self.taken:
+            numbers = along(result[name].isel({dim: self.chosen[dim]}))
+            size = values.shape[dims.index(dim)]
+            values = take(terms, values, dims.index(dim), np.arange(size) if numbers is None else numbers)
             dims.remove(dim)
         value = float(values.item())
-        if self.kind == "text" and labels is not None and math.isfinite(value):
-            return {"computed": str(labels.to_numpy()[int(value)])}
-        if self.kind == "date" and math.isfinite(value):
-            return {"computed": date_text(value)}
-        return {"computed": value * self.factor}
+        return date_text(value) if self.date and math.isfinite(value) else value * self.factor
 
     @property
     def _dims(self) -> list[str]:
         return [dim for dim, _, _ in self.taken]
-
-
-def _numbers(array: xr.DataArray) -> np.ndarray:
-    values = array.to_numpy()
-    return days(values) if values.dtype.kind == "M" else values.astype(float)
 
 
 def ask(result: xr.Dataset, one: Any) -> Asked:
@@ -370,11 +345,13 @@ def ask(result: xr.Dataset, one: Any) -> Asked:
         if name not in result.data_vars:
             raise ValueError(f"unknown quantity {name!r}{_meant(name, result.data_vars)}")
     quantity, other = result[names[0]], result[names[-1]]
-    unit = str(quantity.attrs.get("units", "1"))
+    unit, date = str(quantity.attrs.get("units", "1")), quantity.dtype.kind == "M"
     if set(quantity.dims) != set(other.dims) or unit != str(other.attrs.get("units", "1")) or len(names) > 2:
         raise ValueError(f"{one.quantity!r} must be one quantity, or two with the same dimensions and unit")
+    if any(array.dtype.kind not in "fiub" for array in (quantity, other)) and not (date and len(names) == 1):
+        raise ValueError(f"{one.quantity} is no number: words and differences of dates cannot be compared")
     masks = {str(dim): np.ones(size, dtype=bool) for dim, size in quantity.sizes.items()}
-    taken: dict[str, tuple[str, Cell]] = {}
+    taken: dict[str, tuple[str, list[Term]]] = {}
     for name, text in one.where.items():
         if name not in result.coords:
             raise ValueError(f"unknown coordinate {name!r}{_meant(name, result.coords)}")
@@ -382,64 +359,42 @@ def ask(result: xr.Dataset, one: Any) -> Asked:
         if coordinate.ndim > 1 or not set(coordinate.dims) <= set(quantity.dims):
             dims = ", ".join(map(str, quantity.dims)) or "none"
             raise ValueError(f"{quantity.name} cannot be chosen by {name!r}; its dimensions are {dims}")
-        cell, dim = read_cell(coordinate, text), str(coordinate.dims[0]) if coordinate.ndim else ""
-        if cell.selects:
+        terms, dim = read_cell(coordinate, text), str(coordinate.dims[0]) if coordinate.ndim else ""
+        if len(terms) == 1 and not terms[0].taken:
             if dim:
-                masks[dim] &= cell.terms[0].chosen
+                masks[dim] &= terms[0].chosen
         elif not dim or dim in taken:
             raise ValueError(f"{name} {text!r}: {'there is no dimension' if not dim else 'taken twice'} along {name!r}")
+        elif date:
+            raise ValueError(f"{one.quantity} is a date, of which {name} {text!r} cannot be taken")
         else:
-            taken[dim] = name, cell
+            taken[dim] = name, terms
     for dim, mask in masks.items():
         if mask.sum() > 1 and dim not in taken:
             raise ValueError(f"{dim!r} is missing: {one.quantity} has {mask.sum()} values along it")
-        if not all(np.any(mask & term.chosen) for term in (taken[dim][1].terms if dim in taken else [Term(mask)])):
+        if not all(np.any(mask & term.chosen) for term in (taken[dim][1] if dim in taken else [Term(mask)])):
             raise ValueError(f"no point of {one.quantity} has all of {one.where}")
-    if sum(cell.places for _, cell in taken.values()) > 1:
+    places = {dim: terms[0].taken in PLACES for dim, (_, terms) in taken.items()}
+    if sum(places.values()) > 1:
         raise ValueError(f"{one.quantity}: only one coordinate can be argmin or argmax")
-    taken = dict(sorted(taken.items(), key=lambda item: item[1][1].places))
-    letter = quantity.dtype.kind
-    kind = "date" if letter == "M" else "number" if letter in "fiub" else "text"
-    if kind == "date" and len(names) > 1:
-        kind, unit = "number", "days"
-    for name, cell in taken.values():
-        if kind == "text":
-            raise ValueError(f"{one.quantity} is words, of which {name} {one.where[name]!r} cannot be taken")
-        kind, unit = _outcome(result[name], cell, kind, unit)
-    if kind == "text" and one.unit:
-        raise ValueError(f"{one.quantity} is words here: leave its unit and tolerance empty")
-    if kind != "text" and not one.unit:
-        raise ValueError(f"{one.quantity} needs a unit, {unit if kind == 'number' else 'days'!r} for instance")
-    if kind != "text" and expected(one.text).date != (kind == "date"):
-        raise ValueError(f"{one.quantity} is a {kind} here, which {one.text!r} is not")
+    for name, terms in taken.values():
+        if terms[0].taken in PLACES:
+            unit, date = str(result[name].attrs.get("units", "1")), result[name].dtype.kind not in "fiu"
+        elif any(term.taken == "correlation" or term.taken.startswith("count") for term in terms):
+            unit = "1"
+    unit = "days" if date else unit
+    if is_date(one.text) != date:
+        raise ValueError(f"{one.quantity} is a {'date' if date else 'number'} here, which {one.text!r} is not")
     try:
-        factor = 1.0 if kind == "text" else conversion("days" if kind == "date" else unit, one.unit)
+        factor = conversion(unit, one.unit)
     except ValueError:
         raise ValueError(f"{one.quantity} is in {unit}, which cannot be compared with unit {one.unit!r}") from None
     chosen = {dim: np.flatnonzero(mask) if dim in taken else int(np.argmax(mask)) for dim, mask in masks.items()}
-    kept = [(dim, name, cell.among(np.flatnonzero(masks[dim]))) for dim, (name, cell) in taken.items()]
-    return Asked(names, chosen, kept, kind, factor)
-
-
-def _outcome(along: xr.DataArray, cell: Cell, kind: str, unit: str) -> tuple[str, str]:
-    """Kind and unit of what a cell takes."""
-    words = {term.taken.split(" ")[0] if term.taken.startswith("count") else term.taken for term in cell.terms}
-    places = words & set(PLACES)
-    if places:
-        if words - set(PLACES):
-            raise ValueError(f"{along.name}: a place and a value have no difference")
-        kinds = along.dtype.kind
-        kind = "date" if kinds == "M" else "number" if kinds in "fiub" else "text"
-        unit = str(along.attrs.get("units", "1"))
-    elif words & {"count", "correlation"}:
-        kind, unit = "number", "1"
-    elif kind == "date" and words & {"std", "span", "least step", "largest step"}:
-        kind, unit = "number", "days"
-    if len(cell.terms) == 2:
-        if kind == "text":
-            raise ValueError(f"{along.name} has words, which have no difference")
-        kind, unit = "number", "days" if kind == "date" else unit
-    return kind, unit
+    kept = [
+        (dim, name, [Term(term.chosen[masks[dim]], term.taken) for term in terms])
+        for dim, (name, terms) in sorted(taken.items(), key=lambda item: places[item[0]])
+    ]
+    return Asked(names, chosen, kept, date, factor)
 
 
 def _meant(name: str, known: Iterable[object]) -> str:

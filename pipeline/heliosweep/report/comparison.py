@@ -15,7 +15,7 @@ import xarray as xr
 from heliosweep.config.faults import one_of
 from heliosweep.config.tables import HEADER, Column, read_table
 from heliosweep.errors import Problem, StudyError
-from heliosweep.report.claims import PLACES, Asked, ask, day_number, expected, labelled
+from heliosweep.report.claims import PLACES, Asked, ask, day_number, expected, is_date, labelled
 from heliosweep.report.contents import Table
 from heliosweep.report.labels import MINUS, axis_label, number_text, unit_of
 
@@ -61,7 +61,7 @@ class Comparison:
     where : dict of str to str
         Coordinates, as the table of published numbers writes them; one without an entry is left out.
     computed : float or str
-        Value, or the date or label at which a claim looks; nothing is computed before `compare`. [`unit`]
+        Value, or the date that a claim looks at; nothing is computed before `compare`. [`unit`]
     published : float
         The number; NaN where `expected` is no single one. [`unit`]
     tolerance : float
@@ -106,17 +106,15 @@ class Comparison:
 
     @property
     def difference(self) -> float:
-        """Computed minus published, in `unit`, or in days; 0 within a bound or range, NaN between words."""
-        if not self.unit:
+        """Computed minus published, in `unit`, or in days; 0 within a bound or range, NaN where nothing is compared."""
+        if not self.quantity:
             return math.nan
         return expected(self.text).difference(day_number(self.computed), self.turn)
 
     @property
     def agrees(self) -> bool:
         """Whether the difference is within the tolerance; a missing value never agrees."""
-        if not self.unit:
-            return bool(self.quantity) and str(self.computed) in map(str.strip, self.text.split(" or "))
-        return expected(self.text).holds(day_number(self.computed), self.tolerance, self.turn)
+        return bool(self.quantity) and expected(self.text).holds(day_number(self.computed), self.tolerance, self.turn)
 
     @property
     def verdict(self) -> str:
@@ -170,7 +168,7 @@ class Compared:
     def summary(self) -> str:
         """One line: how many numbers agree, and the largest difference of each unit."""
         largest, known = [], [one for one in self.values if one.quantity]
-        for unit in dict.fromkeys(one.unit for one in known if one.unit):
+        for unit in dict.fromkeys(one.unit for one in known):
             differences = [abs(one.difference) for one in known if one.unit == unit]
             most = max(filter(math.isfinite, differences), default=math.nan)
             suffix = "" if unit == "1" else f" {unit}"
@@ -279,17 +277,17 @@ def _row(cells: dict[str, str], line: int, wrong: Callable[[str, str], None]) ->
                 wrong(key, "must be empty where there is no quantity")
     elif not printed:
         wrong("published", "is empty")
-    elif unit:
+    else:
+        if not unit:
+            wrong("unit", "is empty")
         try:
             number = expected(printed).number
         except ValueError as error:
             wrong("published", str(error))
         else:
             decimals = len(printed.lower().partition("e")[0].split()[-1].partition(".")[2])
-            if not tolerance and math.isfinite(number):
+            if unit and not tolerance and math.isfinite(number):
                 wrong("tolerance", "is empty")
-    elif tolerance or not any(where.values()):
-        wrong("unit", "is empty")
     if tolerance and not (_is_number(tolerance) and math.isfinite(allowed := float(tolerance)) and allowed >= 0):
         wrong("tolerance", f"must be a finite number of at least 0 (got {tolerance[:40]!r})")
     if claim and allowed and not reason:
@@ -305,7 +303,9 @@ def _row(cells: dict[str, str], line: int, wrong: Callable[[str, str], None]) ->
 def compare(result: xr.Dataset, table: Compared) -> Compared:
     """Set published numbers against those of a result. Raises StudyError as `locate` does."""
     found = zip(table.values, locate(result, table), strict=True)
-    return replace(table, values=[replace(one, **asked.computed(result)) if asked else one for one, asked in found])
+    return replace(
+        table, values=[replace(one, computed=asked.computed(result)) if asked else one for one, asked in found]
+    )
 
 
 def locate(result: xr.Dataset, table: Compared) -> list[Asked | None]:
@@ -379,10 +379,8 @@ def comparison_csv(compared: Compared) -> str:
             tolerance,
             computed if isinstance(computed, str) else repr(computed),
         ]
-        if not one.unit:
-            written[3], difference = "", ""
         if not one.quantity:
-            written[4] = ""
+            written[3:], difference = ["", ""], ""
         coordinates = [one.where.get(name, "") for name in names]
         row = [*(getattr(one, name) for name in used), *coordinates, *written, difference, one.verdict]
         table.writerow([*row, *(getattr(one, name) for name in stated)])
@@ -396,7 +394,7 @@ def read_comparison(path: Path) -> Compared:
     try:
         for one in table.values:
             computed: float | str = one.stated_computed or math.nan
-            if one.quantity and one.unit and not expected(one.text).date:
+            if one.quantity and not is_date(one.text):
                 computed = float(computed)
             where = {name: cell for name, cell in one.where.items() if name not in (*_COMPUTED, *_STATED)}
             number, verdict = (one.where.get(name, "") for name in _STATED)
