@@ -64,9 +64,22 @@ def test_dark_modules_and_dirt_do_no_harm():
         (np.zeros((60, 80)), "no pixel of it is lit"),
         (np.full((60, 80), np.nan), "no pixel of it is lit"),
         (np.random.default_rng(0).uniform(0.0, 1.0, (120, 120)), "edges"),
-        (np.ones((120, 120)), "edges"),
+        (np.ones((120, 120)), "up to the edge of the frame"),
+        (np.ones((1, 1)), "up to the edge of the frame"),
+        (np.full((50, 50), np.inf), "no pixel of it is lit"),
+        (np.pad(np.ones((60, 60)), 40), "stretched by 3 %"),
     ],
 )
 def test_images_of_something_else(image, words):
+    with pytest.raises(ValueError, match=words):
+        register(image, upright, themis_8())
+
+
+@pytest.mark.parametrize(
+    ("roll", "shift", "words"),
+    [(90.0, (0.0, 0.0), "stretched by 6 %"), (0.0, (90.0, 0.0), "up to the edge of the frame")],
+)
+def test_a_heliostat_on_its_side_or_cut_by_the_frame_is_refused(roll, shift, words):
+    image, _, _ = taken((220, 260), 2350.0, roll, shift, 0.004, made.CANTING)
     with pytest.raises(ValueError, match=words):
         register(image, upright, themis_8())

@@ -43,6 +43,11 @@ LIT = 0.3
 LEAST, LEAST_OF_SIDE = 24, 12
 #: Residual of the edges above which nothing was found. [pixels]
 MOST_RESIDUAL = 0.5
+#: How much longer one way than the other a picture may be than an upright camera sees it: 1.002 where all is right, 1.056
+#: where the heliostat of THEMIS is taken for itself turned by 90 deg. [1]
+MOST_STRETCH = 1.02
+#: Share of the frame's outermost pixels that may be brighter than half of the sun. [1]
+MOST_CUT = 0.05
 
 
 Predict = Callable[[Floats], Floats]
@@ -82,7 +87,10 @@ def register(image: Floats, upright: Predict, modules: Modules) -> Registered:
     ValueError
         Nothing like the heliostat is in the image; says what to do.
     """
-    seen = np.nan_to_num(np.asarray(image, np.float64))
+    seen = np.nan_to_num(np.asarray(image, np.float64), posinf=0.0, neginf=0.0)
+    border = np.concatenate((seen[0], seen[-1], seen[1:-1, 0], seen[1:-1, -1]))
+    if np.mean(border > 0.5) > MOST_CUT:
+        raise ValueError("it is lit up to the edge of the frame, which seems to cut the heliostat")
     predicted = upright(outline(modules))
     plane, middle = homography(outline(modules) * [1.0, -1.0], predicted), predicted.mean(axis=0)
     whole = _coarse(np.clip(seen / LIT, 0.0, 1.0), np.asarray(np.linalg.inv(plane), np.float64), modules, predicted)
@@ -111,7 +119,12 @@ def register(image: Floats, upright: Predict, modules: Modules) -> Registered:
     if not residual <= MOST_RESIDUAL:
         raise ValueError(f"the edges of the modules do not fit: they are {residual:.2g} pixels off")
     centre, *corners = moved(whole, np.concatenate((upright(np.zeros((1, 2))), predicted)))
-    across = moved(whole, middle + np.array([1.0, 0.0])) - moved(whole, middle)
+    across, down = moved(whole, middle + np.eye(2)) - moved(whole, middle)
+    long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
+    if long > MOST_STRETCH * short:
+        raise ValueError(
+            f"its picture is stretched by {100 * (long / short - 1):.0f} %, as if turned by more than 40 deg"
+        )
     return Registered(
         np.array(corners), math.atan2(across[1], across[0]), float(np.hypot(*across)),
         (float(centre[0]), float(centre[1])), residual, count,
