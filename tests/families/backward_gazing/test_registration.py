@@ -63,7 +63,7 @@ def test_dark_modules_and_dirt_do_no_harm():
     [
         (np.zeros((60, 80)), "no pixel of it is lit"),
         (np.full((60, 80), np.nan), "no pixel of it is lit"),
-        (np.random.default_rng(0).uniform(0.0, 1.0, (120, 120)), "edges"),
+        (np.random.default_rng(0).uniform(0.0, 1.0, (120, 120)), "up to the edge of the frame"),
         (np.ones((120, 120)), "up to the edge of the frame"),
         (np.ones((1, 1)), "up to the edge of the frame"),
         (np.full((50, 50), np.inf), "no pixel of it is lit"),

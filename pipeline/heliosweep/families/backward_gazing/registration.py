@@ -43,8 +43,8 @@ LIT = 0.3
 LEAST, LEAST_OF_SIDE = 24, 12
 #: Residual of the edges above which nothing was found. [pixels]
 MOST_RESIDUAL = 0.5
-#: How much longer one way than the other a picture may be than an upright camera sees it: 1.002 where all is right, 1.056
-#: where the heliostat of THEMIS is taken for itself turned by 90 deg. [1]
+#: By how much a picture may be stretched one way against what an upright camera sees: by 1.002 where all is right, by
+#: 1.056 where the heliostat of THEMIS is turned by 90 deg and taken for upright. [1]
 MOST_STRETCH = 1.02
 #: Share of the frame's outermost pixels that may be brighter than half of the sun. [1]
 MOST_CUT = 0.05
@@ -122,9 +122,8 @@ def register(image: Floats, upright: Predict, modules: Modules) -> Registered:
     across, down = moved(whole, middle + np.eye(2)) - moved(whole, middle)
     long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
     if long > MOST_STRETCH * short:
-        raise ValueError(
-            f"its picture is stretched by {100 * (long / short - 1):.0f} %, as if turned by more than 40 deg"
-        )
+        share = 100.0 * (long / short - 1.0)
+        raise ValueError(f"its picture is stretched by {share:.0f} %, as if turned by more than 40 deg")
     return Registered(
         np.array(corners), math.atan2(across[1], across[0]), float(np.hypot(*across)),
         (float(centre[0]), float(centre[1])), residual, count,
