@@ -174,7 +174,7 @@ def expected(text: str) -> Expected:
     """Read what is expected; a date is a whole day. Raises ValueError with the end of a sentence."""
     found = intervals(text)
     if is_date(text):
-        found = [(*(math.floor(end) if math.isfinite(end) else end for end in one[:2]), one[2]) for one in found]
+        found = [(float(np.floor(low)), float(np.floor(high)), ends) for low, high, ends in found]
     return Expected(found, is_date(text))
 
 
@@ -325,7 +325,7 @@ class Asked:
         for dim, name, terms in self.taken:
             numbers = along(result[name].isel({dim: self.chosen[dim]}))
             size = values.shape[dims.index(dim)]
-            values = take(terms, values, dims.index(dim), np.arange(size) if numbers is None else numbers)
+            values = take(terms, values, dims.index(dim), np.arange(float(size)) if numbers is None else numbers)
             dims.remove(dim)
         value = float(values.item())
         return date_text(value) if self.date and math.isfinite(value) else value * self.factor
