@@ -22,6 +22,9 @@ from heliosweep.report.labels import MINUS, axis_label, number_text, unit_of
 #: File of a result folder with the comparison, from which the page can be made again.
 FILE = "comparison.csv"
 
+#: Largest table of published numbers.
+MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
+
 #: Letters of the head of a column.
 LONGEST_HEAD = 18
 
@@ -247,7 +250,16 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
         The file cannot be read or is no such table; every problem found, each at its line.
     """
     file = name or str(path)
-    table = read_table(path, file, _COLUMNS, others=True, rows="published numbers", needs="a header and numbers")
+    table = read_table(
+        path,
+        file,
+        _COLUMNS,
+        others=True,
+        most_bytes=MAX_BYTES,
+        rows="published numbers",
+        most_rows=MAX_ROWS,
+        needs="a header and numbers",
+    )
     texts = {key: table.texts(key) for key in table.header}
     if "claim" in texts and "reason" not in texts:
         table.add(f"needs a column reason: {_COLUMNS['reason'].meaning}", HEADER)
@@ -256,7 +268,7 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
         cells = {key: column[row] for key, column in texts.items()}
 
         def wrong(key: str, message: str, row: int = row) -> None:
-            table.add(f"{key} {message}", row, key)
+            table.add(f"{key} {message}", row, key if key in texts else None)
 
         values.append(_row(cells, line, wrong))
     table.finish()
