@@ -10,6 +10,8 @@ Detectors stand along straight pieces x = q + s d of the plane. With c = q - p a
 
     ((a.d)^2 - k^2) s^2 + 2 ((a.c)(a.d) - k^2 c.d) s + (a.c)^2 - k^2 |c|^2 = 0,   a.v of the sign of k,
 
+whose discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2): k is 0 where the sun and the mirror's way to
+the aim lie in a plane across the axis, as at noon due north of the tower, and both roots are then one.
 and the cylinder's normal there is along S + v / |v|. After Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
 
 How a mount with errors stands follows from the chain of rotations of `heliosweep.kernels.mounts.aiming`; e and b are
@@ -233,14 +235,16 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
     k, ad, ac, cd = -dot(axis, s), dot(axis, along), dot(axis, c), dot(c, along)
     first, half, last = ad * ad - k * k, ac * ad - k * k * cd, ac * ac - k * k * dot(c, c)
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = -(half + np.copysign(np.sqrt(half * half - first * last), half))
+        free, across = ad[..., np.newaxis] * c - ac[..., np.newaxis] * along, c - cd[..., np.newaxis] * along
+        t = -(half + np.copysign(np.abs(k) * np.sqrt(dot(free, free) - k * k * dot(across, across)), half))
         place = np.stack([t / first, last / t], axis=-1)
         axis, s, k, n = axis[..., np.newaxis, :], s[..., np.newaxis, :], k[..., np.newaxis], mirror.normal
         c, along = c[..., np.newaxis, :], along[:, np.newaxis, :]
         n = n[..., np.newaxis, np.newaxis, np.newaxis, :]
         v = c + place[..., np.newaxis] * along
         lean = dot(axis, _unit(v))
-        place = np.where(np.abs(lean - k) <= np.abs(lean + k), place, np.nan)  # the other half of the cone is not lit
+        # The other half of the cone is not lit.
+        place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
         for _ in range(_NEWTON):
             v = c + place[..., np.newaxis] * along
             step = _cosine_error(axis, s, v) / _slope(axis, v, along)
