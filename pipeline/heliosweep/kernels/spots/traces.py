@@ -38,6 +38,8 @@ GRAZING = 0.05
 """Sine of the angle between a trace and an array, as seen from the mirror, below which their crossing tells nothing."""
 _SAME = 1e-9
 """Sines below this are rounding, and crossings that are no farther apart, as seen from the mirror, are one."""
+_ENDS = 1e-12
+"""Rounding of a crossing, as seen from the mirror, by which it may lie beyond the end of a piece."""
 _NEWTON = 2
 """Newton's steps that take a closed-form crossing to rounding."""
 _STEPS = 40
@@ -254,8 +256,10 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         sine = np.stack([mirror.up, mirror.right], axis=-2)[..., np.newaxis, np.newaxis, :]
         angle = np.arctan2(dot(middle, sine), dot(middle, n))
         real = (np.abs(dot(axis, middle)) < _SAME) & (dot(middle, n) > 0) & (dot(s, n) > 0)
-        place = np.where(real & (place >= ends[:, :1]) & (place <= ends[:, 1:]), place, np.nan)
-    twice = np.abs(place[..., 1] - place[..., 0]) < _SAME * np.sqrt(dot(v, v))[..., 0]
+        distance = np.sqrt(dot(v, v))
+        within = np.clip(place, ends[:, :1], ends[:, 1:])
+        place = np.where(real & (np.abs(place - within) <= _ENDS * distance), within, np.nan)
+    twice = np.abs(place[..., 1] - place[..., 0]) < _SAME * distance[..., 0]
     place[..., 1] = np.where(twice, np.nan, place[..., 1])
     order = np.argsort(place, axis=-1)
     angle = np.where(np.isnan(place), np.nan, angle)

@@ -12,6 +12,9 @@ from heliosweep.families.misalignment.blocks import Detectors
 
 Floats = NDArray[np.float64]
 
+#: Crossings of two pieces at their corner are one: places along an array that are no farther apart. [m]
+CORNER = 1e-9
+
 
 class Pieces(NamedTuple):
     """The S straight pieces of all arrays, those of each array one after the other.
@@ -58,9 +61,11 @@ class Pieces(NamedTuple):
             own = np.flatnonzero(self.array == number)
             values = (places + origin)[..., own, :].reshape(*places.shape[:-2], -1)
             order = np.argsort(values, axis=-1)
-            width = values.shape[-1]
-            found[..., number, :width] = np.take_along_axis(values, order, -1)
-            source[..., number, :width] = order + 2 * own[0]
+            values = np.take_along_axis(values, order, -1)
+            values[..., 1:][np.diff(values, axis=-1) < CORNER] = np.nan
+            again, width = np.argsort(values, axis=-1), values.shape[-1]
+            found[..., number, :width] = np.take_along_axis(values, again, -1)
+            source[..., number, :width] = np.take_along_axis(order, again, -1) + 2 * own[0]
         return found, source
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
