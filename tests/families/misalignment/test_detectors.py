@@ -224,7 +224,10 @@ def test_layouts_that_are_shorter_are_padded():
 
 def test_a_crossing_at_a_corner_or_an_end_is_one():
     """Corners are laid where a trace crosses a straight array; due north of the tower at noon also at y = 0."""
-    blocks = {"heliostats": {"positions": [[0, 150, 0]]}, "time": {"clock": "solar", "days": [81], "hours": [9, 12, 15]}}
+    blocks = {
+        "heliostats": {"positions": [[0, 150, 0]]},
+        "time": {"clock": "solar", "days": [81], "hours": [9, 12, 15]},
+    }
     straight = {"arrays": [{"points": [[-40, -8], [40, -8]]}], "noise": None, "pitch": None}
     seen = computed(straight, **blocks).crossing_y.isel(heliostat=0, day=0, trace=0, crossing=0).to_numpy().ravel()
     assert np.isfinite(seen).all()

@@ -123,7 +123,7 @@ def test_a_sun_across_the_axis_gives_each_crossing_once():
     noon = np.radians([[0.0, elevation] for elevation in (20.0, 29.5, 41.0, 53.0, 67.0, 76.0)])
     for east, distance in np.ndindex(4, 12):
         to_target = np.array([[0.0, -80.0 - 37.0 * distance, 143.0]])
-        turned = noon + [[(0.0, 1e-12, 1e-9, 1e-6)[east], 0.0]]
+        turned = noon + np.array([(0.0, 1e-12, 1e-9, 1e-6)[east], 0.0])
         sun = np.stack([np.sin(turned[:, 0]), -np.cos(turned[:, 0]), np.tan(turned[:, 1])], axis=1)
         sun /= np.linalg.norm(sun, axis=1, keepdims=True)
         angles = aim(np.eye(3)[None, None], sun, to_target[:, None], np.zeros(6))

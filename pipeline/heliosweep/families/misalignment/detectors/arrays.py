@@ -93,11 +93,14 @@ class Pieces(NamedTuple):
 
     def nearest(self, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
         """Distances of points, shape (M, 2), from the nearest piece, and which that is. [m]"""
-        way = points[:, np.newaxis] - self.start
-        place = np.clip(np.sum(way * self.along, axis=-1), *self.ends.T)
-        distance = np.linalg.norm(way - place[..., np.newaxis] * self.along, axis=-1)
-        which = np.argmin(distance, axis=1)
-        return distance[np.arange(len(points)), which], which
+        least, which = np.full(len(points), np.inf), np.zeros(len(points), np.int64)
+        for number, (start, along, ends) in enumerate(zip(self.start, self.along, self.ends, strict=True)):
+            way = points - start
+            place = np.clip(way @ along, *ends)
+            distance = np.linalg.norm(way - place[:, np.newaxis] * along, axis=1)
+            nearer = distance < least
+            least[nearer], which[nearer] = distance[nearer], number
+        return least, which
 
 
 def pieces_of(block: Detectors) -> Pieces:
