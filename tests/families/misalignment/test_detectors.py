@@ -222,6 +222,23 @@ def test_layouts_that_are_shorter_are_padded():
     assert (result.misses_array[0, 3:] == 0).all()
 
 
+def test_a_crossing_at_a_corner_or_an_end_is_one():
+    """Corners are laid where a trace crosses a straight array; due north of the tower at noon also at y = 0."""
+    blocks = {
+        "heliostats": {"positions": [[0, 150, 0]]},
+        "time": {"clock": "solar", "days": [81], "hours": [9, 12, 15]},
+    }
+    straight = {"arrays": [{"points": [[-40, -8], [40, -8]]}], "noise": None, "pitch": None}
+    seen = computed(straight, **blocks).crossing_y.isel(heliostat=0, day=0, trace=0, crossing=0).to_numpy().ravel()
+    assert np.isfinite(seen).all()
+    for hour, y in enumerate(seen.tolist()):
+        bent = {"arrays": [{"points": [[-40, -8], [y, -8], [40, -9]]}, {"points": [[y, -8], [40, -8]]}]}
+        result = computed(bent, **blocks).isel(heliostat=0, day=0, hour=hour, trace=0)
+        found = np.isfinite(result.crossing_y).sum("crossing")
+        assert (found == 1).all()
+        np.testing.assert_allclose(result.crossing_y.isel(crossing=0), y, atol=1e-9)
+
+
 def test_a_line_without_ends_sees_as_a_long_array():
     line = computed({"arrays": None, "lines": [[0, 1, -8], [1, 0, 8]]})
     array = computed({"arrays": [{"points": [[-1e6, -8], [1e6, -8]]}, {"points": [[8, -1e6], [8, 1e6]]}]})
@@ -296,6 +313,12 @@ def test_bad_tables_of_crossings(tmp_path, change, said):
         ({"detectors": None}, "'detectors' is missing: {arrays, ...}, where the detectors are"),
         ({"detectors": {"pitch": 0.1}}, "detectors: gives no detectors: give 'arrays'"),
         ({"detectors": {"arrays": [{"points": [[0, 1]]}]}}, "must have two points at least, the ends of the line"),
+        ({"detectors": {"arrays": []}}, "detectors.arrays: must have 1 to 100 arrays (got 0)"),
+        ({"detectors": {"arrays": [BELOW] * 101}}, "detectors.arrays: must have 1 to 100 arrays (got 101)"),
+        (
+            {"detectors": {"arrays": [AROUND[0], BELOW], "pitch": [0.1, 30]}},
+            "detectors.pitch: must be at most 24 m, the length of the shortest of 'arrays' (got 30)",
+        ),
         ({"mount_errors": None}, "'mount_errors' is missing: the truth of synthetic crossings"),
         (
             {"detectors": {"arrays": [BELOW], "crossings": "x.csv", "rounds": 2}},

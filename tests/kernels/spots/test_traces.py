@@ -119,15 +119,17 @@ def test_a_trace_may_cross_a_piece_twice():
 
 
 def test_a_sun_across_the_axis_gives_each_crossing_once():
-    """At noon a heliostat north of the tower has k = 0: the cone is a plane, and both roots are one crossing."""
-    to_target, sun = np.array([[0.0, -150.0, 143.0]]), np.array([[0.0, -0.6, 0.8]])
-    for east in (0.0, 1e-9, 1e-6):
-        s = sun + np.array([[east, 0.0, 0.0]])
-        s /= np.linalg.norm(s)
-        angles = aim(np.eye(3)[None], s, to_target, np.zeros(6))[:, None]
+    """At noon a heliostat north of the tower has k = 0, but for rounding: the cone is a plane, both roots are one."""
+    noon = np.radians([[0.0, elevation] for elevation in (20.0, 29.5, 41.0, 53.0, 67.0, 76.0)])
+    for east, distance in np.ndindex(4, 12):
+        to_target = np.array([[0.0, -80.0 - 37.0 * distance, 143.0]])
+        turned = noon + np.array([(0.0, 1e-12, 1e-9, 1e-6)[east], 0.0])
+        sun = np.stack([np.sin(turned[:, 0]), -np.cos(turned[:, 0]), np.tan(turned[:, 1])], axis=1)
+        sun /= np.linalg.norm(sun, axis=1, keepdims=True)
+        angles = aim(np.eye(3)[None, None], sun, to_target[:, None], np.zeros(6))
         mirror = stood(np.eye(3)[None], to_target, np.zeros((1, 6)), angles, (0.0, 0.0, 0.0))
-        place, _ = traces.crossings(mirror, s, -8.0 * FACE[2][None], FACE[1][None], np.array([[-99.0, 99.0]]))
-        assert np.isfinite(place[0, 0, 0, 0]).sum() == 1
+        place, _ = traces.crossings(mirror, sun, -8.0 * FACE[2][None], FACE[1][None], np.array([[-99.0, 99.0]]))
+        assert (np.isfinite(place[0, :, 0, 0]).sum(axis=-1) == 1).all()
 
 
 def seen_of(frames, to_target, errors, angles, offsets):

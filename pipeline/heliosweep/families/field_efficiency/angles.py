@@ -67,7 +67,7 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
     if tracking == AZIMUTH_ELEVATION:
         x, y, z = s + to_target[:, np.newaxis]
         across = np.hypot(x, y)
-        primary, secondary = np.degrees(np.arctan2(x, y)) % 360.0, np.degrees(np.arctan2(z, across))
+        primary, secondary = np.degrees(np.arctan2(x, y)) % 360.0 % 360.0, np.degrees(np.arctan2(z, across))
         across = across / np.sqrt(across**2 + z**2)
     else:
         level = np.hypot(rx, ry)

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 100e-6
-#: Time of the angles of one heliostat at one instant. [s]
-SECONDS_OF_ANGLES = 200e-9
+#: Time of the angles of one heliostat at one instant, and of one heliostat whatever the instants. [s]
+SECONDS_OF_ANGLES, SECONDS_OF_MOUNT = 200e-9, 100e-6
 #: Mirrors around a part that may stand in its way, with a low sun; and what is known of each of the field. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
 #: Points and instants from which the plan estimates the elevation of the sun.
@@ -78,6 +78,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         inner = {"time": instants, "heliostat": heliostats}
     inner |= _outline_sizes(study)
     angles = study.output.tracking_angles
+    seconds = _seconds(parameters) + angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts = math.prod(len(dim) for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps))
 
     def working_bytes(points: int, length: int) -> int:
@@ -90,7 +91,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         inner=inner,
         evaluations=heliostats * instants,
         unit="heliostat-instants",
-        seconds=(_seconds(parameters) + SECONDS_OF_ANGLES * angles) * (2 if study.output.time_series else 1),
+        seconds=seconds * (2 if study.output.time_series else 1),
         splittable="heliostat",
         working_bytes=working_bytes,
         seconds_per_point=SECONDS_PER_POINT,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, TypeAlias
@@ -12,7 +14,7 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import MAX_SAMPLES, MAX_SEED, Distribution, Uncertain
 from heliosweep.config.faults import Fault, Invalid
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.values import Choice, FileName, ListOfNumbers, Quantity, Samples
 
 Triple = tuple[float, float, float]
@@ -311,6 +313,10 @@ CORRECTIONS = {
 }
 
 
+#: Most arrays of detectors.
+MAX_ARRAYS = 100
+
+
 class DetectorArray(Block):
     """Detectors along a line of straight pieces."""
 
@@ -336,7 +342,7 @@ class Detectors(Block):
     ] = None
     arrays: Annotated[
         tuple[DetectorArray, ...] | None,
-        Field(max_length=100, description="Arrays of detectors along straight pieces; mode: detectors only"),
+        Field(description=f"Arrays of detectors along straight pieces, {MAX_ARRAYS} at most; mode: detectors only"),
     ] = None
     pitch: Annotated[
         float | Sweep | None,
@@ -376,6 +382,13 @@ class Detectors(Block):
             yield Fault(
                 "gives no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'", show_value=False
             )
+        if self.arrays is not None and not 1 <= len(self.arrays) <= MAX_ARRAYS:
+            message = f"must have 1 to {MAX_ARRAYS} arrays (got {len(self.arrays):,})"
+            yield Fault(message, ("arrays",), show_value=False)
+        lengths = [sum(itertools.starmap(math.dist, itertools.pairwise(array.points))) for array in self.arrays or ()]
+        if lengths and self.pitch is not None and max(ends(self.pitch)) > min(lengths):
+            message = f"must be at most {min(lengths):.6g} m, the length of the shortest of 'arrays'"
+            yield Fault(f"{message} (got {max(ends(self.pitch)):g})", ("pitch",), show_value=False)
         if self.crossings is not None:
             for key in ("rounds", "correction"):
                 if getattr(self, key) is not None:

@@ -208,7 +208,7 @@ class MisalignmentStudy(Study):
         if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in ends(self.mount.kind):
             yield Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))
         errors = self.mount_errors
-        if self.mode != "mount_errors" or errors is None:
+        if self.mode not in ("curves", "mount_errors") or errors is None:
             return
         if not errors.model_fields_set & set(ERRORS):
             yield Fault(f"names no error: give {one_of(ERRORS)}, in mrad", ("mount_errors",), show_value=False)

@@ -10,6 +10,8 @@ Detectors stand along straight pieces x = q + s d of the plane. With c = q - p a
 
     ((a.d)^2 - k^2) s^2 + 2 ((a.c)(a.d) - k^2 c.d) s + (a.c)^2 - k^2 |c|^2 = 0,   a.v of the sign of k,
 
+whose discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2): k is 0 where the sun and the mirror's way to
+the aim lie in a plane across the axis, as at noon due north of the tower, and both roots are then one.
 and the cylinder's normal there is along S + v / |v|. After Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
 
 How a mount with errors stands follows from the chain of rotations of `heliosweep.kernels.mounts.aiming`; e and b are
@@ -36,6 +38,8 @@ GRAZING = 0.05
 """Sine of the angle between a trace and an array, as seen from the mirror, below which their crossing tells nothing."""
 _SAME = 1e-9
 """Sines below this are rounding, and crossings that are no farther apart, as seen from the mirror, are one."""
+_ENDS = 1e-12
+"""Rounding of a crossing, as seen from the mirror, by which it may lie beyond the end of a piece."""
 _NEWTON = 2
 """Newton's steps that take a closed-form crossing to rounding."""
 _STEPS = 40
@@ -233,14 +237,16 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
     k, ad, ac, cd = -dot(axis, s), dot(axis, along), dot(axis, c), dot(c, along)
     first, half, last = ad * ad - k * k, ac * ad - k * k * cd, ac * ac - k * k * dot(c, c)
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = -(half + np.copysign(np.sqrt(half * half - first * last), half))
+        free, across = ad[..., np.newaxis] * c - ac[..., np.newaxis] * along, c - cd[..., np.newaxis] * along
+        t = -(half + np.copysign(np.abs(k) * np.sqrt(dot(free, free) - k * k * dot(across, across)), half))
         place = np.stack([t / first, last / t], axis=-1)
         axis, s, k, n = axis[..., np.newaxis, :], s[..., np.newaxis, :], k[..., np.newaxis], mirror.normal
         c, along = c[..., np.newaxis, :], along[:, np.newaxis, :]
         n = n[..., np.newaxis, np.newaxis, np.newaxis, :]
         v = c + place[..., np.newaxis] * along
         lean = dot(axis, _unit(v))
-        place = np.where(np.abs(lean - k) <= np.abs(lean + k), place, np.nan)  # the other half of the cone is not lit
+        # The other half of the cone is not lit.
+        place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
         for _ in range(_NEWTON):
             v = c + place[..., np.newaxis] * along
             step = _cosine_error(axis, s, v) / _slope(axis, v, along)
@@ -250,8 +256,10 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         sine = np.stack([mirror.up, mirror.right], axis=-2)[..., np.newaxis, np.newaxis, :]
         angle = np.arctan2(dot(middle, sine), dot(middle, n))
         real = (np.abs(dot(axis, middle)) < _SAME) & (dot(middle, n) > 0) & (dot(s, n) > 0)
-        place = np.where(real & (place >= ends[:, :1]) & (place <= ends[:, 1:]), place, np.nan)
-    twice = np.abs(place[..., 1] - place[..., 0]) < _SAME * np.sqrt(dot(v, v))[..., 0]
+        distance = np.sqrt(dot(v, v))
+        within = np.clip(place, ends[:, :1], ends[:, 1:])
+        place = np.where(real & (np.abs(place - within) <= _ENDS * distance), within, np.nan)
+    twice = np.abs(place[..., 1] - place[..., 0]) < _SAME * distance[..., 0]
     place[..., 1] = np.where(twice, np.nan, place[..., 1])
     order = np.argsort(place, axis=-1)
     angle = np.where(np.isnan(place), np.nan, angle)

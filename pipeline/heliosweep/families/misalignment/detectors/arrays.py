@@ -12,6 +12,9 @@ from heliosweep.families.misalignment.blocks import Detectors
 
 Floats = NDArray[np.float64]
 
+#: Crossings of two pieces at their corner are one: places along an array that are no farther apart. [m]
+CORNER = 1e-9
+
 
 class Pieces(NamedTuple):
     """The S straight pieces of all arrays, those of each array one after the other.
@@ -58,9 +61,11 @@ class Pieces(NamedTuple):
             own = np.flatnonzero(self.array == number)
             values = (places + origin)[..., own, :].reshape(*places.shape[:-2], -1)
             order = np.argsort(values, axis=-1)
-            width = values.shape[-1]
-            found[..., number, :width] = np.take_along_axis(values, order, -1)
-            source[..., number, :width] = order + 2 * own[0]
+            values = np.take_along_axis(values, order, -1)
+            values[..., 1:][np.diff(values, axis=-1) < CORNER] = np.nan
+            again, width = np.argsort(values, axis=-1), values.shape[-1]
+            found[..., number, :width] = np.take_along_axis(values, again, -1)
+            source[..., number, :width] = np.take_along_axis(order, again, -1) + 2 * own[0]
         return found, source
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
@@ -88,11 +93,14 @@ class Pieces(NamedTuple):
 
     def nearest(self, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
         """Distances of points, shape (M, 2), from the nearest piece, and which that is. [m]"""
-        way = points[:, np.newaxis] - self.start
-        place = np.clip(np.sum(way * self.along, axis=-1), *self.ends.T)
-        distance = np.linalg.norm(way - place[..., np.newaxis] * self.along, axis=-1)
-        which = np.argmin(distance, axis=1)
-        return distance[np.arange(len(points)), which], which
+        least, which = np.full(len(points), np.inf), np.zeros(len(points), np.int64)
+        for number, (start, along, ends) in enumerate(zip(self.start, self.along, self.ends, strict=True)):
+            way = points - start
+            place = np.clip(way @ along, *ends)
+            distance = np.linalg.norm(way - place[:, np.newaxis] * along, axis=1)
+            nearer = distance < least
+            least[nearer], which[nearer] = distance[nearer], number
+        return least, which
 
 
 def pieces_of(block: Detectors) -> Pieces:
