@@ -271,7 +271,11 @@ def interrupt_and_resume(nursery: Nursery, name: str, attempts: Attempts, seed: 
             assert unfinished or Finished.find(place) or not before, "lost all parts"
             assert not before.keys() & set(outcome.begun), "computed what was done"
             assert len(again) <= IN_FLIGHT[scheduler]
-            said = [line for line in outcome.errors.splitlines() if not line.startswith(("goes on: ", "dashboard: ", "compil"))]
+            said = [
+                line
+                for line in outcome.errors.splitlines()
+                if not line.startswith(("goes on: ", "dashboard: ", "compil"))
+            ]
             if not code:
                 assert not said, outcome.errors
                 check_result()
