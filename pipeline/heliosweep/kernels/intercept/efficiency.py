@@ -2,7 +2,7 @@
 
 About the reflected ray of each point of a mirror light is spread by the sun shape B and by errors, N(0, S), as a density
 B * N(0, S) over gnomonic coordinates. The receiver's outline in these coordinates bounds what is counted; the intercept
-is the mean over Gauss nodes of the mirror. S is that of the mirror's centre.
+is the mean over Gauss nodes of the mirror, every part of which counts the same. S is that of the mirror's centre.
 
 Rectangle: 1, less the light beyond each edge, plus the light beyond both edges at each corner. Beyond an edge the
 problem has one dimension, with the variance m'Sm for its normal m as the centre sees it; at a corner, and for a
@@ -53,6 +53,33 @@ class Receiver(NamedTuple):
     """Half the width of a rectangle, or the radius of a cylinder. [m]"""
     half_height: float
     """Half the height. [m]"""
+
+
+class Scene(NamedTuple):
+    """Mirrors, a receiver, and what spreads the light between them."""
+
+    centre: Floats
+    """Centres of the mirrors: east, north, up, shape (N, 3). [m]"""
+    target: Floats
+    """Points that they aim at, shape (N, 3). [m]"""
+    sides: Floats
+    """Width and height of the mirrors, shape (N, 2). [m]"""
+    curve: Floats
+    """One over twice the focal length of a mirror or facet, 0 for a flat one, shape (N,). [1/m]"""
+    cant: Floats
+    """One over twice the distance that facets are canted for, 0 for facets in one plane, shape (N,). [1/m]"""
+    turn: Floats
+    """Fixed pointing errors, shape (N, 2): the normal is n + turn_u u + turn_v v. [rad]"""
+    facets: Facets
+    """Facets of each mirror."""
+    tracking: int
+    """`packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`."""
+    errors: Errors
+    """Random errors, with the Gaussian part of the sun, from `sun_tables`."""
+    receiver: Receiver
+    """From `rectangle` or `cylinder`."""
+    tables: Tables
+    """From `sun_tables`."""
 
 
 class Rules(NamedTuple):
@@ -115,19 +142,21 @@ def sun_tables(sun: SunShape, errors: Errors) -> tuple[Tables, Errors]:
 
 
 @kernel
-def sweep(centre, target, sides, curve, cant, turn, facets, sun, tracking, errors, receiver, tables, rules, out):
-    """Write the intercept of every heliostat and instant in `out`, shape (N, T); the arguments are of `intercepts`."""
-    reach = tables.beyond.shape[2]
+def _sweep(scene: Scene, rules: Rules, sun: Floats, start: int, stop: int, out: Floats) -> None:
+    """Write the intercept of mirrors start..stop at every instant in `out`; NaN with the sun down."""
+    reach = scene.tables.beyond.shape[2]
     room = Room(np.zeros((4, 2, reach)), np.zeros((2, reach)), np.zeros((2, 4, _PANELS * (rules.outline.shape[1] + 2))))
-    for i in range(out.shape[0]):
-        place = (centre[i, 0], centre[i, 1], centre[i, 2])
-        aim = (target[i, 0], target[i, 1], target[i, 2])
-        for t in range(out.shape[1]):
-            out[i, t] = _intercept(
-                place, unit(mixed(1.0, aim, -1.0, place)), (sides[i, 0], sides[i, 1]), curve[i], cant[i],
-                (turn[i, 0], turn[i, 1]), facets, (sun[t, 0], sun[t, 1], sun[t, 2]), tracking, errors, receiver,
-                tables, rules, room,
-            )  # fmt: skip
+    for i in range(start, stop):
+        place = (scene.centre[i, 0], scene.centre[i, 1], scene.centre[i, 2])
+        aim = (scene.target[i, 0], scene.target[i, 1], scene.target[i, 2])
+        for t in range(sun.shape[0]):
+            if sun[t, 2] > 0.0:
+                out[i - start, t] = _intercept(
+                    place, unit(mixed(1.0, aim, -1.0, place)), (scene.sides[i, 0], scene.sides[i, 1]), scene.curve[i],
+                    scene.cant[i], (scene.turn[i, 0], scene.turn[i, 1]), scene.facets,
+                    (sun[t, 0], sun[t, 1], sun[t, 2]), scene.tracking, scene.errors, scene.receiver, scene.tables,
+                    rules, room,
+                )  # fmt: skip
 
 
 @inner
@@ -156,16 +185,14 @@ def _intercept(
     far = _distance(place, receiver)
     nodes_u = _nodes(frame, sun, 0.5 * width, 0.0, curve, far, sigma, rules.fine)
     nodes_v = _nodes(frame, sun, 0.0, 0.5 * height, curve, far, sigma, rules.fine)
-    total = weights = 0.0
+    total = 0.0
     for facet in range(facets.columns * facets.rows):
         a0 = (facet % facets.columns - 0.5 * (facets.columns - 1)) * (width + facets.gap)
         b0 = (facet // facets.columns - 0.5 * (facets.rows - 1)) * (height + facets.gap)
         for j in range(nodes_u):
             for k in range(nodes_v):
                 a, b = 0.5 * width * rules.mirror[nodes_u, 0, j], 0.5 * height * rules.mirror[nodes_v, 0, k]
-                offset, r, e1, e2, light = ray_from(frame, sun, turn, a0, b0, a, b, cant, curve)
-                light *= rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k]
-                weights += light
+                offset, r, e1, e2 = ray_from(frame, sun, turn, a0, b0, a, b, cant, curve)
                 point = mixed(1.0, place, 1.0, offset)
                 if receiver.kind == RECTANGLE:
                     part = _on_rectangle(
@@ -177,8 +204,8 @@ def _intercept(
                         point, r, e1, e2, receiver, window, tables, room, reach, sigma, excess, axis_x, axis_y, count,
                         rules,
                     )  # fmt: skip
-                total += light * part
-    return min(1.0, max(0.0, total / weights)) if weights > 0.0 else 0.0
+                total += rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k] * part
+    return min(1.0, max(0.0, total / (facets.columns * facets.rows)))
 
 
 @inner
@@ -197,7 +224,7 @@ def _distance(place, receiver):
 @inner
 def _nodes(frame, sun, a, b, curve, far, sigma, fine):
     """Nodes along half a side of a facet: more, the farther its image moves, in standard deviations of the blur."""
-    offset, r, _, _, _ = ray_from(frame, sun, (0.0, 0.0), 0.0, 0.0, a, b, 0.0, curve)
+    offset, r, _, _ = ray_from(frame, sun, (0.0, 0.0), 0.0, 0.0, a, b, 0.0, curve)
     d = mixed(1.0, offset, far, mixed(1.0, r, -1.0, frame.r))
     along = dot(d, frame.r)
     moved = math.sqrt(max(0.0, dot(d, d) - along * along)) / far
@@ -341,56 +368,27 @@ def _on_cylinder(
     return total / (2.0 * math.pi)
 
 
-def intercepts(
-    centre: Floats,
-    target: Floats,
-    sides: Floats,
-    curve: Floats,
-    cant: Floats,
-    turn: Floats,
-    facets: Facets,
-    sun: Floats,
-    tracking: int,
-    errors: Errors,
-    receiver: Receiver,
-    found: Tables,
-    fine: float = 1.0,
-) -> Floats:
-    """Intercept of heliostats at instants.
+def intercepts(scene: Scene, sun: Floats, start: int = 0, stop: int | None = None, fine: float = 1.0) -> Floats:
+    """Intercept of mirrors start..stop at instants, each computed.
 
     Parameters
     ----------
-    centre, target : ndarray, shape (N, 3)
-        Centres of the mirrors and the points that they aim at: east, north, up. [m]
-    sides : ndarray, shape (N, 2)
-        Width and height of the mirrors. [m]
-    curve, cant : ndarray, shape (N,)
-        One over twice the focal length of a facet, and one over twice the distance that facets are canted for; 0 for
-        flat, and not canted. [1/m]
-    turn : ndarray, shape (N, 2)
-        Fixed pointing errors: the normal is turned to n + turn_u u + turn_v v. [rad]
-    facets : Facets
-        Facets of each mirror.
+    scene : Scene
+        Mirrors and receiver.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun: east, north, up. [1]
-    tracking : int
-        `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
-    errors : Errors
-        Random errors, from `sun_tables`.
-    receiver : Receiver
-        From `rectangle` or `cylinder`.
-    found : Tables
-        From `sun_tables`.
+    start, stop : int
+        First mirror, and the one after the last.
     fine : float
         Factor on the numbers of nodes, up to 3. [1]
 
     Returns
     -------
-    ndarray, shape (N, T)
-        Part of the reflected light that meets the receiver, 0 to 1; 0 for a receiver that is seen from behind. [1]
+    ndarray, shape (stop - start, T)
+        Part of the reflected light that meets the receiver, 0 to 1; 0 for a receiver that is seen from behind, NaN with
+        the sun at or below the horizon. [1]
     """
-    out = np.empty((len(centre), len(sun)))
-    arrays = (np.ascontiguousarray(each, np.float64) for each in (centre, target, sides, curve, cant, turn))
-    sun = np.array(sun, np.float64, order="C")
-    sweep(*arrays, facets, sun, tracking, errors, receiver, found, gauss_rules(fine), out)
+    stop = len(scene.centre) if stop is None else stop
+    out, sun = np.full((stop - start, len(sun)), np.nan), np.array(sun, np.float64, order="C")
+    _sweep(scene, gauss_rules(fine), sun, start, stop, out)
     return out

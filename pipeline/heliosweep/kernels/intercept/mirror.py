@@ -88,18 +88,16 @@ def axes_of(xx, yy, xy):
 
 @inner
 def ray_from(frame, sun, turn, a0, b0, a, b, cant, curve):
-    """Ray from a point (a, b) of the facet centred at (a0, b0): its place from the mirror's centre, r, e1, e2, weight.
+    """Ray from a point (a, b) of the facet centred at (a0, b0): its place from the mirror's centre, r, e1 and e2.
 
     Facets have their centres in one plane. They are tilted by `cant` times these, towards the centre, and curved by
-    `curve`, one over twice the focal length. [1/m] All normals are turned by `turn`, a fixed pointing error. [rad] The
-    weight is the light that falls on an area of the plane.
+    `curve`, one over twice the focal length. [1/m] All normals are turned by `turn`, a fixed pointing error. [rad]
     """
     tilt_u, tilt_v = cant * a0 + curve * a - turn[0], cant * b0 + curve * b - turn[1]
     rise = cant * (a0 * a + b0 * b) + 0.5 * curve * (a * a + b * b)
     place = mixed(1.0, mixed(a0 + a, frame.u, b0 + b, frame.v), rise, frame.n)
     normal = mixed(1.0, frame.n, -1.0, mixed(tilt_u, frame.u, tilt_v, frame.v))
-    weight = max(0.0, dot(sun, normal))
     n = unit(normal)
     r = mixed(2.0 * dot(sun, n), n, -1.0, sun)
     e2 = unit(cross(r, frame.e1))
-    return place, r, cross(e2, r), e2, weight
+    return place, r, cross(e2, r), e2

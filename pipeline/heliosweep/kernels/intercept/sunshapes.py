@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from heliosweep.kernels.sun.profiles import jose as jose_profile
 from heliosweep.kernels.sun.profiles import render
@@ -37,7 +37,7 @@ _NODES = 32
 
 
 class SunShape(NamedTuple):
-    """Light of the sun by angle, made by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
+    """Light of the sun by angle, made by `pillbox`, `gaussian`, `limb_darkened`, `jose` or `buie`."""
 
     radius: Floats
     """Angles of rings from the sun's centre. [rad]"""
@@ -103,24 +103,9 @@ def buie_formula(parameter: float) -> SunShape:
     return _rings((0.0, DISC, *np.geomspace(DISC, AUREOLE, 6)[1:]), brightness)
 
 
-def table(angle: ArrayLike, brightness: ArrayLike) -> SunShape:
-    """Brightness from a table, linear between angles that rise [rad], and nothing beyond the last of them.
-
-    Raises ValueError where angles do not rise from 0, brightness is negative, or there are fewer than two rows.
-    """
-    angles, values = np.asarray(angle, np.float64), np.asarray(brightness, np.float64)
-    if angles.ndim != 1 or angles.shape != values.shape or len(angles) < 2:
-        raise ValueError("a sun shape needs two rows of angle and brightness at least")
-    if angles[0] != 0.0 or not np.all(np.diff(angles) > 0.0) or not np.all(np.isfinite(angles)):
-        raise ValueError("the angles of a sun shape must rise from 0")
-    if not np.all(np.isfinite(values)) or np.any(values < 0.0) or not values[:-1].sum() > 0.0:
-        raise ValueError("the brightness of a sun shape must not be negative, nor 0 everywhere")
-    return _rings(tuple(angles), lambda r: np.interp(r, angles, values), max(4, _NODES // len(angles)))
-
-
-def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats], nodes: int = _NODES) -> SunShape:
+def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats]) -> SunShape:
     """Rings between angles where the brightness may break; crowded at each outer edge, where it may fall as a root."""
-    place, weight = np.polynomial.legendre.leggauss(nodes)
+    place, weight = np.polynomial.legendre.leggauss(_NODES)
     place, weight = (1.0 + place) / 2, weight / 2
     inner, outer = np.array(edges[:-1])[:, np.newaxis], np.array(edges[1:])[:, np.newaxis]
     radius = outer - (outer - inner) * place**2
