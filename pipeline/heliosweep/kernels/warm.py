@@ -53,7 +53,7 @@ def warm_intercept() -> None:
     place, sun, number = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, -0.6, 0.8]]), np.zeros(1)
     receiver = efficiency.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
     scene = efficiency.Scene(
-        place, place + (0.0, -100.0, 55.0), np.ones((1, 2)), number, number, np.zeros((1, 2)), Facets(1, 1, 0.0), 0,
+        place, place + np.array([0.0, -100.0, 55.0]), np.ones((1, 2)), number, number, np.zeros((1, 2)), Facets(1, 1, 0.0), 0,
         errors, receiver, found,
     )  # fmt: skip
     course(scene, sun, 0.6)

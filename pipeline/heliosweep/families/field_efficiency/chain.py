@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.kernels.field.efficiency import targets
 from heliosweep.kernels.intercept import hflcal, sunshapes
 from heliosweep.kernels.intercept.course import course
@@ -31,8 +32,6 @@ _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
     "ballestrin_clear": lambda r: 1 - (0.29544 + 15.22128 * r - 1.8598 * r**2 + 0.15182 * r**3) / 100,
     "ballestrin_hazy": lambda r: 1 - (0.77941 + 55.49083 * r - 14.78875 * r**2 + 1.53718 * r**3) / 100,
 }
-#: Slant range up to which these hold. [m]
-FARTHEST = 3000.0
 
 
 def transmittance(model: str, slant: Floats) -> Floats:
@@ -54,7 +53,7 @@ def transmittance(model: str, slant: Floats) -> Floats:
     return np.clip(_FORMULAS[model](slant / 1000), 0.0, 1.0)
 
 
-def receiver_of(kind: str, height: float, values: Mapping[str, Any]) -> Receiver:
+def _receiver(kind: str, height: float, values: Mapping[str, Any]) -> Receiver:
     """Receiver of the kernels at a point of the result."""
     centre = (0.0, 0.0, float(height))
     if kind == "cylinder":
@@ -84,59 +83,66 @@ def _errors(values: Mapping[str, Any]) -> Errors:
     return Errors(u, v, 1e-3 * float(values["specularity_error"]))
 
 
+class Light(NamedTuple):
+    """Parts of the light of each heliostat that are left."""
+
+    intercept: Floats
+    """At the receiver, shape (N, T); NaN with the sun down. [1]"""
+    transmitted: Floats
+    """By the air, shape (N,). [1]"""
+    reflected: Floats
+    """By the mirror: reflectivity times cleanliness, shape (N,). [1]"""
+
+
 def light(
     study: FieldEfficiencyStudy,
-    centre: Floats,
-    sides: Floats,
-    height: float,
-    tracking: int,
-    values: Mapping[str, Any],
+    mirrors: tuple[Any, ...],
+    radius: float,
     sun: Floats,
     latitude: float | None,
-) -> tuple[Floats, Floats, float]:
-    """Parts of the light that are left: at the receiver, by the air, and by the mirrors.
+    given: Sequence[Any],
+    start: int,
+    stop: int,
+) -> Light:
+    """Parts of the light of heliostats start..stop that are left.
 
     Parameters
     ----------
     study : FieldEfficiencyStudy
         Study with `optics`.
-    centre, sides : ndarray, shape (N, 3) and (N, 2)
-        Centres of the mirrors; their width and height. [m]
-    height : float
-        Height of the receiver's centre. [m]
-    tracking : int
-        Code of the tracking method.
-    values : mapping
-        Values of `optics.KEYS`.
+    mirrors : tuple
+        Centres x, y, z of all mirrors, half their width and height, height of the receiver's centre [m], and code of
+        the tracking method: the first arguments of `field_sums`.
+    radius : float
+        Radius of a cylinder, else 0. [m]
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     latitude : float or None
         Of the place [deg]; None where the sun belongs to no place.
-
-    Returns
-    -------
-    intercept : ndarray, shape (N, T)
-        NaN with the sun down. [1]
-    transmitted : ndarray, shape (N,)
-        Of the air. [1]
-    reflected : float
-        Reflectivity times cleanliness. [1]
+    given : sequence
+        Values of `optics.KEYS`.
+    start, stop : int
+        First heliostat, and the one after the last.
     """
-    target = np.broadcast_to(targets(centre.T, height, values["radius"] or 0.0), centre.shape)
+    values = {key.rpartition(".")[2]: value for key, value in zip(KEYS, given, strict=True)}
+    centre = np.stack(mirrors[:3], axis=1)[start:stop]
+    sides = 2.0 * np.stack(mirrors[3:5], axis=1)[start:stop]
+    target = np.array(np.broadcast_to(targets(centre.T, mirrors[5], radius), centre.shape))
     slant = np.sqrt(np.sum((target - centre) ** 2, axis=1))
-    receiver, grid = receiver_of(str(study.receiver.kind), height, values), study.heliostat.facets
+    receiver, grid = _receiver(str(study.receiver.kind), mirrors[5], values), study.heliostat.facets
     focus = values["focus"] if values["focus"] is not None else "flat"
-    curve = np.zeros(len(slant)) if focus == "flat" else 0.5 / (slant if focus == "slant" else np.full(len(slant), focus))
+    flat = np.zeros(len(slant))
+    curve = flat if focus == "flat" else 0.5 / (slant if focus == "slant" else flat + float(focus))
     kind, ratio = values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None
     errors = _errors(values)
     if values["method"] == "gaussian":
-        spread = _sun(kind, ratio).spread
-        intercept = hflcal.intercepts(centre, target, sides, curve, spread, errors, receiver, sun)
+        intercept = hflcal.intercepts(centre, target, sides, curve, _sun(kind, ratio).spread, errors, receiver, sun)
     else:
         tables, blurred = _tables(kind, ratio, errors)
-        cant = 0.5 / slant if grid is not None and grid.canting == "on_axis" else np.zeros(len(slant))
+        cant = 0.5 / slant if grid is not None and grid.canting == "on_axis" else flat
         facets = Facets(1, 1, 0.0) if grid is None else Facets(grid.columns, grid.rows, float(grid.gap))
         turn = np.zeros((len(slant), 2))
-        scene = Scene(centre, target, sides, curve, cant, turn, facets, tracking, blurred, receiver, tables)
+        scene = Scene(centre, target, sides, curve, cant, turn, facets, mirrors[6], blurred, receiver, tables)
         intercept = course(scene, sun, None if latitude is None else math.radians(latitude))
-    return intercept, transmittance(values["attenuation"], slant), values["reflectivity"] * values["cleanliness"]
+    reflected = flat + values["reflectivity"] * values["cleanliness"]
+    return Light(intercept, transmittance(values["attenuation"], slant), reflected)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -10,8 +10,8 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Heliostat as HeliostatBlock
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.faults import Fault
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, Quantity
+from heliosweep.config.sweep import Listed, Sweep, read_items
+from heliosweep.config.values import Choice, Quantity, list_schema
 
 SUN_SHAPES = {
     "pillbox": "an even disc of 4.65 mrad",
@@ -48,11 +48,15 @@ class Focus(Quantity):
 
     def read(self, raw: Any) -> Any:
         """Return the word or the number. Raises Invalid."""
-        return raw if raw in self.words and isinstance(raw, str) else super().read(raw)
+        several = raw.items if isinstance(raw, Listed) else raw
+        if isinstance(several, list | tuple) and several and all(each in self.words for each in several):
+            return Listed(read_items(several, lambda word: word))
+        return raw if isinstance(raw, str) and raw in self.words else super().read(raw)
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of a word or a number."""
-        return {"anyOf": [{"enum": list(self.words)}, super().json_schema()]}
+        word = {"enum": list(self.words)}
+        return {"anyOf": [word, list_schema(word), super().json_schema()]}
 
 
 class FacetGrid(Block):
@@ -129,7 +133,7 @@ class SunShape(Block):
         """Check that the circumsolar ratio stands with the sun shape that has one."""
         kinds = self.kind.values() if isinstance(self.kind, Sweep) else (self.kind,)
         if "buie" in kinds and self.circumsolar_ratio is None:
-            yield Fault("'circumsolar_ratio' is missing: the sun shape buie has it, from 0.001 to 0.8", show_value=False)
+            yield Fault("'circumsolar_ratio' is missing: buie has it, from 0.001 to 0.8", show_value=False)
         if "buie" not in kinds and self.circumsolar_ratio is not None:
             yield Fault("is only for the sun shape buie; remove it", ("circumsolar_ratio",))
 
@@ -203,8 +207,3 @@ NAMES = (
     *(f"{of}{name}_efficiency" for of in ("", "field_", "instantaneous_")
       for name in ("intercept", "attenuation", "reflection", "total")),
 )  # fmt: skip
-
-
-def values_by_key(values: tuple[Any, ...]) -> Mapping[str, Any]:
-    """Values of `KEYS` at a point by the last part of their names."""
-    return {key.rpartition(".")[2]: value for key, value in zip(KEYS, values, strict=True)}

@@ -118,7 +118,9 @@ def sweep(
         most = _most(blockers, shaders)
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
-        _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part)
+        _sweep_block(
+            start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part
+        )
         for m in range(count):
             halo.place[halo.names[m]] = -1
 
@@ -194,7 +196,9 @@ def _most(blockers, shaders):
 
 
 @inner
-def _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part):
+def _sweep_block(
+    start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part
+):
     """Efficiencies of all test heliostats at the instants of one packet."""
     for t in range(blockers.first.shape[0] - 1):
         i, test = start + t, halo.place[start + t] * FRAME_ROWS * ROW

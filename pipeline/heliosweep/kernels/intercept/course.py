@@ -1,9 +1,9 @@
 """Intercept over many instants of one place, interpolated in the direction of the sun and checked.
 
 The intercept is smooth in the direction of the sun, as shading is not. It is computed at Chebyshev nodes in the sine of
-the declination and in the hour angle over that of sunset, and interpolated. Each mirror is checked at some instants; one
-that misses is computed at every instant. Mirrors with a vertical first axis and normals near the zenith, which turn fast,
-are what misses.
+the declination and in the hour angle over that of sunset, and interpolated. Each mirror is checked at some instants;
+one that misses is computed at every instant: with a vertical first axis, where the normal comes near the zenith and the
+mirror turns fast.
 """
 
 import math
@@ -22,6 +22,8 @@ CHECKS = 12
 """Instants at which each mirror is checked; the first half are those with its normal nearest to the zenith."""
 TOLERANCE = 1e-4
 """Largest error at a check that is taken. [1]"""
+COMPUTED = NODES[0] * NODES[1] + CHECKS
+"""Directions of the sun at which each mirror is computed; twice as many instants are interpolated."""
 
 
 def course(scene: Scene, sun: Floats, latitude: float | None, start: int = 0, stop: int | None = None) -> Floats:
@@ -32,7 +34,7 @@ def course(scene: Scene, sun: Floats, latitude: float | None, start: int = 0, st
     """
     stop = len(scene.centre) if stop is None else stop
     up = np.flatnonzero(sun[:, 2] > 0.0)
-    if latitude is None or len(up) < 2 * NODES[0] * NODES[1]:
+    if latitude is None or len(up) < 2 * COMPUTED:
         return intercepts(scene, sun, start, stop)
     out, there = np.full((stop - start, len(sun)), np.nan), sun[up]
     sine, share = _place(there, latitude)

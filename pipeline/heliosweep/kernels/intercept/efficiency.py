@@ -1,7 +1,7 @@
 """Intercept: the part of the light of a heliostat that meets the receiver, of all that leaves the mirror towards it.
 
-About the reflected ray of each point of a mirror light is spread by the sun shape B and by errors, N(0, S), as a density
-B * N(0, S) over gnomonic coordinates. The receiver's outline in these coordinates bounds what is counted; the intercept
+About the reflected ray of each point of a mirror, the sun shape B and errors N(0, S) spread light: a density B * N(0, S)
+over gnomonic coordinates. The receiver's outline in these coordinates bounds what is counted; the intercept
 is the mean over Gauss nodes of the mirror, every part of which counts the same. S is that of the mirror's centre.
 
 Rectangle: 1, less the light beyond each edge, plus the light beyond both edges at each corner. Beyond an edge the
@@ -103,9 +103,7 @@ class Room(NamedTuple):
     arcs: Floats
 
 
-def rectangle(
-    centre: tuple[float, float, float], azimuth: float, tilt: float, width: float, height: float
-) -> Receiver:
+def rectangle(centre: tuple[float, float, float], azimuth: float, tilt: float, width: float, height: float) -> Receiver:
     """A rectangle with its centre, the direction it faces, and its sides. [m, rad]
 
     `azimuth` is from north, clockwise, `tilt` up from the horizon: negative for a face that looks down.
@@ -160,9 +158,7 @@ def _sweep(scene: Scene, rules: Rules, sun: Floats, start: int, stop: int, out: 
 
 
 @inner
-def _intercept(
-    place, target, sides, curve, cant, turn, facets, sun, tracking, errors, receiver, tables, rules, room
-):
+def _intercept(place, target, sides, curve, cant, turn, facets, sun, tracking, errors, receiver, tables, rules, room):
     """Intercept of one heliostat and instant."""
     if not dot(sun, target) > -1.0 + 1e-12:
         return 0.0
@@ -179,7 +175,8 @@ def _intercept(
     count = _order(1.0 + rules.fine * (2.0 + 3.0 * excess / sigma))
     reaches = (0.0, 0.0, 0.0, 0.0)
     if receiver.kind == RECTANGLE:
-        reaches = _edge_tables(place, frame, xx, yy, xy, receiver, window, tables, room)
+        _, r, e1, e2 = ray_from(frame, sun, turn, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        reaches = _edge_tables(place, r, e1, e2, xx, yy, xy, receiver, window, tables, room)
     width = (sides[0] + facets.gap) / facets.columns - facets.gap
     height = (sides[1] + facets.gap) / facets.rows - facets.gap
     far = _distance(place, receiver)
@@ -211,7 +208,7 @@ def _intercept(
 @inner
 def _order(wanted):
     """Order of a rule, at most the highest there is."""
-    return min(_MOST, int(math.ceil(wanted)))
+    return min(_MOST, math.ceil(wanted))
 
 
 @inner
@@ -274,12 +271,12 @@ def _seen(vertex, point, r, e1, e2):
 
 
 @inner
-def _edge_tables(place, frame, xx, yy, xy, receiver, window, tables, room):
+def _edge_tables(place, r, e1, e2, xx, yy, xy, receiver, window, tables, room):
     """Make the table of each edge, with the variance across it as the mirror's centre sees it; returns the reaches."""
     found = (0.0, 0.0, 0.0, 0.0)
     for k in range(4):
-        x, y = _seen(_vertex(k, receiver, window), place, frame.r, frame.e1, frame.e2)
-        x1, y1 = _seen(_vertex((k + 1) % 4, receiver, window), place, frame.r, frame.e1, frame.e2)
+        x, y = _seen(_vertex(k, receiver, window), place, r, e1, e2)
+        x1, y1 = _seen(_vertex((k + 1) % 4, receiver, window), place, r, e1, e2)
         tx, ty = x1 - x, y1 - y
         variance = (ty * ty * xx + tx * tx * yy - 2.0 * tx * ty * xy) / (tx * tx + ty * ty)
         variance = max(variance, LEAST_ERROR * LEAST_ERROR)
@@ -324,9 +321,7 @@ def _on_rectangle(
 
 
 @inner
-def _on_cylinder(
-    point, r, e1, e2, receiver, window, tables, room, reach, sigma, excess, axis_x, axis_y, count, rules
-):
+def _on_cylinder(point, r, e1, e2, receiver, window, tables, room, reach, sigma, excess, axis_x, axis_y, count, rules):
     """Part of the light of one point that meets the outside of a cylinder."""
     px, py = point[0] - receiver.centre[0], point[1] - receiver.centre[1]
     far = math.sqrt(px * px + py * py)

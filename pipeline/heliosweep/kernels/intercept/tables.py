@@ -59,7 +59,7 @@ def _beyond(radius, share, logs, step, count):
         sigma = math.exp(0.5 * logs[v])
         scale = step / (sigma * math.sqrt(2.0 * math.pi))
         for k in range(radius.shape[0]):
-            turns = int(math.ceil(0.5 * math.pi * radius[k] / sigma)) + 8
+            turns = math.ceil(0.5 * math.pi * radius[k] / sigma) + 8
             weight = share[k] / turns
             for m in range(turns):
                 place = radius[k] * math.cos(0.5 * math.pi * (m + 0.5) / turns)
