@@ -50,10 +50,11 @@ def warm_intercept() -> None:
     from heliosweep.kernels.intercept.sunshapes import pillbox
 
     found, errors = efficiency.sun_tables(pillbox(), Errors(1e-3, 1e-3, 0.0))
-    place, sun, number = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, -0.6, 0.8]]), np.zeros(1)
+    place, aim = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]])
+    sun, number = np.array([[0.0, -0.6, 0.8]]), np.zeros(1)
     receiver = efficiency.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
     scene = efficiency.Scene(
-        place, place + np.array([0.0, -100.0, 55.0]), np.ones((1, 2)), number, number, np.zeros((1, 2)), Facets(1, 1, 0.0), 0,
+        place, aim, np.ones((1, 2)), number, number, np.zeros((1, 2)), Facets(1, 1, 0.0), 0,
         errors, receiver, found,
     )  # fmt: skip
     course(scene, sun, 0.6)

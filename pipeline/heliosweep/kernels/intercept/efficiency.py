@@ -1,8 +1,8 @@
 """Intercept: the part of the light of a heliostat that meets the receiver, of all that leaves the mirror towards it.
 
-About the reflected ray of each point of a mirror, the sun shape B and errors N(0, S) spread light: a density B * N(0, S)
-over gnomonic coordinates. The receiver's outline in these coordinates bounds what is counted; the intercept
-is the mean over Gauss nodes of the mirror, every part of which counts the same. S is that of the mirror's centre.
+About the reflected ray of each point of a mirror the sun shape B and errors N(0, S) spread light, as the density
+B * N(0, S) over gnomonic coordinates. The receiver's outline in them bounds what is counted; the intercept is the mean
+over Gauss nodes of the mirror, every part of which counts the same. S is that of the mirror's centre.
 
 Rectangle: 1, less the light beyond each edge, plus the light beyond both edges at each corner. Beyond an edge the
 problem has one dimension, with the variance m'Sm for its normal m as the centre sees it; at a corner, and for a
@@ -321,6 +321,36 @@ def _on_rectangle(
 
 
 @inner
+def _well_inside(point, px, py, far, widest, r, e1, e2, receiver, window, away):
+    """True where a cylinder, seen from below, has all light: its outline is farther than `away` from the ray. [rad]
+
+    Bounds within the outline are both edges, the chord of the upper rim, and the tangent of the lower rim in front.
+    """
+    low, high = receiver.centre[2] + window[2], receiver.centre[2] + window[3]
+    if point[2] >= low:
+        return False
+    cosine, sine = receiver.half_width * math.cos(widest), receiver.half_width * math.sin(widest)
+    x, y = receiver.centre[0] + cosine * px, receiver.centre[1] + cosine * py
+    front = receiver.half_width - cosine
+    aside_x, aside_y = -sine * py, sine * px
+    ax, ay = _seen((x + front * px - aside_x, y + front * py - aside_y, low), point, r, e1, e2)
+    bx, by = _seen((x + front * px + aside_x, y + front * py + aside_y, low), point, r, e1, e2)
+    if not _apart(ax, ay, bx, by) < -away:
+        return False
+    ax, ay = _seen((x - aside_x, y - aside_y, low), point, r, e1, e2)
+    bx, by = _seen((x + aside_x, y + aside_y, low), point, r, e1, e2)
+    cx, cy = _seen((x + aside_x, y + aside_y, high), point, r, e1, e2)
+    dx, dy = _seen((x - aside_x, y - aside_y, high), point, r, e1, e2)
+    return _apart(bx, by, cx, cy) < -away and _apart(cx, cy, dx, dy) < -away and _apart(dx, dy, ax, ay) < -away
+
+
+@inner
+def _apart(ax, ay, bx, by):
+    """Distance of the line from a to b, positive with the ray to its left. [rad]"""
+    return (ax * by - ay * bx) / math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+
+
+@inner
 def _on_cylinder(point, r, e1, e2, receiver, window, tables, room, reach, sigma, excess, axis_x, axis_y, count, rules):
     """Part of the light of one point that meets the outside of a cylinder."""
     px, py = point[0] - receiver.centre[0], point[1] - receiver.centre[1]
@@ -329,13 +359,18 @@ def _on_cylinder(point, r, e1, e2, receiver, window, tables, room, reach, sigma,
         return 0.0
     px, py = px / far, py / far
     widest, nodes = math.acos(receiver.half_width / far), rules.outline.shape[1]
+    away = reach + excess * abs(rules.spread[count, 0, 0])
+    if _well_inside(point, px, py, far, widest, r, e1, e2, receiver, window, away):
+        return 1.0
     length = 2.0 * receiver.half_width * widest / far
     panels = int(min(_PANELS, max(2.0, math.ceil(rules.fine * length / (PANEL * sigma)))))
     used = panels * (nodes + 2)
     for side in range(2):
-        z = receiver.centre[2] + window[2 + side] - point[2]
-        for m in range(used):
+        z, near = receiver.centre[2] + window[2 + side] - point[2], True
+        for m in range(used - 1, -1, -1):  # of each panel the ends first
             p, k = m // (nodes + 2), m % (nodes + 2)
+            if k < nodes and not near:
+                continue
             part = rules.outline[0, k] if k < nodes else 1.0 * (k - nodes)
             psi = widest * (2.0 * (p + part) / panels - 1.0)
             cosine, sine = receiver.half_width * math.cos(psi), receiver.half_width * math.sin(psi)
@@ -345,6 +380,7 @@ def _on_cylinder(point, r, e1, e2, receiver, window, tables, room, reach, sigma,
             x, y, slope = dot(d, e1) / along, dot(d, e2) / along, dot(onward, r) / along
             weight = 2.0 * widest / panels * (rules.outline[1, k] if k < nodes else 0.0)
             room.arcs[side, 0, m], room.arcs[side, 1, m] = x, y
+            near = x * x + y * y <= (away + 2.0 * length / panels) ** 2 if k >= nodes else near
             room.arcs[side, 2, m] = weight * (dot(onward, e1) / along - x * slope)
             room.arcs[side, 3, m] = weight * (dot(onward, e2) / along - y * slope)
     total, last = 0.0, used - 1
