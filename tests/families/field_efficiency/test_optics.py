@@ -63,10 +63,14 @@ def test_what_was_there_keeps_its_bits(lit, small):
 def test_any_cut_gives_the_same_bits(lit, output):
     time = {
         "clock": "solar",
-        "days": {"start": 1, "stop": 365, "step": 12},
+        "days": {"start": 1, "stop": 365, "step": 10},
         "hours": {"start": 0, "stop": 24, "step": 1},
     }
-    study = lit(time={**time, "sampling": "midpoint"}, output=output, tracking="spinning_elevation")
+    flat = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": 7, "height_extent": 7}
+    study = lit(
+        time={**time, "sampling": "midpoint"}, output=output, tracking="spinning_elevation", receiver=flat,
+        layout={"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 16}},
+    )  # fmt: skip
     whole = computed(study)
     chunks = {"heliostat": 7, **({"time": 100} if output["time_series"] else {})}
     cut = computed(study.model_copy(update={"execution": study.execution.model_copy(update={"chunks": chunks})}))
@@ -126,11 +130,11 @@ def test_far_mirrors_are_told(lit):
     assert any("farther than 3 km" in note for note in study.notes())
 
 
-def test_the_round_robin(tmp_path):
+def test_the_round_robin():
     """Intercepts of the round robin's heliostat, converged."""
     result = api.build(api.load(STUDIES / "round_robin_2025.yaml")).compute()
     wanted = {("round_robin_north.csv", "flat"): 0.849936, ("round_robin_north.csv", "slant"): 0.990732,
               ("round_robin_southeast.csv", "flat"): 0.929927, ("round_robin_southeast.csv", "slant"): 0.99998}  # fmt: skip
     for (layout, focus), value in wanted.items():
         found = result["intercept_efficiency"].sel(layout=layout, focus=focus)
-        assert float(found[0]) == pytest.approx(value, abs=5e-6)
+        assert float(found[0]) == pytest.approx(value, abs=1e-5)

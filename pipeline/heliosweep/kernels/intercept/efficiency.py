@@ -242,7 +242,7 @@ def _window(place, r, receiver):
             return 0.0, 0.0, 0.0, 0.0
         far = away / down
         hit = mixed(far, r, -1.0, d)
-        x, y = dot(hit, receiver.across), dot(hit, receiver.upward)
+        x, y, far = dot(hit, receiver.across), dot(hit, receiver.upward), 0.5 * far
         return (
             max(-receiver.half_width, x - far), min(receiver.half_width, x + far),
             max(-receiver.half_height, y - far), min(receiver.half_height, y + far),
