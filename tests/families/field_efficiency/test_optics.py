@@ -34,8 +34,9 @@ def lit(small):
 
 def test_one_product_before_averaging(lit):
     layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 12}}
-    result = computed(lit(layout=layout))
-    series = computed(lit(layout=layout, output={"time_series": True}))
+    few = {"layout": layout, "receiver": {**RECEIVER, "radius": 1, "height_extent": 2}}
+    result = computed(lit(**few))
+    series = computed(lit(**few, output={"time_series": True}))
     product = series["instantaneous_optical_efficiency"] * series["instantaneous_intercept_efficiency"]
     product = product * result["reflection_efficiency"] * result["attenuation_efficiency"]
     np.testing.assert_allclose(series["instantaneous_total_efficiency"], product, rtol=1e-14)
