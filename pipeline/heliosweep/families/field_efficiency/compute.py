@@ -9,13 +9,18 @@ import numpy as np
 
 from heliosweep.config.times import CivilTime, SunDirections
 from heliosweep.families.field_efficiency.angles import courses, motion, tracking_angles
+from heliosweep.families.field_efficiency.chain import light
 from heliosweep.families.field_efficiency.geometry import land_area
+from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
     ANGLES,
     EFFICIENCIES,
     FACTORED,
     FIELD_MEANS,
+    LIGHT,
+    LIGHT_MEANS,
+    LIGHT_SERIES,
     MOTION,
     OUTLINES,
     PLACES,
@@ -29,7 +34,8 @@ from heliosweep.grid.plan import Workload
 from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
 from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
-from heliosweep.kernels.warm import warm_field
+from heliosweep.kernels.intercept import course
+from heliosweep.kernels.warm import warm_field, warm_intercept
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,6 +46,8 @@ if TYPE_CHECKING:
 #: Time of one heliostat and instant on one core: with the sun in the zenith, more with the number of mirrors that
 #: stand in the way, which grows with 1 / sin^2 of its elevation, up to all of them. Measured on radial staggers. [s]
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
+#: Time of the intercept of one heliostat and direction of the sun, and of its interpolation to an instant. [s]
+SECONDS_INTERCEPT, SECONDS_INTERPOLATED = 60e-6, 0.3e-6
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 100e-6
 #: Time of the angles of one heliostat at one instant, and of one heliostat whatever the instants. [s]
@@ -80,6 +88,11 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     angles = study.output.tracking_angles
     seconds = _seconds(parameters) + angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts = math.prod(len(dim) for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps))
+
+    seconds, lit = _seconds(parameters), study.optics is not None
+    if lit:
+        computed = 1.0 if isinstance(study.time, SunDirections) else min(1.0, course.COMPUTED / max(instants, 1))
+        seconds += SECONDS_INTERPOLATED + SECONDS_INTERCEPT * computed
 
     def working_bytes(points: int, length: int) -> int:
         # Frames of the heliostats and of those around them that may stand in the way, and who these are.
@@ -141,7 +154,11 @@ def _outline_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    return warm_field(bool(study.output.outlines))
+    seconds, fresh = warm_field(bool(study.output.outlines))
+    if study.optics is None:
+        return seconds, fresh
+    more, also = warm_intercept()
+    return seconds + more, fresh or also
 
 
 def inputs(study: FieldEfficiencyStudy) -> LayoutAxis:
@@ -161,6 +178,9 @@ def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) ->
     suns, series = Suns(parameters), "time" in region
     span = range(layouts.size)[region.get("heliostat", slice(None))]
     names, angles = (SERIES, ANGLE_SERIES) if series else (EFFICIENCIES, _angle_names(study))
+    if study.optics is not None:
+        names += LIGHT_SERIES if series else LIGHT
+        all_suns = Suns(Parameters(study, {dim: part for dim, part in region.items() if dim != "time"}))
     if not study.output.tracking_angles:
         angles = ()
     outlined = {} if series else _outline_sizes(study)
@@ -169,8 +189,9 @@ def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) ->
     result = np.full((len(names) + len(angles), *parameters.sizes.values(), *instants, len(span)), np.nan)
     shapes = {name: tuple(outlined[dim] for dim in ("effect", *OUTLINES[name][0])) for name in OUTLINES if outlined}
     drawn = {name: np.full((*parameters.sizes.values(), len(span), *shape), np.nan) for name, shape in shapes.items()}
-    keys = (*_SIZES, "heliostat.pivot_height", "receiver.height", "tracking", *PLACE)
-    for index, (width, height, pivot, target, tracking, *place) in parameters.points(*keys):
+    keys = (*_SIZES, "heliostat.pivot_height", "receiver.height", "receiver.radius", "tracking", *PLACE, *KEYS)
+    for index, (width, height, pivot, target, radius, tracking, *rest) in parameters.points(*keys):
+        place, radius = rest[: len(PLACE)], radius or 0.0
         layout = layouts.at(parameters.position(index))
         stop = min(span.stop, len(layout))
         if span.start >= stop:
@@ -178,15 +199,27 @@ def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) ->
         half_width, half_height = mirror_size(layout, "width", width) / 2, mirror_size(layout, "height", height) / 2
         mirrors = (layout.x, layout.y, layout.z + pivot, half_width, half_height, target, _TRACKING[tracking])
         sun = suns.at(index, place)
+        kept = lit = None
+        if study.optics is not None:
+            lit = light(
+                study, mirrors, radius, all_suns.at(index, place), place[0], rest[len(PLACE) :], span.start, stop
+            )
+            lit = lit._replace(intercept=lit.intercept[:, parameters.part("time")] if series else lit.intercept)
+            kept = lit.intercept * (lit.transmitted * lit.reflected)[:, np.newaxis]
         if series:
-            values = efficiency.field_series(*mirrors, sun, span.start, stop)
+            values = efficiency.field_series(*mirrors, sun, span.start, stop, radius)
+            if lit is not None and kept is not None:
+                values = np.concatenate((values, [lit.intercept.T, values[3] * kept.T]))
         else:
-            sums, count = efficiency.field_sums(*mirrors, sun, span.start, stop)
+            sums, count = efficiency.field_sums(*mirrors, sun, span.start, stop, radius, kept)
             values = (sums / count if count else np.full_like(sums, np.nan)).T
+            if lit is not None:
+                mean = np.nansum(lit.intercept, axis=1) / (count or np.nan)
+                values = np.stack((*values[:4], mean, lit.transmitted, lit.reflected, values[4]))
         point: tuple[Any, ...] = (slice(None), *index)
         result[point][: len(names), ..., : stop - span.start] = values
         if angles:
-            aims = efficiency.aimed(*mirrors[:6]).aim[span.start : stop]
+            aims = efficiency.aimed(*mirrors[:6], radius).aim[span.start : stop]
             hours = None if series or angles == ANGLES else _hours(parameters, index)
             result[point][len(names) :, ..., : stop - span.start] = _angles(aims, sun, mirrors[6], hours, series)
         if outlined:
@@ -253,7 +286,7 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
             land[index] = lands[key]
     means = {
         field_name: ((*parameters.sizes,), weighted_mean(computed[name].to_numpy(), area))
-        for field_name, name in FIELD_MEANS.items()
+        for field_name, name in {**FIELD_MEANS, **(LIGHT_MEANS if study.optics is not None else {})}.items()
     }
     made = xr.Dataset(means)
     factors = (made[f"field_{name}_efficiency"] for name in ("cosine", "shading", "blocking"))

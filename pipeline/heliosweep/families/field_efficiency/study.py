@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import ConfigDict, Field
 from pydantic.config import JsonDict, JsonValue
 
-from heliosweep.config.blocks import Heliostat, Output, Receiver, Site, Sites
 from heliosweep.config.blocks import Layout as LayoutBlock
+from heliosweep.config.blocks import Output, Site, Sites
 from heliosweep.config.faults import Fault
 from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.study import Dimension, Study, parameters
@@ -20,6 +20,7 @@ from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.errors import Problem, StudyError
+from heliosweep.families.field_efficiency.optics import NAMES, Heliostat, Optics, Receiver
 from heliosweep.grid.clock import instant_count
 from heliosweep.grid.daylight import dark_latitudes
 from heliosweep.layouts.layout import Layout, check_layout
@@ -37,6 +38,9 @@ _SITE_OR_DIRECTIONS: JsonDict = {
     "then": {"not": {"anyOf": _SITE}},
     "else": {"oneOf": _SITE},
 }
+
+#: Slant range up to which the formulas of attenuation hold. [m]
+FARTHEST = 3000.0
 
 #: Points of a sweep, and heliostats in all of them, that are looked at here; the kernels would be exact for any.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
@@ -60,6 +64,7 @@ RESERVED = frozenset(
         *(f"field_{name}" for name in ("heliostats", "mirror_area", "land_area", "packing_factor", "mean_radius")),
         *(f"outline_{name}" for name in ("u", "v", "area", "heliostat", "count")),
         *("effect", "image", "corner"),
+        *NAMES,
     )
 )
 
@@ -100,6 +105,9 @@ class FieldEfficiencyStudy(Study):
     layout: Annotated[LayoutBlock, Field(description="Where the heliostats stand")]
     heliostat: Annotated[Heliostat, Field(description="The mirror of every heliostat")]
     receiver: Annotated[Receiver, Field(description="The aim of all heliostats")]
+    optics: Annotated[
+        Optics | None, Field(description="What happens to the light between mirror and receiver; else nothing")
+    ] = None
     output: Annotated[FieldOutput, Field(description="What is stored and how")] = FieldOutput()
 
     def rules(self) -> Iterator[Fault]:
@@ -107,6 +115,12 @@ class FieldEfficiencyStudy(Study):
         if self.output.outlines and (count := instant_count(self.time)) > 1:
             message = f"are of one instant, and the study has {count:,}: give one, or 'clock: sun' with directions"
             yield Fault(message, ("output", "outlines"), show_value=False)
+        if self.optics is not None and self.receiver.kind is None:
+            message = "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}"
+            yield Fault(message, ("receiver",), show_value=False)
+        for block, key in (("receiver", "kind"), ("heliostat", "focus"), ("heliostat", "facets")):
+            if self.optics is None and getattr(getattr(self, block), key) is not None:
+                yield Fault("is used with 'optics' only: add it, or remove this", (block, key), show_value=False)
         given = [name for name in ("site", "sites") if getattr(self, name) is not None]
         if isinstance(self.time, SunDirections):
             for name in given:
@@ -122,7 +136,7 @@ class FieldEfficiencyStudy(Study):
     @cached_property
     def _found(self) -> list[Problem | str]:
         found: list[Problem | str] = []
-        for look in (_sun, _mirrors, _tower):
+        for look in (_sun, _mirrors, _tower, _light):
             try:
                 found += look(self)
             except StudyError as error:
@@ -195,6 +209,34 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             message = f"must be above the mirrors, whose highest centre is at {top:g} m (got {receiver:g})"
             yield study.problem("receiver.height", message)
             return
+
+
+def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """Mirrors must be outside of a cylinder, and larger than the gaps of their facets; slant ranges in bounds."""
+    if study.optics is None:
+        return
+    radius = max(_ends(study.receiver.radius)) if study.receiver.radius is not None else 0.0
+    far = set(study.optics.attenuation.values() if isinstance(study.optics.attenuation, Sweep) else ())
+    far = (far or {study.optics.attenuation}) - {"none"}
+    for layout, values in _points(study, {"heliostat.pivot_height": min, "receiver.height": max}):
+        level = np.hypot(layout.x, layout.y)
+        if (inside := int(np.sum(level <= radius))) > 0:
+            message = f"must be less than the distance of the mirrors: {inside:,} stand within the receiver"
+            yield study.problem("receiver.radius", message)
+            return
+        slant = np.hypot(level, values["receiver.height"] - layout.z - values["heliostat.pivot_height"])
+        if far and (beyond := int(np.sum(slant > FARTHEST))) > 0:
+            yield (
+                f"{beyond:,} heliostats are farther than {FARTHEST / 1000:g} km from the receiver, beyond the range of "
+                f"optics.attenuation"
+            )
+            break
+    facets = study.heliostat.facets
+    for side, count in (("width", facets.columns), ("height", facets.rows)) if facets is not None else ():
+        value = getattr(study.heliostat, side)
+        least = np.inf if value is None else min(_ends(value))
+        if facets is not None and least <= (count - 1) * facets.gap:
+            yield study.problem("heliostat.facets.gap", f"leaves no {side} for {count} facets on {least:g} m")
 
 
 def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:

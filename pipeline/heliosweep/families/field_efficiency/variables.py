@@ -45,8 +45,24 @@ def _attrs(long_name: str, comment: str, cell_methods: str = "") -> dict[str, An
 
 #: Names of the variables for each heliostat, the same in the order of the kernel.
 EFFICIENCIES = tuple(_QUANTITIES)
+_LIGHT: dict[str, tuple[str, str]] = {
+    "intercept_efficiency": (
+        "intercept efficiency",
+        "part of the light reflected towards the receiver that meets it, of the whole mirror, also where it is shaded",
+    ),
+    "attenuation_efficiency": ("attenuation efficiency", "part of the light that passes the air to the receiver"),
+    "reflection_efficiency": ("reflection efficiency", "reflectivity times cleanliness"),
+    "total_efficiency": (
+        "total efficiency",
+        "optical times reflection, attenuation and intercept efficiency; over time the mean of this product",
+    ),
+}
+#: Names of the variables for each heliostat that `optics` adds, and those of them that time series have.
+LIGHT = tuple(_LIGHT)
+LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in ("intercept_efficiency", "total_efficiency"))
 #: Whole-field variable -> per-heliostat variable of which it is the mean.
 FIELD_MEANS = {f"field_{name}": name for name in EFFICIENCIES}
+LIGHT_MEANS = {f"field_{name}": name for name in LIGHT}
 #: Product of three field means.
 FACTORED = "field_efficiency_factored"
 #: Time series, in the order of the kernel.
@@ -127,15 +143,16 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     swept = tuple(Parameters(study).sizes)
     directions = isinstance(study.time, SunDirections)
     found = {}
-    for name, (long_name, comment) in _QUANTITIES.items():
-        if directions:
+    quantities = _QUANTITIES | (_LIGHT if study.optics is not None else {})
+    for name, (long_name, comment) in quantities.items():
+        if directions or name in ("attenuation_efficiency", "reflection_efficiency"):
             attrs = _attrs(long_name, comment.replace("; over time the mean of this product", ""))
         else:
             attrs = _attrs(f"mean {long_name} over the period", comment, _MEAN)
         found[name] = Variable((*swept, "heliostat"), attrs)
     period, methods = ("", _AREA) if directions else (" over the period", f"{_MEAN} {_AREA}")
-    for field_name, name in FIELD_MEANS.items():
-        long_name = f"mean {_QUANTITIES[name][0]} of the field{period}"
+    for name in quantities:
+        field_name, long_name = f"field_{name}", f"mean {quantities[name][0]} of the field{period}"
         attrs = _attrs(long_name, found[name].attrs["comment"], methods)
         found[field_name] = Variable(swept, attrs, finished=True)
     found[FACTORED] = Variable(
@@ -158,6 +175,10 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             found |= {name: Variable(dims, _described(*told), finished=True) for name, told in known.items()}
     if study.output.time_series:
         for name, (long_name, comment) in zip(SERIES, _QUANTITIES.values(), strict=True):
+            attrs = _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
+            found[name] = Variable((*swept, "time", "heliostat"), attrs)
+        for name in LIGHT_SERIES if study.optics is not None else ():
+            long_name, comment = _LIGHT[name.removeprefix("instantaneous_")]
             attrs = _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
             found[name] = Variable((*swept, "time", "heliostat"), attrs)
         if study.output.tracking_angles:

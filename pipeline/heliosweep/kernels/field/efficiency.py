@@ -57,7 +57,7 @@ class Lines(NamedTuple):
     total: Floats
     """Areas of the unions of its images: shaded, blocked, and shaded or blocked."""
     result: Floats
-    """Cosine, shading, blocking and optical efficiency. [1]"""
+    """Cosine, shading, blocking and optical efficiency, and room for a part of the last. [1]"""
 
 
 class Halo(NamedTuple):
@@ -79,20 +79,22 @@ def sweep(
     stop: int,
     sums: Floats,
     series: Floats,
+    part: Floats,
 ) -> None:
     """Sweep instants packet by packet; add to `sums` and write to `series`, whichever has room for heliostats.
 
     `mirrors` are all heliostats of the field, of which start..stop are tested; `tracking`, and `sun`, shape (T, 3), are
     as for `field_sums`. `order` has the instants to sweep, in packet order, with the sun up in each; `first` tells
     where each packet begins in it, and its length. `sums` has shape (stop - start, 4) or (0, 4), as returned by
-    `field_sums`; `series` has shape (4, T, stop - start) or (4, 0, 0), as returned by `field_series`.
+    `field_sums`; `series` has shape (4, T, stop - start) or (4, 0, 0), as returned by `field_series`. Where `part`, as
+    for `field_sums`, has a row for each test heliostat, `sums` has a fifth column.
     """
     tests = stop - start
     grid = bin_field(mirrors)
     blockers = blockers_of(mirrors, grid, start, stop)
     wide, shaders = no_candidates(tests, 16 * tests), no_candidates(tests, 16 * tests)
     halo = Halo(np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1))
-    frames, lines = rows(0), Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(4))
+    frames, lines = rows(0), Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(5))
     images, room = images_of(0), room_for(0)
     last, together = 0, False
     for p in range(first.shape[0] - 1):
@@ -116,7 +118,9 @@ def sweep(
         most = _most(blockers, shaders)
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
-        _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series)
+        _sweep_block(
+            start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part
+        )
         for m in range(count):
             halo.place[halo.names[m]] = -1
 
@@ -192,7 +196,9 @@ def _most(blockers, shaders):
 
 
 @inner
-def _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series):
+def _sweep_block(
+    start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part
+):
     """Efficiencies of all test heliostats at the instants of one packet."""
     for t in range(blockers.first.shape[0] - 1):
         i, test = start + t, halo.place[start + t] * FRAME_ROWS * ROW
@@ -205,7 +211,7 @@ def _sweep_block(start, mirrors, halo, frames, blockers, shaders, lines, images,
         made = _make_images(i, t, blockers, mirrors, halo, frames, lines.to_target, lines.views, images, shading, lanes)
         unions(images, shading, made, lines.total, room, lanes)
         _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
-        _write(lines.result, packet, t, sums, series)
+        _write(lines.result, packet, t, sums, series, part)
 
 
 @inner
@@ -258,10 +264,13 @@ def _left(covered):
 
 
 @inner
-def _write(result, packet, t, sums, series):
+def _write(result, packet, t, sums, series, part):
     """Add the results of one heliostat and packet to `sums`, and write them to `series`, where there is room."""
     count = packet.shape[0]
-    for c in range(4):
+    if part.shape[0] > 0:
+        for k in range(count):
+            result[4 * ROW + k] = result[3 * ROW + k] * part[t, packet[k]]
+    for c in range(sums.shape[1]):
         if sums.shape[0] > 0:
             sums[t, c] += _sum(result, c * ROW, count)
         if series.shape[2] > 0:
@@ -294,6 +303,8 @@ def field_sums(
     sun: Floats,
     start: int,
     stop: int,
+    target_radius: float = 0.0,
+    part: Floats | None = None,
 ) -> tuple[Floats, int]:
     """Sums of the efficiencies over all instants with the sun above the horizon.
 
@@ -312,12 +323,17 @@ def field_sums(
         NaN where there is none, contribute nothing and are not counted. [1]
     start, stop : int
         Test heliostats start..stop; all N may shade and block them.
+    target_radius : float
+        Radius of an upright cylinder: each mirror aims at the point of it that is nearest. [m]
+    part : ndarray, shape (stop - start, T), optional
+        Part of the light of each test heliostat and instant that counts: what follows on the optical efficiency. [1]
 
     Returns
     -------
-    sums : ndarray, shape (stop - start, 4)
+    sums : ndarray, shape (stop - start, 4), or 5 with `part`
         Sums of the cosine efficiency, the shading efficiency (1 - shaded fraction), the blocking efficiency
-        (1 - blocked fraction) and the optical efficiency, cosine * (1 - fraction shaded or blocked). [1]
+        (1 - blocked fraction) and the optical efficiency, cosine * (1 - fraction shaded or blocked); of the optical
+        efficiency times `part`. [1]
     instants : int
         Number of instants summed.
 
@@ -326,11 +342,12 @@ def field_sums(
     ValueError
         If start..stop is no part of the field, the method unknown, or mirrors or sun vectors are not finite.
     """
-    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    mirrors = aimed(x, y, z, half_width, half_height, target_height, target_radius)
     sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
-    sums, nothing = np.zeros((stop - start, 4)), np.empty((4, 0, 0))
+    sums, nothing = np.zeros((stop - start, 4 if part is None else 5)), np.empty((4, 0, 0))
     if start < stop and len(order) > 0:
-        sweep(mirrors, tracking, sun, order, first, start, stop, sums, nothing)
+        part = np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
+        sweep(mirrors, tracking, sun, order, first, start, stop, sums, nothing, part)
     return sums, len(order)
 
 
@@ -345,6 +362,7 @@ def field_series(
     sun: Floats,
     start: int,
     stop: int,
+    target_radius: float = 0.0,
 ) -> Floats:
     """Efficiencies of every instant, in the given order; parameters as in `field_sums`.
 
@@ -353,24 +371,40 @@ def field_series(
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
-    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    mirrors = aimed(x, y, z, half_width, half_height, target_height, target_radius)
     sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
     nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
     if start < stop and len(order) > 0:
-        sweep(mirrors, tracking, sun, order, first, start, stop, nothing, series)
+        sweep(mirrors, tracking, sun, order, first, start, stop, nothing, series, np.empty((0, 0)))
     return series
 
 
-def aimed(x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float) -> Mirrors:
-    """Mirrors aimed at the target point (0, 0, target_height); parameters as in `field_sums`."""
+def aimed(
+    x: Floats,
+    y: Floats,
+    z: Floats,
+    half_width: Floats,
+    half_height: Floats,
+    target_height: float,
+    target_radius: float = 0.0,
+) -> Mirrors:
+    """Mirrors aimed at (0, 0, target_height), or at a cylinder about it; parameters as in `field_sums`."""
     centres = np.stack((x, y, z)).astype(np.float64)
     sides = np.stack((half_width, half_height)).astype(np.float64)
-    to_target = np.array([0.0, 0.0, target_height]) - centres.T
+    to_target = targets(centres, target_height, target_radius) - centres.T
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
     with np.errstate(invalid="ignore"):  # at the target: refused by `_sorted`
         aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
     return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
+
+
+def targets(centres: Floats, target_height: float, target_radius: float) -> Floats:
+    """Points that mirrors at `centres`, shape (3, N), aim at, shape (N, 3) or (3,). [m]"""
+    if not target_radius:
+        return np.array([0.0, 0.0, target_height])
+    away = target_radius / np.sqrt(centres[0] ** 2 + centres[1] ** 2)
+    return np.stack((away * centres[0], away * centres[1], np.full(len(away), target_height)), axis=1)
 
 
 def _sorted(

