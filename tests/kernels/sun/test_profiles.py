@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import curve_fit
 
+from heliosweep.families.backward_gazing.sun_formula import formula_fit
 from heliosweep.kernels.compiled import PURE_PYTHON
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render, tabulated
-from heliosweep.kernels.sun.tables import formula_fit, noisy, normal_draws, scaled, smooth_fit, smoothed
+from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled, smooth_fit, smoothed
 from tests.kernels.gazing import twin
 from tests.kernels.sun import curves
 from tests.kernels.sun.curves import evaluate, invert

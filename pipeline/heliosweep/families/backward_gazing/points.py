@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from heliosweep.families.backward_gazing.sun_formula import formula_fit
 from heliosweep.families.backward_gazing.variables import NODES, NOT_IDENTIFIABLE, most_pixels
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
@@ -29,7 +30,7 @@ from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.modules import module_estimates
 from heliosweep.kernels.gazing.search import search_slopes, search_wavefronts
 from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose, render, tabulated
-from heliosweep.kernels.sun.tables import formula_fit, noisy, scaled, smooth_fit
+from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.files import ProfileTable

@@ -79,40 +79,6 @@ def smooth_fit(profile: Profile) -> Profile:
     return analytic((c0, c1, c2, c3), profile.radius, power, falling_envelope(curve))
 
 
-class FormulaFit(NamedTuple):
-    """The formula of Jose nearest to a table."""
-
-    limb: float
-    """A, relative to the centre of the fitted curve. [1]"""
-    power: float
-    """xi. [1]"""
-    level: float
-    """Brightness of the fitted curve at the disc centre. [1]"""
-    residual: float
-    """Root mean square of the table less the curve. [1]"""
-
-
-def formula_fit(brightness: ArrayLike) -> FormulaFit:
-    """The generalised formula of Jose nearest to a profile, in the sense of least squares.
-
-    `brightness` is at equal steps from the centre to the edge of the disc, eps_max, shape (n,), n > 3. For an exponent
-    xi the formula is a line in sqrt(1 - u^xi); the best xi between 0.5 and 10 is searched for.
-    """
-    from scipy.optimize import minimize_scalar
-
-    table = np.asarray(brightness, np.float64)
-    u = np.linspace(0.0, 1.0, len(table))
-
-    def line(power: float) -> tuple[Floats, float]:
-        columns = np.stack((np.ones_like(u), _limb_cosine(u, power)), axis=1)
-        fit = np.asarray(np.linalg.lstsq(columns, table, rcond=None)[0], np.float64)
-        return fit, float(np.sum((columns @ fit - table) ** 2))
-
-    power = float(minimize_scalar(lambda trial: line(trial)[1], bounds=(0.5, 10.0), options={"xatol": 1e-6}).x)
-    (low, rise), square = line(power)
-    return FormulaFit(float(low / (low + rise)), power, float(low + rise), math.sqrt(square / len(table)))
-
-
 def normal_draws(seed: int, stream: int, count: int) -> Floats:
     """Standard normal numbers from a counter-based generator, Philox 4x64: number k depends on its key and k alone.
 
