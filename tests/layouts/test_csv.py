@@ -117,7 +117,9 @@ def test_a_large_file_is_read_fast(tmp_path):
     write_csv(radial_stagger(16, 61.3, heliostats=40_000), path)
     start = time.process_time()
     assert len(read_csv(path)) == 40_000
-    assert time.process_time() - start < 1.2  # 0.2 s on a free machine
+    assert (
+        time.process_time() - start < 10
+    )  # 0.2 s on a free machine; minutes where time grows with the square of the lines
 
 
 def test_files_that_cannot_be_read(tmp_path, monkeypatch):

@@ -93,10 +93,21 @@ def test_same_bits_in_a_packet_of_any_length(tracking):
     rng = np.random.default_rng(12)
     mirrors, sun = aimed(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0)
     whole = np.empty((4, PACKET, 60))
-    sweep(mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, np.empty((0, 4)), whole)
+    sweep(
+        mirrors,
+        tracking,
+        sun,
+        np.arange(PACKET),
+        np.array([0, PACKET]),
+        0,
+        60,
+        np.empty((0, 4)),
+        whole,
+        np.empty((0, 0)),
+    )
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
         part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
-        sweep(mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, np.empty((0, 4)), part)
+        sweep(mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, sums, part, factors)
         np.testing.assert_array_equal(part, whole)
 
 

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
+from pydantic import Field
+
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Heliostat as HeliostatBlock
 from heliosweep.config.blocks import Receiver as ReceiverPoint
@@ -76,7 +78,7 @@ class Heliostat(HeliostatBlock):
         Focus("Focal length of the mirror, or of its facets; 'flat', or 'slant' for the range of each heliostat", "m",
               gt=0, title="focal length of the mirror"),
     ] = None  # fmt: skip
-    facets: FacetGrid | None = None
+    facets: Annotated[FacetGrid | None, Field(description="Facets of the mirror; without, it is one piece")] = None
 
 
 class Receiver(ReceiverPoint):
@@ -145,7 +147,7 @@ def _error(description: str, title: str) -> Quantity:
 class Optics(Block):
     """What happens to the light between mirror and receiver."""
 
-    sun_shape: SunShape
+    sun_shape: Annotated[SunShape, Field(description="Brightness of the sun against the angle from its centre")]
     reflectivity: Annotated[
         float | Sweep,
         Quantity("Part of the light that a clean mirror reflects", "1", ge=0, le=1, title="reflectivity"),
