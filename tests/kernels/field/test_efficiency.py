@@ -92,19 +92,8 @@ def test_same_bits_in_a_packet_of_any_length(tracking):
     """Vector code and what is left over from it agree; low sun, close mirrors: every branch is taken."""
     rng = np.random.default_rng(12)
     mirrors, sun = aimed(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0)
-    whole = np.empty((4, PACKET, 60))
-    sweep(
-        mirrors,
-        tracking,
-        sun,
-        np.arange(PACKET),
-        np.array([0, PACKET]),
-        0,
-        60,
-        np.empty((0, 4)),
-        whole,
-        np.empty((0, 0)),
-    )
+    whole, sums, factors = np.empty((4, PACKET, 60)), np.empty((0, 4)), np.empty((0, 0))
+    sweep(mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, sums, whole, factors)
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
         part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
         sweep(mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, sums, part, factors)
