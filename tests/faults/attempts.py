@@ -102,7 +102,7 @@ class _Sums:
             kept = page.read_text(encoding="utf-8").partition(MARK)[0]
             where = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}"
             where += f", Python {platform.python_version()}"
-            said = f"Made on {time.strftime('%Y-%m-%d')} in {minutes} minutes, with the other long tests ({where}):"
+            said = f"Made on {time.strftime('%Y-%m-%d')} in {minutes} minutes ({where}):"
             page.write_text(f"{kept}{MARK}\n\n{said}\n\n{text}\n", encoding="utf-8")
 
 

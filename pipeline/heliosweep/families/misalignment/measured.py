@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -85,15 +85,13 @@ def _far_spots(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Proble
     away = np.hypot(np.hypot(x, y), max(ends(study.receiver.height)))[measured.heliostat]
     off = np.hypot(*measured.position.T)
     far = np.flatnonzero(off > FARTHEST_SPOT * away)
-    problems = (
-        Problem(
-            f"the spot lies {off[row]:.4g} m from the aim point, its heliostat {away[row]:.4g} m: is it in metres?",
-            file=measured.name,
-            line=int(measured.lines[row]),
-        )
-        for row in far
+    return _problems(
+        measured,
+        far,
+        lambda row: (
+            f"the spot lies {off[row]:.4g} m from the aim point, its heliostat {away[row]:.4g} m: is it in metres?"
+        ),
     )
-    return list(listed(problems, MAX_LISTED, far.size))
 
 
 def _off_the_arrays(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
@@ -103,15 +101,17 @@ def _off_the_arrays(study: MisalignmentStudy, measured: MeasuredSpots) -> list[P
     assert study.detectors is not None
     distance, _ = pieces_of(study.detectors).nearest(measured.position)
     off = np.flatnonzero(distance > FARTHEST_CROSSING)
-    problems = (
-        Problem(
-            f"the crossing lies {distance[row]:.4g} m from the nearest array of detectors: are both in metres?",
-            file=measured.name,
-            line=int(measured.lines[row]),
-        )
-        for row in off
+    return _problems(
+        measured,
+        off,
+        lambda row: f"the crossing lies {distance[row]:.4g} m from the nearest array of detectors: are both in metres?",
     )
-    return list(listed(problems, MAX_LISTED, off.size))
+
+
+def _problems(measured: MeasuredSpots, rows: NDArray[np.int64], message: Callable[[np.int64], str]) -> list[Problem]:
+    """Problems of some rows of a table, each at its line, as many as are listed."""
+    found = (Problem(message(row), file=measured.name, line=int(measured.lines[row])) for row in rows)
+    return list(listed(found, MAX_LISTED, rows.size))
 
 
 def _listed(numbers: NDArray[np.int64]) -> str:
