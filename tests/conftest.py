@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import signal
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -25,8 +26,9 @@ settings.register_profile("heliosweep", deadline=None, derandomize=True)  # mach
 settings.load_profile("heliosweep")
 
 # Signals that were ignored when the tests began, as in the background or under nohup, would be in all that they start.
+# Not so in workers, which ignore Ctrl-C, and may import this beside their main thread.
 for _number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
-    if signal.getsignal(_number) == signal.SIG_IGN:
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(_number) == signal.SIG_IGN:
         signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 ROOT = Path(__file__).parent.parent

@@ -15,6 +15,7 @@ __all__ = [
     "__version__",
     "build",
     "efficiency_table",
+    "flux_maps",
     "layout_of",
     "load",
     "logspace",
@@ -22,6 +23,7 @@ __all__ = [
     "pack_result",
     "plan",
     "read_layout",
+    "read_paint",
     "run",
     "save",
     "status",
@@ -37,9 +39,9 @@ if TYPE_CHECKING:
     from heliosweep.api import build, load, open_result, plan, run, status
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
-    from heliosweep.notebook import efficiency_table, save, study
+    from heliosweep.notebook import efficiency_table, flux_maps, save, study
     from heliosweep.share.archive import pack_result
-    from heliosweep.share.fields import layout_of, read_layout, write_layout
+    from heliosweep.share.fields import layout_of, read_layout, read_paint, write_layout
     from heliosweep.share.frames import to_frame, write_csv
     from heliosweep.share.sam import write_table
 
@@ -47,11 +49,11 @@ if TYPE_CHECKING:
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
     **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
-    **dict.fromkeys(("layout_of", "read_layout", "write_layout"), "share.fields"),
+    **dict.fromkeys(("layout_of", "read_layout", "read_paint", "write_layout"), "share.fields"),
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "write_table": "share.sam",
     "pack_result": "share.archive",
-    **dict.fromkeys(("efficiency_table", "save", "study"), "notebook"),
+    **dict.fromkeys(("efficiency_table", "flux_maps", "save", "study"), "notebook"),
 }
 
 

@@ -214,8 +214,10 @@ class HeliosweepAccessor:
             return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
         made = {}
         for table in tables:
-            frame = pd.DataFrame([list(row) for row in table.rows], columns=list(table.header))
-            for place, name in enumerate(table.header):
+            units = table.units or [""] * len(table.header)
+            header = [f"{name} ({unit})" if unit else name for name, unit in zip(table.header, units, strict=True)]
+            frame = pd.DataFrame([list(row) for row in table.rows], columns=header)
+            for place, name in enumerate(header):
                 if place not in table.words:
                     numbers = pd.to_numeric(frame.iloc[:, place], errors="coerce")
                     if numbers.notna().all():

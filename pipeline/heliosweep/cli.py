@@ -166,10 +166,15 @@ def _parser() -> argparse.ArgumentParser:
         "--variable", metavar="NAME", action="append", help="of the table, may be repeated (default: all, if they fit)"
     )
 
-    convert = command("convert", _convert, "write the layout of a study or file as SolarPILOT or heliosweep has it")
-    convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv")
+    convert = command(
+        "convert", _convert, "write the layout of a study, file or PAINT folder as SolarPILOT or heliosweep has it"
+    )
+    convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv|DIR")
     convert.add_argument("target", metavar="FILE.csv")
-    convert.add_argument("--to", choices=("solarpilot", "csv"), default="solarpilot", help="form of the file")
+    convert.add_argument(
+        "--to", choices=("solarpilot", "csv"), help="form of the file (default: solarpilot; csv of a PAINT folder)"
+    )
+    convert.add_argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (receiver)")
     convert.add_argument("--force", action="store_true", help="replace a file that is there")
 
     table = command("table", _table, "write a field's efficiency over directions of the sun, for SAM or SolarPILOT")
@@ -185,7 +190,8 @@ def _parser() -> argparse.ArgumentParser:
     table.add_argument("--azimuth", type=_angles, help=f"of the sun, from north, clockwise, {angles} (0:360:15)")
     table.add_argument("--elevation", type=_angles, help=f"of the sun, {angles} (0:90:5)")
     table.add_argument("--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="what is swept")
-    table.add_argument("--factor", type=float, default=1.0, help="reflectivity and what else is not computed, 0 to 1")
+    table.add_argument("--factor", type=float, default=1.0, help="what is not computed, as absorptance, 0 to 1")
+    table.add_argument("--flux-maps", metavar="FILE.csv", help="write the flux maps of SAM's power tower too")
     table.add_argument("--force", action="store_true", help="replace a file that is there")
 
     report = command("report", _report, "draw the figures and the HTML page of a result folder again")
@@ -408,30 +414,39 @@ def _read_for(source: str) -> set[Any]:
 
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import api
-    from heliosweep.share.fields import layout_of, read_layout, write_layout
+    from heliosweep.files import user_path
+    from heliosweep.share.fields import layout_of, read_layout, read_paint, write_layout
     from heliosweep.store.targets import target_file
 
-    is_study = options.source.lower().endswith((".yaml", ".yml"))
     target_file(options.target, options.force, sources=_read_for(options.source))
-    layout = layout_of(api.load(options.source)) if is_study else read_layout(options.source)
-    _say_path(write_layout(layout, options.target, options.to, force=options.force))
+    if is_folder := user_path(options.source).is_dir():
+        layout = read_paint(options.source, options.aim).layout
+    elif options.source.lower().endswith((".yaml", ".yml")):
+        layout = layout_of(api.load(options.source))
+    else:
+        layout = read_layout(options.source)
+    form: Any = options.to or ("csv" if is_folder else "solarpilot")
+    _say_path(write_layout(layout, options.target, form, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
-    from heliosweep.notebook import efficiency_table
+    from heliosweep.notebook import efficiency_table, flux_maps
     from heliosweep.share.sam import write_table
     from heliosweep.store.targets import target_file
 
     # Before anything is computed.
-    target_file(options.output, options.force, sources=_read_for(options.source))
-    table = efficiency_table(
-        options.source,
-        dict(options.select),
-        azimuth=options.azimuth,
-        elevation=options.elevation,
-        factor=options.factor,
-    )
+    read, maps = _read_for(options.source), options.flux_maps
+    file = target_file(options.output, options.force, sources=read)
+    if maps is not None:
+        target_file(maps, options.force, sources={*read, file})
+        if options.form != "tower":
+            raise StudyError(Problem("are for --form tower", "--flux-maps"))
+    said: dict[str, Any] = {"select": dict(options.select), "azimuth": options.azimuth, "elevation": options.elevation}
+    table = efficiency_table(options.source, **said, factor=options.factor)
+    shares = None if maps is None else flux_maps(options.source, **said)
     _say_path(write_table(table, options.output, options.form, force=options.force))
+    if shares is not None:
+        _say_path(write_table(shares, maps, force=options.force))
 
 
 def _report(options: argparse.Namespace) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import errno
+import importlib.util
 import itertools
 import os
 import platform
@@ -21,6 +22,8 @@ _numbers = itertools.count()
 _token = os.urandom(3).hex()
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
 _FULL = 2**20
+#: Begins the name of a file that the package pvlib brings, as ``pvlib:data/723170TYA.CSV``.
+PVLIB = "pvlib:"
 
 
 def user_path(path: str | os.PathLike[str]) -> Path:
@@ -41,7 +44,12 @@ def user_path(path: str | os.PathLike[str]) -> Path:
 
 
 def named_in(folder: Path, name: str) -> Path:
-    """Path of a file that a file in `folder` names: from there, or from a home folder. Raises as `user_path`."""
+    """Path of a file that a file in `folder` names: from there, a home folder or pvlib's. Raises as `user_path`."""
+    if name.startswith(PVLIB):
+        spec = importlib.util.find_spec("pvlib")  # which does not import it
+        assert spec is not None
+        assert spec.origin is not None
+        return Path(spec.origin).parent / name.removeprefix(PVLIB)
     return folder / (user_path(name) if name.startswith("~") else name)
 
 
@@ -87,9 +95,10 @@ def write_whole(path: Path, content: str | bytes) -> None:
         temporary.write_bytes(data)
 
 
-def write_rows(rows: Iterable[Iterable[object]], path: Path) -> None:
-    """Write rows as CSV, as UTF-8 and with plain line ends, whole or not at all. Raises HeliosweepError."""
+def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str] = ()) -> None:
+    """Write rows as CSV after `notes`, as UTF-8 with plain line ends, whole or not at all. Raises HeliosweepError."""
     with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(f"# {line}\n" for line in notes)
         csv.writer(file, lineterminator="\n").writerows(rows)
 
 

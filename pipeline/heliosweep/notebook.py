@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,7 +85,7 @@ def efficiency_table(
     elevation: Any = None,
     factor: float = 1.0,
 ) -> xr.DataArray:
-    """Optical efficiency of a field over azimuth and elevation of the sun, for SAM and SolarPILOT.
+    """Efficiency of a field over azimuth and elevation of the sun, for SAM and SolarPILOT.
 
     Parameters
     ----------
@@ -98,7 +98,8 @@ def efficiency_table(
         Directions of the sun, from north, clockwise, and above the horizon; every 15 and 5 deg where the source has
         none. [deg]
     factor : float
-        Reflectivity times whatever else is not in cosine, shading and blocking, 0 to 1.
+        Whatever the table lacks, 0 to 1: the receiver's absorptance, and of a study without `optics` also reflectivity,
+        soiling, attenuation and intercept.
 
     Returns
     -------
@@ -111,6 +112,45 @@ def efficiency_table(
         The study has no field, or a swept parameter that no value is given for.
     """
     from heliosweep.share import sam
+
+    return _at_directions(
+        source, azimuth, elevation, lambda result: sam.efficiency_table(result, select, factor=factor)
+    )
+
+
+def flux_maps(
+    source: Study | str | os.PathLike[str],
+    select: Mapping[str, Any] | None = None,
+    *,
+    azimuth: Any = None,
+    elevation: Any = None,
+) -> xr.DataArray:
+    """Shares of the receiver's columns in the light on it over directions of the sun, for SAM.
+
+    Parameters
+    ----------
+    source, select, azimuth, elevation
+        As for `efficiency_table`; the study has `output.flux_map`.
+
+    Returns
+    -------
+    xarray.DataArray
+        Over ``sun_elevation``, ``sun_azimuth`` and the columns; `write_table` writes it, in the order of the table of
+        efficiencies.
+
+    Raises
+    ------
+    StudyError
+        The study has no flux map, or a swept parameter that no value is given for.
+    """
+    from heliosweep.share import sam
+
+    return _at_directions(source, azimuth, elevation, lambda result: sam.flux_maps(result, select))
+
+
+def _at_directions(source: Any, azimuth: Any, elevation: Any, made: Callable[[xr.Dataset], xr.DataArray]) -> Any:
+    """What is made of a result over directions of the sun: of the source, or computed."""
+    from heliosweep.share import sam
     from heliosweep.store.checks import blaming_damage, sound
 
     asked = azimuth is not None or elevation is not None
@@ -118,9 +158,9 @@ def efficiency_table(
         sound(source, as_written=True)
         with blaming_damage(source), open_result(source) as result:
             if "sun_azimuth" in result.coords and not asked:
-                return sam.efficiency_table(result, select, factor=factor)
+                return made(result)
         source = user_path(source) / "study.resolved.yaml"
     field = source if isinstance(source, Study) else load(source)
     if asked or not sam.is_directed(field):
         field = sam.at_directions(field, azimuth, elevation)
-    return sam.efficiency_table(build(field), select, factor=factor)
+    return made(build(field))

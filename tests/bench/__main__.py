@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from tests.bench.table import Row, show
 
 #: What stands in the table.
-KERNELS = ("field", "dish", "deviation", "mount_spots", "calibration", "gazing", "gazing_lm")
+KERNELS = ("field", "intercept", "chain", "dish", "deviation", "mount_spots", "calibration", "gazing", "gazing_lm")
 #: Whole commands, with tables of their own.
 COMMANDS = ("study", "engines", "memory", "parts")
 

@@ -101,10 +101,10 @@ def straightforward(field: Field, tracking: int, sun: Floats) -> float:
 def pysam(field: Field) -> dict[str, float]:
     """Seconds of SolarPILOT for each heliostat-instant; empty where PySAM is not installed."""
     try:
-        seconds, positions = solarpilot.measure(field[0], field[1], 11.0, field[5])
+        seconds, table, _ = solarpilot.measure(field[0], field[1], 11.0, field[5])
     except ImportError:
         return {}
-    return {"PySAM (SolarPILOT)": seconds / (len(field[0]) * positions)}
+    return {"PySAM (SolarPILOT)": seconds / (len(field[0]) * len(table))}
 
 
 def small() -> Iterator[Row]:

@@ -1,4 +1,4 @@
-"""SolarPILOT's engine through PySAM, for comparison: one total field efficiency for each of a set of sun positions."""
+"""SolarPILOT's engine through PySAM, for comparison: one total field efficiency at each of a set of sun positions."""
 
 from __future__ import annotations
 
@@ -26,14 +26,20 @@ _NEUTRAL = {
 }
 
 
-def measure(x: np.ndarray, y: np.ndarray, side: float, target_height: float) -> tuple[float, int]:
-    """Seconds of the processor for a set of sun positions, and their number; ImportError without PySAM."""
+def measure(
+    x: np.ndarray, y: np.ndarray, side: float, target_height: float, **settings: float
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Seconds of the processor, efficiencies and flux maps at the engine's positions of the sun.
+
+    A row of efficiencies has azimuth from south, positive west, zenith [deg] and efficiency; a row of maps is one level
+    at one position. `settings` are PySAM's, in place of perfect mirrors in clear air. ImportError without PySAM.
+    """
     from PySAM import Solarpilot
     from PySAM.PySSC import PySSC
 
     library = PySSC()
     data = library.data_create()
-    numbers = {**_NEUTRAL, "helio_width": side, "helio_height": side, "h_tower": target_height}
+    numbers = {**_NEUTRAL, "helio_width": side, "helio_height": side, "h_tower": target_height, **settings}
     for name, value in numbers.items():
         library.data_set_number(data, name.encode(), float(value))
     library.data_set_matrix(data, b"helio_positions_in", np.stack((x, y), axis=1).tolist())
@@ -44,7 +50,8 @@ def measure(x: np.ndarray, y: np.ndarray, side: float, target_height: float) -> 
         model = Solarpilot.wrap(data)
         start = time.process_time()  # of all threads
         model.execute(0)
-        return time.process_time() - start, len(model.Outputs.opteff_table)
+        spent, found = time.process_time() - start, model.Outputs
+        return spent, np.array(found.opteff_table), np.array(found.flux_table)
 
 
 def _weather() -> str:

@@ -43,7 +43,7 @@ class Row:
     kernel: str
     unit: str
     seconds: float
-    """For each unit of work, on one core."""
+    """For each unit of work, on one core; 0 for a row that is a remark alone."""
     beside: dict[str, float] = field(default_factory=dict)
     """Seconds of baselines for each unit of the same work, by their names."""
     operations: float | None = None
@@ -155,7 +155,7 @@ def show(groups: Iterable[Iterable[Row]]) -> None:
             table.add_row(
                 row.kernel,
                 row.unit,
-                _number(1e-6 / row.seconds),
+                _number(1e-6 / row.seconds) if row.seconds else "",
                 ratios,
                 "\n".join(row.beside) or row.remark,
                 "" if row.operations is None else f"{row.operations / row.seconds / limit:.0%}",

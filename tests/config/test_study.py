@@ -6,6 +6,7 @@ import pickle
 import time
 from pathlib import Path
 
+import pvlib
 import pytest
 import yaml
 
@@ -218,6 +219,20 @@ def test_identity_of_tied_sweeps(load_study) -> None:
     same = ["[site.latitude, receiver.height]", "[latitude, receiver_height]"]
     assert len({load_study(f"zip: [{group}]", **lines).study_id for group in same}) == 1
     assert load_study("zip: [[receiver.height, latitude]]", **lines).study_id != load_study(**lines).study_id
+
+
+def test_files_of_pvlib_keep_their_names(study_file) -> None:
+    name = "pvlib:data/723170TYA.CSV"
+    lines = {"site": f"site: {{file: '{name}'}}", "time": f"time: {{clock: weather}}\nweather: {{file: '{name}'}}"}
+    study = load(study_file(**lines), REGISTRY)
+    assert study.resolve(name) == Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
+    assert study.site is not None
+    assert study.site.latitude == 36.1
+    again = Path("elsewhere/study.yaml")
+    again.parent.mkdir()
+    again.write_text(study.to_yaml(again.parent))
+    assert load(again, REGISTRY).files() == study.files() == {"weather.file": (name,)}
+    assert load(again, REGISTRY).study_id == study.study_id
 
 
 def test_resolved_study_names_files_as_seen_from_its_folder(study_file) -> None:

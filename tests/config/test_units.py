@@ -8,6 +8,7 @@ from heliosweep.config.faults import Invalid
 from heliosweep.config.units import _KINDS, parse
 
 PINT = {"\u00b0": "degree", "h": "hour", "1": "", "%": "percent", "W/m2": "W/m**2", "kW/m2": "kW/m**2", "B": "byte"}
+PINT |= {"g/m3": "g/m**3", "kg/m3": "kg/m**3"}
 PINT |= {"kB": "kilobyte", "MB": "megabyte", "GB": "gigabyte", "TB": "terabyte", "in": "inch", "d": "day"}
 
 

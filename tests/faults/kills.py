@@ -128,10 +128,12 @@ class Nursery:
         return Outcome(code, self.log(), _lines(self._begun), _lines(Path(f"{self._begun}.touched")))
 
     def clear(self) -> None:
-        """End a run that a test has left."""
+        """End a run that a test has left, and remove what it left."""
         if self._running:
             self.signal()
             self.end()
+        for path in self.scratch.iterdir():
+            shutil.rmtree(path, ignore_errors=True)
 
     @property
     def _log(self) -> Path:
@@ -250,7 +252,7 @@ def interrupt_and_resume(nursery: Nursery, name: str, attempts: Attempts, seed: 
         """Send one signal to a run, of the study anew where the last one is done; one that comes too late is none."""
         code = 0
         while not code:
-            before = done_parts(place)
+            before, finished = done_parts(place), Finished.find(place) is not None  # by a run that was killed after it
             nursery.start([*command, str(place)])
             wait_for(nursery.began)
             # As many of them early as late: what is left to do grows less from one to the next.
@@ -263,7 +265,7 @@ def interrupt_and_resume(nursery: Nursery, name: str, attempts: Attempts, seed: 
             code = outcome.code
             with suppress(AssertionError):
                 wait_for(lambda: not nursery.left(), 20)
-            assert nursery.left() == []
+            assert not (left := nursery.left()), left
             after, again = done_parts(place), {name for name, n in Counter(outcome.begun).items() if n > 1}
             if unfinished := (place / "working").exists():
                 assert after.items() >= before.items(), "lost parts"
@@ -275,6 +277,7 @@ def interrupt_and_resume(nursery: Nursery, name: str, attempts: Attempts, seed: 
                 line
                 for line in outcome.errors.splitlines()
                 if not line.startswith(("goes on: ", "dashboard: ", "compil"))
+                and not (finished and " is complete already" in line)
             ]
             if not code:
                 assert not said, outcome.errors

@@ -46,7 +46,7 @@ def result(
         name: ((*sweep, "heliostat"), rng.uniform(0.6, 0.9, (*shape, heliostats)), attrs)
         for name, attrs in _attributes(variables.EFFICIENCIES).items()
     }
-    means = (*variables.FIELD_MEANS, variables.FACTORED)
+    means = (*(f"field_{name}" for name in variables.EFFICIENCIES), variables.FACTORED)
     data |= {name: (tuple(sweep), rng.uniform(0.6, 0.9, shape), attrs) for name, attrs in _attributes(means).items()}
     about = {"title": "A field", "summary": "Some words.", "study": json.dumps({"family": "field_efficiency"})}
     return xr.Dataset(data, labels, {**about, **(attrs or {})})

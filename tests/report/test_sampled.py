@@ -9,6 +9,7 @@ import xarray as xr
 from heliosweep import api
 from heliosweep.grid.sun import sun_vectors
 from heliosweep.report.sampled import sampled
+from tests.weather import plain
 
 FIELD = {
     "family": "field_efficiency",
@@ -58,6 +59,15 @@ def test_civil_clock_against_the_sun_at_each_instant(sampling, count):
     up = sun_vectors((days + half.astype("timedelta64[m]")).ravel(), 50.0, 10.0)[:, 2]
     mean = np.degrees(np.arcsin(up[up > 0])).mean()
     assert found["mean elevation of the sun"] == f"{mean:.1f}\N{DEGREE SIGN}, while it is above the horizon"
+
+
+def test_clock_of_a_weather_file(tmp_path):
+    path = tmp_path / "weather.csv"
+    path.write_text(plain(np.ones(48), 0.0), encoding="utf-8")
+    blocks = {"weather": {"file": path, "label": "start"}, "site": {"latitude": 37, "longitude": -2}}
+    found = said(**blocks, time={"clock": "weather", "months": [1, 2]})
+    assert found["months"] == "1, 2"
+    assert found["hours"] == "those of the weather file, the sun at the middle of each lit part"
 
 
 def test_a_place_where_the_sun_never_rises_is_left_out():

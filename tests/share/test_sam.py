@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import heliosweep
 from heliosweep import StudyError, build, efficiency_table, run, write_table
 from heliosweep.api import open_result
 from heliosweep.cli import main
 from heliosweep.notebook import save
+from heliosweep.share import sam
 from heliosweep.share.sam import at_directions
+from tests.weather import plain
 
 AZIMUTH, ELEVATION = [0, 90, 180, 270, 360], [-5, 0, 20, 60]
 AE = {"tracking": "azimuth_elevation"}
+shares = sam.flux_maps
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +164,14 @@ def test_other_families_are_told(tmp_path, monkeypatch, capsys, family):
     assert f"family: {family} takes no 'clock: sun'" in line
 
 
+def test_directions_take_the_place_of_the_weather(small, tmp_path):
+    path = tmp_path / "weather.csv"
+    path.write_text(plain(np.ones(48), 0.0), encoding="utf-8")
+    blocks = {"weather": {"file": path, "label": "start"}, "limits": {"dni": [0, 1]}, "time": {"clock": "weather"}}
+    study = at_directions(small(**blocks, site={"latitude": 37, "longitude": -2}, output={"field_series": True}))
+    assert study == at_directions(small())
+
+
 @pytest.mark.parametrize("key", ["latitude", "site.latitude", "time.hours", "site", "sites"])
 def test_directions_take_the_place_of_the_site(small, key):
     with pytest.raises(StudyError, match=rf"select\.{key}: directions of the sun take the place of sites and times"):
@@ -189,3 +201,74 @@ def test_negative_angles_on_the_command_line(small, tmp_path, monkeypatch, azimu
     turned = np.array(rows(Path("t.csv"))[1:], dtype=float)[:, 2]
     expected = efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=45).to_numpy()[0]
     np.testing.assert_allclose(turned, expected, atol=1e-9)
+
+
+def test_all_factors_of_a_study_with_optics(small):
+    """One factor each, none twice: half the reflectivity is half the efficiency."""
+    receiver = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 6}
+    optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 2, "attenuation": "delsol_clear", "method": "gaussian"}
+    study = small(receiver=receiver, optics={**optics, "reflectivity": 0.9, "cleanliness": 0.95})
+    table = efficiency_table(study, AE, azimuth=[0, 180], elevation=[30, 60])
+    result = build(at_directions(study, [0, 180], [30, 60])).sel(AE).compute()
+    names = ("optical", "reflection", "attenuation", "intercept")
+    expected = np.prod([result[f"{name}_efficiency"].broadcast_like(result["total_efficiency"]) for name in names], 0)
+    np.testing.assert_allclose(table.transpose("sun_azimuth", ...), expected.mean(axis=-1), rtol=1e-12)
+    assert table.attrs["long_name"].endswith("cosine, shading, blocking, reflection, attenuation and intercept")
+    other = small(receiver=receiver, optics={**optics, "reflectivity": 0.45, "cleanliness": 0.95})
+    np.testing.assert_allclose(efficiency_table(other, AE, azimuth=[0, 180], elevation=[30, 60]), table / 2)
+
+
+def flux(columns: int, units: str = "degree") -> xr.Dataset:
+    """A receiver of two rows that is hot in the east, more so with the sun in the west; nothing is known at night."""
+    azimuth, around = np.array(AZIMUTH[:-1]), 360 * (np.arange(columns) + 0.5) / columns
+    hot = 1 + np.cos(np.radians(around - 90)) * np.where(azimuth == 270, 0.9, 0.1)[:, np.newaxis]
+    elevation = np.array(ELEVATION)
+    up = np.where(elevation > 0, elevation / 90, np.nan)
+    values = up[:, np.newaxis, np.newaxis, np.newaxis] * hot[:, np.newaxis] * np.array([1.0, 3.0])[:, np.newaxis]
+    dims = ("sun_elevation", "sun_azimuth", "flux_row", "flux_column")
+    labels = {
+        "sun_elevation": elevation,
+        "sun_azimuth": azimuth,
+        "flux_column": ("flux_column", around, {"units": units}),
+    }
+    return xr.Dataset({"flux_map": (dims, values)}, labels)
+
+
+def test_flux_maps_begin_in_the_south_and_go_east(tmp_path):
+    maps = shares(flux(4))
+    written = np.array(rows(write_table(maps, tmp_path / "f.csv")), dtype=float)
+    assert written.shape == (10, 4)  # as many as rows of efficiency: two elevations, five azimuths with 360
+    np.testing.assert_allclose(written.sum(axis=1), 1, rtol=1e-8)
+    side = np.sqrt(0.5)
+    for row, strength in zip(written, [0.1, 0.1, 0.1, 0.9, 0.1] * 2, strict=True):  # columns at 135, 45, 315, 225 deg
+        expected = (1 + strength * side * np.array([1, 1, -1, -1])) / 4
+        np.testing.assert_allclose(row, expected, atol=1e-9)
+
+
+def test_flux_maps_of_a_rectangle_keep_their_order():
+    np.testing.assert_allclose(shares(flux(3, "m"))[2, 0], (1 + 0.1 * np.cos(np.radians([-30, 90, 210]))) / 3)
+
+
+def test_flux_maps_that_are_none(small, tmp_path):
+    with pytest.raises(StudyError, match=r"output\.flux_map\.columns: must be even: SAM's columns meet at south"):
+        shares(flux(3))
+    with pytest.raises(StudyError, match="no light reaches the receiver for some directions"):
+        shares(flux(4) * 0)
+    with pytest.raises(StudyError, match="unknown form 'generic'; use 'tower' for flux maps"):
+        write_table(shares(flux(4)), tmp_path / "f.csv", "generic")
+    with pytest.raises(StudyError, match="the result has no flux map: ask for it with 'output"):
+        heliosweep.flux_maps(small(), AE, azimuth=0, elevation=45)
+
+
+def test_command_of_flux_maps(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    save(small(tracking="azimuth_elevation"), "study.yaml")
+    asked = ["table", "study.yaml", "-o", "t.csv", "--azimuth", "0", "--elevation", "45", "--flux-maps"]
+    for more, said in (
+        (["t.csv"], "t.csv: is what is read, and would be replaced"),
+        (["f.csv", "--form", "generic"], "--flux-maps: are for --form tower"),
+        (["f.csv"], "the result has no flux map"),
+    ):
+        assert main([*asked, *more]) == 2
+        assert said in capsys.readouterr().err
+    assert not Path("t.csv").exists()

@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 from heliosweep import write_table
+from tests.bench import solarpilot
 
 pytest.importorskip("PySAM", reason="nrel-pysam is not installed")
 pytestmark = pytest.mark.slow
@@ -30,6 +31,11 @@ def table() -> xr.DataArray:
     values = np.broadcast_to(efficiency(azimuth), (elevation.size, azimuth.size))
     labels = {"sun_elevation": elevation, "sun_azimuth": azimuth}
     return xr.DataArray(values, labels, dims=("sun_elevation", "sun_azimuth")).where(lambda a: a["sun_elevation"] > 0)
+
+
+def shares(table: xr.DataArray) -> xr.DataArray:
+    """Even flux maps for the rows of a table."""
+    return (table * 0 + 1 / 12).expand_dims(flux_column=12, axis=2)
 
 
 @pytest.fixture
@@ -61,7 +67,9 @@ def test_power_tower(table, weather, tmp_path):
     field.field_model_type = 3
     field.eta_map_aod_format = 0
     field.eta_map = matrix(write_table(table, tmp_path / "t.csv", "tower"))
-    field.flux_maps = [[1 / 12] * 12] * len(field.eta_map)
+    field.flux_maps = matrix(write_table(shares(table), tmp_path / "f.csv"))
+    assert len(field.flux_maps) == len(field.eta_map)
+    field.helio_reflectance, field.c_atm_0, model.TowerAndReceiver.rec_absorptance = 0.5, 0.5, 0.5  # are not used
     angles = [math.radians(3.6 * step) for step in range(100)]
     field.helio_positions = [[r * math.sin(a), r * math.cos(a)] for r in range(150, 1500, 15) for a in angles]
     field.N_hel, field.A_sf_in = 9000, 1.2e6
@@ -69,6 +77,20 @@ def test_power_tower(table, weather, tmp_path):
     out = model.Outputs
     computed = [out.eta_field[hour] / out.sf_adjust_out[hour] for hour in HOURS]
     np.testing.assert_allclose(computed, [efficiency(out.solaz[hour]) for hour in HOURS], atol=0.02)
+    early = HOURS[:5]  # before the storage is full and mirrors turn away
+    received = [out.q_dot_rec_inc[hour] / out.q_sf_inc[hour] for hour in early]
+    np.testing.assert_allclose(received, [out.eta_field[hour] for hour in early], rtol=1e-5)
+
+
+def test_columns_of_flux_maps():
+    """SolarPILOT's maps of mirrors in the east, north and west are hot where ours would be."""
+    around = (180 - 360 * (np.arange(8) + 0.5) / 8) % 360  # azimuths of our columns
+    for azimuth in (90, 0, 270):
+        place = np.radians(azimuth) + np.array([-0.01, 0.0, 0.01])
+        _, _, maps = solarpilot.measure(200 * np.sin(place), 200 * np.cos(place), 10, 100, n_flux_x=8, rec_aspect=1)
+        power = np.sum(maps.reshape(-1, 4, 8), axis=(0, 1))
+        mean = np.sum(power * np.exp(1j * np.radians(around)))
+        assert np.degrees(np.angle(mean * np.exp(-1j * np.radians(azimuth)))) == pytest.approx(0, abs=15)
 
 
 def test_generic_field(table, weather, tmp_path):

@@ -38,7 +38,7 @@ _TIMEZONE = TimeZone(
 
 def _or_weather_file(schema: dict[str, Any]) -> None:
     """Let a weather file stand for the keys that are required: see `config.sites`."""
-    text = "EPW or TMY3 weather file whose header gives what is not given here"
+    text = "EPW, TMY3 or PSM weather file whose header gives what is not given here"
     schema["properties"]["file"] = {"type": "string", "minLength": 1, "description": text}
     schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["file"]}]
 
@@ -72,7 +72,7 @@ def _or_weather_files(schema: dict[str, Any]) -> None:
     name = {"type": "string", "minLength": 1}
     schema["properties"]["file"] = {
         "anyOf": [name, {"type": "array", "items": name, "minItems": 1}],
-        "description": f"{one['description']}; or weather files, EPW or TMY3, whose headers give the sites",
+        "description": f"{one['description']}; or weather files, EPW, TMY3 or PSM, whose headers give the sites",
     }
 
 

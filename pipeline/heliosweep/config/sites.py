@@ -1,6 +1,6 @@
 """The sites of a study: written in the study file, in a CSV table beside it, or in the headers of weather files.
 
-Weather files are EPW (EnergyPlus) and TMY3 (NREL). Where a study names one (``site: {file: x.epw}``,
+Weather files are EPW (EnergyPlus), TMY3 and PSM (NREL). Where a study names one (``site: {file: x.epw}``,
 ``sites: [{file: a.epw}, ...]``), its site stands in the study instead of it before anything is checked: only the header
 counts for the study's identity.
 """
@@ -22,6 +22,7 @@ from heliosweep.config.faults import Invalid, shown
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
 from heliosweep.config.tables import Column, read_table
+from heliosweep.config.times import CivilTime
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import named_in
 
@@ -35,13 +36,14 @@ _NUMBERS = ("latitude", "longitude", "altitude")
 
 #: Most of a file that is looked at, and first words of an EPW file. [bytes]
 _HEAD, _EPW = 4096, "LOCATION"
-#: Second line of a TMY3 file begins so.
-_TMY3 = "Date (MM/DD/YYYY)"
-#: Places of the numbers in their headers, and bounds.
+#: Second line of a TMY3 file begins so, and the first one of a PSM file.
+_TMY3, _PSM = "Date (MM/DD/YYYY)", "Source,Location ID,"
+#: Places of the numbers in their headers, or titles, and bounds.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
     "TMY3": {"latitude": 4, "longitude": 5, "time zone": 3, "altitude": 6},
 }
+_TITLES = {"latitude": "Latitude", "longitude": "Longitude", "time zone": "Time Zone", "altitude": "Elevation"}
 _BOUNDS = {"latitude": (-90, 90), "longitude": (-180, 180), "time zone": (-14, 14), "altitude": (-500, 10_000)}
 
 
@@ -85,14 +87,15 @@ def with_sites(study: Study) -> Study:
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:
-    """Yield what the civil clock misses: the longitude of a site, or a time zone where the ``time`` block has none."""
+    """Yield what real dates miss: the longitude of a site, or a time zone where the civil ``time`` block has none."""
     single: Any = getattr(study, "site", None)
     places = [("site", single)] if single is not None else []
     places += [(f"sites[{number}]", site) for number, site in enumerate(site_table(study))]
     for key, place in places:
         if place.longitude is None:
             yield study.problem(f"{key}.longitude", "is missing: the civil clock needs the longitude, in deg east")
-    if any(place.timezone is None for _, place in places) and study.time.timezone is None:  # type: ignore[attr-defined]
+    time: Any = study.time  # type: ignore[attr-defined]
+    if isinstance(time, CivilTime) and time.timezone is None and any(place.timezone is None for _, place in places):
         yield study.problem("time.timezone", "is missing: the civil clock needs a time zone, such as '+08:00'")
 
 
@@ -133,7 +136,7 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
         new["sites"] = [filled(entry, "sites", number, "file") for number, entry in enumerate(sites)]
     elif isinstance(names, list) and names:
         new["sites"] = [filled({"file": name}, "sites", "file", number) for number, name in enumerate(names)]
-    elif isinstance(names, str) and _is_weather(_head(named_in(source.directory, names))):  # else a table of sites
+    elif isinstance(names, str) and weather_kind(_head(named_in(source.directory, names))):  # else a table of sites
         new["sites"] = [filled({"file": names}, "sites", "file")]
     return replace(source, data={**source.data, **new}) if new else source
 
@@ -141,14 +144,14 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
 def _weather_site(folder: Path, name: Any) -> dict[str, Any]:
     """Site of a weather file. Raises Invalid for what is none, and StudyError for one that is wrong."""
     if not isinstance(name, str) or not name.strip():
-        raise Invalid("must be the name of a weather file, EPW or TMY3")
+        raise Invalid("must be the name of a weather file, EPW, TMY3 or PSM")
     head = _head(named_in(folder, name))
     if not head:
         raise Invalid("no such file, looked for relative to the study file")
-    if not _is_weather(head):
-        raise Invalid(f"is no EPW or TMY3 file: an EPW file begins with {_EPW}, a TMY3 file with its station")
+    if not weather_kind(head):
+        raise Invalid(f"is no EPW, TMY3 or PSM file: {BEGINNINGS}")
     try:
-        return _header_site(head)
+        return header_site(head)
     except ValueError as error:
         raise StudyError(Problem(str(error), file=str(named_in(folder, name)), line=1)) from None
 
@@ -169,27 +172,44 @@ def _head(file: Path) -> str:
     return "\n".join(text.replace("\r\n", "\n").replace("\r", "\n").split("\n")[:2])
 
 
-def _is_weather(head: str) -> bool:
-    """True for the first two lines of an EPW or TMY3 file."""
+#: How to tell weather files apart.
+BEGINNINGS = f"an EPW file begins with {_EPW}, a TMY3 file with its station, a PSM file with {_PSM.strip(',')}"
+
+
+def weather_kind(head: str) -> str:
+    """Kind of the weather file that begins with two lines: ``EPW``, ``TMY3``, ``PSM``, or empty for any other file."""
     first, _, second = head.partition("\n")
-    return first.split(",")[0].strip() == _EPW or second.strip().strip('"').startswith(_TMY3)
+    if first.split(",")[0].strip() == _EPW:
+        return "EPW"
+    if second.strip().strip('"').startswith(_TMY3):
+        return "TMY3"
+    return "PSM" if first.replace('"', "").startswith(_PSM) else ""
 
 
-def _header_site(head: str) -> dict[str, Any]:
-    """Name, latitude, longitude, altitude and time zone from the first line of a weather file.
+def header_site(head: str) -> dict[str, Any]:
+    """Name, latitude, longitude, altitude and time zone from the first two lines of a weather file.
 
-    ``LOCATION,city,state,country,source,WMO,latitude,longitude,time zone,altitude`` of an EPW file, or
-    ``USAF,"station",state,time zone,latitude,longitude,altitude`` of a TMY3 file: deg north and east, hours ahead of
-    UTC, metres (EnergyPlus, Auxiliary Programs; Wilcox and Marion 2008, NREL/TP-581-43156). Raises ValueError.
+    ``LOCATION,city,state,country,source,WMO,latitude,longitude,time zone,altitude`` of an EPW file;
+    ``USAF,"station",state,time zone,latitude,longitude,altitude`` of a TMY3 file; fields of a PSM file by their titles
+    on its first line: deg north and east, hours ahead of UTC, metres (EnergyPlus, Auxiliary Programs; Wilcox and Marion
+    2008, NREL/TP-581-43156; pvlib.iotools.read_nsrdb_psm4). Raises ValueError.
     """
-    fields = [field.strip() for field in head.partition("\n")[0].split(",")]
-    kind = "EPW" if fields[0] == _EPW else "TMY3"
-    width = max(_PLACES[kind].values()) + 1
+    kind = weather_kind(head)
+    first, _, second = head.partition("\n")
+    if kind == "PSM":
+        titles = first.replace('"', "").split(",")
+        if missing := [title for title in _TITLES.values() if title not in titles]:
+            raise ValueError(f"the header has no field {missing[0]!r}")
+        places = {name: titles.index(title) for name, title in _TITLES.items()}
+    else:
+        places = _PLACES[kind]
+    fields = [field.strip() for field in (second if kind == "PSM" else first).split(",")]
+    width = max(places.values()) + 1
     if len(fields) < width:
         raise ValueError(f"the header has {len(fields)} fields where that of {kind} files has {width}")
     values: dict[str, float] = {}
     wrong: list[str] = []
-    for name, place in sorted(_PLACES[kind].items(), key=itemgetter(1)):
+    for name, place in sorted(places.items(), key=itemgetter(1)):
         low, high = _BOUNDS[name]
         with suppress(ValueError):
             values[name] = float(fields[place])

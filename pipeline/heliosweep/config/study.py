@@ -27,7 +27,7 @@ from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
-from heliosweep.files import named_in
+from heliosweep.files import PVLIB, named_in
 
 MAX_BYTES = 512 * 2**20
 """Largest file that a study may name."""
@@ -79,6 +79,7 @@ class Study(Block):
 
     _source: Source = PrivateAttr(default_factory=lambda: Source({}))
     _given: tuple[tuple[str, Parameter, Any], ...] = PrivateAttr(())
+    _weather: tuple[Any, ...] = PrivateAttr(())
 
     def __eq__(self, other: object) -> bool:
         """Tell whether both studies say the same, wherever they were read from."""
@@ -229,7 +230,9 @@ class Study(Block):
         return yaml_text(self.resolved(lambda name: self.seen_from(folder, name)))
 
     def seen_from(self, folder: pathlib.Path, name: str) -> str:
-        """Return the name of a file that the study names, relative to a folder."""
+        """Return the name of a file that the study names, relative to a folder; files of pvlib keep theirs."""
+        if name.startswith(PVLIB):
+            return name
         path = self.resolve(name)
         seen = os.path.relpath(path, folder)
         if os.path.realpath(folder / seen) != os.path.realpath(path):  # ".." after a link to a folder is elsewhere

@@ -286,10 +286,11 @@ def read_table(
     return table
 
 
-def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
+def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: bool = False) -> str:
     """Return the text of a table, which messages call `name`; refuse what cannot be one before reading it whole.
 
-    Raises StudyError where it cannot be read, is larger than `most_bytes` (otherwise `MAX_BYTES`) or is no UTF-8.
+    Text that is no UTF-8 is read as Latin-1 where `old` files of this kind may be that. Raises StudyError where it
+    cannot be read, is larger than `most_bytes` (otherwise `MAX_BYTES`) or is no UTF-8.
     """
 
     def fail(message: str, line: int | None = None) -> NoReturn:
@@ -318,7 +319,9 @@ def table_text(path: Path, name: str, most_bytes: int | None = None) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        fail("is not UTF-8 text; save it as CSV (UTF-8)", data[: error.start].count(b"\n") + 1)
+        if not old:
+            fail("is not UTF-8 text; save it as CSV (UTF-8)", data[: error.start].count(b"\n") + 1)
+        text = data.decode("latin-1")
     if "\0" in text:
         fail("is a binary file, not CSV", text[: text.index("\0")].count("\n") + 1)
     return text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -211,7 +212,7 @@ class CivilTime(Block):
         """Check that the window holds whole steps where instants stand for steps."""
         start, stop, step = self.window_seconds()
         steps = (stop - start) / step
-        if self.sampling != "inclusive" and abs(steps - round(steps)) > 1e-9 * steps:
+        if self.sampling != "inclusive" and (math.isinf(steps) or abs(steps - round(steps)) > 1e-9 * steps):
             yield _uneven(self.sampling, ("window", "step"))
 
     def date_list(self) -> list[dt.date]:
@@ -256,8 +257,17 @@ class SunDirections(Block):
     ]
 
 
+class WeatherTime(Block):
+    """The intervals of a weather file."""
+
+    clock: Literal["weather"]
+    months: Annotated[
+        Sweep | None, Samples("Months of the year, 1 = January; by default all", "1", ge=1, le=12, integer=True)
+    ] = None
+
+
 TimeOrDirections = Annotated[
-    SolarTime | CivilTime | SunDirections,
+    SolarTime | CivilTime | SunDirections | WeatherTime,
     Field(discriminator="clock", description="The instants looked at, or the directions of the sun"),
 ]
 

@@ -23,7 +23,9 @@ _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
     },
     "a pressure": {"Pa": 1, "hPa": 100, "kPa": 1000, "mbar": 100},
     "a temperature": {"degC": 1},
+    "a speed": {"m/s": 1, "km/h": Decimal(1) / Decimal("3.6")},
     "an irradiance": {"W/m2": 1, "kW/m2": 1000},
+    "a vapour density": {"g/m3": 1, "kg/m3": 1000},
     "a plain number": {"1": 1, "%": "0.01"},
 }
 _KINDS = {kind: {unit: Decimal(factor) for unit, factor in units.items()} for kind, units in _FACTORS.items()}

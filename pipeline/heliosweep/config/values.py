@@ -400,7 +400,8 @@ class Numbers(Parameter):
     def _numbers(self, raw: Any) -> tuple[float, ...]:
         parts = self._parts()
         if not isinstance(raw, list | tuple) or len(raw) != len(parts):
-            raise Invalid(f"must be {_COUNTS[len(parts)]} numbers {self.form}")
+            count = _COUNTS[len(parts)] if len(parts) < len(_COUNTS) else len(parts)
+            raise Invalid(f"must be {count} numbers {self.form}")
         numbers: list[Any] = []
         faults = Faults()
         for position, (part, item) in enumerate(zip(parts, raw, strict=True)):

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from heliosweep.config.times import CivilTime, SolarTime, SunDirections
+from heliosweep.config.times import CivilTime, SolarTime, SunDirections, WeatherTime
 from heliosweep.config.zones import parse_timezone, to_utc
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from heliosweep.config.weather_files import WeatherFile
 
 #: Attributes of a coordinate of calendar dates.
 DATE = {
@@ -43,32 +46,36 @@ class Label(NamedTuple):
 
 @dataclass(frozen=True)
 class Instants:
-    """The instants of a study, labelled along ``time``, on the clock ``solar``, ``civil`` or ``sun``.
+    """The instants of a study, labelled along ``time``, on the clock ``solar``, ``civil``, ``weather`` or ``sun``.
 
-    The labels are ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions ``site`` and ``time`` where the
-    sites' clocks differ), or the one ``instant`` of each direction of the sun.
+    The labels are ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions `dim` and ``time`` where the
+    sites' clocks or the weather files differ), or the one ``instant`` of each direction of the sun. On the clock
+    ``weather`` they are intervals: ``utc`` is the middle, ``hours`` the length of each.
     """
 
     labels: dict[str, Label]
     clock: str
+    dim: str = "site"
 
     def coordinates(self) -> dict[str, Label]:
-        """The labels as coordinates of a result; instants that all sites share are the coordinate ``time`` itself."""
+        """The labels as coordinates of a result; rising instants that all share are the coordinate ``time`` itself."""
         if self.clock == "sun":
             return {}
-        if self.clock == "civil" and self.labels["utc"].dims == ("time",):
-            utc = self.labels["utc"]
-            clock = {"standard_name": "time", "units_metadata": "leap_seconds: none"}
-            return {"time": utc._replace(attrs={**utc.attrs, **clock})}
-        return self.labels
+        labels = {name: label for name, label in self.labels.items() if name != "hours"}
+        if "utc" in labels and labels["utc"].dims == ("time",):
+            utc = labels["utc"]
+            if np.all(np.diff(utc.values) > np.timedelta64(0)):
+                clock = {"standard_name": "time", "units_metadata": "leap_seconds: none"}
+                return {"time": utc._replace(attrs={**utc.attrs, **clock})}
+        return labels
 
     def at_sites(self, part: slice | int) -> Instants:
-        """The instants of some of the sites, or of one."""
-        return Instants({name: label.part("site", part) for name, label in self.labels.items()}, self.clock)
+        """The instants of some of the sites or weather files, or of one."""
+        return replace(self, labels={name: label.part(self.dim, part) for name, label in self.labels.items()})
 
     def part(self, span: slice) -> Instants:
         """Some of the instants."""
-        return Instants({name: label.part("time", span) for name, label in self.labels.items()}, self.clock)
+        return replace(self, labels={name: label.part("time", span) for name, label in self.labels.items()})
 
     def thinned(self, count: int) -> Instants:
         """Some `count` of the instants at the most, evenly picked."""
@@ -81,10 +88,15 @@ class Instants:
         return next(iter(self.labels.values())).values.shape[-1]
 
 
-def instant_count(time: SolarTime | CivilTime | SunDirections) -> int:
-    """Number of instants, without making them; on the civil clock not counting changes to daylight-saving time."""
+def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> int:
+    """Number of instants, without making them; on the civil clock not counting changes to daylight-saving time.
+
+    Of weather files, those of a year by the hour: `sun.instants_of` reads how many there are.
+    """
     if isinstance(time, SunDirections):
         return 1
+    if isinstance(time, WeatherTime):
+        return 8760
     if isinstance(time, SolarTime):
         return time.count()
     start, stop, step = time.window_seconds()
@@ -122,6 +134,25 @@ def direction_instant() -> Instants:
     return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
 
 
+def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
+    """The intervals of weather files, which are along the dimension `dim` of the result where they are several.
+
+    ``utc``, the middle of each interval, and ``hours``, its length [h], are along ``time`` where all files share them;
+    along (`dim`, ``time``) otherwise, where shorter files are padded with NaT.
+    """
+    first = files[0]
+    shared = all(file.hours == first.hours and np.array_equal(file.utc, first.utc) for file in files)
+    rows = files[:1] if shared else files
+    utc = np.full((len(rows), max(map(len, rows))), np.datetime64("NaT", "ns"))
+    hours = np.zeros(utc.shape)
+    for index, file in enumerate(rows):
+        utc[index, : len(file)], hours[index, : len(file)] = file.utc, file.hours
+    middle = {"long_name": "universal time", "comment": "middle of the interval of the weather file, of its own year"}
+    length = {"long_name": "length of the interval", "units": "h"}
+    dims, row = (("time",), 0) if shared else ((dim, "time"), slice(None))
+    return Instants({"utc": Label(dims, utc[row], middle), "hours": Label(dims, hours[row], length)}, "weather", dim)
+
+
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     """Every step of every date's window on the civil clock, in universal time, for the time zones of the sites.
 
@@ -140,6 +171,22 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     for index, row in enumerate(rows):
         table[index, : row.size] = row
     return Instants({"utc": Label(("site", "time"), table, attrs)}, "civil")
+
+
+def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Hours that each instant of `civil_instants` in a time zone stands for, and the month of its date.
+
+    A step, and at both ends of an inclusive window half of one; of an instant that two windows share, of both together.
+    """
+    pieces, step = daily_windows(time, timezone), time.window.step
+    hours = [np.full(piece.size, step) for piece in pieces]
+    if time.sampling == "inclusive":
+        for each in hours:
+            each[[0, -1]] -= step / 2
+            each[-1] -= step / 2 if each.size == 1 else 0.0
+    dates = np.repeat([date.month for date in time.date_list()], [piece.size for piece in pieces])
+    _, first, where = np.unique(np.concatenate(pieces), return_index=True, return_inverse=True)
+    return np.bincount(where, np.concatenate(hours)).astype(np.float64), dates[first]
 
 
 @lru_cache(maxsize=16)

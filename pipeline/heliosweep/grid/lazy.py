@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.config.sites import with_sites
+from heliosweep.config.weather_files import with_weather
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, Variable, checked, index_of, of_kind, parts_by_slab, shape_of
 
@@ -26,7 +27,8 @@ class Work:
     """
 
     def __init__(self, family: Any, study: Study, variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> None:
-        self.family, self.study, self.variables, self.sizes = family, with_sites(study), dict(variables), dict(sizes)
+        self.family, self.variables, self.sizes = family, dict(variables), dict(sizes)
+        self.study = with_weather(with_sites(study))
         self.inputs = family.inputs(study)
         self.module = family.numbers_from(study)
 

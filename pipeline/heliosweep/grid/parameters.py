@@ -40,7 +40,7 @@ class Parameters:
     @property
     def site_dims(self) -> tuple[str, ...]:
         """Swept dimensions that the site, or the direction of the sun, depends on, without expanding any."""
-        swept = {dim for key, dim in self._dims.items() if key.startswith(("site.", "time."))}
+        swept = {dim for key, dim in self._dims.items() if key.startswith(("site.", "time.", "weather.file"))}
         return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
 
     def part(self, dim: str) -> slice:

@@ -211,10 +211,15 @@ def _cuts(
     if any(one.kind == "points" for one in variables.values()):
         cuts["points"] = _points_cut(workload, variables, asked, most)
     if series := of_kind(variables, "series"):
-        split = workload.splittable, workload.inner.get(workload.splittable, 1)
-        value_bytes = sum(one.dtype.itemsize for one in series.values())
+        along = [workload.splittable in one.dims for one in series.values()]
+        split = (workload.splittable, workload.inner[workload.splittable]) if any(along) else ("", 1)
         times, longest = workload.inner["time"], {**most, **asked}
-        cuts["series"], storage = series_cut(workload.parameters, times, split, value_bytes, longest)
+        value_bytes = bytes_of(series, {**dict.fromkeys(workload.sizes, 1), split[0]: split[1]}) // split[1]
+        if workload.splittable and not any(along):  # sums over what else would be cut: no more than a point in a part
+            longest = {**dict.fromkeys(workload.parameters, 1), **longest}
+        cuts["series"], storage = series_cut(
+            workload.parameters, times, split, value_bytes, longest, whole=any(along) and not all(along)
+        )
     return cuts, storage
 
 
@@ -259,7 +264,8 @@ def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, worke
     written = SLABS_HELD * bytes_of(stored, slab)
     if where == "elsewhere":
         return max(written, (workers + 2) * values)
-    each = workload.working_bytes(points, cut.part.get(workload.splittable, 1)) + 2 * values
+    length = cut.part.get(workload.splittable, workload.inner.get(workload.splittable, 1))
+    each = workload.working_bytes(points, length) + 2 * values
     return max(written, workers * (each + (WORKER_PROCESS_MEMORY if where == "processes" else 0)) + 2 * values)
 
 

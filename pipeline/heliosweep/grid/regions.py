@@ -215,20 +215,26 @@ def slab_lengths(
 
 
 def series_cut(
-    parameters: Mapping[str, int], times: int, split: tuple[str, int], value_bytes: int, most: Mapping[str, int]
+    parameters: Mapping[str, int],
+    times: int,
+    split: tuple[str, int],
+    value_bytes: int,
+    most: Mapping[str, int],
+    whole: bool = False,
 ) -> tuple[Cut, dict[str, int]]:
     """Cut of the time series of a study, over its parameters, ``time`` and the dimension along which a point may be
     cut.
 
     `split` is the name and length of that dimension, empty and 1 where there is none, `value_bytes` the bytes of all
-    series at one instant and place, `most` the longest parts that are allowed. Returned too are the lengths of a
-    storage chunk along ``time`` and the split dimension.
+    series at one instant and place, `most` the longest parts that are allowed; where some series are of the `whole` of
+    that dimension, it is not cut. Returned too are the lengths of a storage chunk along ``time`` and the split
+    dimension.
     """
     name, size = split
     instants = min(times, SERIES_INSTANTS)
     places = SERIES_SLAB_BYTES // (value_bytes * instants)
-    if places >= size:
-        places, instants = size, min(times, SERIES_SLAB_BYTES // (value_bytes * size))
+    if whole or places >= size:
+        places, instants = size, max(1, min(times, SERIES_SLAB_BYTES // (value_bytes * size)))
     else:
         places = 2 ** int(math.log2(places))
     rows = max(1, min(instants, STORAGE_BYTES // 8 // places))
@@ -242,5 +248,7 @@ def series_cut(
     part = {**slab, name: max(LEAST_LENGTH, -(-places // SERIES_PARTS))}
     part = {dim: min(length, slab[dim], most.get(dim, length)) for dim, length in part.items()}
     sizes, chunk = {**parameters, "time": times, name: size}, {"time": rows, name: places}
-    sizes, slab, part, chunk = ({dim: n for dim, n in one.items() if dim} for one in (sizes, slab, part, chunk))
+    chunk = {dim: n for dim, n in chunk.items() if dim}
+    uncut = name if whole else ""
+    sizes, slab, part = ({dim: n for dim, n in one.items() if dim not in ("", uncut)} for one in (sizes, slab, part))
     return Cut(sizes, slab, part), chunk

@@ -13,8 +13,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.config.times import CivilTime, SolarTime, SunDirections
-from heliosweep.grid.clock import Instants, civil_instants, direction_instant, solar_instants
+from heliosweep.config.times import CivilTime, SolarTime, SunDirections, WeatherTime
+from heliosweep.config.weather_files import weather_files
+from heliosweep.grid.clock import Instants, civil_instants, direction_instant, solar_instants, weather_intervals
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels.sun import clock
 from heliosweep.kernels.sun.ephemeris import DAY, daily_splines, sidereal_time, sun_at_sites
@@ -22,17 +23,28 @@ from heliosweep.kernels.sun.ephemeris import DAY, daily_splines, sidereal_time, 
 
 def instants_of(grid: Parameters) -> Instants:
     """The instants of the study's ``time`` block, on its clock."""
-    time: SolarTime | CivilTime | SunDirections = grid.study.time  # type: ignore[attr-defined]
+    time: SolarTime | CivilTime | SunDirections | WeatherTime = grid.study.time  # type: ignore[attr-defined]
     if isinstance(time, SunDirections):
         return direction_instant()
     if isinstance(time, SolarTime):
         return solar_instants(time)
+    if isinstance(time, WeatherTime):
+        dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
+        return weather_intervals(weather_files(grid.study), dim).at_sites(grid.part(dim))
     # Made for all sites: how many there are, and whether sites share them, must not depend on the slab.
     return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
 
 
+#: Sampling of the intervals of weather files.
+MIDDLES = (
+    "middle of each interval of the weather file; at sunrise and sunset of its part with the sun above the horizon"
+)
+
+
 def sun_attributes(
-    time: SolarTime | CivilTime | SunDirections, delta_t: float | None = None, elevation: str = "geometric"
+    time: SolarTime | CivilTime | SunDirections | WeatherTime,
+    delta_t: float | None = None,
+    elevation: str = "geometric",
 ) -> dict[str, str]:
     """What a result says of its sun and its sampling, as global attributes.
 
@@ -50,14 +62,15 @@ def sun_attributes(
             "SPA (Reda and Andreas 2004) by pvlib at daily nodes, splines between them, within 0.001 arcsec of it; "
             f"elevation {elevation}; delta_t {difference}"
         ),
-        "time_sampling": time.sampling,
+        "time_sampling": MIDDLES if isinstance(time, WeatherTime) else time.sampling,
     }
 
 
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     """Unit vectors towards the sun at one place, shape (time, 3): east, north, up; NaN where instants are padded. [1]
 
-    The instants are those of the study, on the civil clock of the place's own time zone. `place` has the values of
+    The instants are those of the study, on the civil clock of the place's own time zone; of the intervals of weather
+    files, `lit_middles`. `place` has the values of
     `PLACE`, None where the study gives none: latitude and longitude, positive north and east [deg], and altitude [m];
     for given directions azimuth, from north, clockwise, and elevation [deg].
     """
@@ -69,11 +82,42 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
         return np.array([[east, north, np.sin(np.radians(elevation))]])
     if instants.clock == "civil":
         return sun_vectors(labels["utc"], latitude, longitude, altitude)
+    if instants.clock == "weather":
+        middles = lit_middles(labels["utc"], labels["hours"], latitude, longitude, altitude)
+        return sun_vectors(middles, latitude, longitude, altitude)
     if "declination" in labels:
         declination = np.radians(labels["declination"])
     else:
         declination = clock.declination_cooper(labels["day"])
     return clock.solar_clock(np.radians(latitude), declination, labels["solar_hour"])
+
+
+def lit_middles(
+    utc: NDArray[np.datetime64], hours: NDArray[np.float64], latitude: float, longitude: float, altitude: float
+) -> NDArray[np.datetime64]:
+    """Middles of intervals; where the sun rises or sets within one, of its part with the sun above the horizon.
+
+    `utc` are the middles of the whole intervals, of so many `hours` each, shape (T,). Sunrise and sunset are those of
+    the sun's centre without refraction, to a millisecond.
+    """
+    half = (hours * 1.8e12).astype("timedelta64[ns]")
+    starts, ends = utc - half, utc + half
+
+    def up(times: NDArray[np.datetime64]) -> NDArray[np.bool_]:
+        lit: NDArray[np.bool_] = sun_vectors(times, latitude, longitude, altitude)[:, 2] > 0
+        return lit
+
+    before, after = up(starts), up(ends)
+    edge = np.flatnonzero(before != after)
+    lit, dark = (np.where(before[edge] == side, starts[edge], ends[edge]) for side in (True, False))
+    bright = lit
+    for _ in range(22):
+        middle = dark + (lit - dark) // 2
+        risen = up(middle)
+        lit, dark = np.where(risen, middle, lit), np.where(risen, dark, middle)
+    middles = utc.copy()
+    middles[edge] = lit + (bright - lit) // 2
+    return middles
 
 
 #: Keys of a study that the sun at a place depends on, in the order of `sun_at`.
@@ -89,7 +133,8 @@ class Suns:
     def __init__(self, parameters: Parameters, most: int | None = None) -> None:
         instants = instants_of(parameters)
         self._instants = instants.thinned(most) if most else instants.part(parameters.part("time"))
-        self._sites = list(parameters.sizes).index("site") if "site" in parameters.sizes else None
+        dim = self._instants.dim
+        self._sites = list(parameters.sizes).index(dim) if dim in parameters.sizes else None
         self._last: tuple[object, np.ndarray] = (None, np.empty((0, 3)))
 
     @property
@@ -149,6 +194,7 @@ def sun_vectors(
     return sun.reshape(*places[0].shape, stamps.size, 3)
 
 
+@lru_cache(8)
 def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
     """Terrestrial minus universal time [s] of each day, from one day since 1970 to another."""
     if fixed is not None:
@@ -158,7 +204,8 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
     from pvlib import spa
 
     months = np.arange(first, last + 1).astype("datetime64[D]").astype("datetime64[M]").astype(int)
-    return np.asarray(spa.calculate_deltat(1970 + months // 12, months % 12 + 1), np.float64)
+    each = np.arange(months[0], months[-1] + 1)
+    return np.asarray(spa.calculate_deltat(1970 + each // 12, each % 12 + 1), np.float64)[months - months[0]]
 
 
 def _year_of(nanoseconds: int) -> int:

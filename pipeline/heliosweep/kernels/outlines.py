@@ -115,7 +115,7 @@ def mirror_outlines(
     z: Floats,
     half_width: Floats,
     half_height: Floats,
-    target_height: float,
+    target_height: float | Floats,
     tracking: int,
     sun: Floats,
     start: int,

@@ -42,22 +42,26 @@ def warm_field(outlines: bool = False) -> None:
 
 
 @_timed
-def warm_intercept() -> None:
-    """Make the kernels of the light on a receiver ready."""
+def warm_intercept(flux_map: bool = False) -> None:
+    """Make the kernels of the light on a receiver ready, of that on its cells too where it is asked for."""
     from heliosweep.kernels.intercept import efficiency
-    from heliosweep.kernels.intercept.course import course
+    from heliosweep.kernels.intercept.course import COMPUTED, course
+    from heliosweep.kernels.intercept.flux import cells
     from heliosweep.kernels.intercept.mirror import Errors, Facets
+    from heliosweep.kernels.intercept.receivers import rectangle
     from heliosweep.kernels.intercept.sunshapes import pillbox
 
     found, errors = efficiency.sun_tables(pillbox(), Errors(1e-3, 1e-3, 0.0))
     place, aim = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]])
-    sun, number = np.array([[0.0, -0.6, 0.8]]), np.zeros(1)
-    receiver = efficiency.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
+    sun, number = np.repeat([[0.0, -0.6, 0.8]], 2 * COMPUTED, axis=0), np.zeros(1)
+    receiver = rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
     scene = efficiency.Scene(
         place, aim, np.ones((1, 2)), number, number, np.zeros((1, 2)), Facets(1, 1, 0.0), 0,
         errors, receiver, found,
     )  # fmt: skip
     course(scene, sun, 0.6)
+    if flux_map:
+        cells(scene, sun, np.ones((1, len(sun))), None, 2, 2)
 
 
 @_timed

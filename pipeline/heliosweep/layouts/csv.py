@@ -79,13 +79,13 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
 def write_csv(layout: Layout, path: str | Path) -> None:
     """Write a layout so that `read_csv` gives back the same numbers, to the last bit; an existing file is replaced.
 
-    The file appears under its name only when it is complete. Text that reads as a number comes back as one; numbers
-    that are not known (NaN), as SolarPILOT's tables may have them, cannot be read back. Raises HeliosweepError if the
-    file cannot be written; nothing is left behind.
+    The file appears under its name only when it is complete; the layout's notes are comments before the table. Text
+    that reads as a number comes back as one; numbers that are not known (NaN), as SolarPILOT's tables may have them,
+    cannot be read back. Raises HeliosweepError if the file cannot be written; nothing is left behind.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
     rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-    write_rows(itertools.chain([columns], rows), Path(path))
+    write_rows(itertools.chain([columns], rows), Path(path), layout.notes)
 
 
 def _solarpilot_form(lines: Sequence[str]) -> tuple[str, int | None] | None:

@@ -55,6 +55,8 @@ class Layout:
         Name of the file, as the user gave it, or of the generator.
     lines : array_like of int, shape (heliostat,), optional
         Line of each heliostat in the file, counted from 1; None for a generated layout.
+    notes : tuple of str, optional
+        What is known of all heliostats, lines that stand before the table where it is written as CSV.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class Layout:
     columns: Mapping[str, NDArray] = field(default_factory=dict)
     name: str = ""
     lines: NDArray[np.int64] | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Take read-only copies."""

@@ -106,6 +106,12 @@ def _is_curved(view: View) -> bool:
     return view.kind in ("curves", "plane")
 
 
+def _to_scale(view: View, made: Mapping[str, Any]) -> bool:
+    """Whether both axes are lengths of one unit, as those of a picture may not be."""
+    units = {made["dims"][dim]["label"].rpartition("(")[2] for dim in view.along} if view.kind == "raster" else ()
+    return view.kind != "curves" and len(units) < 2
+
+
 def _numbered(value: Any, prefix: str, names: dict[str, str]) -> Any:
     """The same models, numbered from one: Bokeh counts on through all that a process makes."""
     if isinstance(value, Mapping):
@@ -173,7 +179,7 @@ def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
         "sides": [("x", "east (m)"), ("y", "north (m)")] if view.kind == "field" else [],
         "steps": [1, 1],
     }
-    box = bk.BoxZoomTool(name="zoom", match_aspect=not _is_curved(view))
+    box = bk.BoxZoomTool(name="zoom", match_aspect=not _is_curved(view) and _to_scale(view, made))
     hover = bk.HoverTool(name="hover")
     save = bk.SaveTool(filename=made["title"])
     keys = [tool.clone(name=key, visible=False) for key, tool in KEYS.items()]
@@ -185,7 +191,7 @@ def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
         toolbar_location="above",
         sizing_mode="stretch_both",
         min_border_right=12,
-        match_aspect=view.kind != "curves",
+        match_aspect=_to_scale(view, made),
         tags=[spec],
     )
     if _is_curved(view):
@@ -329,7 +335,7 @@ def _aspect(view: View, made: Mapping[str, Any]) -> float:
     """Height of what is drawn as part of its width."""
     if view.kind == "raster":
         (_, height), (_, width) = (_side(made["dims"][dim]["at"]) for dim in view.along)
-        return round(height / width, 3)
+        return round(height / width, 3) if _to_scale(view, made) else 0.4
     if view.kind == "field":
         x, y = (np.append(made["places"][name]["values"], 0.0) for name in "xy")
         return round(float(np.clip((np.nanmax(y) - np.nanmin(y)) / (np.nanmax(x) - np.nanmin(x) or 1.0), 0.4, 1.2)), 3)

@@ -22,6 +22,8 @@ _UNITS = {
     "degrees_north": f"{DEGREE}\N{NO-BREAK SPACE}N",
     "degrees_east": f"{DEGREE}\N{NO-BREAK SPACE}E",
     "percent": "%",
+    "m2": "m\N{SUPERSCRIPT TWO}",
+    **{f"{unit} m-2": f"{unit}/m\N{SUPERSCRIPT TWO}" for unit in ("W", "kW", "MWh")},
 }
 
 #: Letters of a name that a figure shows, and along an axis.

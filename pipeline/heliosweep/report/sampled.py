@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.config.study import Study
-from heliosweep.config.times import CivilTime, DateRange, SolarTime
+from heliosweep.config.times import CivilTime, DateRange, SolarTime, WeatherTime
 from heliosweep.grid.clock import window_count
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Suns
@@ -31,6 +31,9 @@ def sampled(result: xr.Dataset, study: Study | None) -> list[tuple[str, str]]:
     found = []
     if isinstance(time, SolarTime | CivilTime):
         found = [("dates", _dates(time)), ("hours", _hours(time))]
+    elif isinstance(time, WeatherTime):
+        months = "all" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
+        found = [("months", months), ("hours", "those of the weather file, the sun at the middle of each lit part")]
     count = result.sizes.get("heliostat", 1)
     found.append(("heliostats or dishes", f"{'up to ' * ('layout' in result.dims)}{count:,}"))
     if isinstance(time, SolarTime | CivilTime) and study is not None:

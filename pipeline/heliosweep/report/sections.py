@@ -52,7 +52,7 @@ def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
     dims = [str(dim) for dim in next(iter(result.data_vars.values())).dims if dim in common]
     return {
         "shared": _shared(result),
-        "tables": [_numbers(result, dims, arrays)],
+        "tables": [numbers(result, dims, arrays, "Results")],
         "described": [
             (_name(one), "; ".join(str(one.attrs[key]) for key in ("long_name", "comment") if one.attrs.get(key)))
             for one in arrays
@@ -60,20 +60,28 @@ def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
     }
 
 
-def _numbers(result: xr.Dataset, dims: Sequence[str], arrays: Sequence[xr.DataArray]) -> Table:
-    """Variables over the swept dimensions alone, a row for each point of the sweep."""
+def numbers(
+    result: xr.Dataset,
+    dims: Sequence[str],
+    arrays: Sequence[xr.DataArray],
+    label: str,
+    notes: Sequence[str] = (),
+    digits: int = 3,
+) -> Table:
+    """Table of arrays over the swept dimensions alone, a row for each point of the sweep; names head the columns."""
     sizes = [result.sizes[dim] for dim in dims]
     points = math.prod(sizes)
     indices = list(itertools.islice(np.ndindex(*sizes), MOST_ROWS))
     labels = [[_label(result, dim, index[i]) for index in indices] for i, dim in enumerate(dims)]
-    columns = [_texts(array, _leading(array.transpose(*dims), indices)) for array in arrays]
+    columns = [_texts(array, _leading(array.transpose(*dims), indices), digits) for array in arrays]
     titles = [title_of(result[dim]) if dim in result.coords else dim.replace("_", " ") for dim in dims]
     return Table(
-        "Results",
+        label,
         [*titles, *map(_name, arrays)],
         list(zip(*labels, *columns, strict=True)),
         [*range(len(dims)), *(len(dims) + i for i, array in enumerate(arrays) if is_flag(array))],
-        [f"The first {len(indices)} of {points:,} points; all are in the data set."] if points > len(indices) else [],
+        [f"The first {len(indices)} of {points:,} points; all are in the data set."] * (points > len(indices))
+        + [*notes],
         [*("" for _ in dims), *map(unit_of, arrays)],
         ["new" if len(dims) > 1 and i and at[:-1] != indices[i - 1][:-1] else "" for i, at in enumerate(indices)],
     )
@@ -83,16 +91,16 @@ def _name(array: xr.DataArray) -> str:
     return str(array.name).replace("_", " ")
 
 
-def _texts(array: xr.DataArray, values: np.ndarray) -> list[str]:
+def _texts(array: xr.DataArray, values: np.ndarray, digits: int) -> list[str]:
     """Cells of one column: flags in words."""
-    return [flag_text(array, value) for value in values] if is_flag(array) else number_texts(values)
+    return [flag_text(array, value) for value in values] if is_flag(array) else number_texts(values, digits)
 
 
-def number_texts(values: np.ndarray) -> list[str]:
-    """Numbers of one column with the same decimals: none where all are whole, more than two where all are small."""
+def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
+    """Numbers of one column with the same decimals: none where all are whole, else two, or more for so many digits."""
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0
-    decimals = 2 if largest == 0.0 else min(8, max(2, 2 - math.floor(math.log10(largest))))
+    decimals = 2 if largest == 0.0 else min(8, max(2, digits - 1 - math.floor(math.log10(largest))))
     whole = finite.size > 0 and largest >= 1.0 and bool(np.all(finite == np.round(finite)))
     return [number_text(value, 0 if whole else decimals) for value in values]
 

@@ -188,7 +188,7 @@ def _local_cluster(workers: int, memory: int | None, folder: Path) -> Iterator[A
         "distributed.nanny.pre-spawn-environ": {},
     }
     limit = max((memory or MEMORY_LIMIT) // workers, LEAST_MEMORY)
-    security, secret = only_ours()
+    security, secret = only_ours(folder)
     with dask.config.set(settings):
         try:
             with free_dashboard("127.0.0.1", secret) as dashboard, interruptions_blocked():

@@ -7,15 +7,17 @@ import os
 import pickle
 import queue
 import signal
+import subprocess
 import tempfile
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from unittest import mock
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.lazy import Work
@@ -216,17 +218,21 @@ def forking_context() -> BaseContext:
     room = len(os.fsencode(tempfile.gettempdir())) + len("/pymp-________/listener-________") < SOCKET_LETTERS
     if "forkserver" not in multiprocessing.get_all_start_methods() or not room:
         return multiprocessing.get_context("spawn")
-    from multiprocessing import forkserver, resource_tracker
+    from multiprocessing import forkserver, resource_tracker, util
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([f"{__package__}.forked", __name__, "heliosweep.kernels.compiled"])
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
-    try:  # a closed terminal must not take what these two look after from under the run
+    with mock.patch.object(util, "spawnv_passfds", _in_its_own_group):
         resource_tracker.ensure_running()
         forkserver.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return context
+
+
+def _in_its_own_group(path: bytes, arguments: Sequence[str], kept: Iterable[int]) -> int:
+    """Start a process that no signal to the group of this one reaches: what this one leaves it can then remove."""
+    process = subprocess.Popen(arguments, executable=path, pass_fds=tuple(kept), process_group=0)
+    process.returncode = 0  # whoever asked for it waits for its end
+    return process.pid
 
 
 _received: Work

@@ -1,17 +1,17 @@
-"""Imported by the process that workers are forked from: when it ends, it removes the folder of its socket.
+"""Imported by the process that workers are forked from, which removes the folder of its socket when it ends.
 
-It ends after a run that was killed, too, which can then remove nothing: what is sent to the group of that run does not
-reach it, nor its workers, which end with the run.
+It ends after a run that was killed, too, which can then remove nothing: it has a group of processes of its own, with
+its workers, which end with the run. They ignore Ctrl-C: the run acts on it.
 """
 
 import atexit
-import os
 import shutil
+import signal
 from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
-os.setpgid(0, 0)
+signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @atexit.register

@@ -86,7 +86,7 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
         local = execution.scheduler == "local-jobs"
         options = _job_options(execution.scheduler, job)
         options["local_directory"] = str(folder) if local else "${TMPDIR:-/tmp}"  # read by the shell of the job
-        security, secret = only_ours()
+        security, secret = only_ours(folder)
         scheduler = {"local_directory": str(folder), "http_prefix": secret}
         known = dask.config.get(f"jobqueue.{execution.scheduler}.interface", None)
         if local or not (job.interface or known):
@@ -97,7 +97,6 @@ def job_queue(execution: Execution, workers: int, folder: Path) -> Iterator[tupl
                     job_cls=job_class,
                     scheduler_options={"dashboard_address": dashboard, **scheduler},
                     security=security,
-                    shared_temp_directory=certificates,
                     silence_logs=logging.CRITICAL,
                     **options,
                 )
@@ -228,14 +227,21 @@ def _job_options(name: str, job: Job) -> dict[str, Any]:
     return {key: value for key, value in options.items() if value is not None}
 
 
-def only_ours() -> tuple[Any, str]:
+def only_ours(folder: Path) -> tuple[Any, str]:
     """Certificates without which nobody gets to scheduler and workers, and a secret part of the dashboard's address.
 
-    Both are made anew for each run, and known to its processes only.
+    Both are made anew for each run, and known to its processes only. The certificates are files in `folder`: those in
+    memory distributed writes to the folder for temporary files at every use, where a run that is killed leaves them.
     """
     from distributed import Security
 
-    return Security.temporary(), secrets.token_urlsafe(16)
+    made, roles = Security.temporary(), ("client", "scheduler", "worker")
+    cert, key = (str(folder.absolute() / f"{name}.pem") for name in ("certificate", "key"))
+    for name, text in ((cert, made.tls_client_cert), (key, made.tls_client_key)):
+        with os.fdopen(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+            file.write(text)
+    files = {f"tls_{role}_{name}": path for role in roles for name, path in (("cert", cert), ("key", key))}
+    return Security(require_encryption=True, tls_ca_file=cert, **files), secrets.token_urlsafe(16)
 
 
 def dashboard_link(cluster: Any, secret: str) -> str:

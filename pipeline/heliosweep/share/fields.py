@@ -14,6 +14,7 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
 from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.paint import Plant, read_plant
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
 
@@ -40,6 +41,30 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
         All that is wrong with the file, at its lines.
     """
     return read_csv(user_path(path))
+
+
+def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plant:
+    """Read a folder of PAINT, the database of the Jülich solar tower.
+
+    Parameters
+    ----------
+    folder : path
+        With one file ``*tower-measurements.json``, and ``*heliostat-properties.json`` for each heliostat.
+    target : str
+        Which of the measured targets the heliostats aim at.
+
+    Returns
+    -------
+    Plant
+        `layout`, which `write_layout` writes, the blocks `site`, `heliostat` and `receiver` of a study, and `notes`
+        on what they leave out.
+
+    Raises
+    ------
+    StudyError
+        All that is wrong with the files, at their lines.
+    """
+    return read_plant(user_path(folder), target)
 
 
 def layout_of(study: Study) -> Layout:

@@ -6,13 +6,19 @@ Conventions, after the source code of NREL's ssc and SolarPILOT:
   efficiency. It interpolates at the azimuth of its weather reader, from north, clockwise, 0 to 360
   (`C_pt_sf_perf_interp::call`), and knows no period: 0 and 360 are both written where one is there. It closes the
   field itself when the sun is down, so that such rows are left out.
+  With it go flux maps (``flux_maps``): for each row one with the shares of the receiver's columns in the light on it,
+  from south over east, north and west where the receiver is a cylinder; SAM adds what is over its height.
 - SAM's generic solar field takes a matrix: zenith angles, rising, down the first column; azimuths, rising, along the
   first row, its first cell empty. Azimuth 0 is south, east is negative, west positive (`C_csp_gen_collector_receiver`).
 - SolarPILOT's Python interface writes elevations along the first row, behind a zero, azimuths from north, clockwise,
   down the first column (`save_optical_efficiency_table`).
 
-PySAM 7.1 makes of the first two what they say. heliosweep knows cosine, shading and blocking; what else SAM expects of
-the efficiency of a field (reflectivity, soiling, attenuation, intercept) is one factor to give.
+PySAM 7.1 makes of the first two what they say. With user-defined performance SAM's power tower multiplies the
+efficiency by the direct irradiance, by the area of the mirrors (their number, width, height and ``dens_mirror``) and by
+its hourly availability, and by nothing else: reflectivity, soiling, attenuation, intercept and the absorptance of the
+receiver have to be in the table. A study with `optics` has all of them but the absorptance; without, the table has
+cosine, shading and blocking. What it lacks is one factor to give. SAM's generic solar field multiplies by its own
+optical factors.
 """
 
 from __future__ import annotations
@@ -44,10 +50,16 @@ AZIMUTHS = {"start": 0, "stop": 360, "step": 15}
 ELEVATIONS = {"start": 0, "stop": 90, "step": 5}
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
-_GONE = ("site.", "sites", "time.")  # keys that directions of the sun take the place of, and their dimensions
+#: Keys that directions of the sun take the place of, and their dimensions.
+_GONE = ("site.", "sites", "time.", "weather.", "limits.")
 _GONE_DIMENSIONS = {"site", "latitude", "longitude", "altitude", "time", "date", "day", "hour"}
 _DIGITS = 9  # of angles and efficiencies: a nanometre at 1 m, and no more than anyone's optics are known to
 _SAME = 10.0**-_DIGITS
+#: Variables of a table, the first that a result has, and the factors that are in them.
+_FACTORS = {
+    "field_total_efficiency": "cosine, shading, blocking, reflection, attenuation and intercept",
+    "field_optical_efficiency": "cosine, shading and blocking",
+}
 
 
 def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> Study:
@@ -75,14 +87,16 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
         message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
-    for key in ("site", "sites", "zip"):
+    for key in ("site", "sites", "zip", "weather", "limits"):
         content.pop(key, None)
     content["time"] = {
         "clock": "sun",
         "azimuth": AZIMUTHS if azimuth is None else azimuth,
         "elevation": ELEVATIONS if elevation is None else elevation,
     }
-    content["output"] = {**content.get("output", {}), "time_series": False}
+    output = content.get("output", {})
+    content["output"] = {key: value for key, value in output.items() if key not in ("time_series", "field_series")}
+    content.pop("design_point", None)
     tied = [[key for key in dim.sweeps if not key.startswith(_GONE)] for dim in study.dimensions()]
     content["zip"] = [keys for keys in tied if len(keys) > 1]
     return load_mapping(content, {study.family: type(study)})
@@ -110,7 +124,7 @@ def efficiency_table(
     result: xr.Dataset,
     select: Mapping[str, Any] | None = None,
     *,
-    variable: str = "field_optical_efficiency",
+    variable: str | None = None,
     factor: float = 1.0,
 ) -> xr.DataArray:
     """Efficiency of a field over directions of the sun.
@@ -121,10 +135,10 @@ def efficiency_table(
         Of a study with ``clock: sun``, from `open_result` or `build`.
     select : mapping of str to value, optional
         Value of every other dimension of the result.
-    variable : str
-        A variable of the whole field.
+    variable : str, optional
+        A variable of the whole field; the total efficiency where the study has `optics`, otherwise the optical one.
     factor : float
-        Reflectivity times whatever else the result leaves out, 0 to 1.
+        Whatever the result leaves out, as the receiver's absorptance, 0 to 1.
 
     Returns
     -------
@@ -138,6 +152,52 @@ def efficiency_table(
     """
     if not 0 < factor <= 1:
         raise StudyError(Problem(f"must be more than 0 and at most 1 (got {factor:g})", "factor"))
+    if variable is None:
+        variable = next((name for name in _FACTORS if name in result.data_vars), "field_optical_efficiency")
+    made = _over_directions(result, variable, select) * factor
+    text = _FACTORS.get(variable, variable) + (f", times {factor:g}" if factor != 1 else "")
+    return made.assign_attrs(units="1", long_name=f"efficiency of the field: {text}")
+
+
+def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr.DataArray:
+    """Shares of the receiver's columns in the light on it, over directions of the sun.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Of a study with ``clock: sun`` and `output.flux_map`, from `open_result` or `build`.
+    select : mapping of str to value, optional
+        Value of every other dimension of the result.
+
+    Returns
+    -------
+    xarray.DataArray
+        Over ``sun_elevation``, ``sun_azimuth`` and the columns, whose sum is 1: of a cylinder from south over east,
+        north and west; of a rectangle from left to right as its mirrors see it. Missing where the sun is not up.
+
+    Raises
+    ------
+    StudyError
+        As `efficiency_table`; or nothing reaches the receiver, or a cylinder has an odd number of columns.
+    """
+    if "flux_map" not in result.data_vars:
+        raise StudyError(Problem("the result has no flux map: ask for it with 'output: {flux_map: ...}'"))
+    flux = _over_directions(result, "flux_map", select, ("flux_row", "flux_column")).sum("flux_row", min_count=1)
+    if flux["flux_column"].attrs["units"] == "degree":
+        if flux.sizes["flux_column"] % 2:
+            message = "must be even: SAM's columns meet at south and at north"
+            raise StudyError(Problem(message, "output.flux_map.columns"))
+        flux = flux.isel(flux_column=np.argsort((180.0 - flux["flux_column"].to_numpy()) % 360.0))
+    whole = flux.sum("flux_column", min_count=1)
+    if (whole <= 0).any():
+        raise StudyError(Problem("no light reaches the receiver for some directions of the sun", "flux_map"))
+    return (flux / whole).assign_attrs(units="1", long_name="share of a column of the receiver in the light on it")
+
+
+def _over_directions(
+    result: xr.Dataset, variable: str, select: Mapping[str, Any] | None, inner: tuple[str, ...] = ()
+) -> xr.DataArray:
+    """A variable over elevation, azimuth and `inner` dimensions, in memory. Raises StudyError."""
     if variable not in result.data_vars:
         raise StudyError(Problem(f"the result has no variable {variable!r}", "variable"))
     table = result[variable]
@@ -149,7 +209,7 @@ def efficiency_table(
             message = "directions of the sun take the place of sites and times; leave it out"
             raise StudyError(Problem(message, f"select.{key}"))
         table = table.sel({name: label(table, name, value)})
-    others = [str(dim) for dim in table.dims if dim not in (_AZIMUTH, _ELEVATION)]
+    others = [str(dim) for dim in table.dims if dim not in (_AZIMUTH, _ELEVATION, *inner)]
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
     if others:
         known = "; ".join(f"{dim}: {', '.join(map(str, table[dim].to_numpy()[:10]))}" for dim in others)
@@ -157,9 +217,7 @@ def efficiency_table(
     if tied:
         raise StudyError(Problem("the directions are tied; a table needs all elevations at all azimuths", "zip"))
     table = table.expand_dims([dim for dim in (_AZIMUTH, _ELEVATION) if dim not in table.dims])
-    made = (table.transpose(_ELEVATION, _AZIMUTH).compute() * factor).sortby(_ELEVATION)
-    text = f"cosine, shading and blocking, times {factor:g}" if factor != 1 else "cosine, shading and blocking"
-    return made.assign_attrs(units="1", long_name=f"optical efficiency of the field: {text}")
+    return table.transpose(_ELEVATION, _AZIMUTH, *inner).compute().sortby(_ELEVATION)
 
 
 def write_table(
@@ -170,7 +228,7 @@ def write_table(
     Parameters
     ----------
     table : xarray.DataArray
-        From `efficiency_table`.
+        From `efficiency_table`; or from `flux_maps`, which ``tower`` writes without angles, in the same order.
     path : path
         CSV file to write; appears under its name when it is complete.
     form : {"tower", "generic", "solarpilot"}
@@ -191,8 +249,9 @@ def write_table(
     HeliosweepError
         The file cannot be written.
     """
-    if form not in _ROWS:
-        raise StudyError(Problem(f"unknown form {form!r}; use {', '.join(_ROWS)}"))
+    if form not in _ROWS or (table.ndim > 2 and form != "tower"):
+        known = "'tower' for flux maps" if form in _ROWS else ", ".join(_ROWS)
+        raise StudyError(Problem(f"unknown form {form!r}; use {known}"))
     file = target_file(path, force)
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]
@@ -209,8 +268,9 @@ Rows: TypeAlias = Iterable[Sequence[object]]
 def _tower(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
     for height, row in zip(elevation, values, strict=True):
         for direction, value in zip(azimuth, row, strict=True):
-            if np.isfinite(value):
-                yield _number(direction), _number(90 - height), _number(value)
+            if np.isfinite(value).all():
+                angles = (direction, 90 - height) if values.ndim == 2 else ()
+                yield [_number(each) for each in (*angles, *np.atleast_1d(value))]
 
 
 def _generic(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:

@@ -56,6 +56,8 @@ heliostat > heliostat: {distance: 120, pixel: 2}
     3:35: heliostat.pixel: must be at most 1.8 m, the shorter side of module 1 (got 2)
 heliostat > heliostat: {distance: 120, pixel: 0.0005}
     3:35: heliostat.pixel: is too small: 2.13e+08 pixels are more than 20,000,000 (got 0.0005)
+heliostat > heliostat: {distance: 120, pixel: 1.0e-309}
+    3:35: heliostat.pixel: is too small: inf pixels are more than 20,000,000 (got 1e-309)
 heliostat > heliostat: {distance: 120, modules: themis}
     3:37: heliostat.modules: unknown choice; did you mean 'themis_8'? (got 'themis')
 heliostat > heliostat: {distance: 120, pixel: 0.1, modules: [{centre: [0, 0], size: [2, 2]}, {centre: [1.5, 0], size: [2, 2]}]}

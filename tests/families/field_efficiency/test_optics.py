@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.chain import transmittance
+from heliosweep.families.field_efficiency.chain import Air, transmittance
 from tests.conftest import STUDIES
 
 RECEIVER = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 7}
@@ -91,10 +92,21 @@ def test_the_quick_method_is_near(lit):
 def test_transmittance_at_one_kilometre():
     wanted = {
         "delsol_clear": 0.902766, "delsol_hazy": 0.746210, "leary_hankins": 0.895310, "ballestrin_clear": 0.861913,
-        "ballestrin_hazy": 0.569813, "none": 1.0,
+        "ballestrin_hazy": 0.569813, "none": 1.0, "vant_hull": 0.850984,
     }  # fmt: skip
     for model, value in wanted.items():
         assert transmittance(model, np.array([1000.0]))[0] == pytest.approx(value, abs=1e-6)
+
+
+def test_air_of_a_site(lit):
+    optics = {**OPTICS, "attenuation": "vant_hull", "visibility": ["5 km", "50 km"], "water_vapour": 3}
+    result = computed(lit(optics=optics, site={"latitude": 40, "altitude": 1500}))
+    found = result["attenuation_efficiency"].isel(tracking=0)
+    place = np.array([result[axis].to_numpy() for axis in ("x", "y")])
+    slant = np.hypot(np.hypot(*place) - 3, 55)  # to the surface of the cylinder
+    for visibility, values in zip((5e3, 50e3), found.transpose("visibility", ...), strict=True):
+        np.testing.assert_allclose(values, transmittance("vant_hull", slant, Air(visibility, 3, 1500, 60)), rtol=1e-12)
+    assert np.all(found.diff("visibility") > 0)
 
 
 @pytest.mark.parametrize(
@@ -127,9 +139,11 @@ def test_what_is_wrong_is_told(lit, blocks, message):
         api.plan(lit(**blocks))
 
 
-def test_far_mirrors_are_told(lit):
-    study = lit(layout={"radial_stagger": {"clearance": 13, "inner_radius": 3100, "rings": 1}})
-    assert any("farther than 3 km" in note for note in study.notes())
+def test_polynomials_alone_end(lit):
+    far = {"layout": {"radial_stagger": {"clearance": 13, "inner_radius": 3100, "rings": 1}}}
+    for model, warned in (("ballestrin_hazy", True), ("leary_hankins", False), ("vant_hull", False)):
+        notes = lit(**far, optics={**OPTICS, "attenuation": model}).notes()
+        assert any(re.match(r"[\d,]+ heliostats are farther than 3 km", note) for note in notes) == warned
 
 
 def test_the_round_robin():

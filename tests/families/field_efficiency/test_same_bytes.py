@@ -20,7 +20,11 @@ EXECUTIONS: list[dict[str, Any]] = [
 ]
 
 
-OUTPUTS = {"annual": {"time_series": False}, "compressed series": {"time_series": True, "compression": "zlib"}}
+OUTPUTS: dict[str, dict[str, Any]] = {
+    "annual": {"time_series": False},
+    "compressed series": {"time_series": True, "compression": "zlib"},
+    "series of the field": {"time_series": True, "field_series": True},
+}
 
 
 @pytest.mark.parametrize("output", OUTPUTS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.field import packets as mounts
-from heliosweep.kernels.field.efficiency import aimed, field_series, field_sums, sweep
+from heliosweep.kernels.field.efficiency import UNWEIGHTED, aimed, field_energies, field_series, field_sums, sweep
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, packet_order
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
@@ -93,10 +93,10 @@ def test_same_bits_in_a_packet_of_any_length(tracking):
     rng = np.random.default_rng(12)
     mirrors, sun = aimed(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0)
     whole, sums, factors = np.empty((4, PACKET, 60)), np.empty((0, 4)), np.empty((0, 0))
-    sweep(mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, sums, whole, factors)
+    sweep(mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, sums, whole, factors, UNWEIGHTED)
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
         part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
-        sweep(mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, sums, part, factors)
+        sweep(mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, sums, part, factors, UNWEIGHTED)
         np.testing.assert_array_equal(part, whole)
 
 
@@ -126,6 +126,28 @@ def test_sums_are_sums_of_the_series_in_packet_order():
     np.testing.assert_array_equal(sums, expected.T)
 
 
+@METHODS
+def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
+    rng = np.random.default_rng(10)
+    field, sun = scattered(rng, 40, 8.0), suns(rng, 200, -10.0, 80.0)
+    weight, reflected, part = rng.random(200), rng.random(200), rng.random((40, 200))
+    period = rng.integers(0, 5, 200)
+    weights = np.stack((weight, weight * reflected))
+    sums = field_energies(*field, tracking, sun, 0, 40, weights, period, 5, part)
+    cosine, shading, blocking, optical = np.nan_to_num(field_series(*field, tracking, sun, 0, 40))
+    lit = optical * reflected[:, np.newaxis]
+    rows = np.stack((cosine, shading, blocking, optical, cosine * shading, lit, lit * part.T)) * weight[:, np.newaxis]
+    for each in range(5):
+        np.testing.assert_allclose(sums[:, each], rows[:, period == each].sum(axis=1).T, rtol=1e-13)
+    parts = [
+        field_energies(*field, tracking, sun, a, b, weights, period, 5, part[a:b])
+        for a, b in itertools.pairwise((0, 1, 17, 40))
+    ]
+    np.testing.assert_array_equal(np.concatenate(parts), sums)
+    whole = field_energies(*field, tracking, sun, 0, 40, weights, period, 5)
+    np.testing.assert_array_equal(whole[..., 5], whole[..., 6])
+
+
 def test_nothing_to_do():
     field, sun = chong2012(), directions(np.array([90.0]), np.array([-5.0]))
     assert field_sums(*field, 0, directions(np.array([90.0]), np.array([5.0])), 7, 7)[0].shape == (0, 4)
@@ -133,6 +155,9 @@ def test_nothing_to_do():
     assert instants == 0
     assert not sums.any()
     assert field_sums(*field, 0, np.empty((0, 3)), 0, 5)[1] == 0
+    assert not field_energies(*field, 0, sun, 0, 5, np.ones((2, 1)), np.array([3]), 4).any()
+    with pytest.raises(ValueError, match="weights must be of shape"):
+        field_energies(*field, 0, sun, 0, 5, np.ones((2, 1)), np.array([4]), 4)
     assert field_series(*field, 0, np.empty((0, 3)), 0, 5).shape == (4, 0, 5)
     assert np.isnan(field_series(*field, 0, sun, 0, 5)).all()
 

@@ -83,7 +83,8 @@ def _pixels(study: BackwardGazingStudy) -> Found:
     largest, smallest = max(ends(study.heliostat.pixel)), min(ends(study.heliostat.pixel))
     side, number = float(modules.size.min()), int(np.argmin(modules.size.min(axis=1))) + 1
     span = (modules.centre + 0.5 * modules.size).max(axis=0) - (modules.centre - 0.5 * modules.size).min(axis=0)
-    count = float(np.prod(np.ceil(span / smallest)))
+    with np.errstate(over="ignore"):  # pixels of 1e-310 m are too many, too
+        count = float(np.prod(np.ceil(span / smallest)))
     if largest > side:
         message = f"must be at most {side:g} m, the shorter side of module {number}"
         yield study.problem("heliostat.pixel", f"{message} (got {largest:g})")

@@ -15,6 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.times import CivilTime
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.sun import instants_of
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 
 Floats = NDArray[np.float64]
@@ -124,3 +127,28 @@ def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
     rates = np.abs(steps[moves]) / np.diff(hours, prepend=0.0)[moves]
     low, span = float(lows[best]), float(spans[best])
     return low, low + span, span, float(rates.max()) if rates.size else np.nan
+
+
+def hours_of(parameters: Parameters, index: tuple[int, ...]) -> tuple[Floats, float]:
+    """Times of all instants at a point [h], and the longest step between two that follow each other in a day. [h]"""
+    time, instants = parameters.study.time, instants_of(parameters)  # type: ignore[attr-defined]
+    if "utc" not in instants.labels:
+        return instants.labels["solar_hour"].values, np.inf
+    dims = list(parameters.sizes)
+    here = instants.at_sites(index[dims.index(instants.dim)]) if instants.dim in dims else instants
+    stamps = here.labels["utc"].values
+    longest = time.window_seconds()[2] / 3600 if isinstance(time, CivilTime) else here.labels["hours"].values.max()
+    return (stamps - stamps[0]) / np.timedelta64(1, "h"), float(longest)
+
+
+def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
+    """Angles of mounts, the last axis: at each instant, over the period where `hours` are given, or at the only one."""
+    course = None if hours is None else courses(*hours, sun)
+    found = []
+    for aim in aims:
+        both = tracking_angles(aim, sun, tracking)
+        if course is not None:
+            found.append(np.concatenate([motion(angle, course) for angle in both]))
+        else:
+            found.append(both if series else both[:, 0])
+    return np.stack(found, axis=-1)

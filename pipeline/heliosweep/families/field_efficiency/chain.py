@@ -5,23 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.distribution import Distribution
+from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes, read_sun
 from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.kernels.field.efficiency import targets
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.draws import standard_deviates
+from heliosweep.grid.layout_axis import LayoutAxis
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.sun import instants_of
+from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 from heliosweep.kernels.intercept import hflcal, sunshapes
 from heliosweep.kernels.intercept.course import course
-from heliosweep.kernels.intercept.efficiency import Receiver, Scene, cylinder, rectangle, sun_tables
+from heliosweep.kernels.intercept.efficiency import Scene, sun_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets
+from heliosweep.kernels.intercept.receivers import Receiver, cylinder, rectangle
 from heliosweep.kernels.intercept.tables import Tables
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+    from heliosweep.layouts.layout import Layout
 
 Floats = NDArray[np.float64]
+
+_NO_TABLES = Tables(0.0, 0.0, np.zeros(2), np.zeros(1), np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), np.zeros((2, 1)))
 
 #: Transmittance over a slant range in km, with the coefficients of each formula.
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
@@ -34,28 +46,97 @@ _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
 }
 
 
-def transmittance(model: str, slant: Floats) -> Floats:
+class Air(NamedTuple):
+    """Air of the model vant_hull."""
+
+    visibility: float = 23e3
+    """Visibility. [m]"""
+    water_vapour: float = 5.9
+    """Density of water vapour. [g/m3]"""
+    altitude: float = 0.0
+    """Altitude of the site. [m]"""
+    tower: float = 100.0
+    """Height of the receiver above the ground. [m]"""
+
+
+def transmittance(model: str, slant: Floats, air: Air | None = None) -> Floats:
     """Part of the light that passes the air between mirror and receiver.
 
     Parameters
     ----------
     model : str
         One of `optics.ATTENUATION`: the polynomials of DELSOL3 (Kistler 1986), of Leary and Hankins (1979) and of
-        Ballestrin and Marzo (2012).
+        Ballestrin and Marzo (2012), or the model of Vant-Hull as open ray tracers have it.
     slant : ndarray
         Slant range. [m]
+    air : Air, optional
+        Air of the model vant_hull; that of the defaults where left out.
 
     Returns
     -------
     ndarray
         Between 0 and 1. [1]
     """
-    return np.clip(_FORMULAS[model](slant / 1000), 0.0, 1.0)
+    far = slant / 1000
+    return np.clip(_vant_hull(far, air or Air()) if model == "vant_hull" else _FORMULAS[model](far), 0.0, 1.0)
 
 
-def _receiver(kind: str, height: float, values: Mapping[str, Any]) -> Receiver:
-    """Receiver of the kernels at a point of the result."""
-    centre = (0.0, 0.0, float(height))
+def _vant_hull(far: Floats, air: Air) -> Floats:
+    """Transmittance over a slant range in km: extinction by dust, which thins out upwards, and by water vapour."""
+    extinction, vapour = 3.912 / (air.visibility / 1000), air.water_vapour
+    thinning = (0.0112 * air.altitude / 1000 + 0.0822) * math.log((extinction + 0.0003 * vapour) / 0.00455)
+    power = 1 - (0.00101 * vapour + 0.0507) / math.sqrt(extinction + 0.0091)
+    strength = (0.0105 * vapour + 0.724) * (extinction - 0.0037) ** power * math.exp(-thinning * air.tower / 1000)
+    transmitted: Floats = np.exp(-strength * far**power)
+    return transmitted
+
+
+#: Keys of the air, and what they are where left out.
+_AIR = {key: Air._field_defaults[key] for key in ("visibility", "water_vapour")}
+
+
+class Inputs(LayoutAxis):
+    """The layouts of a study, and what its files tell of the way of the light: read once."""
+
+    def __init__(self, study: FieldEfficiencyStudy) -> None:
+        super().__init__(study)
+        files = study.files()
+
+        def read(key: str, reader: Callable[..., Any]) -> dict[str, Any]:
+            return {name: reader(study.resolve(name), name) for name in files.get(f"optics.{key}", ())}
+
+        self.sun = next((sunshapes.table(*table) for table in read("sun_shape.file", read_sun).values()), None)
+        self.maps = {PurePath(name).name: slopes for name, slopes in read("slope_map", read_slopes).items()}
+        self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
+        self._tables: dict[Errors, tuple[Tables, Errors]] = {}
+        self._slopes: dict[tuple[Any, ...], tuple[Floats, Floats]] = {}
+
+    def slopes_of(self, name: str, width: float, height: float, facets: Facets, turned: bool) -> tuple[Floats, Floats]:
+        """Slopes of a map at the nodes of a mirror, and what is finer: `SlopeMap.at_nodes`; the last ones are kept."""
+        key = (PurePath(name).name, width, height, facets, turned)
+        if key not in self._slopes:
+            self._slopes = {key: self.maps[key[0]].at_nodes(*key[1:])}
+        return self._slopes[key]
+
+    def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
+        """Sun shape at a point of the result, from the values of `optics.KEYS` by their last part."""
+        if values["kind"] == "table":
+            assert self.sun is not None
+            return self.sun
+        return _sun(values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None)
+
+    def tables_of(self, values: Mapping[str, Any], errors: Errors) -> tuple[Tables, Errors]:
+        """Tables of that sun for some errors; the last ones are kept."""
+        if values["kind"] != "table":
+            return _tables(values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None, errors)
+        if errors not in self._tables:
+            self._tables = {errors: sun_tables(self.sun_of(values), errors)}
+        return self._tables[errors]
+
+
+def receiver_of(kind: str, values: Mapping[str, Any]) -> Receiver:
+    """Receiver of the kernels at a point of the result, from the values of `optics.KEYS` by their last part."""
+    centre = (0.0, 0.0, float(values["height"]))
     if kind == "cylinder":
         return cylinder(centre, float(values["radius"]), float(values["height_extent"]))
     azimuth, tilt = (math.radians(values[key] or 0.0) for key in ("azimuth", "tilt"))
@@ -71,16 +152,79 @@ def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
     return made
 
 
+def _ratio(values: Mapping[str, Any]) -> float | None:
+    return values["circumsolar_ratio"] if values["kind"] == "buie" else None
+
+
+def sun_of(values: Mapping[str, Any]) -> sunshapes.SunShape:
+    """Sun shape at a point of the result."""
+    return _sun(values["kind"], _ratio(values))
+
+
 @lru_cache(4)
 def _tables(kind: str, ratio: float | None, errors: Errors) -> tuple[Tables, Errors]:
     return sun_tables(_sun(kind, ratio), errors)
 
 
-def _errors(values: Mapping[str, Any]) -> Errors:
+def _errors(values: Mapping[str, Any], rest: Floats) -> Errors:
+    """Random errors; of slopes also the `rest` that a map leaves. [rad]"""
     both = values["slope_error"]
-    slopes = (both if both is not None else values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical"))
-    u, v = (1e-3 * math.hypot(slope, values["tracking_error"]) for slope in slopes)
+    given = (both if both is not None else values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical"))
+    slopes = (1e-3 * math.hypot(slope or 0.0, values["tracking_error"]) for slope in given)
+    u, v = (math.hypot(slope, float(more)) for slope, more in zip(slopes, rest, strict=True))
     return Errors(u, v, 1e-3 * float(values["specularity_error"]))
+
+
+def _turns(layout: Layout) -> Floats:
+    """Turns of the normals by columns of a layout, shape (N, 2). [rad]"""
+    columns = (layout.columns.get(name, np.zeros(len(layout))) for name in TURN_COLUMNS)
+    return 1e-3 * np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
+
+
+def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout, start: int, stop: int) -> Floats:
+    """Errors of the mounts of heliostats start..stop, shape (N, 6); (0, 6) where none are given. [rad]"""
+    if inputs.mounts is not None:
+        return inputs.mounts.of(layout)[start:stop]
+    given = [values[name] for name in ERRORS]
+    if given[0] is None:
+        return np.empty((0, len(ERRORS)))
+    drawn = standard_deviates(given, np.arange(start, stop), 1, int(values["seed"] or 0))[:, 0]
+    draws = [isinstance(error, Distribution) for error in given]
+    mean = [error.mean if drawn else error for error, drawn in zip(given, draws, strict=True)]
+    width = [error.width * values["scale"] if drawn else 0.0 for error, drawn in zip(given, draws, strict=True)]
+    return 1e-3 * (np.array(mean, np.float64) + np.array(width, np.float64) * drawn)
+
+
+def months_of(parameters: Parameters, index: tuple[int, ...], longitude: float | None) -> NDArray[np.int64] | None:
+    """Month, 0 to 11, of each instant at a point, by mean solar time; None where instants have no dates."""
+    instants, sizes = instants_of(parameters), list(parameters.sizes)
+    here = instants.at_sites(index[sizes.index(instants.dim)]) if instants.dim in sizes else instants
+    labels = here.labels
+    if "day" in labels:
+        days: NDArray[Any] = (labels["day"].values.astype(np.int64) - 1).astype("timedelta64[D]")
+        stamps: NDArray[Any] = np.datetime64("2001-01-01") + days
+    elif "utc" in labels:
+        stamps = labels["utc"].values + np.timedelta64(round(240 * (longitude or 0.0)), "s")
+    else:
+        return None
+    found: NDArray[np.int64] = stamps.astype("datetime64[M]").astype(np.int64) % 12
+    return found
+
+
+def _cleanliness(study: FieldEfficiencyStudy, values: Mapping[str, Any], months: NDArray[np.int64] | None) -> Floats:
+    """Part of the light that dirt leaves, of each instant or of all, shape (T,) or (1,)."""
+    assert study.optics is not None
+    monthly = study.optics.cleanliness_by_month
+    clean = np.array([float(values["cleanliness"])]) if monthly is None else np.array(monthly)[months]
+    if values["rate"] is not None:  # of mirrors that are washed in turn, half the dirt of an interval
+        clean = clean * (1.0 - values["rate"] * values["washing_interval"] / 2.0)
+    return clean
+
+
+def curve_of(focus: float | str | None, slant: Floats) -> Floats:
+    """One over twice the focal length of each mirror, 0 for a flat one. [1/m]"""
+    flat = np.zeros(len(slant))
+    return flat if focus in (None, "flat") else 0.5 / (slant if focus == "slant" else flat + float(focus))
 
 
 class Light(NamedTuple):
@@ -91,16 +235,63 @@ class Light(NamedTuple):
     transmitted: Floats
     """By the air, shape (N,). [1]"""
     reflected: Floats
-    """By the mirror: reflectivity times cleanliness, shape (N,). [1]"""
+    """By the mirrors: reflectivity times cleanliness, shape (1,), or (T,) where it changes. [1]"""
+    error: Floats
+    """Largest error of interpolated intercepts that was found, shape (N,); 0 where all are computed. [1]"""
+
+
+class Way(NamedTuple):
+    """The way of the light at a point of the result, of which more than the study is known."""
+
+    study: FieldEfficiencyStudy
+    """Study with `optics`."""
+    inputs: Inputs
+    """What its files tell."""
+    layout: Layout
+    """All heliostats."""
+    values: Mapping[str, Any]
+    """Values of `optics.KEYS` by the last part of each."""
+
+    def deviation(self) -> float:
+        """Variance per axis of rays about that of a perfect mirror and a point sun, at normal incidence. [rad^2]"""
+        errors = _errors(self.values, np.zeros(2))
+        spread = self.inputs.sun_of(self.values).spread
+        return spread + 2.0 * (errors.slope_u**2 + errors.slope_v**2) + errors.specularity**2
+
+    def scene(self, mirrors: tuple[Any, ...], start: int, stop: int) -> Scene:
+        """Heliostats start..stop and their receiver, as the kernels of the intercept take them.
+
+        `mirrors` are the first arguments of `field_sums`. For the method `gaussian` it is without tables, and has the
+        errors alone.
+        """
+        study, values = self.study, self.values
+        centre = np.stack(mirrors[:3], axis=1)[start:stop]
+        sides = 2.0 * np.stack(mirrors[3:5], axis=1)[start:stop]
+        target, grid = mirrors[5][start:stop], study.heliostat.facets
+        slant = np.sqrt(np.sum((target - centre) ** 2, axis=1))
+        facets = Facets(1, 1, 0.0) if grid is None else Facets(grid.columns, grid.rows, float(grid.gap))
+        slopes, rest = np.empty((0, 0, 2)), np.zeros(2)
+        if values["slope_map"] is not None:
+            size = float(sides[0, 0]), float(sides[0, 1])
+            slopes, rest = self.inputs.slopes_of(values["slope_map"], *size, facets, mirrors[6] == SPINNING_ELEVATION)
+        errors = _errors(values, rest)
+        gaussian = values["method"] == "gaussian"
+        tables, blurred = (_NO_TABLES, errors) if gaussian else self.inputs.tables_of(values, errors)
+        cant = 0.5 / slant if values["canting"] == "on_axis" else np.zeros(len(slant))
+        turn = _turns(self.layout)[start:stop]
+        mounts = _mount_errors(values, self.inputs, self.layout, start, stop)
+        return Scene(
+            centre, target, sides, curve_of(values["focus"], slant), cant, turn, facets, mirrors[6], blurred,
+            receiver_of(str(study.receiver.kind), values), tables, mounts, slopes,
+        )  # fmt: skip
 
 
 def light(
-    study: FieldEfficiencyStudy,
+    way: Way,
     mirrors: tuple[Any, ...],
-    radius: float,
     sun: Floats,
-    latitude: float | None,
-    given: Sequence[Any],
+    place: Sequence[Any],
+    months: NDArray[np.int64] | None,
     start: int,
     stop: int,
 ) -> Light:
@@ -108,41 +299,34 @@ def light(
 
     Parameters
     ----------
-    study : FieldEfficiencyStudy
-        Study with `optics`.
+    way : Way
+        The way of the light at a point of the result.
     mirrors : tuple
-        Centres x, y, z of all mirrors, half their width and height, height of the receiver's centre [m], and code of
-        the tracking method: the first arguments of `field_sums`.
-    radius : float
-        Radius of a cylinder, else 0. [m]
+        Centres x, y, z of all mirrors, half their width and height, points that they aim at [m], and code of the
+        tracking method: the first arguments of `field_sums`.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
-    latitude : float or None
-        Of the place [deg]; None where the sun belongs to no place.
-    given : sequence
-        Values of `optics.KEYS`.
+    place : sequence
+        Values of `grid.sun.PLACE`; None where the sun belongs to no place.
+    months : ndarray or None
+        Month of each instant, 0 to 11, for cleanliness by month.
     start, stop : int
         First heliostat, and the one after the last.
     """
-    values = {key.rpartition(".")[2]: value for key, value in zip(KEYS, given, strict=True)}
-    centre = np.stack(mirrors[:3], axis=1)[start:stop]
-    sides = 2.0 * np.stack(mirrors[3:5], axis=1)[start:stop]
-    target = np.array(np.broadcast_to(targets(centre.T, mirrors[5], radius), centre.shape))
-    slant = np.sqrt(np.sum((target - centre) ** 2, axis=1))
-    receiver, grid = _receiver(str(study.receiver.kind), mirrors[5], values), study.heliostat.facets
-    focus = values["focus"] if values["focus"] is not None else "flat"
-    flat = np.zeros(len(slant))
-    curve = flat if focus == "flat" else 0.5 / (slant if focus == "slant" else flat + float(focus))
-    kind, ratio = values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None
-    errors = _errors(values)
+    values = way.values
+    scene = way.scene(mirrors, start, stop)
+    slant, error = np.sqrt(np.sum((scene.target - scene.centre) ** 2, axis=1)), np.zeros(stop - start)
     if values["method"] == "gaussian":
-        intercept = hflcal.intercepts(centre, target, sides, curve, _sun(kind, ratio).spread, errors, receiver, sun)
+        spread = way.inputs.sun_of(values).spread
+        intercept = hflcal.intercepts(*scene[:4], spread, scene.errors, scene.receiver, sun)
     else:
-        tables, blurred = _tables(kind, ratio, errors)
-        cant = 0.5 / slant if grid is not None and grid.canting == "on_axis" else flat
-        facets = Facets(1, 1, 0.0) if grid is None else Facets(grid.columns, grid.rows, float(grid.gap))
-        turn = np.zeros((len(slant), 2))
-        scene = Scene(centre, target, sides, curve, cant, turn, facets, mirrors[6], blurred, receiver, tables)
-        intercept = course(scene, sun, None if latitude is None else math.radians(latitude))
-    reflected = flat + values["reflectivity"] * values["cleanliness"]
-    return Light(intercept, transmittance(values["attenuation"], slant), reflected)
+        intercept, error = course(scene, sun, None if place[0] is None else math.radians(place[0]))
+    visibility, water_vapour = (values[key] if values[key] is not None else default for key, default in _AIR.items())
+    air = Air(visibility, water_vapour, float(place[2] or 0.0), float(values["height"]))
+    reflected = values["reflectivity"] * _cleanliness(way.study, values, months)
+    return Light(intercept, transmittance(values["attenuation"], slant, air), reflected, error)
+
+
+def values_of(given: Sequence[Any]) -> dict[str, Any]:
+    """Values of `optics.KEYS`, given in their order, by the last part of each."""
+    return {key.rpartition(".")[2]: value for key, value in zip(KEYS, given, strict=True)}

@@ -3,35 +3,43 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.times import CivilTime, SunDirections
-from heliosweep.families.field_efficiency.angles import courses, motion, tracking_angles
-from heliosweep.families.field_efficiency.chain import light
-from heliosweep.families.field_efficiency.geometry import land_area
-from heliosweep.families.field_efficiency.optics import KEYS
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.times import SunDirections
+from heliosweep.families.field_efficiency import energy
+from heliosweep.families.field_efficiency.aim import aims
+from heliosweep.families.field_efficiency.angles import angles_of, hours_of
+from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, values_of
+from heliosweep.families.field_efficiency.flux import cell_seconds, flux_labels, flux_sizes
+from heliosweep.families.field_efficiency.flux_sums import FluxSums
+from heliosweep.families.field_efficiency.geometry import land_area, mirror_area
+from heliosweep.families.field_efficiency.optics import KEYS, label_keys
+from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
     ANGLES,
+    DESIGN,
     EFFICIENCIES,
     FACTORED,
     FIELD_MEANS,
-    LIGHT,
-    LIGHT_MEANS,
-    LIGHT_SERIES,
+    MONTHS,
     MOTION,
     OUTLINES,
     PLACES,
-    SERIES,
-    SIZES,
+    STAGES,
+    variables,
 )
 from heliosweep.grid.clock import instant_count
 from heliosweep.grid.layout_axis import LayoutAxis, longest, mirror_size, weighted_mean
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
+from heliosweep.grid.regions import of_kind, shape_of
 from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
+from heliosweep.grid.weather import CAUSES
 from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.intercept import course
@@ -46,8 +54,12 @@ if TYPE_CHECKING:
 #: Time of one heliostat and instant on one core: with the sun in the zenith, more with the number of mirrors that
 #: stand in the way, which grows with 1 / sin^2 of its elevation, up to all of them. Measured on radial staggers. [s]
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
-#: Time of the intercept of one heliostat and direction of the sun, and of its interpolation to an instant. [s]
-SECONDS_INTERCEPT, SECONDS_INTERPOLATED = 60e-6, 0.3e-6
+#: Time of the intercept of one heliostat and direction of the sun, by kind of receiver, of its interpolation to an
+#: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
+SECONDS_INTERCEPT = {"rectangle": 30e-6, "cavity": 30e-6, "cylinder": 150e-6}
+SECONDS_INTERPOLATED, SECONDS_GAUSSIAN, MISSED = 0.3e-6, 40e-9, 0.2
+#: Of one value at each instant, what is held of the heliostats of a block; and their least number. [bytes]
+BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 100e-6
 #: Time of the angles of one heliostat at one instant, and of one heliostat whatever the instants. [s]
@@ -68,11 +80,16 @@ _LABELS = (
 )
 
 
-#: Labels of the dimensions of outlines.
-EFFECTS = ("shading", "blocking")
+#: Labels of the dimensions beside those of heliostats and instants, and what they are.
+_NAMED = {
+    "effect": (("shading", "blocking"), "what takes light from the mirror"),
+    "stage": (STAGES, "step on the way of the light, in its order, that takes energy"),
+    "cause": (CAUSES, "limit beyond which the field does not work"),
+}
 _NUMBERED = {
-    "image": "number of an outline on the mirror, from the largest, from 0",
-    "corner": "number of a corner of an outline, counter-clockwise, from 0",
+    "image": (0, "number of an outline on the mirror, from the largest, from 0"),
+    "corner": (0, "number of a corner of an outline, counter-clockwise, from 0"),
+    "month": (1, "month of the year"),
 }
 
 
@@ -80,52 +97,69 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     """Sizes and cost, for the plan."""
     parameters = Parameters(study)
     heliostats, instants = longest(study), instant_count(study.time)
-    inner = {"heliostat": heliostats}
-    if study.output.time_series:
-        instants = instants_of(parameters).size if instants <= MAX_INSTANTS else instants
-        inner = {"time": instants, "heliostat": heliostats}
-    inner |= _outline_sizes(study)
+    if instants <= MAX_INSTANTS and (_series(study) or study.weather is not None):
+        instants = instants_of(parameters).size
+    inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
     angles = study.output.tracking_angles
-    seconds = _seconds(parameters) + angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
+    seconds, lit = _seconds(parameters)
+    seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts = math.prod(len(dim) for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps))
-
-    seconds, lit = _seconds(parameters), study.optics is not None
-    if lit:
-        computed = 1.0 if isinstance(study.time, SunDirections) else min(1.0, course.COMPUTED / max(instants, 1))
-        seconds += SECONDS_INTERPOLATED + SECONDS_INTERCEPT * computed
+    method = None if study.optics is None else study.optics.method
+    methods = method.values() if isinstance(method, Sweep) else (method,)
+    if "accurate" in methods:
+        few = isinstance(study.time, SunDirections) or instants * lit < 2 * course.COMPUTED
+        share = lit if few else course.COMPUTED / instants + MISSED * lit
+        seconds += SECONDS_INTERPOLATED * lit + SECONDS_INTERCEPT[str(study.receiver.kind)] * share
+    elif method is not None:
+        seconds += SECONDS_GAUSSIAN * lit
+    seconds += cell_seconds(study, instants) / instants
+    split = "" if study.output.flux_map is not None else "heliostat"  # maps are sums over the field
 
     def working_bytes(points: int, length: int) -> int:
+        length = length if split else heliostats
         # Frames of the heliostats and of those around them that may stand in the way, and who these are.
         frames = min(heliostats, length + HALO) * packets.PACKET * 10 * 8
-        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + 4 * instants * (24 + 40 * angles)
+        held = 8 if _series(study) else 4 * _complete(study)
+        block = held * min(BLOCK_BYTES, 8 * instants * heliostats)
+        each = 4 * (24 + 40 * angles) + 200 * (study.weather is not None)
+        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + each * instants + block
 
     return Workload(
         parameters=parameters.sizes,
         inner=inner,
         evaluations=heliostats * instants,
         unit="heliostat-instants",
-        seconds=seconds * (2 if study.output.time_series else 1),
-        splittable="heliostat",
+        seconds=seconds * (2 if _series(study) else 1),
+        splittable=split,
         working_bytes=working_bytes,
         seconds_per_point=SECONDS_PER_POINT,
-        coordinate_bytes=8 * (6 * layouts * heliostats + (instants if study.output.time_series else 0)),
-        axes={} if study.output.time_series else {"instants": instants},
+        coordinate_bytes=8 * (6 * layouts * heliostats + _series(study) * instants),
+        axes={} if _series(study) else {"instants": instants},
     )
 
 
-def _seconds(parameters: Parameters) -> float:
-    """Estimate of the time of one heliostat and instant, from the sun at a few points and instants. [s]"""
-    if instant_count(parameters.study.time) > MAX_INSTANTS:  # type: ignore[attr-defined]
-        return SECONDS_AT_ZENITH + SECONDS_MORE
+def _seconds(parameters: Parameters) -> tuple[float, float]:
+    """Estimate of the time of one heliostat and instant [s], and share of the instants with the sun up.
+
+    From the sun, and with weather from the instants at which the field works, at a few points and instants.
+    """
+    study: Any = parameters.study
+    if instant_count(study.time) > MAX_INSTANTS:
+        return SECONDS_AT_ZENITH + SECONDS_MORE, 1.0
     places = set(parameters.site_dims)
     step = {dim: max(1, size // SAMPLED_POINTS) if dim in places else size for dim, size in parameters.sizes.items()}
-    sampled = Parameters(parameters.study, {dim: slice(None, None, length) for dim, length in step.items()})
-    suns = Suns(sampled, SAMPLED_INSTANTS)
-    sine = np.concatenate([suns.at(index, place)[:, 2] for index, place in sampled.points(*PLACE)])
-    sine = sine[sine > 0]
-    if not sine.size:
-        return SECONDS_AT_ZENITH
-    return float(np.mean(SECONDS_AT_ZENITH + SECONDS_MORE * np.minimum(sine**-2.0 - 1.0, MOST_TIMES)))
+    sampled = Parameters(study, {dim: slice(None, None, length) for dim, length in step.items()})
+    if study.weather is None:
+        suns = Suns(sampled, SAMPLED_INSTANTS)
+        sine = np.concatenate([suns.at(index, place)[:, 2] for index, place in sampled.points(*PLACE)])
+    else:
+        days = energy.Days(sampled, Suns(sampled))
+        sine = np.concatenate([days.at(*point).sun[:, 2] for point in energy.points(sampled)])
+    lit = sine[sine > 0]
+    if not lit.size:
+        return SECONDS_AT_ZENITH, 1.0
+    each = SECONDS_AT_ZENITH + SECONDS_MORE * np.minimum(lit**-2.0 - 1.0, MOST_TIMES)
+    return float(each.sum() / sine.size), lit.size / sine.size
 
 
 def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
@@ -133,23 +167,36 @@ def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
     import xarray as xr
 
     parameters = Parameters(study)
-    labels: dict[str, Any] = {**parameters.coordinates(_LABELS), **LayoutAxis(study).coordinates()}
-    for dim, size in _outline_sizes(study).items():
-        values, words = (
-            (EFFECTS, "what takes light from the mirror") if dim == "effect" else (range(size), _NUMBERED[dim])
-        )
-        units = {} if dim == "effect" else {"units": "1"}
-        labels[dim] = (dim, np.array(values, object if dim == "effect" else np.int64), {"long_name": words, **units})
-    if study.output.time_series:
+    labels: dict[str, Any] = {
+        **parameters.coordinates((*_LABELS, *label_keys(study))),
+        **LayoutAxis(study).coordinates(),
+    }
+    for dim, size in _inner_sizes(study).items():
+        if dim in _NAMED:
+            values, words = _NAMED[dim]
+            labels[dim] = (dim, np.array(values, object), {"long_name": words})
+        elif dim in _NUMBERED:
+            first, words = _NUMBERED[dim]
+            labels[dim] = (dim, np.arange(first, first + size), {"long_name": words, "units": "1"})
+    if _series(study):
         labels |= instants_of(parameters).coordinates()
+    labels |= flux_labels(study)
     return xr.Dataset(coords=labels, attrs=sun_attributes(study.time))
 
 
-def _outline_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
-    """Lengths of the dimensions of outlines, where they are asked for."""
-    if not study.output.outlines:
-        return {}
-    return {"effect": len(EFFECTS), "image": study.output.outlines, "corner": outlines.CORNERS}
+def _series(study: FieldEfficiencyStudy) -> bool:
+    """Whether the result has values at each instant."""
+    return study.output.time_series or study.output.field_series
+
+
+def _inner_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
+    """Lengths of the dimensions beside those of heliostats and instants, where a result has them."""
+    sizes: dict[str, int] = {}
+    if study.output.outlines:
+        sizes |= {"effect": 2, "image": study.output.outlines, "corner": outlines.CORNERS}
+    if study.weather is not None:
+        sizes |= {"month": MONTHS, "stage": len(STAGES), "cause": len(CAUSES)}
+    return sizes | flux_sizes(study)
 
 
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
@@ -157,113 +204,103 @@ def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     seconds, fresh = warm_field(bool(study.output.outlines))
     if study.optics is None:
         return seconds, fresh
-    more, also = warm_intercept()
+    more, also = warm_intercept(study.output.flux_map is not None)
     return seconds + more, fresh or also
 
 
-def inputs(study: FieldEfficiencyStudy) -> LayoutAxis:
-    """Layouts of the study."""
-    return LayoutAxis(study)
+def inputs(study: FieldEfficiencyStudy) -> Inputs:
+    """Layouts of the study, and the contents of its other files."""
+    return Inputs(study)
 
 
-def compute(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region) -> xr.Dataset:
-    """Efficiencies of every heliostat of a region: means over the instants, or at each where it has ``time``.
+def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.Dataset:
+    """Efficiencies and energies of every heliostat of a region, or values at each instant where it has ``time``.
 
     NaN where a shorter layout is padded, and where the sun is down: at that instant, or always. With them, where the
     study asks for them, angles of the mounts and outlines of shadows.
     """
     import xarray as xr
 
-    parameters = Parameters(study, region)
-    suns, series = Suns(parameters), "time" in region
+    parameters, series = Parameters(study, region), "time" in region
+    around = {dim: part for dim, part in region.items() if dim != "time"}
+    complete = _complete(study)
+    suns = Suns(Parameters(study, around) if complete else parameters)
+    part = parameters.part("time") if complete else slice(None)
+    days = None if study.weather is None else energy.Days(Parameters(study, around), suns)
     span = range(layouts.size)[region.get("heliostat", slice(None))]
-    names, angles = (SERIES, ANGLE_SERIES) if series else (EFFICIENCIES, _angle_names(study))
-    if study.optics is not None:
-        names += LIGHT_SERIES if series else LIGHT
-        all_suns = Suns(Parameters(study, {dim: part for dim, part in region.items() if dim != "time"}))
-    if not study.output.tracking_angles:
-        angles = ()
-    outlined = {} if series else _outline_sizes(study)
-    dims = ("time", "heliostat") if series else ("heliostat",)
-    instants = (suns.size,) if series else ()
-    result = np.full((len(names) + len(angles), *parameters.sizes.values(), *instants, len(span)), np.nan)
-    shapes = {name: tuple(outlined[dim] for dim in ("effect", *OUTLINES[name][0])) for name in OUTLINES if outlined}
-    drawn = {name: np.full((*parameters.sizes.values(), len(span), *shape), np.nan) for name, shape in shapes.items()}
-    keys = (*_SIZES, "heliostat.pivot_height", "receiver.height", "receiver.radius", "tracking", *PLACE, *KEYS)
-    for index, (width, height, pivot, target, radius, tracking, *rest) in parameters.points(*keys):
-        place, radius = rest[: len(PLACE)], radius or 0.0
+    wanted = of_kind(variables(study), "series" if series else "points")
+    instants = len(range(suns.size)[part])
+    sizes = {**Parameters(study).sizes, "time": instants, "heliostat": layouts.size, **_inner_sizes(study)}
+    made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
+    mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking")
+    keys = (*_SIZES, *mount, *PLACE, *energy.LIMITS, *KEYS)
+    for index, (width, height, pivot, target, levels, tracking, *rest) in parameters.points(*keys):
+        place, limits, optics = rest[: len(PLACE)], rest[len(PLACE) : -len(KEYS)], rest[-len(KEYS) :]
         layout = layouts.at(parameters.position(index))
         stop = min(span.stop, len(layout))
         if span.start >= stop:
             continue
-        half_width, half_height = mirror_size(layout, "width", width) / 2, mirror_size(layout, "height", height) / 2
-        mirrors = (layout.x, layout.y, layout.z + pivot, half_width, half_height, target, _TRACKING[tracking])
-        sun = suns.at(index, place)
-        kept = lit = None
+        sides = mirror_size(layout, "width", width), mirror_size(layout, "height", height)
+        mirrors = (layout.x, layout.y, layout.z + pivot, sides[0] / 2, sides[1] / 2, target, _TRACKING[tracking])
+        way = None
         if study.optics is not None:
-            lit = light(
-                study, mirrors, radius, all_suns.at(index, place), place[0], rest[len(PLACE) :], span.start, stop
-            )
-            lit = lit._replace(intercept=lit.intercept[:, parameters.part("time")] if series else lit.intercept)
-            kept = lit.intercept * (lit.transmitted * lit.reflected)[:, np.newaxis]
-        if series:
-            values = efficiency.field_series(*mirrors, sun, span.start, stop, radius)
-            if lit is not None and kept is not None:
-                values = np.concatenate((values, [lit.intercept.T, values[3] * kept.T]))
-        else:
-            sums, count = efficiency.field_sums(*mirrors, sun, span.start, stop, radius, kept)
-            values = (sums / count if count else np.full_like(sums, np.nan)).T
-            if lit is not None:
-                mean = np.nansum(lit.intercept, axis=1) / (count or np.nan)
-                values = np.stack((*values[:4], mean, lit.transmitted, lit.reflected, values[4]))
-        point: tuple[Any, ...] = (slice(None), *index)
-        result[point][: len(names), ..., : stop - span.start] = values
-        if angles:
-            aims = efficiency.aimed(*mirrors[:6], radius).aim[span.start : stop]
-            hours = None if series or angles == ANGLES else _hours(parameters, index)
-            result[point][len(names) :, ..., : stop - span.start] = _angles(aims, sun, mirrors[6], hours, series)
-        if outlined:
-            found = outlines.mirror_outlines(*mirrors, sun[0], span.start, stop, outlined["image"])
+            way = Way(study, layouts, layout, values_of(optics))
+            mirrors = (*mirrors[:5], aims(way, mirrors, levels), mirrors[6])
+        there, sums = suns.at(index, place), FieldSums()
+        hours = None if days is None else days.at(index, place, limits)
+        months = None
+        if study.optics is not None and study.optics.cleanliness_by_month is not None:
+            months = months_of(parameters, index, place[1]) if hours is None else hours.month
+        area = mirror_area(*sides, study.heliostat.facets)
+        field = Field(study, mirrors, area, place, months, way)
+        sun, now = there if hours is None else hours.sun, there[part]
+        flux = FluxSums(field, sun if hours is None else hours)
+        for start, end in _blocks(study, len(sun), span.start, stop):
+            if series:
+                values = field.series(sun, part, hours, start, end)
+                if study.output.field_series or hours is not None:
+                    sums.add(values, field.area[start:end])
+            else:
+                lit = None if hours is None else field.light(sun, start, end, months)
+                values = field.means(sun, start, end) if hours is None else field.energies(hours, lit, start, end)
+                values |= {} if study.design_point is None else field.design(start, end)
+                flux.add(values, lit, start, end)
+            _put(made, values, index, slice(start - span.start, end - span.start))
+        _put(made, sums.means() | (at_instants(now, hours, part) if series else flux.values()), index)
+        if study.output.tracking_angles:
+            directions = isinstance(study.time, SunDirections)
+            over_time: tuple[str, ...] = ANGLES if directions else MOTION
+            towards = efficiency.aimed(*mirrors[:6]).aim[span.start : stop]
+            over = None if series or directions else hours_of(parameters, index)
+            angles = angles_of(towards, now, mirrors[6], over, series)
+            named = dict(zip(ANGLE_SERIES if series else over_time, angles, strict=True))
+            _put(made, named, index, slice(0, stop - span.start))
+        if study.output.outlines and not series:
+            found = outlines.mirror_outlines(*mirrors, now[0], span.start, stop, study.output.outlines)
             for name, values in zip(OUTLINES, (*np.moveaxis(found.corners, -1, 0), *found[1:]), strict=True):
-                drawn[name][index][: stop - span.start] = values
-    made = {name: ((*parameters.sizes, *dims), each) for name, each in zip((*names, *angles), result, strict=True)}
-    for name, each in drawn.items():
-        made[name] = ((*parameters.sizes, "heliostat", "effect", *OUTLINES[name][0]), each)
-    return xr.Dataset(made)
+                made[name][index][: stop - span.start] = values
+    return xr.Dataset({name: (wanted[name].dims, each) for name, each in made.items()})
 
 
-def _angle_names(study: FieldEfficiencyStudy) -> tuple[str, ...]:
-    return ANGLES if isinstance(study.time, SunDirections) else MOTION
+def _put(made: dict[str, np.ndarray], values: Mapping[str, np.ndarray], index: Any, *part: slice) -> None:
+    """Write those of the values that are wanted, at a point and part of the heliostats, the last dimension."""
+    for name in values.keys() & made.keys():
+        made[name][(*index, ..., *part)] = values[name]
 
 
-def _hours(parameters: Parameters, index: tuple[int, ...]) -> tuple[np.ndarray, float]:
-    """Times of all instants at a point [h], and the longest step between two that follow each other in a day. [h]"""
-    time, instants = parameters.study.time, instants_of(parameters)  # type: ignore[attr-defined]
-    if not isinstance(time, CivilTime):
-        return instants.labels["solar_hour"].values, np.inf
-    sites = list(parameters.sizes)
-    here = instants.at_sites(index[sites.index("site")]) if "site" in sites else instants
-    stamps = here.labels["utc"].values
-    return (stamps - stamps[0]) / np.timedelta64(1, "h"), time.window_seconds()[2] / 3600
+def _complete(study: FieldEfficiencyStudy) -> bool:
+    """True where all instants are looked at together, in blocks of heliostats: interpolated, weighted or summed."""
+    return study.optics is not None or study.weather is not None or study.output.field_series
 
 
-def _angles(
-    aims: np.ndarray, sun: np.ndarray, tracking: int, hours: tuple[np.ndarray, float] | None, series: bool
-) -> np.ndarray:
-    """Angles of mounts, the last axis: at each instant, over the period where `hours` are given, or at the only one."""
-    course = None if hours is None else courses(*hours, sun)
-    found = []
-    for aim in aims:
-        both = tracking_angles(aim, sun, tracking)
-        if course is not None:
-            found.append(np.concatenate([motion(angle, course) for angle in both]))
-        else:
-            found.append(both if series else both[:, 0])
-    return np.stack(found, axis=-1)
+def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
+    """Heliostats that are computed at a time: all, or so many that their values at all instants are not too much."""
+    length = max(LEAST_BLOCK, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
+    return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
 def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, computed: xr.Dataset) -> xr.Dataset:
-    """Means over the heliostats, weighted by mirror area, and the product of three of them; the size of the field."""
+    """Means and sums over the heliostats, weighted by mirror area; the size of the field."""
     import xarray as xr
 
     parameters = Parameters(study, region)
@@ -275,7 +312,7 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
     ):
         layout = layouts.at(parameters.position(index))
         sides = mirror_size(layout, "width", width), mirror_size(layout, "height", height)
-        area[index][: len(layout)] = sides[0] * sides[1]
+        area[index][: len(layout)] = mirror_area(*sides, study.heliostat.facets)
         if study.output.field_geometry:
             distance = np.hypot(layout.x, layout.y)
             elevation = np.degrees(np.arctan2(target - layout.z - pivot, distance))
@@ -284,18 +321,18 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
             if key not in lands:
                 lands[key] = land_area(layout.x, layout.y, key[1])
             land[index] = lands[key]
-    means = {
-        field_name: ((*parameters.sizes,), weighted_mean(computed[name].to_numpy(), area))
-        for field_name, name in {**FIELD_MEANS, **(LIGHT_MEANS if study.optics is not None else {})}.items()
-    }
-    made = xr.Dataset(means)
-    factors = (made[f"field_{name}_efficiency"] for name in ("cosine", "shading", "blocking"))
-    made = made.assign({FACTORED: math.prod(factors)})
-    if not study.output.field_geometry:
-        return made
+    later = {name: one.dims for name, one in variables(study).items() if one.finished}
+    made = {name: weighted_mean(computed[of].to_numpy(), area) for name, of in FIELD_MEANS.items() if name in later}
+    cosine, shading, blocking = (made[f"field_{name}"] for name in EFFICIENCIES[:3])
+    made[FACTORED] = cosine * shading * blocking
     mirrors = area.sum(axis=-1)
-    sizes = ((area > 0).sum(axis=-1).astype(float), mirrors, land, mirrors / land, weighted_mean(places[0], area))
-    made = made.assign(
-        {name: ((*parameters.sizes, "heliostat"), each) for name, each in zip(PLACES, places, strict=True)}
-    )
-    return made.assign({name: ((*parameters.sizes,), each) for name, each in zip(SIZES, sizes, strict=True)})
+    made |= {"field_heliostats": (area > 0).sum(axis=-1).astype(float), "field_mirror_area": mirrors}
+    if study.output.field_geometry:
+        made |= {"field_land_area": land, "field_packing_factor": mirrors / land}
+        made |= {"field_mean_radius": weighted_mean(places[0], area), **dict(zip(PLACES, places, strict=True))}
+    if study.weather is not None:
+        made |= energy.of_field(parameters, computed, area)
+    if study.design_point is not None:
+        total = made[f"field_{DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]}"]
+        made["design_point_power"] = total * mirrors * study.design_point.dni * 1e-6
+    return xr.Dataset({name: (dims, made[name]) for name, dims in later.items()})

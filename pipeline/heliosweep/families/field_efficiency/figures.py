@@ -5,7 +5,7 @@ Every figure reads only what it draws; long sweeps are thinned, and the caption 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.families.field_efficiency import figures_energy as energy
+from heliosweep.families.field_efficiency.figures_flux import flux_figures
 from heliosweep.families.field_efficiency.figures_mirrors import motion_maps, outline_figures
 from heliosweep.families.field_efficiency.variables import ANGLE_SERIES
-from heliosweep.report.contents import NamedFigure, one_by_one
-from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed
+from heliosweep.report.contents import NamedFigure, Table, one_by_one
+from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed, unit_of
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import COLUMNS, FieldMap, Shades, about_zero, field_map, picture_figure, symbols, within
 from heliosweep.report.selection import Point, Shown, at, evenly, is_geometric
@@ -39,7 +41,17 @@ MOST_DAYS, MOST_PLACES, PIECE = 4, 3, 16 * 2**20
 
 _METHODS = ("spinning_elevation", "azimuth_elevation")
 _MAPPED, _SERIES, _METHOD = "optical_efficiency", "instantaneous_optical_efficiency", "tracking"
-_CURVES = ("optical", "cosine", "shading", "blocking")
+#: What is mapped where there is weather.
+_ENERGY = "energy_per_mirror_area"
+_CURVES = (
+    *(_ENERGY, "total_efficiency"),
+    *(f"{name}_efficiency" for name in ("optical", "cosine", "shading", "blocking", "intercept")),
+)
+#: What maps say of a number of each heliostat, and its decimals.
+_SAID = {
+    _MAPPED: ("Mean optical efficiency of each heliostat over the period", 2),
+    _ENERGY: ("Energy of each heliostat per mirror area", 4),
+}
 
 
 def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
@@ -50,10 +62,18 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     along = next((dim for dim in ("latitude", "site", *others) if dim in others), None)
     stands = shown.fixed(f"field_{_MAPPED}", _METHOD, along)
     methods = [{_METHOD: i} for i in range(result.sizes[_METHOD])] if _METHOD in dims else [{}]
-    draws = [partial(_curves, others=others), partial(_maps, stands=stands, along=along)]
+    curves, maps = partial(_curves, others=others), partial(_maps, stands=stands, along=along)
+    draws = [curves, maps]
+    if _ENERGY in result:
+        first = (energy.losses, energy.months, energy.ranks)
+        draws = [*(partial(draw, stands=stands, along=along) for draw in first), *draws]
     asked = {
+        "total_efficiency": energy.factor_maps,
+        "field_power": energy.durations,
+        "hours_lost": energy.hours,
         "primary_angle_range": motion_maps,
         "outline_u": outline_figures,
+        "peak_flux" if "peak_flux" in result else "energy_flux_map": flux_figures,
         _SERIES: _day_courses,
         ANGLE_SERIES[0]: _angle_courses,
     }
@@ -61,22 +81,32 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     return one_by_one([partial(draw, methods=methods) for draw in draws], shown, MOST_FIGURES)
 
 
+def tables(result: xr.Dataset) -> Iterable[Table]:
+    """Tables of energy and of the design point; none of a result without them."""
+    known = {"field_receiver_energy", "design_point_power"} & set(result.data_vars)
+    return energy.tables(Shown(result)) if known else ()
+
+
 def _maps(shown: Shown, methods: list[dict[str, int]], stands: Point, along: str | None) -> Iterator[NamedFigure]:
     """Maps of each method and place, and of the differences between methods."""
     result, places = shown.result, shown.chosen(along, MOST_MAPS)
-    maps = [[_field_map(shown, stands, method, place) for place in places] for method in methods]
+    mapped = _ENERGY if _ENERGY in result else _MAPPED
+    maps = [[_field_map(shown, mapped, stands, method, place) for place in places] for method in methods]
     note = shown.note(stands, places)
     everything = [one for row in maps for one in row]
-    shades = within(axis_label(result[_MAPPED]), [one.values for one in everything], held=1.0)
-    said = "Mean optical efficiency of each heliostat over the period"
+    shades = within(axis_label(result[mapped]), [one.values for one in everything], held=1.0)
+    said, decimals = _SAID[mapped]
     caption = f"{said}, on one colour scale for all maps. {symbols(everything, sized=True)}{note}"
     yield from _sheets("field_maps", caption, maps, shades)
     words = list(result[_METHOD].to_numpy()) if methods[0] else []
     if set(_METHODS) <= set(words):
         first, second = (words.index(method) for method in _METHODS)
         pairs = zip(maps[first], maps[second], places, strict=True)
-        differences = [_difference(one, other, _place(shown, place)) for one, other, place in pairs]
-        label = "spinning-elevation minus azimuth-elevation (percentage points)"
+        unit = "percentage points" if mapped == _MAPPED else unit_of(result[mapped])
+        differences = [
+            _difference(one, other, _place(shown, place), unit.split()[-1], decimals) for one, other, place in pairs
+        ]
+        label = f"spinning-elevation minus azimuth-elevation ({unit})"
         shades = about_zero(label, [one.values for one in differences], 1e-3, held=1.0)
         caption = (
             f"{said}, spinning-elevation minus azimuth-elevation: red where spinning-elevation is better. "
@@ -98,23 +128,27 @@ def _title(shown: Shown, method: Point, place: Point) -> str:
     return ", ".join(filter(None, [words, _place(shown, place)]))
 
 
-def _field_map(shown: Shown, stands: Point, method: Point, place: Point) -> FieldMap:
+def _field_map(shown: Shown, mapped: str, stands: Point, method: Point, place: Point) -> FieldMap:
     """Map of one method at one place, titled with the mean of its field."""
     here = shown.result.isel({**stands, **method, **place})
-    mean = float(printed(here[f"field_{_MAPPED}"]))
-    words = f"field mean {number_text(mean)} %" if np.isfinite(mean) else "no value"
+    mean = float(printed(here[f"field_{mapped}"]))
+    words = (
+        f"field mean {number_text(mean, _SAID[mapped][1])} {unit_of(here[mapped])}" if np.isfinite(mean) else "no value"
+    )
     title = "\n".join(filter(None, [_title(shown, method, place), words]))
-    found = field_map(here, printed(here[_MAPPED]), title)
+    found = field_map(here, printed(here[mapped]), title)
     if found is None:  # a part of a result may lack them
         raise KeyError("x")
     return found
 
 
-def _difference(one: FieldMap, other: FieldMap, place: str) -> FieldMap:
+def _difference(one: FieldMap, other: FieldMap, place: str, unit: str, decimals: int) -> FieldMap:
     values = one.values - other.values
     finite = values[np.isfinite(values)]
-    ends = [number_text(float(end), signed=True) for end in (finite.min(), finite.max())] if finite.size else []
-    title = f"{' to '.join(dict.fromkeys(ends))} points" if ends else "no value"
+    ends = (
+        [number_text(float(end), decimals, signed=True) for end in (finite.min(), finite.max())] if finite.size else []
+    )
+    title = f"{' to '.join(dict.fromkeys(ends))} {unit}" if ends else "no value"
     return replace(one, values=values, title="\n".join(filter(None, [place, title])))
 
 
@@ -132,18 +166,23 @@ def _sheets(name: str, caption: str, maps: list[list[FieldMap]], shades: Shades)
 
 def _curves(shown: Shown, methods: list[dict[str, int]], others: list[str]) -> Iterator[NamedFigure]:
     """Efficiencies of the field over each swept number."""
+    names = [f"field_{name}" for name in _CURVES if f"field_{name}" in shown.result]
+    if "field_total_efficiency" in names:
+        names.remove(f"field_{_MAPPED}")
     swept = [dim for dim in others if shown.is_number(dim)]
     swept = [dim for dim in swept if shown.result.sizes[dim] >= (LEAST_LATITUDES if dim == "latitude" else 2)]
     for dim in sorted(swept, key=lambda dim: dim != "latitude")[:MOST_CURVES]:
         stands = shown.fixed(f"field_{_MAPPED}", _METHOD, dim)
-        names = {f"field_{name}_efficiency": f"{name} efficiency (%)" for name in _CURVES}
-        panels = [
-            Panel(label, {_title(shown, one, {}).split(",")[0] if one else "": line for one, line in lines})
-            for name, label in names.items()
-            for lines in [[(one, 100 * at(shown.result[name], stands, one)) for one in methods]]
-        ]
+        panels = []
+        for name in names:
+            array, scale = shown.result[name], 100 if is_fraction(shown.result[name]) else 1
+            lines = {
+                _title(shown, one, {}).split(",")[0] if one else "": scale * at(array, stands, one) for one in methods
+            }
+            panels.append(Panel(f"{name.removeprefix('field_').replace('_', ' ')} ({unit_of(array)})", lines))
         figure = curve_figure(panels, shown.label(dim), logarithmic=is_geometric(shown.result[dim].to_numpy()))
-        caption = f"Mean efficiencies of the field over the period against {shown.title(dim)}.{shown.note(stands)}"
+        said = "Energy per mirror area and mean efficiencies" if _ENERGY in shown.result else "Mean efficiencies"
+        caption = f"{said} of the field over the period against {shown.title(dim)}.{shown.note(stands)}"
         yield NamedFigure(f"efficiency_over_{dim}", caption, figure)
 
 

@@ -7,7 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.families.field_efficiency.optics import FacetGrid
+
 Floats = NDArray[np.float64]
+
+
+def mirror_area(width: Floats, height: Floats, facets: FacetGrid | None) -> Floats:
+    """Area of mirrors of some width and height, without the gaps between their facets. [m2]"""
+    if facets is None:
+        return width * height
+    return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)
 
 
 def land_area(x: Floats, y: Floats, radius: float) -> float:

@@ -11,9 +11,11 @@ from pydantic import Field
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Heliostat as HeliostatBlock
 from heliosweep.config.blocks import Receiver as ReceiverPoint
+from heliosweep.config.distribution import MAX_SEED, Distribution
 from heliosweep.config.faults import Fault
-from heliosweep.config.sweep import Listed, Sweep, read_items
-from heliosweep.config.values import Choice, Quantity, list_schema
+from heliosweep.config.sweep import Listed, Sweep, ends, read_items
+from heliosweep.config.values import Choice, FileName, Numbers, Quantity, list_schema
+from heliosweep.families.misalignment.blocks import ERRORS, NOT_DRAWN, MountAngles
 
 SUN_SHAPES = {
     "pillbox": "an even disc of 4.65 mrad",
@@ -21,6 +23,7 @@ SUN_SHAPES = {
     "limb_darkened": "a disc of 4.65 mrad, darker at its limb by 0.56",
     "jose": "the disc of Jose (1957) as in backward gazing",
     "buie": "disc and aureole of Buie et al. (2003), by circumsolar_ratio",
+    "table": "measured: a file with angles and brightness",
 }
 ATTENUATION = {
     "none": "nothing is lost in the air",
@@ -29,6 +32,7 @@ ATTENUATION = {
     "leary_hankins": "Leary and Hankins (1979), MIRVAL",
     "ballestrin_clear": "Ballestrin and Marzo (2012), clear",
     "ballestrin_hazy": "Ballestrin and Marzo (2012), hazy",
+    "vant_hull": "Vant-Hull, by visibility, water_vapour, altitude of the site and height of the receiver",
 }
 METHODS = {
     "accurate": "sun shape and errors integrated over the mirror and the receiver",
@@ -64,10 +68,15 @@ class Focus(Quantity):
 class FacetGrid(Block):
     """Facets of a mirror, in columns and rows of equal size."""
 
-    columns: Annotated[int, Quantity("Facets along the width", "1", ge=1, le=50, integer=True, sweep=False)]
-    rows: Annotated[int, Quantity("Facets along the height", "1", ge=1, le=50, integer=True, sweep=False)]
-    gap: Annotated[float, Quantity("Gap between facets", "m", ge=0, sweep=False)] = 0.0
-    canting: Annotated[str, Choice("How facets are tilted", CANTING, sweep=False)] = "none"
+    columns: Annotated[
+        int,
+        Quantity("Facets along the width", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_columns"),
+    ]
+    rows: Annotated[
+        int, Quantity("Facets along the height", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_rows")
+    ]
+    gap: Annotated[float, Quantity("Gap between facets", "m", ge=0, sweep=False, dimension="facet_gap")] = 0.0
+    canting: Annotated[str | Sweep, Choice("How facets are tilted", CANTING, title="canting of the facets")] = "none"
 
 
 class Heliostat(HeliostatBlock):
@@ -84,7 +93,9 @@ class Heliostat(HeliostatBlock):
 class Receiver(ReceiverPoint):
     """The aim of all heliostats; with 'optics' the surface about it."""
 
-    kind: Annotated[str | None, Choice("Shape of the receiver", RECEIVERS, sweep=False)] = None
+    kind: Annotated[str | None, Choice("Shape of the receiver", RECEIVERS, sweep=False, dimension="receiver_kind")] = (
+        None
+    )
     azimuth: Annotated[
         float | Sweep | None,
         Quantity("Azimuth that a rectangle or cavity faces, clockwise from north: 0 faces a field in the north", "deg",
@@ -131,13 +142,76 @@ class SunShape(Block):
                  title="circumsolar ratio"),
     ] = None  # fmt: skip
 
+    file: Annotated[
+        str | None,
+        FileName("CSV table of a measured sun, for table: angle from its centre in mrad, brightness", sweep=False),
+    ] = None
+
     def rules(self) -> Iterator[Fault]:
-        """Check that the circumsolar ratio stands with the sun shape that has one."""
-        kinds = self.kind.values() if isinstance(self.kind, Sweep) else (self.kind,)
-        if "buie" in kinds and self.circumsolar_ratio is None:
-            yield Fault("'circumsolar_ratio' is missing: buie has it, from 0.001 to 0.8", show_value=False)
-        if "buie" not in kinds and self.circumsolar_ratio is not None:
-            yield Fault("is only for the sun shape buie; remove it", ("circumsolar_ratio",))
+        """Check that what only one sun shape has stands with it."""
+        kinds = ends(self.kind)
+        for kind, key, what in (("buie", "circumsolar_ratio", ", from 0.001 to 0.8"), ("table", "file", "")):
+            given = getattr(self, key) is not None
+            if kind in kinds and not given:
+                yield Fault(f"'{key}' is missing: {kind} has it{what}", show_value=False)
+            if kind not in kinds and given:
+                yield Fault(f"is only for the sun shape {kind}; remove it", (key,))
+
+
+class PointingErrors(MountAngles):
+    """Fixed errors of the mounts, which the controller does not know of; drawn ones once for each heliostat."""
+
+    seed: Annotated[
+        int | Sweep | None,
+        Quantity("What the draws of all heliostats follow from; 0 where left out", "1", ge=0, le=MAX_SEED,
+                 integer=True, title="seed of the mount errors"),
+    ] = None  # fmt: skip
+    calibration: Annotated[
+        str | None,
+        FileName("Result of a calibration (family misalignment): its estimates, in place of the six errors",
+                 sweep=False),
+    ] = None  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that errors are given once, and that what only drawn errors have stands with such."""
+        if self.calibration is not None:
+            for key in (key for key in ERRORS if getattr(self, key) != 0.0):
+                yield Fault("is given by 'calibration' too; leave one out", (key,), show_value=False)
+        elif not self.model_fields_set & set(ERRORS):
+            yield Fault(f"names no error: give {', '.join(ERRORS)} in mrad, or 'calibration'", show_value=False)
+        if not self.drawn():
+            for key, default in (("seed", None), ("scale", 1.0)):
+                if getattr(self, key) != default:
+                    yield Fault(NOT_DRAWN, (key,), show_value=False)
+        for key, error in self.drawn().items():
+            if error.samples is not None:
+                message = "is not for a field, where each heliostat has one draw; remove it, or sweep 'seed'"
+                yield Fault(message, (key, "samples"))
+
+
+class Soiling(Block):
+    """Dirt that grows evenly from one washing to the next; mirrors are washed in turn."""
+
+    rate: Annotated[
+        float | Sweep,
+        Quantity("Part of the light that the dirt of one day takes", "1", ge=0, le=0.5, dimension="soiling_rate",
+                 title="soiling rate per day"),
+    ]  # fmt: skip
+    washing_interval: Annotated[
+        float | Sweep,
+        Quantity("Time between two washings of a mirror, in days", "1", gt=0, le=3660,
+                 title="days between two washings"),
+    ]  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that light is left."""
+        if max(ends(self.rate)) * max(ends(self.washing_interval)) > 1:
+            yield Fault("leaves no light before a washing: rate times washing_interval must be at most 1",
+                        show_value=False)  # fmt: skip
+
+
+MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
+          "November", "December")  # fmt: skip
 
 
 def _error(description: str, title: str) -> Quantity:
@@ -156,9 +230,25 @@ class Optics(Block):
         float | Sweep,
         Quantity("Part of that which dirt leaves", "1", ge=0, le=1, title="cleanliness"),
     ] = 1.0
+    cleanliness_by_month: Annotated[
+        tuple[float, ...] | None,
+        Numbers("Cleanliness in each month, in place of 'cleanliness'", "1", MONTHS, ge=0, le=1),
+    ] = None
+    soiling: Annotated[
+        Soiling | None, Field(description="Dirt between washings, whose mean counts beside 'cleanliness'")
+    ] = None
     attenuation: Annotated[
         str | Sweep, Choice("What the air between mirror and receiver takes", ATTENUATION, title="attenuation in air")
     ] = "none"
+    visibility: Annotated[
+        float | Sweep | None,
+        Quantity("Visibility, for vant_hull; 23 km where left out", "m", ge=2000, le=500e3, title="visibility"),
+    ] = None
+    water_vapour: Annotated[
+        float | Sweep | None,
+        Quantity("Density of water vapour, for vant_hull; 5.9 g/m3 where left out", "g/m3", ge=0, le=40,
+                 title="density of water vapour"),
+    ] = None  # fmt: skip
     slope_error: Annotated[
         float | Sweep | None,
         _error("Standard deviation of the mirror's normal, per axis", "slope error"),
@@ -171,6 +261,11 @@ class Optics(Block):
         float | Sweep | None,
         _error("The same of turns along the mirror's height alone", "slope error along the height"),
     ] = None
+    slope_map: Annotated[
+        str | Sweep | None,
+        FileName("Measured slopes of a mirror or facet, the same for all, in place of a slope error: CSV table x, y in "
+                 "m, slope_x, slope_y in mrad, or result of backward_gazing", title="map of slopes"),
+    ] = None  # fmt: skip
     specularity_error: Annotated[
         float | Sweep,
         _error("Standard deviation of the reflected ray, per axis", "specularity error"),
@@ -179,33 +274,67 @@ class Optics(Block):
         float | Sweep,
         _error("Standard deviation of the normal by random errors of tracking, per axis", "tracking error"),
     ] = 0.0
+    mount_errors: Annotated[
+        PointingErrors | None, Field(description="Fixed errors of the mounts, by which mirrors point beside the aim")
+    ] = None
     method: Annotated[str | Sweep, Choice("How the intercept is found", METHODS, dimension="intercept_method",
                                           title="method of the intercept")] = "accurate"  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the slope error is given once: for both axes, or for each."""
-        axes = [f"slope_error_{axis}" for axis in ("horizontal", "vertical")]
-        given = [key for key in axes if getattr(self, key) is not None]
-        if self.slope_error is not None:
-            for key in given:
-                yield Fault("is given by 'slope_error' too; leave one out", (key,))
+        """Check that slopes and cleanliness are given once, and that what only one method or model has is with it."""
+        ways = ("slope_error", "slope_map", "slope_error_horizontal", "slope_error_vertical")
+        given = [key for key in ways if getattr(self, key) is not None]
+        if given and given[0] in ways[:2]:
+            for key in given[1:]:
+                yield Fault(f"is given by '{given[0]}' too; leave one out", (key,))
         elif len(given) < 2:
-            yield Fault("give 'slope_error', or both 'slope_error_horizontal' and 'slope_error_vertical', in mrad",
-                        show_value=False)  # fmt: skip
+            yield Fault("give 'slope_error', or both 'slope_error_horizontal' and 'slope_error_vertical', in mrad, or "
+                        "'slope_map'", show_value=False)  # fmt: skip
+        if self.cleanliness_by_month is not None and self.cleanliness != 1.0:
+            yield Fault("is given by 'cleanliness_by_month' too; leave one out", ("cleanliness",))
+        for key in ("visibility", "water_vapour"):
+            if getattr(self, key) is not None and "vant_hull" not in ends(self.attenuation):
+                yield Fault("is only for the attenuation vant_hull; remove it", (key,))
+        for key in ("slope_map", "mount_errors"):
+            if getattr(self, key) is not None and "gaussian" in ends(self.method):
+                yield Fault("is for the method accurate: the Gaussian knows no fixed errors", (key,), show_value=False)
 
 
 #: Keys that the light on the receiver depends on, beside those of the mirrors and of the sun.
 KEYS = (
-    *("heliostat.focus", "receiver.azimuth", "receiver.tilt", "receiver.width", "receiver.radius"),
-    *("receiver.height_extent", "optics.sun_shape.kind", "optics.sun_shape.circumsolar_ratio", "optics.reflectivity"),
-    *("optics.cleanliness", "optics.attenuation", "optics.slope_error", "optics.slope_error_horizontal"),
-    *("optics.slope_error_vertical", "optics.specularity_error", "optics.tracking_error", "optics.method"),
+    *("heliostat.focus", "heliostat.facets.canting", "receiver.azimuth", "receiver.tilt", "receiver.width"),
+    *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),
+    *("optics.sun_shape.circumsolar_ratio", "optics.reflectivity", "optics.cleanliness", "optics.soiling.rate"),
+    *("optics.soiling.washing_interval", "optics.attenuation", "optics.visibility", "optics.water_vapour"),
+    *("optics.slope_error", "optics.slope_error_horizontal", "optics.slope_error_vertical", "optics.slope_map"),
+    *("optics.specularity_error", "optics.tracking_error"),
+    *(f"optics.mount_errors.{name}" for name in (*ERRORS, "scale", "seed")),
+    "optics.method",
 )
 #: Names of swept keys among them and of results, which columns of a layout must leave to these.
 NAMES = (
-    *("focus", "receiver_azimuth", "receiver_tilt", "receiver_width", "receiver_radius", "height_extent", "sun_shape"),
-    *("circumsolar_ratio", "reflectivity", "cleanliness", "attenuation", "slope_error", "slope_error_horizontal"),
-    *("slope_error_vertical", "specularity_error", "tracking_error", "intercept_method"),
+    *("focus", "canting", "receiver_kind", "receiver_azimuth", "receiver_tilt", "receiver_width", "receiver_radius"),
+    *("height_extent", "facet_columns", "facet_rows", "facet_gap", "sun_shape", "circumsolar_ratio", "reflectivity"),
+    *("cleanliness", "soiling_rate", "washing_interval", "attenuation", "visibility", "water_vapour", "slope_error"),
+    *("slope_error_horizontal", "slope_error_vertical", "slope_map", "specularity_error", "tracking_error"),
+    *(*ERRORS, "error_scale", "seed", "intercept_method", "intercept_error"),
     *(f"{of}{name}_efficiency" for of in ("", "field_", "instantaneous_")
       for name in ("intercept", "attenuation", "reflection", "total")),
 )  # fmt: skip
+
+
+def label_keys(study: Any) -> list[str]:
+    """Keys of the way of the light that label a result also where they are not swept; none without `optics`."""
+    if study.optics is None:
+        return []
+    known = {*KEYS, "receiver.kind", *(f"heliostat.facets.{key}" for key in ("columns", "rows", "gap"))}
+    errors = study.optics.mount_errors
+    if errors is None or errors.calibration is not None:
+        known -= {f"optics.mount_errors.{key}" for key in (*ERRORS, "scale")}
+    elif not errors.drawn():
+        known.remove("optics.mount_errors.scale")
+    return [
+        key
+        for key, parameter, value in study.parameters()
+        if key in known and not isinstance(parameter, FileName) and not isinstance(value, Distribution)
+    ]

@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from operator import attrgetter
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.config import JsonDict, JsonValue
 
+from heliosweep.config.block import Block
 from heliosweep.config.blocks import Layout as LayoutBlock
 from heliosweep.config.blocks import Output, Site, Sites
 from heliosweep.config.faults import Fault
-from heliosweep.config.sites import civil_clock_problems
+from heliosweep.config.sites import civil_clock_problems, site_table
 from heliosweep.config.study import Dimension, Study, parameters
-from heliosweep.config.sweep import Listed, Sweep
-from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections
+from heliosweep.config.sweep import Listed, Sweep, ends
+from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
 from heliosweep.config.values import Choice, Flag, Quantity
+from heliosweep.config.weather import DIMENSIONS, Limits, Weather
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.field_efficiency.optics import NAMES, Heliostat, Optics, Receiver
+from heliosweep.families.field_efficiency.aim import Aim, aim_problems
+from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
+from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
+from heliosweep.families.field_efficiency.light_checks import light_faults
+from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
+from heliosweep.families.field_efficiency.variables import ENERGY_NAMES
 from heliosweep.grid.clock import instant_count
 from heliosweep.grid.daylight import dark_latitudes
+from heliosweep.grid.weather_checks import check_weather, weather_faults
+from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts.layout import Layout, check_layout
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, values_at
 
@@ -38,9 +50,6 @@ _SITE_OR_DIRECTIONS: JsonDict = {
     "then": {"not": {"anyOf": _SITE}},
     "else": {"oneOf": _SITE},
 }
-
-#: Slant range up to which the formulas of attenuation hold. [m]
-FARTHEST = 3000.0
 
 #: Points of a sweep, and heliostats in all of them, that are looked at here; the kernels would be exact for any.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
@@ -64,7 +73,7 @@ RESERVED = frozenset(
         *(f"field_{name}" for name in ("heliostats", "mirror_area", "land_area", "packing_factor", "mean_radius")),
         *(f"outline_{name}" for name in ("u", "v", "area", "heliostat", "count")),
         *("effect", "image", "corner"),
-        *NAMES,
+        *(*DIMENSIONS, *NAMES, *ENERGY_NAMES, "aim_levels", *FLUX_NAMES),
     )
 )
 
@@ -79,6 +88,9 @@ class FieldOutput(Output):
     field_geometry: Annotated[
         bool, Flag("Whether to store mirror area, land area, packing factor and radius of the field too")
     ] = False
+    field_series: Annotated[
+        bool, Flag("Whether to store the values of the field and the direction of the sun at every instant too")
+    ] = False
     outlines: Annotated[
         int,
         Quantity(
@@ -87,6 +99,26 @@ class FieldOutput(Output):
             "1", ge=0, le=100, integer=True, sweep=False,
         ),
     ] = 0  # fmt: skip
+    flux_map: Annotated[
+        FluxMap | None,
+        Field(description="Flux on the cells of the receiver: at the design point or one instant, and of the year"),
+    ] = None
+
+
+class DesignPoint(Block):
+    """An instant, on the solar clock, and an irradiance for which a plant is sized."""
+
+    day: Annotated[float, Quantity("Day of the year; Cooper's declination", "1", ge=1, le=366, sweep=False)]
+    solar_hour: Annotated[float, Quantity("Solar time of day; 12 is noon", "h", ge=0, le=24, sweep=False)]
+    dni: Annotated[float, Quantity("Direct normal irradiance", "W/m2", gt=0, le=1412, sweep=False)]
+
+    def sun(self, latitude: float) -> NDArray[np.float64]:
+        """Unit vector to the sun at a latitude [deg], shape (1, 3); declination by Cooper (1969). [1]"""
+        return solar_clock(np.radians(latitude), declination_cooper([self.day]), self.solar_hour)
+
+    def month(self) -> int:
+        """Month of the day, from 0."""
+        return (dt.date(2001, 1, 1) + dt.timedelta(min(int(self.day), 365) - 1)).month - 1
 
 
 class FieldEfficiencyStudy(Study):
@@ -108,6 +140,14 @@ class FieldEfficiencyStudy(Study):
     optics: Annotated[
         Optics | None, Field(description="What happens to the light between mirror and receiver; else nothing")
     ] = None
+    aim: Annotated[Aim | None, Field(description="Where the heliostats aim; else at the middle of the receiver")] = None
+    weather: Annotated[
+        Weather | None, Field(description="Direct normal irradiance, by which means over time are weighted")
+    ] = None
+    limits: Annotated[Limits | None, Field(description="Conditions under which the field works, with 'weather'")] = None
+    design_point: Annotated[
+        DesignPoint | None, Field(description="Instant and irradiance at which power and efficiencies are stored too")
+    ] = None
     output: Annotated[FieldOutput, Field(description="What is stored and how")] = FieldOutput()
 
     def rules(self) -> Iterator[Fault]:
@@ -118,25 +158,39 @@ class FieldEfficiencyStudy(Study):
         if self.optics is not None and self.receiver.kind is None:
             message = "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}"
             yield Fault(message, ("receiver",), show_value=False)
-        for block, key in (("receiver", "kind"), ("heliostat", "focus"), ("heliostat", "facets")):
-            if self.optics is None and getattr(getattr(self, block), key) is not None:
-                yield Fault("is used with 'optics' only: add it, or remove this", (block, key), show_value=False)
+        if self.output.flux_map is not None and self.weather is None and not has_instant(self):
+            message = "is of one instant, or of a year: give 'design_point', 'weather', or 'clock: sun' with directions"
+            yield Fault(message, ("output", "flux_map"), show_value=False)
+        lit = (("receiver", "kind"), ("heliostat", "focus"), ("heliostat", "facets"), ("aim",), ("output", "flux_map"))
+        for keys in lit:
+            if self.optics is None and attrgetter(".".join(keys))(self) is not None:
+                yield Fault("is used with 'optics' only: add it, or remove this", keys, show_value=False)
+        yield from weather_faults(self)
         given = [name for name in ("site", "sites") if getattr(self, name) is not None]
         if isinstance(self.time, SunDirections):
             for name in given:
                 yield Fault("is not needed: 'time' gives the direction of the sun", (name,), show_value=False)
-            if self.output.time_series:
-                message = "is for instants; with 'clock: sun' each direction is a point of the result"
-                yield Fault(message, ("output", "time_series"), show_value=False)
+            for key in ("time_series", "field_series"):
+                if getattr(self.output, key):
+                    message = "is for instants; with 'clock: sun' each direction is a point of the result"
+                    yield Fault(message, ("output", key), show_value=False)
+            if self.design_point is not None:
+                yield Fault("needs a site; with 'clock: sun' give its direction of the sun there", ("design_point",),
+                            show_value=False)  # fmt: skip
         elif not given:
             yield Fault("give 'site' or 'sites'", show_value=False)
         elif len(given) > 1:
             yield Fault("give 'site' or 'sites', not both", ("sites",), show_value=False)
 
+    def dimension_names(self) -> dict[str, str]:
+        """Return the names of dimensions, as `Study.dimension_names`; several weather files belong to the sites."""
+        names = super().dimension_names()
+        return names | {"weather.file": "site"} if self.sites is not None and "weather.file" in names else names
+
     @cached_property
     def _found(self) -> list[Problem | str]:
         found: list[Problem | str] = []
-        for look in (_sun, _mirrors, _tower, _light):
+        for look in (_sun, _mirrors, _tower, _light, _aim, check_weather):
             try:
                 found += look(self)
             except StudyError as error:
@@ -158,7 +212,7 @@ STUDY = FieldEfficiencyStudy
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The sun must rise at some site; where it does not at another, the result is missing there."""
     if isinstance(study.time, SunDirections):
-        heights = _ends(study.time.elevation)
+        heights = ends(study.time.elevation)
         if max(heights) <= 0:
             yield study.problem("time.elevation", "the sun is never above the horizon")
         elif min(heights) <= 0:
@@ -167,6 +221,9 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     solar = isinstance(study.time, SolarTime)
     if not solar and (missing := list(civil_clock_problems(study))):
         yield from missing
+        return
+    yield from _design_point(study)
+    if isinstance(study.time, WeatherTime):
         return
     dark, everywhere = dark_latitudes(study)
     if everywhere and solar:
@@ -177,6 +234,17 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         listed = ", ".join(f"{value:g}" for value in dark[:6])
         listed += f" and {dark.size - 6} more" if dark.size > 6 else ""
         yield f"the sun never rises at latitude {listed} deg: the result is missing (NaN) there"
+
+
+def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """The sun must be up at the design point, at every site."""
+    if study.design_point is None:
+        return
+    for site in site_table(study) if study.site is None else (study.site,):
+        for latitude in ends(site.latitude):
+            if study.design_point.sun(latitude)[0, 2] <= 0:
+                yield study.problem("design_point", f"the sun is down then at latitude {latitude:g} deg")
+                return
 
 
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
@@ -200,9 +268,10 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The receiver must be above the mirrors; it is the aim of all."""
     aimed: set[str] = set()
     for layout, values in _points(study, {"heliostat.pivot_height": max, "receiver.height": min}):
-        if "aim_x" in layout.columns and layout.name not in aimed:
+        used = study.aim is not None and study.aim.strategy == "layout"
+        if "aim_x" in layout.columns and not used and layout.name not in aimed:
             aimed.add(layout.name)
-            yield f"the aim points of the layout {layout.name} are not used: all heliostats aim at the receiver"
+            yield f"the aim points of the layout {layout.name} are not used: 'aim: {{strategy: layout}}' would"
         top = layout.z.max(initial=-np.inf) + values["heliostat.pivot_height"]
         receiver = values["receiver.height"]
         if receiver <= top:
@@ -212,31 +281,21 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Mirrors must be outside of a cylinder, and larger than the gaps of their facets; slant ranges in bounds."""
-    if study.optics is None:
+    """The way of the light must be possible."""
+    if study.optics is not None:
+        yield from light_faults(study, _points(study, {"heliostat.pivot_height": min, "receiver.height": max}))
+
+
+def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """Aim points must be on the receiver, and levels must have room."""
+    if study.optics is None or study.aim is None or study.aim.strategy == "centre":
         return
-    radius = max(_ends(study.receiver.radius)) if study.receiver.radius is not None else 0.0
-    far = set(study.optics.attenuation.values() if isinstance(study.optics.attenuation, Sweep) else ())
-    far = (far or {study.optics.attenuation}) - {"none"}
-    for layout, values in _points(study, {"heliostat.pivot_height": min, "receiver.height": max}):
-        level = np.hypot(layout.x, layout.y)
-        if (inside := int(np.sum(level <= radius))) > 0:
-            message = f"must be less than the distance of the mirrors: {inside:,} stand within the receiver"
-            yield study.problem("receiver.radius", message)
-            return
-        slant = np.hypot(level, values["receiver.height"] - layout.z - values["heliostat.pivot_height"])
-        if far and (beyond := int(np.sum(slant > FARTHEST))) > 0:
-            yield (
-                f"{beyond:,} heliostats are farther than {FARTHEST / 1000:g} km from the receiver, beyond the range of "
-                f"optics.attenuation"
-            )
-            break
-    facets = study.heliostat.facets
-    for side, count in (("width", facets.columns), ("height", facets.rows)) if facets is not None else ():
-        value = getattr(study.heliostat, side)
-        least = np.inf if value is None else min(_ends(value))
-        if facets is not None and least <= (count - 1) * facets.gap:
-            yield study.problem("heliostat.facets.gap", f"leaves no {side} for {count} facets on {least:g} m")
+    keys = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS))
+    ends: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
+    if study.aim.strategy == "spread":  # must have room somewhere
+        ends = [ends[0] | {"receiver.height_extent": max}]
+    points = itertools.chain.from_iterable(_points(study, extremes) for extremes in ends)
+    yield from aim_problems(study, itertools.takewhile(lambda point: not any(_sizes_missing(study, point[0])), points))
 
 
 def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
@@ -289,13 +348,6 @@ def _positions(dim: Dimension, worst: Mapping[str, Callable[..., Any]]) -> Seque
     sweep = dim.sweeps[keys[0]]
     candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
     return (worst[keys[0]](candidates, key=sweep.__getitem__),)
-
-
-def _ends(value: float | Sweep) -> Sequence[float]:
-    """Values of a key among which the least and the largest are: lists whole, ranges, which are monotonic, at ends."""
-    if not isinstance(value, Sweep):
-        return (value,)
-    return value.values() if isinstance(value, Listed) else (value[0], value[-1])
 
 
 def _of_layout(key: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.times import SunDirections
+from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable
 
@@ -12,6 +13,10 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 _MEAN = "time: mean (over the instants with the sun above the horizon)"
+_WEIGHTED = (
+    "time: mean (weighted by direct normal irradiance times the length of the interval, over the instants with the sun "
+    "above the horizon and all values within the limits)"
+)
 _AREA = "area: mean (weighted by mirror area)"
 
 _QUANTITIES: dict[str, tuple[str, str]] = {
@@ -57,17 +62,70 @@ _LIGHT: dict[str, tuple[str, str]] = {
         "optical times reflection, attenuation and intercept efficiency; over time the mean of this product",
     ),
 }
+#: Error of the intercept of a heliostat that was found.
+CHECKED = "intercept_error"
 #: Names of the variables for each heliostat that `optics` adds, and those of them that time series have.
 LIGHT = tuple(_LIGHT)
 LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in ("intercept_efficiency", "total_efficiency"))
+#: The same at the design point.
+DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
 #: Whole-field variable -> per-heliostat variable of which it is the mean.
-FIELD_MEANS = {f"field_{name}": name for name in EFFICIENCIES}
-LIGHT_MEANS = {f"field_{name}": name for name in LIGHT}
+FIELD_MEANS = {f"field_{name}": name for name in (*EFFICIENCIES, *LIGHT, *DESIGN)}
 #: Product of three field means.
 FACTORED = "field_efficiency_factored"
 #: Time series, in the order of the kernel.
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 
+
+#: Months of a year.
+MONTHS = 12
+#: Stages at which the incident energy is lost, in the order of the light.
+STAGES = ("stow", "cosine", "shading", "blocking", "reflection", "attenuation", "spillage")
+
+_RECEIVED = "energy that meets the receiver"
+_TOWARDS = "energy sent towards the receiver"
+_INCIDENT = "direct normal irradiation of the mirror area, with the sun above the horizon, also beyond the limits"
+_WHOLE = "intervals in which the sun rises or sets count whole"
+#: Of energies: dimensions, finished from whole fields, unit, words.
+_ENERGIES: dict[str, tuple[tuple[str, ...], bool, str, str, str]] = {
+    "receiver_energy": (("heliostat",), False, "MWh", "{}", ""),
+    "incident_energy": (("heliostat",), False, "MWh", "incident energy", _INCIDENT),
+    "heliostat_monthly_receiver_energy": (("month", "heliostat"), False, "MWh", "{} in each month", ""),
+    "heliostat_loss": (("stage", "heliostat"), False, "MWh", "energy that each stage takes", "{loss}"),
+    "energy_per_mirror_area": (("heliostat",), True, "MWh m-2", "{} per mirror area", ""),
+    "rank": (
+        ("heliostat",),
+        True,
+        "1",
+        "rank of the heliostat by energy per mirror area, 1 for the most",
+        "missing where the field receives no energy",
+    ),
+    "field_receiver_energy": ((), True, "MWh", "{}, of the field", ""),
+    "field_incident_energy": ((), True, "MWh", "incident energy of the field", _INCIDENT),
+    "field_energy_per_mirror_area": ((), True, "MWh m-2", "{} per mirror area, of the field", ""),
+    "monthly_receiver_energy": (("month",), True, "MWh", "{} in each month, of the field", ""),
+    "monthly_incident_energy": (("month",), True, "MWh", "incident energy of the field in each month", _INCIDENT),
+    "loss": (("stage",), True, "MWh", "energy of the field that each stage takes", "{loss}"),
+    "hours_used": ((), True, "h", "hours in which the field works", _WHOLE),
+    "hours_lost": (
+        ("cause",),
+        True,
+        "h",
+        "hours with the sun above the horizon that a limit takes",
+        f"each counts for the first limit that it misses; {_WHOLE}",
+    ),
+}
+_LOSS = (
+    "incident less received energy is the sum over all stages; shading is the shaded part of the light on the mirrors, "
+    "blocking the rest of what is shaded or blocked"
+)
+#: At each instant of the study: unit and words.
+_INSTANTS = {
+    "dni": ("W m-2", "direct normal irradiance", "mean over the interval of the instant; 0 with the sun down"),
+    "sun_azimuth": ("degree", "azimuth of the sun, clockwise from north", "missing at night"),
+    "sun_elevation": ("degree", "geometric elevation of the sun", "missing at night"),
+    "field_power": ("MW", "{power} of the field", "0 where the field does not work"),
+}
 
 _AXES = {
     "primary": "vertical axis: azimuth of the normal, from north, clockwise; spinning axis: turn about the line to the "
@@ -91,6 +149,12 @@ _RATE = "; change between two successive instants of a day over the time between
 ANGLES = ("primary_angle", "secondary_angle")
 ANGLE_SERIES = tuple(f"instantaneous_{name}" for name in ANGLES)
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
+
+#: Names of results and dimensions that energies, design point and series add, which columns of layouts must leave.
+ENERGY_NAMES = (
+    *(*_ENERGIES, *_INSTANTS, *DESIGN, *(f"field_{name}" for name in (*DESIGN, *SERIES, *LIGHT_SERIES))),
+    *("design_point_power", "instantaneous_power", "month", "stage", "cause"),
+)
 
 #: Of each heliostat, and of the field.
 PLACES = {
@@ -138,19 +202,81 @@ def _of_axes(directions: bool) -> dict[str, dict[str, Any]]:
     return found
 
 
+def _of_energy(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+    """Energies, and what the irradiance is worth at the design point."""
+    found = {}
+    received = _TOWARDS if study.optics is None else _RECEIVED
+    for name, (dims, finished, units, long_name, comment) in _ENERGIES.items() if study.weather is not None else ():
+        attrs = _described(units, long_name.format(received), comment.format(loss=_LOSS))
+        if units == "MWh":
+            attrs["cell_methods"] = "time: sum"
+        found[name] = Variable((*swept, *dims), attrs, finished=finished)
+    return found
+
+
+def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+    """Efficiencies of the heliostats and of the field at the design point, and its power."""
+    if study.design_point is None:
+        return {}
+    quantities = _QUANTITIES | (_LIGHT if study.optics is not None else {})
+    found = {}
+    for name, (long_name, comment) in quantities.items():
+        attrs = _attrs(f"{long_name} at the design point", comment.split("; over")[0])
+        found[f"design_point_{name}"] = Variable((*swept, "heliostat"), attrs)
+    for name, one in list(found.items()):
+        attrs = {**one.attrs, "long_name": f"mean {one.attrs['long_name']} of the field", "cell_methods": _AREA}
+        found[f"field_{name}"] = Variable(swept, attrs, finished=True)
+    power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
+    found["design_point_power"] = Variable(swept, _described("MW", f"{power} at the design point"), finished=True)
+    return found
+
+
+def _at_instants(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+    """Values of heliostats and of the field at each instant."""
+    found: dict[str, Variable] = {}
+    quantities = _QUANTITIES | (_LIGHT if study.optics is not None else {})
+    of_field = study.output.field_series or (study.output.time_series and study.weather is not None)
+    power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
+    series = {}
+    for name in (*SERIES, *(LIGHT_SERIES if study.optics is not None else ())):
+        long_name, comment = quantities[name.removeprefix("instantaneous_")]
+        series[name] = f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night"
+    if study.output.time_series:
+        for name, words in series.items():
+            found[name] = Variable((*swept, "time", "heliostat"), _attrs(*words))
+        if study.weather is not None:
+            attrs = _described("kW", f"{power} at each instant", "0 where the field does not work")
+            found["instantaneous_power"] = Variable((*swept, "time", "heliostat"), attrs)
+        if study.output.tracking_angles:
+            for name, comment in zip(ANGLE_SERIES, _AXES.values(), strict=True):
+                long_name = f"angle of the {name.split('_')[1]} axis at each instant"
+                found[name] = Variable(
+                    (*swept, "time", "heliostat"), _described("degree", long_name, f"{comment}; missing at night")
+                )
+    for name, (long_name, comment) in series.items() if of_field else ():
+        found[f"field_{name}"] = Variable((*swept, "time"), _attrs(f"mean {long_name}, of the field", comment, _AREA))
+    for name, (units, long_name, comment) in _INSTANTS.items() if of_field else ():
+        if study.weather is not None or name.startswith("sun"):
+            found[name] = Variable((*swept, "time"), _described(units, long_name.format(power=power), comment))
+    return found
+
+
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Variables of a study's result; where it gives directions of the sun, values at each and no means over time."""
     swept = tuple(Parameters(study).sizes)
     directions = isinstance(study.time, SunDirections)
+    mean = _MEAN if study.weather is None else _WEIGHTED
     found = {}
     quantities = _QUANTITIES | (_LIGHT if study.optics is not None else {})
+    by_month = study.optics is not None and study.optics.cleanliness_by_month is not None
+    constant = {"attenuation_efficiency"} | (set() if by_month else {"reflection_efficiency"})
     for name, (long_name, comment) in quantities.items():
-        if directions or name in ("attenuation_efficiency", "reflection_efficiency"):
+        if directions or name in constant:
             attrs = _attrs(long_name, comment.replace("; over time the mean of this product", ""))
         else:
-            attrs = _attrs(f"mean {long_name} over the period", comment, _MEAN)
+            attrs = _attrs(f"mean {long_name} over the period", comment, mean)
         found[name] = Variable((*swept, "heliostat"), attrs)
-    period, methods = ("", _AREA) if directions else (" over the period", f"{_MEAN} {_AREA}")
+    period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
     for name in quantities:
         field_name, long_name = f"field_{name}", f"mean {quantities[name][0]} of the field{period}"
         attrs = _attrs(long_name, found[name].attrs["comment"], methods)
@@ -165,6 +291,10 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         ),
         finished=True,
     )
+    if study.optics is not None:
+        said = "interpolated less computed at the instants at which it was checked; 0 where all instants are computed"
+        attrs = _described("1", "largest error of the intercept of each heliostat that was found", said)
+        found[CHECKED] = Variable((*swept, "heliostat"), attrs)
     if study.output.tracking_angles:
         found |= {name: Variable((*swept, "heliostat"), attrs) for name, attrs in _of_axes(directions).items()}
     if study.output.outlines:
@@ -173,18 +303,13 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     if study.output.field_geometry:
         for known, dims in ((PLACES, (*swept, "heliostat")), (SIZES, swept)):
             found |= {name: Variable(dims, _described(*told), finished=True) for name, told in known.items()}
-    if study.output.time_series:
-        for name, (long_name, comment) in zip(SERIES, _QUANTITIES.values(), strict=True):
-            attrs = _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
-            found[name] = Variable((*swept, "time", "heliostat"), attrs)
-        for name in LIGHT_SERIES if study.optics is not None else ():
-            long_name, comment = _LIGHT[name.removeprefix("instantaneous_")]
-            attrs = _attrs(f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night")
-            found[name] = Variable((*swept, "time", "heliostat"), attrs)
-        if study.output.tracking_angles:
-            for name, comment in zip(ANGLE_SERIES, _AXES.values(), strict=True):
-                long_name = f"angle of the {name.split('_')[1]} axis at each instant"
-                found[name] = Variable(
-                    (*swept, "time", "heliostat"), _described("degree", long_name, f"{comment}; missing at night")
-                )
-    return found
+    elif study.weather is not None or study.design_point is not None:
+        for name in ("field_heliostats", "field_mirror_area"):
+            found[name] = Variable(swept, _described(*SIZES[name]), finished=True)
+    return (
+        found
+        | flux_variables(study, swept)
+        | _of_energy(study, swept)
+        | _of_design_point(study, swept)
+        | _at_instants(study, swept)
+    )

@@ -230,8 +230,8 @@ _COLLIMATION = "Angle between the mirror's normal and the normal plane of the se
 Angle: TypeAlias = float | Sweep | Distribution
 
 
-class MountErrors(Block):
-    """Errors of the mount: fixed, swept, or drawn from distributions."""
+class MountAngles(Block):
+    """The six errors of a mount: fixed, swept, or drawn from distributions."""
 
     azimuth_reference: Annotated[Angle, _angle(_AZIMUTH, "azimuth reference error")] = 0.0
     elevation_reference: Annotated[Angle, _angle(_ELEVATION, "elevation reference error")] = 0.0
@@ -246,14 +246,6 @@ class MountErrors(Block):
             "1", ge=0, dimension="error_scale", title="factor on the deviations of the drawn errors from their mean",
         ),
     ] = 1.0  # fmt: skip
-    samples: Annotated[
-        int | None,
-        Quantity("Number of draws of all distributions", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
-    ] = None
-    seed: Annotated[
-        int | None,
-        Quantity("What the draws of all distributions follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
-    ] = None
 
     def errors(self) -> tuple[float | Sweep | Distribution, ...]:
         """The six errors in the order of the kernels. [mrad]"""
@@ -262,6 +254,19 @@ class MountErrors(Block):
     def drawn(self) -> dict[str, Distribution]:
         """The errors that are drawn, by name."""
         return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
+
+
+class MountErrors(MountAngles):
+    """Errors of the mount: fixed, swept, or drawn from distributions."""
+
+    samples: Annotated[
+        int | None,
+        Quantity("Number of draws of all distributions", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
+    ] = None
+    seed: Annotated[
+        int | None,
+        Quantity("What the draws of all distributions follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
+    ] = None
 
     def draws(self) -> int:
         """Number of draws of a heliostat, the largest that is said anywhere; 0 where no error is drawn."""

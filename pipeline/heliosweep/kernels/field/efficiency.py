@@ -60,6 +60,21 @@ class Lines(NamedTuple):
     """Cosine, shading, blocking and optical efficiency, and room for a part of the last. [1]"""
 
 
+class Weights(NamedTuple):
+    """Weights of instants, and the periods that they are summed over; without periods nothing is."""
+
+    weight: Floats
+    """Weight of each instant, and what mirrors reflect of it, shape (2, T)."""
+    period: NDArray[np.int64]
+    """Number of the period that each instant is in, from 0, shape (T,)."""
+    sums: Floats
+    """Sums for each test heliostat and period, as `field_energies` returns them, shape (stop - start, P, 7)."""
+
+
+UNWEIGHTED = Weights(np.empty((2, 0)), np.empty(0, np.int64), np.empty((0, 0, 7)))
+"""No weights: nothing is summed over periods."""
+
+
 class Halo(NamedTuple):
     """Heliostats of the field that need a frame, and where their frames are."""
 
@@ -80,6 +95,7 @@ def sweep(
     sums: Floats,
     series: Floats,
     part: Floats,
+    weighted: Weights,
 ) -> None:
     """Sweep instants packet by packet; add to `sums` and write to `series`, whichever has room for heliostats.
 
@@ -87,7 +103,8 @@ def sweep(
     as for `field_sums`. `order` has the instants to sweep, in packet order, with the sun up in each; `first` tells
     where each packet begins in it, and its length. `sums` has shape (stop - start, 4) or (0, 4), as returned by
     `field_sums`; `series` has shape (4, T, stop - start) or (4, 0, 0), as returned by `field_series`. Where `part`, as
-    for `field_sums`, has a row for each test heliostat, `sums` has a fifth column.
+    for `field_sums`, has a row for each test heliostat, `sums` has a fifth column. `weighted` is added to where it has
+    periods.
     """
     tests = stop - start
     grid = bin_field(mirrors)
@@ -119,8 +136,9 @@ def sweep(
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
         _sweep_block(
-            start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part
-        )
+            start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part,
+            weighted,
+        )  # fmt: skip
         for m in range(count):
             halo.place[halo.names[m]] = -1
 
@@ -197,7 +215,7 @@ def _most(blockers, shaders):
 
 @inner
 def _sweep_block(
-    start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part
+    start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part, weighted
 ):
     """Efficiencies of all test heliostats at the instants of one packet."""
     for t in range(blockers.first.shape[0] - 1):
@@ -212,6 +230,7 @@ def _sweep_block(
         unions(images, shading, made, lines.total, room, lanes)
         _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
         _write(lines.result, packet, t, sums, series, part)
+        _weigh(lines.result, packet, t, part, weighted)
 
 
 @inner
@@ -279,6 +298,24 @@ def _write(result, packet, t, sums, series, part):
 
 
 @inner
+def _weigh(result, packet, t, part, weighted):
+    """Add the results of one heliostat and packet, times the weights, to the sums over each period."""
+    if weighted.sums.shape[1] > 0:
+        for k in range(packet.shape[0]):
+            when = packet[k]
+            m, weight = weighted.period[when], weighted.weight[0, when]
+            cosine, shading, optical = result[k], result[ROW + k], result[3 * ROW + k]
+            reflected = weighted.weight[1, when] * optical
+            weighted.sums[t, m, 0] += weight * cosine
+            weighted.sums[t, m, 1] += weight * shading
+            weighted.sums[t, m, 2] += weight * result[2 * ROW + k]
+            weighted.sums[t, m, 3] += weight * optical
+            weighted.sums[t, m, 4] += weight * (cosine * shading)
+            weighted.sums[t, m, 5] += reflected
+            weighted.sums[t, m, 6] += reflected * part[t, when] if part.shape[0] > 0 else reflected
+
+
+@inner
 def _sum(row, start, count):
     """Sum of a row, in a fixed order, of eight sums that a processor can make side by side."""
     a = b = c = d = e = f = g = h = 0.0
@@ -298,12 +335,11 @@ def field_sums(
     z: Floats,
     half_width: Floats,
     half_height: Floats,
-    target_height: float,
+    target_height: float | Floats,
     tracking: int,
     sun: Floats,
     start: int,
     stop: int,
-    target_radius: float = 0.0,
     part: Floats | None = None,
 ) -> tuple[Floats, int]:
     """Sums of the efficiencies over all instants with the sun above the horizon.
@@ -314,8 +350,8 @@ def field_sums(
         Mirror centres: east, north, up. [m]
     half_width, half_height : ndarray, shape (N,)
         Half sides of the mirrors along u (width) and v (height). [m]
-    target_height : float
-        Height of the target point, which stands at x = y = 0. [m]
+    target_height : float or ndarray, shape (N, 3)
+        Height of the target point, which stands at x = y = 0, or the point that each mirror aims at. [m]
     tracking : int
         `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
@@ -323,8 +359,6 @@ def field_sums(
         NaN where there is none, contribute nothing and are not counted. [1]
     start, stop : int
         Test heliostats start..stop; all N may shade and block them.
-    target_radius : float
-        Radius of an upright cylinder: each mirror aims at the point of it that is nearest. [m]
     part : ndarray, shape (stop - start, T), optional
         Part of the light of each test heliostat and instant that counts: what follows on the optical efficiency. [1]
 
@@ -342,13 +376,65 @@ def field_sums(
     ValueError
         If start..stop is no part of the field, the method unknown, or mirrors or sun vectors are not finite.
     """
-    mirrors = aimed(x, y, z, half_width, half_height, target_height, target_radius)
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
     sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
     sums, nothing = np.zeros((stop - start, 4 if part is None else 5)), np.empty((4, 0, 0))
     if start < stop and len(order) > 0:
         part = np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
-        sweep(mirrors, tracking, sun, order, first, start, stop, sums, nothing, part)
+        sweep(mirrors, tracking, sun, order, first, start, stop, sums, nothing, part, UNWEIGHTED)
     return sums, len(order)
+
+
+def field_energies(
+    x: Floats,
+    y: Floats,
+    z: Floats,
+    half_width: Floats,
+    half_height: Floats,
+    target_height: float | Floats,
+    tracking: int,
+    sun: Floats,
+    start: int,
+    stop: int,
+    weight: Floats,
+    period: NDArray[np.int64],
+    periods: int,
+    part: Floats | None = None,
+) -> Floats:
+    """Weighted sums of the efficiencies over the instants of each period, as energies are; parameters as `field_sums`.
+
+    Parameters
+    ----------
+    weight : ndarray, shape (2, T)
+        Weight of each instant, as the irradiation of its interval; the same times what the mirrors reflect.
+    period : ndarray, shape (T,)
+        Number of the period of each instant, as the month, from 0.
+    periods : int
+        Number of periods.
+
+    Returns
+    -------
+    ndarray, shape (stop - start, periods, 7)
+        Sums over each period of the cosine, shading, blocking and optical efficiency, of cosine times shading
+        efficiency, all times the weight; of the optical efficiency times what is reflected, and of this times `part`.
+        In the unit of the weights.
+
+    Raises
+    ------
+    ValueError
+        As `field_sums`; if weights or periods are not as many as the instants, or a period is not 0 to periods - 1.
+    """
+    weight, period = np.array(weight, np.float64, order="C"), np.array(period, np.int64)
+    if weight.shape != (2, len(sun)) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
+        raise ValueError(f"weights must be of shape (2, {len(sun)}), and as many periods from 0 to {periods - 1}")
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
+    sums = np.zeros((stop - start, periods, 7))
+    if start < stop and len(order) > 0:
+        part = np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
+        weighted = Weights(weight, period, sums)
+        sweep(mirrors, tracking, sun, order, first, start, stop, np.empty((0, 4)), np.empty((4, 0, 0)), part, weighted)
+    return sums
 
 
 def field_series(
@@ -357,12 +443,11 @@ def field_series(
     z: Floats,
     half_width: Floats,
     half_height: Floats,
-    target_height: float,
+    target_height: float | Floats,
     tracking: int,
     sun: Floats,
     start: int,
     stop: int,
-    target_radius: float = 0.0,
 ) -> Floats:
     """Efficiencies of every instant, in the given order; parameters as in `field_sums`.
 
@@ -371,11 +456,11 @@ def field_series(
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
-    mirrors = aimed(x, y, z, half_width, half_height, target_height, target_radius)
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
     sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
     nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
     if start < stop and len(order) > 0:
-        sweep(mirrors, tracking, sun, order, first, start, stop, nothing, series, np.empty((0, 0)))
+        sweep(mirrors, tracking, sun, order, first, start, stop, nothing, series, np.empty((0, 0)), UNWEIGHTED)
     return series
 
 
@@ -385,26 +470,17 @@ def aimed(
     z: Floats,
     half_width: Floats,
     half_height: Floats,
-    target_height: float,
-    target_radius: float = 0.0,
+    target_height: float | Floats,
 ) -> Mirrors:
-    """Mirrors aimed at (0, 0, target_height), or at a cylinder about it; parameters as in `field_sums`."""
+    """Mirrors aimed at (0, 0, target_height), or each at its point; parameters as in `field_sums`."""
     centres = np.stack((x, y, z)).astype(np.float64)
     sides = np.stack((half_width, half_height)).astype(np.float64)
-    to_target = targets(centres, target_height, target_radius) - centres.T
+    to_target = (target_height if np.ndim(target_height) else np.array([0.0, 0.0, target_height])) - centres.T
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
     with np.errstate(invalid="ignore"):  # at the target: refused by `_sorted`
         aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
     return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
-
-
-def targets(centres: Floats, target_height: float, target_radius: float) -> Floats:
-    """Points that mirrors at `centres`, shape (3, N), aim at, shape (N, 3) or (3,). [m]"""
-    if not target_radius:
-        return np.array([0.0, 0.0, target_height])
-    away = target_radius / np.sqrt(centres[0] ** 2 + centres[1] ** 2)
-    return np.stack((away * centres[0], away * centres[1], np.full(len(away), target_height)), axis=1)
 
 
 def _sorted(

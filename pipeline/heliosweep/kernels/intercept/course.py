@@ -1,56 +1,179 @@
 """Intercept over many instants of one place, interpolated in the direction of the sun and checked.
 
-The intercept is smooth in the direction of the sun, as shading is not. It is computed at Chebyshev nodes in the sine of
-the declination and in the hour angle over that of sunset, and interpolated. Each mirror is checked at some instants;
-one that misses is computed at every instant: with a vertical first axis, where the normal comes near the zenith and the
-mirror turns fast.
+The intercept is smooth in the direction of the sun, as shading is not. It is computed at Chebyshev nodes, their ends
+among them, in the sine of the declination and in the hour angle over that of sunset, and interpolated. Each mirror is
+checked at some instants; one that misses gets more nodes, and one that still misses is computed at every instant.
+
+With a vertical first axis a mirror turns fast about its normal where that comes near the zenith. The intercept of a
+mirror with a given turn is smooth there too, and periodic in the turn: it is computed at some turns, and its terms of
+Fourier are interpolated.
 """
 
+import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
+from heliosweep.kernels.intercept.mirror import ROLLED, frame_of
+from heliosweep.kernels.vectors import PACKET, dot
 
 Floats = NDArray[np.float64]
+Nodes = tuple[Floats, Floats, Floats]
 
-NODES = (8, 24)
-"""Nodes in the sine of the declination and in the hour angle."""
-CHECKS = 12
-"""Instants at which each mirror is checked; the first half are those with its normal nearest to the zenith."""
+NODES = ((5, 13), (9, 13), (17, 25))
+"""Nodes in the sine of the declination and in the hour angle, of one try after the other; each has those before."""
+PARTS = 4
+"""Parts of the instants, in their order. In each a mirror is checked where it is most oblique, where its normal is
+nearest to the zenith, and at one more."""
+CHECKS = 3 * PARTS
+"""Instants at which each mirror is checked."""
 TOLERANCE = 1e-4
 """Largest error at a check that is taken. [1]"""
-COMPUTED = NODES[0] * NODES[1] + CHECKS
-"""Directions of the sun at which each mirror is computed; twice as many instants are interpolated."""
+HOPELESS = 1e-2
+"""Error at a check after which no more nodes are tried. [1]"""
+STEEP = 0.3
+"""Horizontal part of a normal below which a mirror with a vertical first axis turns fast. [1]"""
+COMPUTED = NODES[0][0] * NODES[0][1] + CHECKS
+"""Directions of the sun at which each mirror is computed at least; twice as many instants are interpolated."""
+_BLOCK = 64
+"""Mirrors that are interpolated at once."""
 
 
-def course(scene: Scene, sun: Floats, latitude: float | None, start: int = 0, stop: int | None = None) -> Floats:
-    """Intercept of mirrors start..stop at instants, shape (stop - start, T); see `intercepts`.
+def course(
+    scene: Scene, sun: Floats, latitude: float | None, start: int = 0, stop: int | None = None
+) -> tuple[Floats, Floats]:
+    """Intercept of mirrors start..stop at instants; see `intercepts`.
 
-    `latitude` of the place [rad], None for directions of the sun that belong to no place: all are then computed. So are
-    instants that are few.
+    Parameters
+    ----------
+    scene, sun, start, stop
+        As of `intercepts`.
+    latitude : float or None
+        Of the place [rad]; None for directions of the sun that belong to no place: all are then computed. So are
+        instants that are few.
+
+    Returns
+    -------
+    values : ndarray, shape (stop - start, T)
+        Intercept, NaN with the sun down. [1]
+    error : ndarray, shape (stop - start,)
+        Largest error of interpolation that was found at the checks of each mirror, at most `TOLERANCE`; 0 where nothing
+        was interpolated. [1]
     """
     stop = len(scene.centre) if stop is None else stop
     up = np.flatnonzero(sun[:, 2] > 0.0)
     if latitude is None or len(up) < 2 * COMPUTED:
-        return intercepts(scene, sun, start, stop)
-    out, there = np.full((stop - start, len(sun)), np.nan), sun[up]
-    sine, share = _place(there, latitude)
-    (nodes_s, weights_s), (nodes_h, weights_h) = _nodes(sine, NODES[0]), _nodes(share, NODES[1])
+        return intercepts(scene, sun, start, stop), np.zeros(stop - start)
+    there = np.ascontiguousarray(sun[up], np.float64)
+    tries = [_nodes(counts, latitude, there) for counts in NODES]
+    out, error = np.full((stop - start, len(sun)), np.nan), np.empty(stop - start)
+    for first in range(start, stop, _BLOCK):
+        block = np.arange(first, min(first + _BLOCK, stop))
+        checks, turns = _checked(scene, block, there)
+        for turning in (False, True):
+            which = np.flatnonzero(turns == turning)
+            if len(which):
+                values, error[block[which] - start] = _interpolated(
+                    scene.some(block[which]), there, tries, checks[which], turning
+                )
+                out[(block[which] - start)[:, np.newaxis], up] = np.clip(values, 0.0, 1.0)
+    return out, error
+
+
+def _interpolated(
+    scene: Scene, sun: Floats, tries: Sequence[Nodes], checks: NDArray[np.int64], turning: bool
+) -> tuple[Floats, Floats]:
+    """Values of all mirrors of a scene and the errors that were found; for mirrors that turn fast, or do not."""
+    left, rows = np.arange(len(checks)), np.arange(len(checks))[:, np.newaxis]
+    known: Floats = np.empty((0, 0, 0, 0))
+    values, error = np.empty((len(left), len(sun))), np.zeros(len(left))
+    wanted, computed = np.zeros(values.shape, np.bool_), np.empty(0, np.int64)
+    wanted[rows, checks] = True
+    exact = intercepts(scene, sun, wanted=wanted, out=values)[rows, checks]
+    multiple, count = _harmonics(scene) if turning else (1, 1)
+    turns = 2.0 * math.pi * np.arange(count) / (count * multiple)
+    terms = np.ones((count, count)) / count  # of Fourier, from the values at the turns
+    for k in range(1, count):
+        phase = multiple * ((k + 1) // 2) * turns
+        terms[k] = 2.0 / count * (np.cos(phase) if k % 2 else np.sin(phase))
+    for where, weights_s, weights_h in tries:
+        some, shape = scene.some(left), (len(left), len(weights_s), len(weights_h))
+        at: Floats = np.zeros((count, *shape))
+        new: NDArray[np.bool_] = np.ones(shape, np.bool_)
+        if known.size:
+            steps = [(shape[n] - 1) // (known.shape[n + 1] - 1) for n in (1, 2)]
+            at[:, :, :: steps[0], :: steps[1]] = known
+            new[:, :: steps[0], :: steps[1]] = False
+        new = new.reshape(len(left), -1)
+        for k in range(count):
+            held = some._replace(tracking=ROLLED) if turning else some
+            intercepts(held, where, wanted=new, out=at[k].reshape(len(left), -1), roll=float(turns[k]))
+        found = np.empty((len(left), len(sun)))
+        _interpolate(_transformed(terms, at), weights_s, weights_h, _aims(some), sun, scene.tracking, multiple, found)
+        off = np.abs(found[rows[: len(left)], checks[left]] - exact[left]).max(axis=1)
+        taken = off <= TOLERANCE
+        values[left[taken]], error[left[taken]] = found[taken], off[taken]
+        computed = np.append(computed, left[~(off <= HOPELESS)])
+        missed = ~taken & (off <= HOPELESS)
+        left, known = left[missed], at[:, missed]
+        if not len(left):
+            break
+    computed = np.append(computed, left)
+    if len(computed):
+        values[computed] = intercepts(scene.some(computed), sun)
+    return values, error
+
+
+def _harmonics(scene: Scene) -> tuple[int, int]:
+    """Least multiple of a turn that the intercept depends on, and the number of turns to compute at.
+
+    A mirror looks the same after a turn by half, a square one by a quarter; none with a fixed pointing error or a map.
+    """
+    if np.any(scene.turn) or scene.slopes.size:
+        return 1, 9
+    errors, facets = scene.errors, scene.facets
+    square = np.all(scene.sides[:, 0] == scene.sides[:, 1]) and facets.columns == facets.rows
+    return (4, 3) if square and errors.slope_u == errors.slope_v else (2, 5)
+
+
+def _transformed(terms: Floats, at: Floats) -> Floats:
+    """Terms of Fourier at the nodes, shape (mirrors, terms, nodes): summed in one order, of any number of mirrors."""
+    return np.ascontiguousarray(np.einsum("kt,tmsh->mksh", terms, at)).reshape(at.shape[1], len(terms), -1)
+
+
+def _aims(scene: Scene) -> Floats:
+    """Directions from the mirrors to their targets, shape (N, 3)."""
+    aims = scene.target - scene.centre
+    return aims / np.sqrt(np.sum(aims**2, axis=1))[:, np.newaxis]
+
+
+def _nodes(counts: Sequence[int], latitude: float, sun: Floats) -> Nodes:
+    """Directions of the sun at the nodes; weights of both kinds of nodes at each instant, shapes (nodes, T)."""
+    sine, share = _place(sun, latitude)
+    (nodes_s, weights_s), (nodes_h, weights_h) = _chebyshev(sine, counts[0]), _chebyshev(share, counts[1])
     grid_s, grid_h = (each.ravel() for each in np.meshgrid(nodes_s, nodes_h, indexing="ij"))
-    at_nodes = intercepts(scene, _vectors(grid_s, grid_h, latitude), start, stop)
-    values = np.empty((stop - start, len(up)))
-    _interpolate(at_nodes, weights_s, weights_h, values)
-    for i in range(start, stop):
-        rows = values[i - start]
-        picked = _checked(scene, i, there)
-        exact = intercepts(scene, there[picked], i, i + 1)[0]
-        if not np.abs(rows[picked] - exact).max() <= TOLERANCE:
-            rows[:] = intercepts(scene, there, i, i + 1)[0]
-    out[:, up] = np.clip(values, 0.0, 1.0)
-    return out
+    return _vectors(grid_s, grid_h, latitude), weights_s, weights_h
+
+
+def _checked(scene: Scene, block: NDArray[np.int64], sun: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Instants at which each mirror is checked, and the mirrors that turn fast."""
+    parts = np.linspace(0, len(sun), PARTS + 1).astype(np.int64)
+    checks, turns = np.empty((len(block), 3, PARTS), np.int64), np.zeros(len(block), np.bool_)
+    may_turn = scene.tracking == AZIMUTH_ELEVATION and not len(scene.mounts)  # their errors turn normals by the frame
+    checks[:, 2] = (parts[:-1] + parts[1:]) // 2
+    for i, aim in enumerate(_aims(scene.some(block))):
+        x, y, z = sun.T + aim[:, np.newaxis]
+        square = x * x + y * y + z * z
+        level = (x * x + y * y) / square
+        turns[i] = may_turn and level.min() < STEEP**2
+        for part, (first, last) in enumerate(itertools.pairwise(parts)):
+            checks[i, :2, part] = first + np.argmin(square[first:last]), first + np.argmin(level[first:last])
+    return checks.reshape(len(block), -1), turns
 
 
 def _place(sun: Floats, latitude: float) -> tuple[Floats, Floats]:
@@ -75,38 +198,50 @@ def _vectors(sine: Floats, share: Floats, latitude: float) -> Floats:
     return np.stack((-cosine * np.sin(hour), north, upward), axis=1)
 
 
-def _nodes(values: Floats, count: int) -> tuple[Floats, Floats]:
-    """Chebyshev nodes between the least and the largest value, and the weight of each node at each value."""
+def _chebyshev(values: Floats, count: int) -> tuple[Floats, Floats]:
+    """Chebyshev nodes from the least to the largest value, and the weight of each at each value, shape (count, T)."""
     middle, half = (values.max() + values.min()) / 2, max((values.max() - values.min()) / 2, 1e-9)
-    angle = math.pi * (np.arange(count) + 0.5) / count
-    order = np.arange(count)
+    order, ends = np.arange(count), np.where(np.arange(count) % (count - 1), 1.0, 0.5)
+    angle = math.pi * order / (count - 1)
+    terms = ends[:, np.newaxis] * np.cos(order[:, np.newaxis] * angle) * ends * 2.0 / (count - 1)
     along = np.arccos(np.clip((values - middle) / half, -1.0, 1.0))
-    factor = np.where(order, 2.0, 1.0) / count
-    weights = np.zeros((len(values), count))
+    weights = np.zeros((count, len(values)))
     for n in range(count):
-        weights += factor[n] * np.cos(n * along)[:, np.newaxis] * np.cos(n * angle)
+        weights += terms[n][:, np.newaxis] * np.cos(n * along)
     return middle + half * np.cos(angle), weights
 
 
 @kernel
-def _interpolate(at_nodes, weights_s, weights_h, values):
-    """Write the values of each mirror at each instant from those at the nodes."""
+def _interpolate(at_nodes, weights_s, weights_h, aims, sun, tracking, multiple, values):
+    """Write the values of each mirror at each instant from terms of Fourier at the nodes, in lanes of instants."""
+    terms, hours = at_nodes.shape[1], weights_h.shape[0]
+    part, total, basis = np.zeros(PACKET), np.zeros(PACKET), np.ones((terms, PACKET))
     for i in range(values.shape[0]):
-        for t in range(values.shape[1]):
-            total = 0.0
-            for s in range(weights_s.shape[1]):
-                part = 0.0
-                for h in range(weights_h.shape[1]):
-                    part += weights_h[t, h] * at_nodes[i, s * weights_h.shape[1] + h]
-                total += weights_s[t, s] * part
-            values[i, t] = total
-
-
-def _checked(scene: Scene, mirror: int, sun: Floats) -> NDArray[np.int64]:
-    """Instants at which a mirror is checked."""
-    to_target = scene.target[mirror] - scene.centre[mirror]
-    to_target /= np.sqrt(np.sum(to_target**2))
-    normal = sun + to_target
-    steep = np.argsort(-normal[:, 2] / np.sqrt(np.sum(normal**2, axis=1)), kind="stable")[: CHECKS // 2]
-    others = np.linspace(0, len(sun) - 1, CHECKS // 2).astype(np.int64)
-    return np.concatenate((steep, others))
+        aim = (aims[i, 0], aims[i, 1], aims[i, 2])
+        for start in range(0, values.shape[1], PACKET):
+            lanes = min(PACKET, values.shape[1] - start)
+            for k in range(lanes):
+                total[k] = 0.0
+                if terms > 1:
+                    to_sun = (sun[start + k, 0], sun[start + k, 1], sun[start + k, 2])
+                    u, held = frame_of(to_sun, aim, tracking, 0.0).u, frame_of(to_sun, aim, ROLLED, 0.0)
+                    one = complex(dot(u, held.u), dot(u, held.v))
+                    step = one
+                    for _ in range(1, multiple):
+                        step *= one
+                    turned = step
+                    for n in range(1, terms, 2):
+                        basis[n, k], basis[n + 1, k] = turned.real, turned.imag
+                        turned *= step
+            for n in range(terms):
+                for s in range(weights_s.shape[0]):
+                    for k in range(lanes):
+                        part[k] = 0.0
+                    for h in range(hours):
+                        value = at_nodes[i, n, s * hours + h]
+                        for k in range(lanes):
+                            part[k] += weights_h[h, start + k] * value
+                    for k in range(lanes):
+                        total[k] += basis[n, k] * weights_s[s, start + k] * part[k]
+            for k in range(lanes):
+                values[i, start + k] = total[k]

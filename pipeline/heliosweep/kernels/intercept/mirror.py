@@ -13,6 +13,10 @@ from heliosweep.kernels.vectors import Vector, cross, dot, mixed, unit
 Floats = NDArray[np.float64]
 
 
+ROLLED = 2
+"""Code of a mirror that is turned about its normal by a given angle, beside those of the tracking methods."""
+
+
 class Errors(NamedTuple):
     """Standard deviations per axis of random errors. [rad]"""
 
@@ -50,16 +54,24 @@ class Frame(NamedTuple):
 
 
 @inline
-def frame_of(sun, target, tracking):
-    """Frame of a mirror that reflects the sun to the target, both given as directions."""
+def frame_of(sun, target, tracking, roll):
+    """Frame of a mirror that reflects the sun to the target, both given as directions.
+
+    With `ROLLED` the axis u is turned by `roll` about the normal from an axis that does not depend on the method: the
+    direction e1 of the target's frame, carried to the normal on the shortest way. [rad]
+    """
     n = unit(mixed(1.0, sun, 1.0, target))
-    u = cross(target, sun) if tracking == SPINNING_ELEVATION else (-n[1], n[0], 0.0)
-    if dot(u, u) < 1e-30:
-        u = (-target[1], target[0], 0.0) if tracking == SPINNING_ELEVATION else (1.0, 0.0, 0.0)
-        if dot(u, u) < 1e-30:
-            u = (1.0, 0.0, 0.0)
-    u = unit(u)
     e1 = unit(cross((0.0, 0.0, 1.0) if abs(target[2]) < 0.9 else (1.0, 0.0, 0.0), target))
+    if tracking == ROLLED:
+        a = mixed(1.0, e1, -dot(e1, n) / (1.0 + dot(target, n)), mixed(1.0, target, 1.0, n))
+        u = mixed(math.cos(roll), a, math.sin(roll), cross(n, a))
+    else:
+        u = cross(target, sun) if tracking == SPINNING_ELEVATION else (-n[1], n[0], 0.0)
+        if dot(u, u) < 1e-30:
+            u = (-target[1], target[0], 0.0) if tracking == SPINNING_ELEVATION else (1.0, 0.0, 0.0)
+            if dot(u, u) < 1e-30:
+                u = (1.0, 0.0, 0.0)
+    u = unit(u)
     return Frame(n, u, cross(n, u), target, e1, cross(target, e1))
 
 
@@ -96,8 +108,9 @@ def ray_from(frame, sun, turn, a0, b0, a, b, cant, curve):
     tilt_u, tilt_v = cant * a0 + curve * a - turn[0], cant * b0 + curve * b - turn[1]
     rise = cant * (a0 * a + b0 * b) + 0.5 * curve * (a * a + b * b)
     place = mixed(1.0, mixed(a0 + a, frame.u, b0 + b, frame.v), rise, frame.n)
-    normal = mixed(1.0, frame.n, -1.0, mixed(tilt_u, frame.u, tilt_v, frame.v))
-    n = unit(normal)
-    r = mixed(2.0 * dot(sun, n), n, -1.0, sun)
-    e2 = unit(cross(r, frame.e1))
+    n = mixed(1.0, frame.n, -1.0, mixed(tilt_u, frame.u, tilt_v, frame.v))
+    r = mixed(2.0 * dot(sun, n) / dot(n, n), n, -1.0, sun)
+    e2 = cross(r, frame.e1)
+    scale = 1.0 / math.sqrt(dot(e2, e2))
+    e2 = (scale * e2[0], scale * e2[1], scale * e2[2])
     return place, r, cross(e2, r), e2

@@ -37,7 +37,7 @@ _NODES = 32
 
 
 class SunShape(NamedTuple):
-    """Light of the sun by angle, made by `pillbox`, `gaussian`, `limb_darkened`, `jose` or `buie`."""
+    """Light of the sun by angle, made by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
 
     radius: Floats
     """Angles of rings from the sun's centre. [rad]"""
@@ -103,9 +103,15 @@ def buie_formula(parameter: float) -> SunShape:
     return _rings((0.0, DISC, *np.geomspace(DISC, AUREOLE, 6)[1:]), brightness)
 
 
-def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats]) -> SunShape:
+def table(angle: Floats, brightness: Floats) -> SunShape:
+    """Brightness at angles from the sun's centre, which rise from 0 [rad]; straight lines between them."""
+    nodes = max(3, math.ceil(2 * _NODES / (len(angle) - 1)))
+    return _rings(tuple(angle), lambda r: np.interp(r, angle, brightness), nodes)
+
+
+def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats], nodes: int = _NODES) -> SunShape:
     """Rings between angles where the brightness may break; crowded at each outer edge, where it may fall as a root."""
-    place, weight = np.polynomial.legendre.leggauss(_NODES)
+    place, weight = np.polynomial.legendre.leggauss(nodes)
     place, weight = (1.0 + place) / 2, weight / 2
     inner, outer = np.array(edges[:-1])[:, np.newaxis], np.array(edges[1:])[:, np.newaxis]
     radius = outer - (outer - inner) * place**2

@@ -1,9 +1,10 @@
 """Tables of a blurred sun: the light beyond a line, and the light within a circle.
 
 The sun shape, blurred by a Gaussian of variance q per axis, has the light T(d; q) beyond a line that passes its centre
-at the distance d, and F(r; q) within the radius r. Kept are T and H = F / r^2 over distances in equal steps, with
-their slopes for cubic Hermite interpolation, at Chebyshev nodes of log q. A heliostat at an instant has its own
-variances: `collapse` makes the table of one, in which `beyond` and `within` look.
+at the distance d, and F(r; q) within the radius r. Kept are T and H = F / r^2 as a cubic in each of equal steps of the
+distance, at Chebyshev nodes of log q. Variances stand in bands, within which the largest is at most four times the
+smallest, each with steps of its own. A heliostat at an instant has its own variances: `collapse` makes the table of
+one, in which `look_up` looks.
 """
 
 import math
@@ -13,42 +14,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.intercept.sunshapes import SunShape
+from heliosweep.kernels.intercept.sunshapes import DISC, SunShape
 
 Floats = NDArray[np.float64]
 
-TAIL = 5.5
-"""Standard deviations of the blur beyond the outermost ring at which there is no light left."""
-_FINE = 8.0
-"""Nodes of the tables in the smallest standard deviation of the blur."""
+TAIL = 5.0
+"""Standard deviations of the blur beyond the outermost ring at which there is no light left: a part of 4e-6 at most."""
+_FINE = 6.0
+"""Steps of the tables in the smallest standard deviation of a band."""
+_NODES = 7
+"""Variances of a band."""
 
 
 class Tables(NamedTuple):
     """Tables of one sun shape over a span of variances, made by `tables`."""
 
-    step: float
-    """Distance between nodes. [rad]"""
     edge: float
     """Angle of the outermost ring. [rad]"""
+    core: float
+    """Variance per axis of the light of the disc. [rad^2]"""
     logs: Floats
-    """Nodes in the logarithm of the variance, rising, shape (variances,)."""
+    """Logarithm of the smallest variance of each band, and of the largest of the last; equally far apart."""
+    steps: Floats
+    """Distance between nodes, of each band. [rad]"""
     beyond: Floats
-    """T and its slope times the step, shape (2, variances, nodes). [1]"""
+    """Coefficients of T in each step, from the constant on, shape (bands, variances, 4 * steps). [1]"""
     within: Floats
-    """H and its slope times the step, shape (2, variances, nodes). [1/rad^2]"""
+    """The same of H. [1/rad^2]"""
+    lagrange: Floats
+    """Nodes on -1 to 1, and one over the product of their distances from the others, shape (2, variances)."""
+
+
+class Light(NamedTuple):
+    """Light of one variance, with the table of H."""
+
+    room: Floats
+    """Coefficients of H in each step."""
+    step: float
+    """Distance between nodes. [rad]"""
+    reach: float
+    """Radius beyond which there is no light. [rad]"""
+    sigma: float
+    """Standard deviation of the blur. [rad]"""
 
 
 def tables(sun: SunShape, low: float, high: float) -> Tables:
     """Tables of a sun shape for blurs with variances from `low` to `high`, which is greater. [rad^2]"""
-    edge, variances = float(sun.radius.max()), math.ceil(4.0 + 2.6 * math.log(high / low))
-    nodes = np.cos(np.pi * (np.arange(variances) + 0.5) / variances)[::-1]
-    logs = (math.log(low) + math.log(high) + nodes * (math.log(high) - math.log(low))) / 2
-    step = math.sqrt(low) / _FINE
-    count = math.ceil((edge + TAIL * math.sqrt(high)) / step) + 2
-    return Tables(
-        step, edge, logs, _beyond(sun.radius, sun.share, logs, step, count),
-        _within(sun.radius, sun.share, logs, step, count),
-    )  # fmt: skip
+    edge, bands = float(sun.radius.max()), max(1, math.ceil(math.log(high / low) / math.log(4.0)))
+    logs = np.linspace(math.log(low), math.log(high), bands + 1)
+    place = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+    apart = place[:, np.newaxis] - place + np.eye(_NODES)
+    steps = np.exp(0.5 * logs[:-1]) / _FINE
+    count = int(np.max(np.ceil((edge + TAIL * np.exp(0.5 * logs[1:])) / steps))) + 3
+    made = np.zeros((2, bands, _NODES, 4 * (count - 1)))
+    for band in range(bands):
+        middle, half = (logs[band] + logs[band + 1]) / 2, (logs[1] - logs[0]) / 2
+        for kind, function in enumerate((_beyond, _within)):
+            value, slope = function(sun.radius, sun.share, middle + half * place, steps[band], count)
+            rise, first, last = np.diff(value), slope[:, :-1], slope[:, 1:]
+            cubic = (value[:, :-1], first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise)
+            made[kind, band] = np.stack(cubic, axis=2).reshape(_NODES, -1)
+    disc = sun.radius <= 1.001 * DISC
+    core = float(np.sum((sun.share * sun.radius**2)[disc]) / np.sum(sun.share[disc])) / 2
+    return Tables(edge, core, logs, steps, made[0], made[1], np.stack((place, 1.0 / np.prod(apart, axis=1))))
 
 
 @kernel
@@ -122,45 +150,52 @@ def _bessel(x):
 
 
 @inner
-def collapse(table, logs, step, edge, variance, room):
-    """Write the table of one variance in `room`; returns the radius beyond which it has no light. [rad]
+def collapse(table, tables, variance, room):
+    """Write the table of one variance in `room`; returns its step, its reach and the standard deviation. [rad]
 
     A variance outside the span of the tables is brought to its end.
     """
-    nodes = logs.shape[0]
-    middle, half = 0.5 * (logs[0] + logs[nodes - 1]), 0.5 * (logs[nodes - 1] - logs[0])
-    half /= math.cos(0.5 * math.pi / nodes)
-    place = min(max((math.log(variance) - middle) / half, -1.0), 1.0)
-    reach = edge + TAIL * math.exp(0.5 * (middle + half * place))
-    count = min(int(reach / step) + 3, table.shape[2])
-    for n in range(count):
-        room[0, n] = room[1, n] = 0.0
+    bands, nodes = table.shape[0], table.shape[1]
+    width = tables.logs[1] - tables.logs[0]
+    log = min(max(math.log(variance), tables.logs[0]), tables.logs[bands])
+    band = min(int((log - tables.logs[0]) / width), bands - 1)
+    place = 2.0 * (log - tables.logs[band]) / width - 1.0
+    sigma, step = math.exp(0.5 * log), tables.steps[band]
+    reach = tables.edge + TAIL * sigma
+    count = min(4 * int(reach / step) + 4, table.shape[2])
     for v in range(nodes):
-        factor = 1.0
+        factor = tables.lagrange[1, v]
         for w in range(nodes):
             if w != v:
-                factor *= (middle + half * place - logs[w]) / (logs[v] - logs[w])
-        for n in range(count):
-            room[0, n] += factor * table[0, v, n]
-        for n in range(count):
-            room[1, n] += factor * table[1, v, n]
-    return reach
+                factor *= place - tables.lagrange[0, w]
+        if v == 0:
+            for n in range(count):
+                room[n] = factor * table[band, v, n]
+        else:
+            for n in range(count):
+                room[n] += factor * table[band, v, n]
+    return step, reach, sigma
 
 
 @inline
 def look_up(room, place):
-    """Cubic Hermite interpolation in a table of one variance; `place` is the distance in steps."""
+    """Value in a table of one variance; `place` is the distance in steps."""
     n = int(place)
-    f = place - n
-    g = 1.0 - f
-    value = g * g * (1.0 + 2.0 * f) * room[0, n] + f * f * (3.0 - 2.0 * f) * room[0, n + 1]
-    return value + f * g * (g * room[1, n] - f * room[1, n + 1])
+    f, n = place - n, 4 * n
+    return room[n] + f * (room[n + 1] + f * (room[n + 2] + f * room[n + 3]))
 
 
 @inline
-def beyond(room, step, reach, distance):
-    """Light beyond a line, which is at a signed distance from the centre of the light. [1]"""
+def beyond(room, step, reach, distance, wider=0.0):
+    """Light beyond a line, which is at a signed distance from the centre of the light. [1]
+
+    Its variance is that of the table and a little, `wider` [rad^2], as half as much of the second derivative gives it.
+    """
     if abs(distance) >= reach:
         return 0.0 if distance > 0.0 else 1.0
-    part = look_up(room, abs(distance) / step)
+    place = abs(distance) / step
+    n = int(place)
+    f, n = place - n, 4 * n
+    part = room[n] + f * (room[n + 1] + f * (room[n + 2] + f * room[n + 3]))
+    part += wider / (step * step) * (room[n + 2] + 3.0 * f * room[n + 3])
     return part if distance >= 0.0 else 1.0 - part

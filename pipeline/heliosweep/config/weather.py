@@ -1,0 +1,140 @@
+"""Blocks of a study that tell its direct normal irradiance (DNI), and at which instants the field works."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field
+
+from heliosweep.config import zones
+from heliosweep.config.block import Block
+from heliosweep.config.faults import Fault, Invalid, one_of
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Choice, FileName, Quantity, Text, free_text, pattern
+
+MODELS = {
+    "ineichen": "Ineichen and Perez (2002), by Linke turbidity",
+    "simplified_solis": "Ineichen (2008), by aerosol optical depth and precipitable water",
+    "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, AM the air mass",
+    "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), A and B by month",
+}
+
+LABELS = {
+    "start": "the start of the interval",
+    "middle": "its middle",
+    "end": "its end",
+}
+
+
+@dataclass(frozen=True)
+class ClearSkyModel(Choice):
+    """A clear-sky model that tells the direct normal irradiance."""
+
+    def _one(self, raw: Any) -> str:
+        if raw == "haurwitz":
+            raise Invalid(f"tells the global irradiance only, not the direct one; use {one_of(self.options)}")
+        return super()._one(raw)
+
+
+def _of(model: str, title: str, default: str, unit: str, low: float, high: float) -> Quantity:
+    description = f"{title[0].upper()}{title[1:]}, for {model}; by default {default}"
+    return Quantity(description, unit, ge=low, le=high, title=title)
+
+
+class ClearSky(Block):
+    """Irradiance of a sky without clouds."""
+
+    model: Annotated[
+        str | Sweep,
+        ClearSkyModel("Clear-sky model", MODELS, dimension="clear_sky_model", title="clear-sky model"),
+    ]
+    linke_turbidity: Annotated[
+        float | Sweep | None,
+        _of("ineichen", "Linke turbidity", "that of the place and date in pvlib's table", "1", 1, 20),
+    ] = None
+    aerosol_optical_depth: Annotated[
+        float | Sweep | None,
+        _of("simplified_solis", "aerosol optical depth at 700 nm", "0.1", "1", 0, 0.45),
+    ] = None
+    precipitable_water: Annotated[
+        float | Sweep | None,
+        _of("simplified_solis", "precipitable water", "1 cm", "cm", 0.2, 10),
+    ] = None
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that what describes the air stands with the model that takes it."""
+        models = self.model.values() if isinstance(self.model, Sweep) else (self.model,)
+        for key, model in KEYS_OF.items():
+            if getattr(self, key) is not None and model not in models:
+                yield Fault(f"is only for the model {model}; remove it", (key,))
+
+
+#: What describes the air, and the model that takes it.
+KEYS_OF = {
+    "linke_turbidity": "ineichen",
+    "aerosol_optical_depth": "simplified_solis",
+    "precipitable_water": "simplified_solis",
+}
+#: Names of the dimensions of swept weather and limits.
+DIMENSIONS = ("weather", "clear_sky_model", *KEYS_OF, "dni_limit", "sun_elevation_limit", "wind_speed_limit")
+
+
+def _offset(raw: Any) -> str:
+    text = free_text(raw)
+    if zones.OFFSET.fullmatch(text) is None:
+        raise Invalid("must be an offset from universal time such as '+01:00', in quotes")
+    return text
+
+
+class Weather(Block):
+    """Direct normal irradiance: a weather file, or a clear sky."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["clear_sky"]}]})
+
+    file: Annotated[
+        str | Sweep | None,
+        FileName(
+            "Weather file: EPW, TMY3, PSM (NSRDB), or CSV with the columns time and dni [W/m2] and optional "
+            "wind_speed [m/s]; with several 'sites' one file for each, in their order, or one for all",
+            sweep=True, dimension="weather", title="weather file",
+        ),
+    ] = None  # fmt: skip
+    label: Annotated[
+        str | None, Choice("What the times of a CSV file mark, which others say themselves", LABELS, sweep=False)
+    ] = None
+    timezone: Annotated[
+        str | None,
+        Text("Offset from universal time of the times of a CSV file that have none", form=_offset,
+             schema=pattern("[+-][0-9]{2}:[0-9]{2}")),
+    ] = None  # fmt: skip
+    clear_sky: Annotated[ClearSky | None, Field(description="A sky without clouds, on the civil clock")] = None
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that there is a file or a clear sky, not both."""
+        if (self.file is None) == (self.clear_sky is None):
+            yield Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)
+        for key in ("label", "timezone"):
+            if self.file is None and getattr(self, key) is not None:
+                yield Fault("is for a CSV file; remove it", (key,))
+
+
+class Limits(Block):
+    """Conditions under which the field works."""
+
+    dni: Annotated[
+        float | Sweep | None,
+        Quantity("Least direct normal irradiance", "W/m2", ge=0, le=1412, dimension="dni_limit",
+                 title="least direct normal irradiance"),
+    ] = None  # fmt: skip
+    sun_elevation: Annotated[
+        float | Sweep | None,
+        Quantity("Least elevation of the sun", "deg", ge=0, le=90, dimension="sun_elevation_limit",
+                 title="least elevation of the sun"),
+    ] = None  # fmt: skip
+    wind_speed: Annotated[
+        float | Sweep | None,
+        Quantity("Largest wind speed; where it is not known the field works", "m/s", gt=0, le=100,
+                 dimension="wind_speed_limit", title="largest wind speed"),
+    ] = None  # fmt: skip

@@ -1,0 +1,203 @@
+"""Points that the heliostats aim at: the middle of the receiver, levels over its height, or points of the layout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.config.block import Block
+from heliosweep.config.faults import Fault
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Choice, Quantity
+from heliosweep.errors import Problem, listed
+from heliosweep.families.field_efficiency.optics import KEYS
+from heliosweep.grid.layout_axis import mirror_size
+from heliosweep.layouts.layout import MAX_LISTED
+from heliosweep.layouts.resolve import SIZE_COLUMNS
+
+if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.chain import Way
+    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+    from heliosweep.layouts.layout import Layout
+
+Floats = NDArray[np.float64]
+
+STRATEGIES = {
+    "centre": "all at the middle of the receiver; of a cylinder, at the point of this height that faces the heliostat",
+    "spread": "at levels over the receiver's height, in turn around the tower",
+    "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
+}
+#: Columns of a layout with the aim of each heliostat.
+COLUMNS = ("aim_x", "aim_y", "aim_z")
+#: Radius of the spot that `spread` keeps within the receiver, in its standard deviations.
+SPOT = 2.0
+#: Distance from the surface of the receiver at which an aim point still counts as on it. [m]
+SLACK = 0.01
+
+
+class Aim(Block):
+    """Where the heliostats aim."""
+
+    strategy: Annotated[str, Choice("Where the heliostats aim", STRATEGIES, sweep=False)] = "centre"
+    levels: Annotated[
+        int | Sweep | None,
+        Quantity("Number of levels of spread; 1 is the middle", "1", ge=1, le=99, integer=True, dimension="aim_levels",
+                 title="levels of aim"),
+    ] = None  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that levels stand with the strategy that has them."""
+        if self.levels is not None and self.strategy != "spread":
+            yield Fault("is only for the strategy spread; remove it", ("levels",))
+
+
+#: Levels of `spread` where the study does not tell.
+LEVELS = 3
+
+
+def aims(way: Way, mirrors: tuple[Any, ...], levels: int | None) -> Floats:
+    """Points that the mirrors aim at.
+
+    Without `aim`, and with `centre`, the middle of the receiver; of a cylinder the nearest point of this height. With
+    `spread` the levels are even over the height of the receiver, less the radius of the heliostat's spot at each end:
+    two standard deviations of the image that HFLCAL gives it on its axis, as the receiver cuts it. Heliostats in the
+    order of their azimuth from north, clockwise, and of one azimuth from the tower outwards, take the levels in turn
+    from the lowest up. A spot that is larger than the receiver stays in the middle.
+
+    Parameters
+    ----------
+    way : Way
+        The way of the light at a point of the result.
+    mirrors : tuple
+        Centres x, y, z of all mirrors, half their width and height: the first arguments of `field_sums`. [m]
+    levels : int or None
+        Number of levels of `spread`.
+
+    Returns
+    -------
+    ndarray, shape (N, 3)
+        East, north and up, from the base of the tower. [m]
+    """
+    values = way.values
+    strategy = way.study.aim.strategy if way.study.aim is not None else "centre"
+    if strategy == "layout":
+        return np.stack([way.layout.columns[key].astype(float) for key in COLUMNS], axis=1)
+    centre = np.stack(mirrors[:3], axis=1)
+    middle = np.zeros_like(centre)
+    if values["radius"]:
+        middle[:, :2] = (values["radius"] / np.sqrt(centre[:, 0] ** 2 + centre[:, 1] ** 2))[:, np.newaxis] * centre[
+            :, :2
+        ]
+    middle[:, 2] = values["height"]
+    if strategy == "spread" and (count := LEVELS if levels is None else int(levels)) > 1:
+        sides = 2.0 * np.stack(mirrors[3:5], axis=1)
+        height = np.maximum(0.0, room(way, centre, sides, middle))
+        level = 2.0 * (turns(centre) % count) / (count - 1) - 1.0
+        middle += (level * height)[:, np.newaxis] * axes(way)[1]
+    return middle
+
+
+def turns(centre: Floats) -> NDArray[np.int64]:
+    """Place of each heliostat in the order of azimuth, and of one azimuth in that of its distance, from 0."""
+    azimuth = np.round(np.arctan2(centre[:, 0], centre[:, 1]) % (2.0 * np.pi), 9) % np.round(2.0 * np.pi, 9)
+    order = np.lexsort((np.hypot(centre[:, 0], centre[:, 1]), azimuth))
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return place
+
+
+def axes(way: Way) -> tuple[Floats, Floats]:
+    """Unit vectors along the width and the height of the receiver; those of a cylinder of its axis alone."""
+    from heliosweep.families.field_efficiency.chain import receiver_of
+
+    receiver = receiver_of(str(way.study.receiver.kind), way.values)
+    return np.array(receiver.across), np.array(receiver.upward)
+
+
+def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
+    """How far from the middle of the receiver along its height each heliostat may aim; negative without room. [m]"""
+    from heliosweep.families.field_efficiency.chain import curve_of
+
+    away = middle - centre
+    slant = np.sqrt(np.sum(away**2, axis=1))
+    across, upward = axes(way)
+    along, aside = away @ upward / slant, away @ across / slant
+    if way.study.receiver.kind == "cylinder":
+        aside = np.zeros_like(along)
+    blur = 2.0 * slant * curve_of(way.values["focus"], slant) - 1.0
+    sigma = np.sqrt(slant**2 * way.deviation() + sides[:, 0] * sides[:, 1] * blur**2 / 16.0)
+    square = np.maximum(1.0 - along**2 - aside**2, 1e-9)  # cosine of incidence on the receiver
+    return 0.5 * float(way.values["height_extent"]) - SPOT * sigma * np.sqrt((1.0 - aside**2) / square)
+
+
+def aim_problems(
+    study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
+) -> Iterator[Problem | str]:
+    """Problems, and warnings, of the aim at the first point that has any, from layouts with the values there."""
+    from heliosweep.families.field_efficiency.chain import Inputs, Way, values_of
+
+    inputs = Inputs(study)
+    for layout, given in points:
+        way = Way(study, inputs, layout, values_of([given.get(key) for key in KEYS]))
+        if found := list(_problems(way, given)):
+            yield from found
+            return
+
+
+def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
+    """Problems, and warnings, at one point."""
+    study, layout = way.study, way.layout
+    centre = np.stack((layout.x, layout.y, layout.z + given["heliostat.pivot_height"]), axis=1)
+    assert study.aim is not None
+    if study.aim.strategy == "layout":
+        missing = [key for key in COLUMNS if key not in layout.columns or layout.columns[key].dtype.kind not in "if"]
+        if missing:
+            message = f"needs columns {', '.join(COLUMNS)} of numbers in the layout {layout.name}, in m"
+            yield study.problem("aim.strategy", message)
+        else:
+            yield from _off(way, centre)
+        return
+    sides = np.stack([mirror_size(layout, side, given.get(f"heliostat.{side}")) for side in SIZE_COLUMNS], axis=1)
+    middle = aims(way, (*centre.T, *sides.T / 2), 1)
+    without = int(np.sum(room(way, centre, sides, middle) <= 0))
+    if without == len(layout) and study.aim.levels != 1:
+        message = "no room for levels: the spots of all heliostats are as high as the receiver"
+        yield study.problem("aim.levels" if study.aim.levels is not None else "aim", message)
+    elif without:
+        spots = f"the spots of {without:,} of {len(layout):,} heliostats"
+        yield f"{spots} are as high as the receiver: these aim at its middle"
+
+
+def _off(way: Way, centre: Floats) -> Iterator[Problem]:
+    """Problems of aim points that are not on the receiver, or on a side of it that the heliostat does not see."""
+    layout, values = way.layout, way.values
+    points = np.stack([layout.columns[key].astype(float) for key in COLUMNS], axis=1)
+    across, upward = axes(way)
+    off, back = points - [0.0, 0.0, float(values["height"])], centre - points
+    beyond = np.abs(off @ upward) - 0.5 * float(values["height_extent"])
+    if way.study.receiver.kind == "cylinder":
+        apart = np.abs(np.hypot(off[:, 0], off[:, 1]) - float(values["radius"]))
+        seen = np.sum(off[:, :2] * back[:, :2], axis=1) > 0
+    else:
+        face = np.cross(across, upward)
+        apart, seen = np.abs(off @ face), back @ face > 0
+        beyond = np.maximum(beyond, np.abs(off @ across) - 0.5 * float(values["width"]))
+    away = np.maximum(apart, beyond)
+    bad = np.flatnonzero(~((away <= SLACK) & seen))
+    problems = (
+        Problem(
+            f"heliostat {row} aims "
+            + ("at a side of the receiver that it does not see" if away[row] <= SLACK else _far(float(away[row])))
+            + f": {', '.join(f'{key} {value:.6g}' for key, value in zip(COLUMNS, points[row], strict=True))}",
+            file=layout.name, line=None if layout.lines is None else int(layout.lines[row]),
+        )
+        for row in bad
+    )  # fmt: skip
+    yield from listed(problems, MAX_LISTED, len(bad), "more of this kind")
+
+
+def _far(away: float) -> str:
+    return f"{away:.4g} m off the receiver" if np.isfinite(away) else "nowhere"

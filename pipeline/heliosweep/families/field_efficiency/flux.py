@@ -1,0 +1,118 @@
+"""Flux maps in a study and in its result: the cells of the receiver, variables and coordinates."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.config.block import Block
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Quantity
+from heliosweep.grid.clock import instant_count
+from heliosweep.grid.regions import Variable
+
+if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+
+Floats = NDArray[np.float64]
+
+#: Direct normal irradiance of the sun where nothing else is told. [W/m2]
+IRRADIANCE = 1000.0
+#: Time of one cell, heliostat and instant on one core. [s]
+SECONDS_PER_CELL = 2e-6
+#: Directions of the sun from which maps of the year are interpolated: in the sine of the declination and in the hour
+#: angle over that of sunset.
+NODES = (4, 9)
+DIMS = ("flux_row", "flux_column")
+
+
+class FluxMap(Block):
+    """Cells of the receiver over which the flux is averaged."""
+
+    columns: Annotated[
+        int,
+        Quantity("Cells along the width of a rectangle, or around a cylinder", "1", ge=1, le=360, integer=True,
+                 sweep=False),
+    ]  # fmt: skip
+    rows: Annotated[int, Quantity("Cells along the height", "1", ge=1, le=360, integer=True, sweep=False)]
+    limit: Annotated[
+        float | None,
+        Quantity("Flux of which the share of the power above is stored", "kW/m2", gt=0, sweep=False),
+    ] = None
+
+
+_DESCRIBED: dict[str, tuple[str, str, str]] = {
+    "flux_map": ("kW m-2", "flux on the receiver", "mean over each cell, of all heliostats together, {}"),
+    "peak_flux": ("kW m-2", "largest flux of a cell of the receiver", "{}"),
+    "mean_flux": ("kW m-2", "mean flux on the receiver", "power on the receiver over its whole surface, {}"),
+    "power_above_limit": ("1", "share of the power on cells with a flux above the limit", "limit: {:g} kW/m2"),
+    "energy_flux_map": ("MWh m-2", "energy on the receiver over the period", "mean over each cell"),
+}
+#: Names of variables and dimensions.
+NAMES = (*_DESCRIBED, *DIMS)
+
+
+def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
+    """Rows and columns of the flux maps of a study, by dimension; none where it asks for none."""
+    wanted = study.output.flux_map
+    return {} if wanted is None else dict(zip(DIMS, (wanted.rows, wanted.columns), strict=True))
+
+
+def has_instant(study: FieldEfficiencyStudy) -> bool:
+    """Whether there is an instant of which flux maps are made: the design point, or the only one of the study."""
+    return study.design_point is not None or instant_count(study.time) == 1
+
+
+def cell_seconds(study: FieldEfficiencyStudy, instants: int) -> float:
+    """Time of the flux maps of one heliostat, on one core. [s]"""
+    maps = has_instant(study) + (min(instants, math.prod(NODES)) if study.weather is not None else 0)
+    return SECONDS_PER_CELL * maps * math.prod(flux_sizes(study).values()) if flux_sizes(study) else 0.0
+
+
+def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+    """Variables of the flux maps of a study, none where it asks for none."""
+    wanted, found = study.output.flux_map, dict[str, Variable]()
+    if wanted is None:
+        return found
+    point = study.design_point
+    words = f"direct normal irradiance {IRRADIANCE:g} W/m2" if point is None else "at the design point"
+    for name, (units, long_name, comment) in _DESCRIBED.items():
+        if study.weather is None if name == "energy_flux_map" else not has_instant(study):
+            continue
+        if name == "power_above_limit" and wanted.limit is None:
+            continue
+        attrs: dict[str, Any] = {"units": units, "long_name": long_name}
+        attrs["comment"] = comment.format(wanted.limit if name == "power_above_limit" else words)
+        if units == "1":
+            attrs["valid_range"] = [0.0, 1.0]
+        found[name] = Variable((*swept, *DIMS) if name.endswith("map") else swept, attrs)
+    return found
+
+
+def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
+    """Coordinates of the cells: their middles, in metres or, around a cylinder, in degrees; none without flux maps.
+
+    Where the size of the receiver is swept, they are fractions of it.
+    """
+    wanted, receiver = study.output.flux_map, study.receiver
+    if wanted is None:
+        return {}
+    places = [(np.arange(count) + 0.5) / count for count in (wanted.rows, wanted.columns)]
+    middle = "from the middle of the receiver"
+    row = _label(places[0] - 0.5, receiver.height_extent, "height on the receiver", f"{middle}, along its height")
+    if receiver.kind == "cylinder":
+        words = {"long_name": "azimuth on the receiver", "comment": "of its surface, clockwise from north"}
+        column = 360.0 * places[1], {"units": "degree", **words}
+    else:
+        right = f"{middle}, to the right as the mirrors see it"
+        column = _label(places[1] - 0.5, receiver.width, "place across the receiver", right)
+    return {dim: (dim, *each) for dim, each in zip(DIMS, (row, column), strict=True)}
+
+
+def _label(part: Floats, size: Any, long_name: str, comment: str) -> tuple[Floats, dict[str, str]]:
+    if isinstance(size, Sweep):
+        return part, {"units": "1", "long_name": f"{long_name}, over its size", "comment": comment}
+    return part * float(size), {"units": "m", "long_name": long_name, "comment": comment}

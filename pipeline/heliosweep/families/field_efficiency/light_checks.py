@@ -1,0 +1,149 @@
+"""Checks of the way of the light against layouts and files: where mirrors stand, and what fits them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from heliosweep.config.sweep import Sweep, ends
+from heliosweep.config.times import SolarTime, SunDirections
+from heliosweep.errors import Problem
+from heliosweep.families.field_efficiency.light_files import (
+    MOST_SLOPE,
+    TURN_COLUMNS,
+    SlopeMap,
+    read_calibration,
+    read_slopes,
+    read_sun,
+)
+
+if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+    from heliosweep.layouts.layout import Layout
+
+#: Models of attenuation that are polynomials, and the slant range up to which these hold. [m]
+POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
+#: Kinds of mounts, as calibrations name them, by the method of tracking.
+MOUNTS = {"azimuth_elevation": "azimuth_elevation", "spinning_elevation": "target_aligned"}
+
+
+def light_faults(
+    study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
+) -> Iterator[Problem | str]:
+    """Yield problems and warnings of a study with `optics`, from its layouts, each with the values that go with it."""
+    warned: set[str] = set()
+    for layout, values in points:
+        for found in (*_receiver(study, layout, values), *_errors(study, layout)):
+            if isinstance(found, Problem):
+                yield found
+                return
+            if (kind := found.split(" ", 1)[1]) not in warned:  # the first of those that differ in their number
+                warned.add(kind)
+                yield found
+    yield from _facets(study)
+    yield from _files(study)
+
+
+def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
+    """Mirrors must stand beside the receiver, before its face, and not too far from it."""
+    assert study.optics is not None
+    receiver = study.receiver
+    level = np.hypot(layout.x, layout.y)
+    radius = max(ends(receiver.radius)) if receiver.radius is not None else 0.0
+    if (inside := int(np.sum(level <= radius))) > 0:
+        message = f"must be less than the distance of the mirrors: {inside:,} stand within the receiver"
+        yield study.problem("receiver.radius", message)
+    down = values["receiver.height"] - layout.z - values["heliostat.pivot_height"]
+    far = np.hypot(level, down)
+    if set(POLYNOMIALS) & set(ends(study.optics.attenuation)) and (beyond := int(np.sum(far > FARTHEST))) > 0:
+        yield (
+            f"{beyond:,} heliostats are farther than {FARTHEST / 1000:g} km from the receiver, beyond the range of "
+            f"optics.attenuation"
+        )
+    face = {key: values.get(f"receiver.{key}", getattr(receiver, key)) for key in ("azimuth", "tilt", "width")}
+    if face["width"] is None or any(isinstance(value, Sweep) for value in face.values()):
+        return
+    azimuth, tilt = (np.radians(face[key] or 0.0) for key in ("azimuth", "tilt"))
+    across = -np.cos(azimuth) * layout.x + np.sin(azimuth) * layout.y
+    out, up = np.sin(azimuth) * layout.x + np.cos(azimuth) * layout.y, -down
+    before, along = np.cos(tilt) * out + np.sin(tilt) * up, np.cos(tilt) * up - np.sin(tilt) * out
+    sides = (layout.columns.get(side, getattr(study.heliostat, side)) for side in ("width", "height"))
+    reach = np.hypot(*(np.max(side if isinstance(side, np.ndarray) else ends(side)) for side in sides)) / 2
+    beside = [
+        np.maximum(0.0, np.abs(at) - most / 2)
+        for at, most in ((across, face["width"]), (along, max(ends(receiver.height_extent))))
+    ]
+    if (among := int(np.sum(np.hypot(np.hypot(*beside), before) <= reach))) > 0:
+        yield study.problem("receiver", f"is among the mirrors: {among:,} stand where its face is")
+    if (behind := int(np.sum(before <= 0.0))) > 0:
+        yield f"{behind:,} heliostats stand behind the receiver's face, and send it no light"
+
+
+def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
+    """Columns of fixed errors must be numbers; a calibration must be of the heliostats of the layout."""
+    assert study.optics is not None
+    for name in (name for name in TURN_COLUMNS if name in layout.columns):
+        column = layout.columns[name]
+        if column.dtype.kind not in "if" or not np.all(np.abs(column) <= MOST_SLOPE):
+            message = f"column {name!r} must hold turns of the normal in mrad, of {MOST_SLOPE:g} at the most"
+            yield Problem(message, file=layout.name)
+        elif "gaussian" in ends(study.optics.method):
+            message = f"column {name!r} of {layout.name} turns mirrors, and the Gaussian knows no fixed errors: "
+            yield study.problem("optics.method", f"{message}use accurate, or rename the column")
+    errors = study.optics.mount_errors
+    if errors is None or errors.calibration is None:
+        return
+    calibrated = read_calibration(study.resolve(errors.calibration), errors.calibration)
+    wanted = {MOUNTS[kind] for kind in ends(study.tracking)}
+    if calibrated.mount and wanted != {calibrated.mount}:
+        message = f"is of {calibrated.mount} mounts, and 'tracking' is of {' and '.join(sorted(wanted))}"
+        yield study.problem("optics.mount_errors.calibration", message)
+    calibrated.of(layout)
+
+
+def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """Mirrors must be larger than the gaps of their facets."""
+    facets = study.heliostat.facets
+    for side, count in (("width", facets.columns), ("height", facets.rows)) if facets is not None else ():
+        value = getattr(study.heliostat, side)
+        least = np.inf if value is None else min(ends(value))
+        if facets is not None and least <= (count - 1) * facets.gap:
+            yield study.problem("heliostat.facets.gap", f"leaves no {side} for {count} facets on {least:g} m")
+
+
+def _files(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """A measured sun must fall, maps must be of the mirror or of a facet, and months need dates."""
+    assert study.optics is not None
+    if (name := study.optics.sun_shape.file) is not None:
+        read_sun(study.resolve(name), name)
+    undated = isinstance(study.time, SunDirections) or (
+        isinstance(study.time, SolarTime) and study.time.declination is not None
+    )
+    if study.optics.cleanliness_by_month is not None and undated:
+        message = "needs dates: give 'time' with days or dates, or 'cleanliness'"
+        yield study.problem("optics.cleanliness_by_month", message)
+    for name in study.files().get("optics.slope_map", ()):
+        found = read_slopes(study.resolve(name), name)
+        sides = [ends(getattr(study.heliostat, side)) for side in ("width", "height")]
+        if None in (sides[0][0], sides[1][0]):
+            message = "needs mirrors of one size: give heliostat.width and height in the study, not in the layout"
+            yield study.problem("optics.slope_map", message)
+            return
+        for width, height in itertools.product(*sides):
+            if not _fits(study, found, width, height):
+                span = (f"{at[0]:g} to {at[-1]:g} m" for at in (found.x, found.y))
+                message = f"{name}: places along x and y, from {' and '.join(span)}, are of no mirror of {width:g} m x "
+                facet = "" if study.heliostat.facets is None else ", nor of its facets"
+                yield study.problem("optics.slope_map", f"{message}{height:g} m{facet}")
+                return
+
+
+def _fits(study: FieldEfficiencyStudy, found: SlopeMap, width: float, height: float) -> bool:
+    facets = study.heliostat.facets
+    if facets is None:
+        return found.fits(width, height)
+    sizes = ((width, facets.columns), (height, facets.rows))
+    return found.fits(width, height) or found.fits(*((side + facets.gap) / n - facets.gap for side, n in sizes))

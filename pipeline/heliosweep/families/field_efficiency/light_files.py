@@ -1,0 +1,272 @@
+"""Files on the way of the light: a measured sun, slopes of mirrors, and errors of mounts from a calibration."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.config.tables import Column, read_table
+from heliosweep.errors import Problem, StudyError
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.layouts.layout import Layout
+
+if TYPE_CHECKING:  # they take longer to import than reading a study
+    import xarray as xr
+
+    from heliosweep.kernels.intercept.mirror import Facets
+
+Floats = NDArray[np.float64]
+
+#: Largest map and table of a sun. [rows]
+MOST_POINTS, MOST_ANGLES = 1_000_000, 200
+#: Gauss nodes along a side of a mirror with a map of slopes, and of a facet at the least.
+MAP_NODES, LEAST_NODES = 32, 4
+#: Largest slope, of a map and of a layout's column. [mrad]
+MOST_SLOPE = 100.0
+#: Least part of a map that must be known.
+LEAST_KNOWN = 0.5
+#: Distance between a heliostat and the one of its number in a calibration from which they are not the same. [m]
+SAME_PLACE = 0.01
+#: Columns of a layout that turn the normals of the heliostats, in mrad.
+TURN_COLUMNS = ("error_u", "error_v")
+
+_SUN = {
+    "angle": Column("from the sun's centre, in mrad, from 0", required=True, least=0, most=100,
+                    bounds="between 0 and 100 mrad"),
+    "brightness": Column("at the angle, in any unit", required=True, least=0, bounds="at least 0"),
+}  # fmt: skip
+_MAP = {
+    **{axis: Column(f"place {way} of the centre, in m", required=True, least=-100, most=100,
+                    bounds="between -100 and 100 m") for axis, way in (("x", "to the right"), ("y", "upwards"))},
+    **{f"slope_{axis}": Column(f"lean of the normal {way}, in mrad", required=True, least=-MOST_SLOPE, most=MOST_SLOPE,
+                               bounds=f"between {-MOST_SLOPE:g} and {MOST_SLOPE:g} mrad")
+       for axis, way in (("x", "to the right"), ("y", "upwards"))},
+}  # fmt: skip
+
+
+class SlopeMap(NamedTuple):
+    """Slopes on a grid, seen from the target."""
+
+    x: Floats
+    """Places to the right of the centre, rising. [m]"""
+    y: Floats
+    """Places above the centre, rising. [m]"""
+    slope: Floats
+    """Lean of the normal to the right and upwards, shape (y, x, 2). [rad]"""
+
+    def fits(self, width: float, height: float) -> bool:
+        """Whether the map is of a mirror of this size: its points begin at most a step within or beyond each edge."""
+        return all(
+            abs(sign * at[end] - side / 2) <= 1.000001 * (at[1] - at[0])
+            for at, side in ((self.x, width), (self.y, height))
+            for end, sign in ((0, -1), (-1, 1))
+        )
+
+    def at_nodes(self, width: float, height: float, facets: Facets, turned: bool) -> tuple[Floats, Floats]:
+        """The map at the Gauss nodes of a mirror, and what is finer than these.
+
+        A map that is finer than the nodes is averaged over the part of the mirror that the weight of each node stands
+        for; what it departs from that within the parts counts as random error. `turned` for a mirror whose axes u and v
+        point to the left and down with the sun above the target, as those of spinning-elevation; others have them to
+        the right and up.
+
+        Returns
+        -------
+        turns : ndarray, shape (rows, columns, 2)
+            As `Scene.slopes`. [rad]
+        rest : ndarray, shape (2,)
+            Standard deviation towards u and v of what is finer. [rad]
+        """
+        from scipy.interpolate import RegularGridInterpolator
+
+        sides = (height, facets.rows, self.y), (width, facets.columns, self.x)
+        whole, sign = self.fits(width, height), -1.0 if turned else 1.0
+        (v, part_v), (u, part_u) = (_places(side, count, facets.gap, whole, at) for side, count, at in sides)
+        found = RegularGridInterpolator((self.y, self.x), self.slope, bounds_error=False, fill_value=None)
+        lean = sign * found((sign * v[:, None, :, None], sign * u[None, :, None, :]))  # about nodes along v and u
+        rest = np.average(np.var(lean, axis=(2, 3)), axis=(0, 1), weights=part_v[:, None] * part_u)
+        return lean.mean(axis=(2, 3)), np.sqrt(rest)
+
+
+def _places(side: float, count: int, gap: float, whole: bool, at: Floats) -> tuple[Floats, Floats]:
+    """Places along a side of a mirror for each Gauss node of its facets, of a map of the whole mirror or of a facet:
+    the node, or even places in its part where the steps of the map are smaller; and these parts of the facet.
+    """
+    from heliosweep.kernels.intercept.efficiency import gauss_rules
+
+    order, facet = max(LEAST_NODES, -(-MAP_NODES // count)), (side + gap) / count - gap
+    node, weight = gauss_rules(1.0).mirror[order, :, :order]
+    place, step = node[:, np.newaxis] / 2, (at[1] - at[0]) / facet
+    if step < 1.0 / order:
+        last = np.cumsum(weight)
+        many = math.ceil(3.0 / (step * order))
+        place = (last - weight - 0.5)[:, np.newaxis] + weight[:, np.newaxis] * (np.arange(many) + 0.5) / many
+    centres = (np.arange(count) - (count - 1) / 2) * (facet + gap) * whole
+    found = centres[:, np.newaxis, np.newaxis] + facet * place
+    return found.reshape(-1, place.shape[1]), np.tile(weight, count)
+
+
+def read_sun(path: Path, name: str) -> tuple[Floats, Floats]:
+    """Angles from the sun's centre [rad] and brightness there. Raises StudyError with all that is wrong."""
+    table = read_table(path, name, _SUN, rows="angles", most_rows=MOST_ANGLES)
+    angle, brightness = (table.column(key) for key in _SUN)
+    table.finish()
+    for row in range(len(table)):
+        if row == 0 and angle[0] != 0.0:
+            table.add(f"the angles must begin with 0 (got {angle[0]:g})", row)
+        elif row and not angle[row] > angle[row - 1]:
+            table.add(f"the angles must rise (got {angle[row]:g})", row)
+        elif row and brightness[row] > brightness[row - 1]:
+            table.add(f"the brightness must not rise (got {brightness[row]:g} after {brightness[row - 1]:g})", row)
+    if len(table) < 2:
+        table.add("a sun needs 2 rows at least")
+    elif not brightness[0] > 0.0:
+        table.add("the brightness must be above 0 at the centre", 0)
+    table.finish()
+    return 1e-3 * angle, brightness
+
+
+def read_slopes(path: Path, name: str) -> SlopeMap:
+    """Slopes of a mirror or facet from a CSV table, or from a result of backward gazing. Raises StudyError."""
+    return _slopes(path, name, path.stat().st_mtime_ns if path.exists() else None)
+
+
+@lru_cache(4)
+def _slopes(path: Path, name: str, _: int | None) -> SlopeMap:
+    """Read a file once while it does not change."""
+    return _slopes_of_result(path, name) if path.suffix == ".nc" else _slopes_of_table(path, name)
+
+
+def _slopes_of_table(path: Path, name: str) -> SlopeMap:
+    table = read_table(path, name, _MAP, rows="places", most_rows=MOST_POINTS)
+    x, y, *leans = (table.column(key) for key in _MAP)
+    table.finish()
+    columns, rows = np.unique(np.round(x, 9)), np.unique(np.round(y, 9))
+    order = np.lexsort((np.round(x, 9), np.round(y, 9)))
+    whole = len(table) == len(columns) * len(rows)
+    if not whole or np.any(np.round(x[order], 9) != np.tile(columns, len(rows))):
+        message = f"is no whole grid: it has {len(table):,} rows, but {len(columns):,} places along x and "
+        raise StudyError(Problem(f"{message}{len(rows):,} along y; give each place of the grid once", file=name))
+    slope = np.stack([lean[order].reshape(len(rows), len(columns)) for lean in leans], axis=-1)
+    return _grid(columns, rows, 1e-3 * slope, name)
+
+
+def _slopes_of_result(path: Path, name: str) -> SlopeMap:
+    with _result(path, name) as result:
+        maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
+        if len(maps) < 2 or any(not {"z", "y"} <= set(found.dims) for found in maps):
+            message = "has no maps of slopes: name a result of backward_gazing, of its mode simulated with "
+            raise StudyError(Problem(f"{message}'output: {{maps: true}}'", file=name))
+        leans = [_single(found, ("z", "y"), name) for found in maps]
+        places = result["y"].to_numpy().astype(float), result["z"].to_numpy().astype(float)
+    slope = 1e-3 * np.stack(leans, axis=-1)
+    missing = np.isnan(slope).any(axis=-1)
+    if np.mean(missing) > 1.0 - LEAST_KNOWN:
+        message = f"lacks {100 * np.mean(missing):.0f} % of the slopes; {100 * (1 - LEAST_KNOWN):g} % are the most"
+        raise StudyError(Problem(message, file=name))
+    if missing.any():
+        from scipy.ndimage import distance_transform_edt
+
+        nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
+        slope = slope[tuple(nearest)]
+    return _grid(*places, slope, name)
+
+
+def _grid(x: Floats, y: Floats, slope: Floats, name: str) -> SlopeMap:
+    for axis, at in (("x", x), ("y", y)):
+        if len(at) < 2:
+            raise StudyError(Problem(f"has one place along {axis}; a map of slopes needs 2 at least", file=name))
+        steps = np.diff(at)
+        if np.ptp(steps) > 1e-3 * steps.mean():
+            raise StudyError(Problem(f"has uneven steps along {axis}: give places in even steps", file=name))
+    return SlopeMap(x, y, slope)
+
+
+class Calibrated(NamedTuple):
+    """Errors of the mounts of a field that was calibrated."""
+
+    errors: Floats
+    """Shape (heliostats, 6), in the order of `ERRORS`; 0 for errors that were not estimated. [rad]"""
+    place: Floats
+    """x and y, shape (heliostats, 2). [m]"""
+    names: tuple[str, ...]
+    """Names, where the layout of the calibration has them."""
+    mount: str
+    """Kind of the mounts."""
+    file: str
+
+    def of(self, layout: Layout) -> Floats:
+        """Errors of the heliostats of a layout: of those with the same name, or else number and place.
+
+        Raises StudyError where the calibration lacks one, or has no estimate for it.
+        """
+        rows, names = np.arange(len(layout)), layout.columns.get("name")
+        if self.names and names is not None:
+            at = {name: row for row, name in enumerate(self.names)}
+            rows = np.array([at.get(str(name), len(self.names)) for name in names])
+        lost = rows >= len(self.errors)
+        if not (self.names and names is not None):
+            apart = self.place[np.where(lost, 0, rows)] - np.stack((layout.x, layout.y), axis=1)
+            lost |= np.hypot(*apart.T) > SAME_PLACE
+        if lost.any():
+            row = int(np.argmax(lost))
+            where = layout.where(row) if names is None else f"{layout.where(row)}, {names[row]!s}"
+            message = f"has no {where} of {layout.name or 'the layout'} ({int(lost.sum()):,} are missing)"
+            raise StudyError(
+                Problem(f"{message}: calibrate the same field, or give both layouts names", file=self.file)
+            )
+        found = self.errors[rows]
+        if (empty := np.isnan(found).any(axis=1)).any():
+            message = f"has no estimate for {layout.where(int(np.argmax(empty)))} ({int(empty.sum()):,} have none)"
+            raise StudyError(Problem(message, file=self.file))
+        return found
+
+
+def read_calibration(path: Path, name: str) -> Calibrated:
+    """Estimated errors of a calibration's result. Raises StudyError."""
+    return _calibration(path, name, path.stat().st_mtime_ns if path.exists() else None)
+
+
+@lru_cache(4)
+def _calibration(path: Path, name: str, _: int | None) -> Calibrated:
+    """Read a file once while it does not change."""
+    with _result(path, name) as result:
+        if (found := result.get("estimated_error")) is None:
+            raise StudyError(Problem("is no result of a calibration: it has no estimated_error", file=name))
+        errors = 1e-3 * _single(found, ("heliostat", "parameter"), name)
+        known = [ERRORS.index(str(label)) for label in result["parameter"].to_numpy()]
+        six = np.zeros((len(errors), len(ERRORS)))
+        # Those that are not estimated are missing of all; a heliostat without estimate lacks each.
+        six[:, known] = np.where(np.isnan(errors).all(axis=0), 0.0, errors)
+        six[np.isnan(errors).all(axis=1)] = np.nan
+        place = np.stack([result[axis].to_numpy().reshape(-1, len(errors))[0] for axis in ("x", "y")], axis=1)
+        names = tuple(map(str, result["name"].to_numpy())) if "name" in result.coords else ()
+        mount = str(result["mount_kind"].to_numpy()) if "mount_kind" in result.coords else ""
+    return Calibrated(six, place, names, mount, name)
+
+
+def _result(path: Path, name: str) -> xr.Dataset:
+    """Open a result in a file. Raises StudyError."""
+    from heliosweep.store.read import is_netcdf, open_result
+
+    try:
+        if is_netcdf(path):
+            return open_result(path)
+        message = "is no result: name a file result.nc"
+    except OSError as error:
+        message = f"cannot be read: {error.strerror or error}"
+    raise StudyError(Problem(message, file=name))
+
+
+def _single(array: xr.DataArray, dims: tuple[str, ...], name: str) -> Any:
+    """Values over some dimensions, of which no other is longer than 1. Raises StudyError."""
+    many = [str(dim) for dim, size in array.sizes.items() if dim not in dims and size > 1]
+    if many:
+        raise StudyError(Problem(f"has several values of {', '.join(many)}: name a result of one", file=name))
+    array = array.isel({dim: 0 for dim in array.dims if dim not in dims})
+    return array.transpose(*dims).to_numpy().astype(float)

@@ -1,0 +1,204 @@
+"""Direct normal irradiance (DNI) and wind at the instants of a study: of weather files, or of a clear sky."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.config.weather_files import WeatherFile, weather_files
+from heliosweep.grid.clock import civil_intervals
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.sun import instants_of, sun_at
+from heliosweep.kernels.sun.clock import refracted
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Limits below or above which a field does not work, in the order in which a lost instant is counted under one.
+CAUSES = ("dni", "sun_elevation", "wind_speed")
+#: Keys of the limits.
+LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
+
+#: Keys of a clear sky, in the order of `clear_sky`.
+CLEAR_SKY = tuple(
+    f"weather.clear_sky.{key}" for key in ("model", "linke_turbidity", "aerosol_optical_depth", "precipitable_water")
+)
+#: Air at the ground, for refraction: that of pvlib. [deg C]
+_TEMPERATURE = 12.0
+
+#: Days of a year before each month.
+_MONTHS = np.array([0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334])
+#: A and B of the ASHRAE model for the 21st of each month (ASHRAE Handbook of Fundamentals 1972, table 1 of chapter 26).
+_ASHRAE_A = (1230, 1215, 1186, 1136, 1104, 1088, 1085, 1107, 1151, 1192, 1221, 1233)
+_ASHRAE_B = (0.142, 0.144, 0.156, 0.180, 0.196, 0.205, 0.207, 0.201, 0.177, 0.160, 0.149, 0.142)
+
+
+class Irradiance(NamedTuple):
+    """Irradiance and wind at one place, of the instants of the study, in their order."""
+
+    dni: Floats
+    """Direct normal irradiance, mean over each interval, shape (T,). [W/m2]
+
+    Of a clear sky 0 with the sun down; of a file as it stands there, also where it has the sun up for a moment that is
+    night here.
+    """
+    hours: Floats
+    """Length of the interval that each instant stands for, also where it is only partly lit, shape (T,). [h]"""
+    month: Ints
+    """Month, 1 to 12: of the middle of the interval, in standard time of the file, or of the civil date, shape (T,)."""
+    wind: Floats
+    """Wind speed, NaN where it is not known, shape (T,). [m/s]"""
+
+
+class Weathers:
+    """Irradiance at the points of a region, made once for points of the same weather that follow each other.
+
+    Where the region has ``time``, of those instants only. Instants that pad the shorter ones of several sites or files
+    have no hours.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._study: Any = parameters.study
+        self._span, self._instants = parameters.part("time"), instants_of(parameters)
+        dim = self._instants.dim
+        self._axis = list(parameters.sizes).index(dim) if dim in parameters.sizes else None
+        files = weather_files(parameters.study)
+        each: Sequence[Any] = files or Parameters(parameters.study).timezones()
+        self._each = each[parameters.part(dim)] if len(each) > 1 else each
+        self._sky = [parameters.values(key) for key in CLEAR_SKY]
+        self._last: tuple[object, Any] = (None, None)
+
+    def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> Irradiance:
+        """Irradiance at a point, from its index and the values of `sun.PLACE`."""
+        row = 0 if self._axis is None else index[self._axis]
+        sky = tuple(None if column is None else column[index] for column in self._sky)
+        key = (row, tuple(place), sky)
+        if self._last[0] != key:
+            source = self.source(index)
+            made = self._clear(source, row, place, sky) if isinstance(source, str) else self._of_file(source)
+            dni, hours, month, wind = made
+            self._last = key, Irradiance(dni[self._span], hours[self._span], month[self._span], wind[self._span])
+        return self._last[1]
+
+    def source(self, index: tuple[int, ...]) -> WeatherFile | str:
+        """Weather file at a point; the time zone of a clear sky."""
+        found: WeatherFile | str = self._each[0 if len(self._each) == 1 or self._axis is None else index[self._axis]]
+        return found
+
+    def _of_file(self, file: WeatherFile) -> Irradiance:
+        padding = (0, self._instants.size - len(file))
+        return Irradiance(
+            np.pad(file.dni, padding),
+            np.pad(np.full(len(file), file.hours), padding),
+            np.pad(file.month, padding, constant_values=1),
+            np.pad(file.wind, padding, constant_values=np.nan),
+        )
+
+    def _clear(self, zone: str, row: int, place: Sequence[float | None], sky: tuple[Any, ...]) -> Irradiance:
+        here = self._instants.at_sites(row)
+        hours, month = civil_intervals(self._study.time, zone)
+        padding = (0, here.size - hours.size)
+        dni = clear_sky(here.labels["utc"].values, sun_at(here, place), place, *sky)
+        month = np.pad(month, padding, constant_values=1)
+        return Irradiance(dni, np.pad(hours, padding), month, np.full(here.size, np.nan))
+
+
+def clear_sky(
+    utc: NDArray[np.datetime64],
+    sun: Floats,
+    place: Sequence[float | None],
+    model: str,
+    linke_turbidity: float | None = None,
+    aerosol_optical_depth: float | None = None,
+    precipitable_water: float | None = None,
+) -> Floats:
+    """Direct normal irradiance of a sky without clouds, 0 with the sun down, shape (T,). [W/m2]
+
+    Parameters
+    ----------
+    utc : ndarray of datetime64, shape (T,)
+        Universal times; NaT gives 0.
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun, without refraction, which is added. [1]
+    place : sequence
+        Latitude and longitude [deg] and altitude [m], the first of `sun.PLACE`.
+    model : str
+        ``ineichen`` or ``simplified_solis``, by pvlib; ``meinel``: 1367 W/m2 * 0.7^(AM^0.678), with the relative air
+        mass AM of Kasten and Young (1989); or ``ashrae``: A exp(-B / sin(elevation)), with A and B between the 21st of
+        each month, found for the United States.
+    linke_turbidity : float, optional
+        For ``ineichen``; by default from pvlib's table of the Earth, by month. [1]
+    aerosol_optical_depth, precipitable_water : float, optional
+        For ``simplified_solis``, at 700 nm [1]; 0.1 by default, and 1. [cm]
+    """
+    dni = np.zeros(utc.size)
+    up = np.flatnonzero(sun[:, 2] > 0)  # NaN is not
+    if not up.size:
+        return dni
+    from pvlib import atmosphere, clearsky, irradiance
+
+    latitude, longitude, altitude = (float(value or 0.0) for value in place[:3])
+    date, pressure = utc[up].astype("datetime64[D]"), float(atmosphere.alt2pres(altitude))
+    day = (date - date.astype("datetime64[Y]")).astype(float) + 1.0  # of the year
+    sine = np.clip(refracted(sun[up], pressure, _TEMPERATURE)[:, 2], -1.0, 1.0)
+    elevation, extra = np.degrees(np.arcsin(sine)), irradiance.get_extra_radiation(day)
+    relative = atmosphere.get_relative_airmass(90.0 - elevation)
+    if model == "ineichen":
+        turbidity = _turbidity(day, latitude, longitude) if linke_turbidity is None else linke_turbidity
+        absolute = atmosphere.get_absolute_airmass(relative, pressure)
+        found = clearsky.ineichen(90.0 - elevation, absolute, turbidity, altitude, extra)["dni"]
+    elif model == "simplified_solis":
+        aerosol = 0.1 if aerosol_optical_depth is None else aerosol_optical_depth
+        water = 1.0 if precipitable_water is None else precipitable_water
+        found = clearsky.simplified_solis(elevation, aerosol, water, pressure, extra)["dni"]
+    elif model == "meinel":
+        found = 1367.0 * 0.7 ** (relative**0.678)
+    else:
+        a, b = (np.interp(day, _MONTHS + 21.0, values, period=365.0) for values in (_ASHRAE_A, _ASHRAE_B))
+        found = a * np.exp(-b / sine)
+    dni[up] = np.nan_to_num(np.asarray(found))
+    return dni
+
+
+def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
+    """Linke turbidity at a place on days of the year, between the middles of the months, as pvlib has it. [1]"""
+    import pandas as pd
+    from pvlib import clearsky
+
+    dates = pd.DatetimeIndex([f"2021-{month:02}-15" for month in range(1, 13)])
+    of_month = clearsky.lookup_linke_turbidity(dates, latitude, longitude, interp_turbidity=False).to_numpy(float)
+    lengths = np.diff([*_MONTHS, 365])
+    return np.interp(day, _MONTHS + lengths / 2, of_month, period=365.0)
+
+
+def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Ints]:
+    """Instants at which the field works, and why not at others.
+
+    Parameters
+    ----------
+    irradiance : Irradiance
+        Irradiance and wind at the instants.
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun. [1]
+    limits : sequence of float or None
+        In the order of `CAUSES`: least irradiance [W/m2], least elevation of the sun [deg] and largest wind speed
+        [m/s]; None for no limit. Where the wind is not known, it is no cause.
+
+    Returns
+    -------
+    works : ndarray of bool, shape (T,)
+        True where the sun is up and all limits are kept.
+    cause : ndarray of int, shape (T,)
+        Where the sun is up but a limit is not kept, the number of the first one in `CAUSES`; -1 elsewhere.
+    """
+    up = sun[:, 2] > 0
+    elevation = np.degrees(np.arcsin(np.clip(sun[:, 2], -1.0, 1.0)))
+    tests = (irradiance.dni.__lt__, elevation.__lt__, irradiance.wind.__gt__)
+    cause = np.full(up.size, -1)
+    for number, (breaks, limit) in reversed(list(enumerate(zip(tests, limits, strict=True)))):
+        if limit is not None:
+            cause[up & breaks(limit)] = number
+    return up & (cause < 0), cause

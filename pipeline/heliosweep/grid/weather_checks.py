@@ -1,0 +1,127 @@
+"""What must hold between the weather of a study, its limits, its clock and its places."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.config.faults import Fault
+from heliosweep.config.sites import site_table
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.times import CivilTime, WeatherTime
+from heliosweep.config.weather_files import WeatherFile, weather_files
+from heliosweep.errors import Problem
+from heliosweep.grid.parameters import Parameters
+
+if TYPE_CHECKING:  # with the kernels, which other studies are checked without
+    from heliosweep.grid.weather import Irradiance
+
+#: Distance of a weather station from its site that is allowed, and radius of the Earth. [km]
+FARTHEST, EARTH = 50.0, 6371.0
+#: Part of the irradiation of a file that may fall at night, by rounding of the file and of the horizon.
+MOST_AT_NIGHT = 0.01
+#: Points of a sweep that are looked at.
+MAX_POINTS = 200
+
+
+def weather_faults(study: Any) -> Iterator[Fault]:
+    """Yield what is wrong between ``weather``, ``limits`` and ``time`` of a study, before any file is read."""
+    weather, on_its_clock = study.weather, isinstance(study.time, WeatherTime)
+    if on_its_clock and (weather is None or weather.file is None):
+        yield Fault("needs the weather file whose intervals it looks at: weather: {file: ...}", ("time", "clock"))
+    elif weather is not None and weather.file is not None and not on_its_clock:
+        yield Fault("has its own intervals: give time: {clock: weather}", ("weather", "file"), show_value=False)
+    elif weather is not None and weather.clear_sky is not None and not isinstance(study.time, CivilTime):
+        message = "is of real dates: give time: {clock: civil, ...}"
+        yield Fault(message, ("weather", "clear_sky"), show_value=False)
+    if study.limits is not None and weather is None:
+        yield Fault("are used with 'weather' only: add it, or remove these", ("limits",), show_value=False)
+    elif study.limits is not None and study.limits.wind_speed is not None and weather.clear_sky is not None:
+        yield Fault("is not known of a clear sky; remove it", ("limits", "wind_speed"))
+
+
+def check_weather(study: Any) -> Iterator[Problem | str]:
+    """Yield what is wrong with the weather files of a study and its limits, and remarks.
+
+    Raises
+    ------
+    StudyError
+        A weather file is wrong.
+    """
+    if study.weather is None:
+        return
+    files, sites = weather_files(study), site_table(study)
+    if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
+        message = f"names {len(files)} files for {len(sites)} sites: give one for each, in their order, or one for all"
+        yield study.problem("weather.file", message)
+        return
+    if study.limits is not None and study.limits.wind_speed is not None:
+        for file in files:
+            if np.all(np.isnan(file.wind)):
+                yield study.problem("limits.wind_speed", f"{file.name} has no wind speed; remove this limit")
+    from heliosweep.grid.sun import PLACE, Suns  # with the kernels, which other studies are checked without
+    from heliosweep.grid.weather import LIMITS, Weathers, used
+
+    parameters = _places(study)
+    points = list(itertools.islice(parameters.points(*PLACE, *LIMITS), MAX_POINTS))
+    if any(place[1] is None for _, place in points):
+        return  # the missing longitude is told elsewhere
+    suns, weathers = Suns(parameters), Weathers(parameters)
+    idle, seen = [], set[str]()
+    for index, (*place, dni, elevation, wind) in points:
+        source = weathers.source(index)
+        if isinstance(source, WeatherFile) and (told := _elsewhere(source, place)) and told not in seen:
+            seen.add(told)
+            yield study.problem("weather.file", told)
+        irradiance = weathers.at(index, place)
+        sun = suns.at(index, place)
+        if isinstance(source, WeatherFile) and (told := _at_night(source.name, irradiance, sun)) and told not in seen:
+            seen.add(told)
+            yield told
+        works, _ = used(irradiance, sun, (dni, elevation, wind))
+        idle.append(not np.any(works & (irradiance.dni > 0) & (irradiance.hours > 0)))
+    if all(idle):
+        if study.limits is None:
+            yield study.problem("weather", "leaves no instant with direct irradiance and the sun above the horizon")
+        else:
+            yield study.problem("limits", "leave no instant at which the field works")
+    elif any(idle):
+        yield f"at {sum(idle):,} of {len(idle):,} points the limits leave no instant at which the field works"
+
+
+def _places(study: Study) -> Parameters:
+    """The points of a study at the first value of everything that neither weather, limits nor sun depend on."""
+    matters = ("site.", "time.", "weather.", "limits.")
+    swept = {dim.name: any(key.startswith(matters) for key in dim.sweeps) for dim in study.dimensions()}
+    return Parameters(study, {dim: slice(0, 1) for dim, kept in swept.items() if not kept})
+
+
+def _at_night(name: str, irradiance: Irradiance, sun: NDArray[np.float64]) -> str:
+    """What is said where a file has irradiance with the sun down; nothing else."""
+    energy = irradiance.dni * irradiance.hours
+    part = float(energy[~(sun[:, 2] > 0)].sum() / (energy.sum() or 1.0))
+    if part <= MOST_AT_NIGHT:
+        return ""
+    return (
+        f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not count: "
+        f"the times, their offset from universal time, or the place may be wrong"
+    )
+
+
+def _elsewhere(file: WeatherFile, place: list[float]) -> str:
+    """What is said where the station of a file is far from a place; nothing else, and of a file that names no place."""
+    (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], place[:2]])
+    half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
+    distance = 2 * EARTH * np.arcsin(np.sqrt(min(half, 1.0)))
+    if not distance > FARTHEST:
+        return ""
+    return (
+        f"{file.name} is of another place: latitude {file.latitude:g}, longitude {file.longitude:g} deg, "
+        f"{distance:,.0f} km from the site at {place[0]:g}, {place[1]:g} deg, and {FARTHEST:g} km are allowed; "
+        f"give the file of the site, or take the site from the file: site: {{file: ...}}"
+    )

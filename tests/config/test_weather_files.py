@@ -1,0 +1,230 @@
+"""Rows of weather files, as pvlib reads them too, and what is said of wrong ones."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pvlib
+import pytest
+
+from heliosweep import StudyError
+from heliosweep.config.weather_files import read_weather, weather_files
+from heliosweep.files import write_whole
+from tests import weather
+
+DATA = Path(pvlib.__file__).parent / "data"
+TYPICAL = (1997, 1980, 1996, 2000, 1991, 1988, 2004, 1988, 1992, 1999, 2002, 1998)
+MEANS = np.round(500.0 + 400.0 * np.sin(np.arange(8760.0)), 1)
+
+
+def starts(labels: pd.DatetimeIndex, minutes: int) -> np.ndarray:
+    """Middle of intervals from labels of pvlib, in universal time."""
+    return (labels.tz_convert("UTC").tz_localize(None) + pd.Timedelta(minutes=minutes)).to_numpy("datetime64[ns]")
+
+
+def written(name: str, text: str) -> Path:
+    write_whole(Path(name), text)
+    return Path(name)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["703165TY.csv", "723170TYA.CSV"])
+def test_tmy3_of_pvlib(name):
+    file = read_weather(DATA / name)
+    data, meta = pvlib.iotools.read_tmy3(DATA / name)
+    np.testing.assert_array_equal(file.dni, data["dni"])
+    np.testing.assert_array_equal(file.wind, data["wind_speed"])
+    # pvlib moves the last hour of 28 February of a leap year to the next day.
+    moved = file.utc != starts(data.index, -30)
+    assert np.flatnonzero(moved).tolist() == ([1415] if name == "723170TYA.CSV" else [])
+    np.testing.assert_array_equal(file.month, (data.index - pd.Timedelta(minutes=30)).month)
+    assert (file.latitude, file.longitude, file.hours) == (meta["latitude"], meta["longitude"], 1.0)
+
+
+def test_sum_of_the_tmy3_file():
+    assert read_weather(DATA / "703165TY.csv").dni.sum() == 819_209  # by hand, of its eighth column
+
+
+def test_epw_as_pvlib():
+    path = written("a.epw", weather.epw(MEANS, TYPICAL, 4.5))
+    file, data = read_weather(path), pvlib.iotools.read_epw(path)[0]
+    np.testing.assert_array_equal(file.dni, data["dni"])
+    np.testing.assert_array_equal(file.wind, 4.5)
+    np.testing.assert_array_equal(file.utc, starts(data.index, 30))
+    np.testing.assert_array_equal(file.month, data.index.month)
+
+
+@pytest.mark.skipif(not hasattr(pvlib.iotools, "read_nsrdb_psm4"), reason="pvlib 0.13 is the first to read PSM 4")
+def test_psm_as_pvlib():
+    path = written("a.csv", weather.psm(MEANS, TYPICAL))
+    file, data = read_weather(path), pvlib.iotools.read_nsrdb_psm4(path)[0]
+    np.testing.assert_array_equal(file.dni, data["dni"])
+    np.testing.assert_array_equal(file.utc, starts(data.index, 0))
+
+
+def test_the_same_hours_in_every_kind_of_file():
+    files = [
+        read_weather(written("a.epw", weather.epw(MEANS))),
+        read_weather(written("a.csv", weather.tmy3(MEANS))),
+        read_weather(written("b.csv", weather.psm(MEANS))),
+        read_weather(written("c.csv", weather.psm(MEANS, minute=0))),  # as before 2019
+        read_weather(written("d.csv", weather.plain(MEANS, 0.0)), "start"),
+        read_weather(written("e.csv", weather.plain(MEANS, 0.5)), "middle"),
+        read_weather(written("f.csv", weather.plain(MEANS, 1.0, "")), "end", "+01:00"),
+        read_weather(written("g.csv", weather.plain(MEANS, 0.0, "-02:00")), "start"),
+    ]
+    for file in files[:-1]:
+        np.testing.assert_array_equal(file.utc, files[0].utc)
+        np.testing.assert_array_equal(file.dni, MEANS)
+        np.testing.assert_array_equal(file.month, files[0].month)
+    assert files[0].utc[0] == np.datetime64("2020-12-31T23:30")
+    np.testing.assert_array_equal(files[-1].utc - files[0].utc, np.timedelta64(3, "h"))
+    np.testing.assert_array_equal(files[-1].month, files[0].month)  # of the time at the place
+    assert np.isnan(files[-1].wind).all()
+    assert np.isnan(files[-1].latitude)
+
+
+def test_half_hours():
+    rows = weather.psm(MEANS).splitlines()
+    halves = [
+        f"{row.rsplit(',', 4)[0]},{minute},{','.join(row.split(',')[5:])}" for row in rows[3:] for minute in (0, 30)
+    ]
+    file = read_weather(written("a.csv", "\n".join([*rows[:3], *halves])))
+    assert file.hours == 0.5
+    assert file.utc[0] == np.datetime64("2020-12-31T23:00")  # the time marks the middle
+    quarters = weather.epw(MEANS).replace("DATA PERIODS,1,1", "DATA PERIODS,1,4").splitlines()
+    rows = [
+        ",".join([*row.split(",")[:4], str(minute), *row.split(",")[5:]])
+        for row in quarters[8:]
+        for minute in (15, 30, 45, 60)
+    ]
+    file = read_weather(written("a.epw", "\n".join([*quarters[:8], *rows])))
+    assert file.hours == 0.25
+    assert file.utc[0] == np.datetime64("2020-12-31T23:07:30")
+
+
+def test_leap_years():
+    leap = np.zeros(8784)
+    file = read_weather(written("a.csv", weather.plain(leap, 0.0, year=2020)), "start")
+    assert np.sum(file.month == 2) == 29 * 24
+    lines = weather.epw(MEANS).splitlines()
+    day = [line.replace("2021,2,28,", "2020,2,29,") for line in lines if line.startswith("2021,2,28,")]
+    place = next(number for number, line in enumerate(lines) if line.startswith("2021,3,1,"))
+    file = read_weather(written("a.epw", "\n".join(lines[:place] + day + lines[place:])))
+    assert file.utc.size == 8784
+    # A leap year without its day, as typical years have it: 28 February is followed by 1 March.
+    file = read_weather(written("b.epw", weather.epw(MEANS, (2020,) * 12)))
+    assert np.unique(np.diff(file.utc)[: 24 * 90]).tolist() == [3600 * 10**9, 25 * 3600 * 10**9]
+
+
+def test_other_letters_and_missing_wind():
+    text = weather.epw(MEANS, wind=999.0).replace("Town", "Zürich").replace("\n", "\r\n")
+    Path("a.epw").write_bytes(text.encode("latin-1"))
+    file = read_weather(Path("a.epw"))
+    np.testing.assert_array_equal(file.dni, MEANS)
+    assert np.isnan(file.wind).all()
+
+
+LINES = weather.tmy3(MEANS).splitlines()
+
+
+def edited(change: Callable[[list[str]], None]) -> str:
+    lines = list(LINES)
+    change(lines)
+    return "\n".join(lines)
+
+
+def put(number: int, text: str) -> Callable[[list[str]], None]:
+    """Replace a line, counted from 1."""
+    return lambda lines: lines.__setitem__(number - 1, text)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda lines: lines.pop(99), "a.csv:100: comes after a gap: 1 rows of 60 minutes are missing before it"),
+        (lambda lines: lines.insert(99, lines[99]), "a.csv:101: repeats the time of the row before: remove one"),
+        (lambda lines: lines.insert(99, lines[50]), "a.csv:100: is earlier than the row before"),
+        (lambda lines: lines.pop(), "a.csv: has 8,759 rows of 60 minutes, and a whole year 8,760"),
+        (lambda lines: lines.pop(2), "a.csv: has 8,759 rows of 60 minutes, and a whole year 8,760"),
+        (put(9, "01/01/2021,07:30,1,1"), "a.csv:9: is 90 minutes after the row before, not 60"),
+        (put(9, "01/01/2021,07:00,-1,1"), "a.csv:9:18: DNI (W/m^2) must be between 0 and 1412 W/m2; replace what"),
+        (put(9, "01/01/2021,07:00,1413,1"), "a.csv:9:18: DNI (W/m^2) must be between 0 and 1412 W/m2"),
+        (put(9, "01/01/2021,07:00,nan,1"), "a.csv:9:18: DNI (W/m^2) must be a finite number (got 'nan')"),
+        (put(9, "01/01/2021,07:00,,1"), "a.csv:9:18: DNI (W/m^2) is empty"),
+        (put(9, "01/01/2021,07:00,1"), "a.csv:9: has 3 fields, but the header has 4"),
+        (put(9, "02/29/2021,07:00,1,1"), "a.csv:9:1: Date (MM/DD/YYYY) must be a date MM/DD/YYYY (got '02/29/2021')"),
+        (put(9, "01/01/20211,07:00,1,1"), "a.csv:9:1: Date (MM/DD/YYYY) must be a date MM/DD/YYYY"),
+        (put(9, "01/01/1021,07:00,1,1"), "a.csv:9:1: Date (MM/DD/YYYY) must be of the years 1700 to 2200"),
+        (put(9, "01/01/2021,25:00,1,1"), "a.csv:9:12: Time (HH:MM) must be a time of day HH:MM"),
+        (put(2, LINES[1].replace("DNI", "GHI")), "a.csv:2: needs a column DNI (W/m^2): direct normal"),
+        (put(1, LINES[0].replace("37.0", "north")), "a.csv:1: field 5, the latitude, must be between -90 and 90"),
+        (lambda lines: lines.__delitem__(slice(2, None)), "a.csv: has a header but no hours: give one row for each"),
+        (lambda lines: lines.__delitem__(slice(3, None)), "a.csv: needs at least two rows"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_located(change, said):
+    with pytest.raises(StudyError) as caught:
+        read_weather(written("a.csv", edited(change)))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "a.csv: is empty: it needs a row for each interval"),
+        ("family: field_efficiency\n", "a.csv: is no weather file: an EPW file begins with LOCATION"),
+        ("LOCATION,a,b,c,d,e,1,2,3,4\nshort\n", "a.csv: is empty: it needs a row for each interval"),
+        ("LOCATION,a,b\n", "a.csv:1: the header has 3 fields where that of EPW files has 10"),
+        (weather.psm(MEANS).replace("Elevation", "Height", 1), "a.csv:1: the header has no field 'Elevation'"),
+        (weather.psm(MEANS).replace("2021,1,31,", "2021,2,31,"), "a.csv:724:8: there is no day 31 in month 2 of 2021"),
+        (weather.epw(MEANS).replace("2021,1,1,3,60", "2021,1,1,30,60"), "a.csv:11:10: hour must be between 0 and 24"),
+        (weather.epw(MEANS)[:-100] + "\n", "a.csv:8767: has 28 fields, but the header has 35"),
+        ("time,wind_speed\n", "a.csv:1: needs a column dni: direct normal irradiance, in W/m2"),
+        (weather.plain(MEANS, 0), "a.csv: does not say what its times mark: give weather.label"),
+        (weather.plain(MEANS, 0, ""), "a.csv:2:1: time needs an offset from universal time, as 2021-06-21"),
+        ("time,dni\n2021-06-21T12:00Z,5\n2021-06-21T18:00Z,5\n", "a.csv: does not say"),
+    ],
+)  # fmt: skip
+def test_no_weather_file(text, said):
+    with pytest.raises(StudyError) as caught:
+        read_weather(written("a.csv", text))
+    assert said in str(caught.value)
+
+
+def test_intervals_that_are_too_long():
+    path = written("a.csv", "time,dni\n2021-06-21T12:00Z,5\n2021-06-21T15:00Z,5\n")
+    with pytest.raises(StudyError, match="has rows 180 minutes apart: give intervals of an hour or of a part of it"):
+        read_weather(path, "start")
+
+
+def test_a_pipe_and_a_folder_are_refused():
+    os.mkfifo("pipe")
+    Path("folder").mkdir()
+    for name, said in (("pipe", "is not a regular file"), ("folder", "is a folder")):
+        with pytest.raises(StudyError, match=said):
+            read_weather(Path(name))
+
+
+def test_of_a_study(small):
+    """Contents count for its identity, names do not; a changed file is read again."""
+    blocks = {"site": {"file": "a.epw"}, "weather": {"file": "a.epw"}, "time": {"clock": "weather"}}
+    written("a.epw", weather.epw(MEANS))
+    written("b.epw", weather.epw(MEANS))
+    first = small(**blocks)
+    assert first.study_id == small(**{**blocks, "weather": {"file": "b.epw"}}).study_id
+    assert weather_files(first)[0].dni[0] == MEANS[0]
+    summer = weather_files(small(**{**blocks, "time": {"clock": "weather", "months": [6, 7]}}))[0]
+    assert len(summer) == 61 * 24
+    before = first.study_id
+    written("a.epw", weather.epw(MEANS + 1))
+    assert small(**blocks).study_id != before
+    assert weather_files(first)[0].dni[0] == MEANS[0] + 1

@@ -1,0 +1,134 @@
+"""Flux maps of studies: power of the field, design point, year, figures, and what is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from heliosweep import api
+from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency import figures, interactive
+from heliosweep.report.views import usable
+from tests.families.field_efficiency.test_aim import NOON
+from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, computed, lit  # noqa: F401
+
+MAP = {"columns": 8, "rows": 6, "limit": 60}
+YEAR = {"clock": "civil", "timezone": "+00:00", "dates": {"start": "2021-01-04", "stop": "2021-12-24", "step": 15},
+        "window": {"start": "03:30", "stop": "20:30", "step": "1 h"}, "sampling": "midpoint"}  # fmt: skip
+
+
+@pytest.fixture
+def mapped(lit):  # noqa: F811
+    return lambda **blocks: lit(**{
+        "time": NOON, "site": None, "tracking": "azimuth_elevation", "output": {"flux_map": MAP}, **blocks,
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["accurate", "gaussian"])
+def test_the_cells_hold_the_power_of_the_field(mapped, method):
+    time = {**NOON, "elevation": [50, -5]}
+    result = computed(mapped(time=time, optics={**OPTICS, "method": method})).transpose("sun_elevation", ...)
+    area = 2 * np.pi * 3 * 7
+    power = result["flux_map"].isel(sun_elevation=0).sum() * area / 48
+    heliostats = 72 * result["total_efficiency"].isel(sun_elevation=0)
+    assert float(power) == pytest.approx(float(heliostats.sum()), rel=1e-12)
+    day = result.isel(sun_elevation=0)
+    assert float(day["mean_flux"]) == pytest.approx(float(power) / area)
+    assert float(day["peak_flux"]) == float(day["flux_map"].max()) > 60
+    bright = day["flux_map"].where(day["flux_map"] > 60).sum() / day["flux_map"].sum()
+    assert float(day["power_above_limit"]) == pytest.approx(float(bright))
+    assert 0 < float(bright) < 1
+    for name in ("flux_map", "peak_flux", "mean_flux", "power_above_limit"):
+        assert np.isnan(result[name].isel(sun_elevation=1)).all()
+    np.testing.assert_allclose(result["flux_column"], 22.5 + 45 * np.arange(8))
+    np.testing.assert_allclose(result["flux_row"], 7 * ((np.arange(6) + 0.5) / 6 - 0.5))
+    assert "flux_map" not in computed(mapped(output={}))
+
+
+def test_a_symmetric_field_at_noon_has_a_symmetric_map(mapped):
+    result = computed(mapped(time={**NOON, "azimuth": 180}))
+    np.testing.assert_allclose(result["flux_map"], result["flux_map"][:, ::-1], atol=1e-5)
+    north, south = (result["flux_map"].isel(flux_column=columns).sum() for columns in ([0, 7], [3, 4]))
+    assert float(north) > float(south)
+
+
+def test_no_light_is_no_flux(mapped, tmp_path):
+    (tmp_path / "north.csv").write_text("x,y\n0,90\n")
+    face = {"kind": "rectangle", "height": 60, "azimuth": 180, "width": 4, "height_extent": 6}
+    result = computed(mapped(receiver=face, layout={"file": str(tmp_path / "north.csv")}))
+    assert float(result["peak_flux"]) == float(result["mean_flux"]) == 0.0
+    assert np.isnan(result["power_above_limit"])
+
+
+def test_a_swept_size_has_cells_over_it(mapped):
+    face = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": [4, 8], "height_extent": 6}
+    result = computed(mapped(receiver=face))
+    assert result["flux_column"].attrs["units"] == "1"
+    assert result["flux_row"].attrs["units"] == "m"
+    power = result["flux_map"].sum(("flux_row", "flux_column")) * 6 * result["receiver_width"] / 48
+    np.testing.assert_allclose(power, 72 * result["total_efficiency"].sum("heliostat"), rtol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:DatetimeIndex.dayofyear")
+def test_the_design_point_and_the_year(mapped, monkeypatch):
+    point = {"day": 80, "solar_hour": 12, "dni": 900}
+    blocks = {
+        "time": YEAR, "site": {"latitude": 37, "longitude": -6, "altitude": 100},
+        "weather": {"clear_sky": {"model": "meinel"}}, "design_point": point,
+        "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 6}},
+    }  # fmt: skip
+    result = computed(mapped(**blocks))
+    area = 2 * np.pi * 3 * 7 / 48
+    power = float(result["flux_map"].sum()) * area * 1e-3
+    assert power == pytest.approx(float(result["design_point_power"]), rel=1e-12)
+    energy = float(result["energy_flux_map"].sum()) * area
+    assert energy == pytest.approx(float(result["field_receiver_energy"]), rel=1e-12)
+    monkeypatch.setattr("heliosweep.families.field_efficiency.flux_sums.NODES", (10**6, 1))  # every instant itself
+    exact = computed(mapped(**blocks))["energy_flux_map"]
+    near = result["energy_flux_map"]
+    assert 0 < float(abs(near - exact).max()) < 5e-3 * float(exact.max())
+    assert float(exact.sum()) * area == pytest.approx(energy, rel=1e-12)
+
+
+def test_figures_and_views(mapped, unplaced):
+    result = computed(
+        mapped(aim={"strategy": "spread", "levels": [1, 2, 3]}, tracking=["spinning_elevation", "azimuth_elevation"])
+    )
+    drawn = {one.name: one for one in figures.figures(result)}
+    assert {"flux_maps", "peak_flux_over_aim_levels"} <= set(drawn)
+    assert "unrolled by the azimuth" in drawn["flux_maps"].caption
+    axes = drawn["flux_maps"].figure.axes
+    assert len(axes) == 7
+    assert "kW/m\N{SUPERSCRIPT TWO}" in axes[-1].get_xlabel()
+    views = usable(result, interactive.views(result))
+    assert [view.quantities for view in views if view.kind == "raster"] == [("flux_map",)]
+
+
+def test_maps_are_of_whole_fields(mapped):
+    """One part for each point, however long: no part may hold a piece of a sum."""
+    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 3000}}
+    assert api.plan(mapped(layout=layout)).part_count == 1
+    assert api.plan(mapped(layout=layout, output={})).part_count > 1
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ({"time": YEAR, "site": {"latitude": 37, "longitude": -6}}, "output.flux_map: is of one instant, or of a year"),
+        ({"output": {"flux_map": {"columns": 8}}}, "output.flux_map.rows: is missing"),
+        ({"output": {"flux_map": {"columns": 0, "rows": 3}}}, "output.flux_map.columns: must be between 1 and 360"),
+        ({"optics": None, "receiver": {"height": 60}, "heliostat": {"width": 9, "height": 8, "pivot_height": 5}},
+         "output.flux_map: is used with 'optics' only"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told(mapped, blocks, message):
+    with pytest.raises(StudyError, match=message):
+        api.plan(mapped(**blocks))
+
+
+def test_a_year_of_weather_needs_no_design_point(mapped):
+    site = {"latitude": 37, "longitude": -6, "altitude": 100}
+    study = mapped(time=YEAR, site=site, weather={"clear_sky": {"model": "meinel"}}, receiver=RECEIVER)
+    names = set(api.build(study).variables)
+    assert "energy_flux_map" in names
+    assert "flux_map" not in names

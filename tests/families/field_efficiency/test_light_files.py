@@ -1,0 +1,322 @@
+"""Files on the way of the light: what they change, and what is wrong with them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from heliosweep import api
+from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency.light_files import SlopeMap, read_sun
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from heliosweep.kernels.intercept import sunshapes
+from heliosweep.kernels.intercept.efficiency import intercepts, sun_tables
+from heliosweep.kernels.intercept.mirror import Errors, Facets
+from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER
+from tests.kernels.intercept.test_pointing import CURVE, SPECULARITY, SUN, axes, made, traced
+
+FACE = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": 3, "height_extent": 3}
+NOON = {"clock": "sun", "azimuth": [150, 220], "elevation": 50}
+PLACES = ((20.0, 80.0, "b1"), (-60.0, 110.0, "b2"), (45.0, 150.0, "b3"))
+SLOPES = np.random.default_rng(3).normal(0.0, 2.0, (16, 18, 2))
+
+
+def table(path: Any, header: str, rows: Any) -> str:
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]) + "\n", encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture
+def field(small, tmp_path):
+    """A study of three heliostats; keyword arguments are keys of `optics`, those of `blocks` whole blocks."""
+
+    def make(blocks: Any = None, columns: str = "", rows: Any = ((),) * 3, **optics: Any) -> Any:
+        lines = [(*place, *row) for place, row in zip(PLACES, rows, strict=True)]
+        layout = table(tmp_path / f"field_{columns or 0}.csv", f"x,y,name{columns}", lines)
+        given = {"sun_shape": {"kind": "pillbox"}, "slope_error": 1, **optics}
+        study = {
+            "site": None, "time": NOON, "layout": {"file": layout}, "receiver": FACE, "tracking": "azimuth_elevation",
+            "heliostat": {"width": 9, "height": 8, "pivot_height": 5, "focus": "slant"},
+            "optics": {key: value for key, value in given.items() if value is not None},
+        }  # fmt: skip
+        return small(**study | (blocks or {}))
+
+    return make
+
+
+def intercept(study: Any) -> np.ndarray:
+    return api.build(study).compute()["intercept_efficiency"].to_numpy()
+
+
+def grid(path: Any, width: float, height: float, leans: np.ndarray = SLOPES) -> str:
+    """A CSV table of slopes in the middles of the cells of a mirror. [mrad]"""
+    rows, columns = leans.shape[:2]
+    x, y = ((np.arange(n) + 0.5) / n * side - side / 2 for n, side in ((columns, width), (rows, height)))
+    cells = [(x[k], y[j], *leans[j, k]) for j in range(rows) for k in range(columns)]
+    return table(path, "x,y,slope_x,slope_y", np.array(cells)[np.random.default_rng(1).permutation(len(cells))])
+
+
+def stored(path: Any, content: Any) -> str:
+    """File of the result of a study."""
+    api.build(api.load(content)).compute().to_netcdf(path)
+    return str(path)
+
+
+def calibrated(folder: Any, **blocks: Any) -> str:
+    """Result of a synthetic calibration of the same heliostats, whose estimates are exact."""
+    content = {
+        "family": "misalignment", "mode": "calibration", "site": {"latitude": 40},
+        "time": {"clock": "solar", "days": [80, 172], "hours": {"start": 8, "stop": 16, "step": 2}},
+        "receiver": {"height": 60, "azimuth": 0, "tilt": 0, "width": 8, "height_extent": 8},
+        "heliostats": {"pivot_height": 5}, "mount_errors": {"azimuth_reference": 1.5, "tilt_about_north": -1},
+    }  # fmt: skip
+    return stored(folder / "calibrated.nc", {**content, **blocks})
+
+
+def test_a_table_of_the_sun_is_the_sun_of_the_formula(field, tmp_path):
+    angle = np.linspace(0.0, 4.65, 60)
+    rows = np.stack((angle, 1.0 - 0.56 * (1.0 - np.sqrt(1.0 - (angle / 4.65) ** 2))), axis=1)
+    name = table(tmp_path / "sun.csv", "angle,brightness", rows)
+    made, known = sunshapes.table(*read_sun(tmp_path / "sun.csv", name)), sunshapes.limb_darkened()
+    assert made.spread == pytest.approx(known.spread, rel=2e-3)
+    measured = field(sun_shape={"kind": "table", "file": name})
+    np.testing.assert_allclose(intercept(measured), intercept(field(sun_shape={"kind": "limb_darkened"})), atol=2e-4)
+    table(tmp_path / "sun.csv", "angle,brightness", [(0, 1), (1, 1.1), (2, 0)])
+    with pytest.raises(StudyError, match=r"sun\.csv:3:.*the brightness must not rise \(got 1\.1 after 1\)"):
+        api.plan(field(sun_shape={"kind": "table", "file": name}))
+
+
+def test_columns_of_a_layout_turn_its_mirrors(field):
+    errors = [(0.5, -1.0), (0, 0), (2.0, 0.0)]
+    turned = intercept(field(columns=",error_u,error_v", rows=errors))
+    plain = intercept(field())
+    np.testing.assert_array_equal(turned[:, 1], plain[:, 1])
+    assert np.all(turned[:, 2] < plain[:, 2] - 0.01)
+
+
+def test_errors_of_mounts_are_drawn_for_each_heliostat_by_its_number(field):
+    drawn = {"azimuth_reference": {"normal": [0, 1.5]}, "seed": [1, 2]}
+    found = api.build(field(mount_errors=drawn)).compute()
+    values = found["intercept_efficiency"]
+    assert values.sizes["seed"] == 2
+    assert np.all(values.isel(seed=0) != values.isel(seed=1))
+    assert len(np.unique((values - intercept(field())[:, None]).isel(seed=0, sun_azimuth=0))) == 3
+    none = field(mount_errors={"azimuth_reference": {"normal": [0, 1.5]}, "scale": 0})
+    np.testing.assert_array_equal(intercept(none), intercept(field(mount_errors={"collimation": 0})))
+    fixed = api.build(field(mount_errors={"azimuth_reference": 2})).compute()
+    assert fixed["azimuth_reference"].item() == 2.0
+
+
+def test_errors_of_a_calibration_are_those_that_it_found(field, tmp_path):
+    place = {"layout": {"file": field().layout.file}}
+    name = calibrated(tmp_path, **place)
+    found = intercept(field(mount_errors={"calibration": name}))
+    given = field(mount_errors={"azimuth_reference": 1.5, "tilt_about_north": -1})
+    np.testing.assert_allclose(found, intercept(given), atol=1e-7)
+    assert np.all(found < intercept(field()))
+    with pytest.raises(StudyError, match="is of azimuth_elevation mounts, and 'tracking' is of target_aligned"):
+        api.plan(field({"tracking": "spinning_elevation"}, mount_errors={"calibration": name}))
+    other = table(tmp_path / "other.csv", "x,y", [(25, 80), (-60, 110), (45, 150)])
+    with pytest.raises(StudyError, match=r"has no heliostat 0 \(line 2\) of .*other\.csv \(1 are missing\)"):
+        api.plan(field({"layout": {"file": other}}, mount_errors={"calibration": name}))
+    turned = table(tmp_path / "turned.csv", "x,y,name", [PLACES[2], PLACES[0]])  # the same names at other rows
+    assert intercept(field({"layout": {"file": turned}}, mount_errors={"calibration": name}))[:, 1] == pytest.approx(
+        found[:, 0], abs=1e-9
+    )
+
+
+def test_a_map_is_in_place_of_a_slope_error(field, tmp_path):
+    name = grid(tmp_path / "slopes.csv", 9.0, 8.0)
+    found = intercept(field(slope_map=name, slope_error=None))
+    none = intercept(field(slope_error=0))
+    np.testing.assert_allclose(found, intercept(field(slope_error=SLOPES.std() * 2 / 3)), atol=0.02)  # straight lines
+    assert np.all(found < none)
+    facets = {
+        "heliostat": {"width": 9, "height": 8, "pivot_height": 5, "facets": {"columns": 2, "rows": 2, "gap": 0.1}}
+    }
+    half = grid(tmp_path / "facet.csv", 4.45, 3.95)
+    assert np.all(intercept(field(facets, slope_map=half, slope_error=None)) > 0)
+    with pytest.raises(
+        StudyError, match=r"from -4\.25 to 4\.25 m and -3\.75 to 3\.75 m, are of no mirror of 9 m x 6 m"
+    ):
+        api.plan(field({"heliostat": {"width": 9, "height": 6, "pivot_height": 5}}, slope_map=name, slope_error=None))
+
+
+def test_a_map_of_backward_gazing(field, tmp_path):
+    """Of one module of 4 m x 4 m that is canted: the same as a turned mirror."""
+    gazing = {
+        "family": "backward_gazing", "output": {"maps": True}, "method": "LM", "referential": "exact",
+        "heliostat": {"modules": [{"centre": [0, 0], "size": [4, 4]}], "pixel": 0.25, "distance": 120,
+                      "focal_length": 120},
+        "target": {"azimuth": 0, "elevation": 44, "tilt": 30, "face": 0}, "sun": {"azimuth": 30, "elevation": 60},
+        "cameras": {"arrangement": "square", "radius": 0.24}, "defects": {"canting": {1: [0.6, -0.4]}},
+    }  # fmt: skip
+    name = stored(tmp_path / "gazed.nc", gazing)
+    small_mirrors = {
+        "heliostat": {"width": 4, "height": 4, "pivot_height": 5, "focus": "slant"},
+        "receiver": {**FACE, "width": 1.2, "height_extent": 1.0},
+    }
+    found = intercept(field(small_mirrors, slope_map=name, slope_error=None))
+    turned = field(small_mirrors, columns=",error_u,error_v", rows=[(0.6, -0.4)] * 3, slope_error=0)
+    assert np.all(np.abs(intercept(field(small_mirrors, slope_error=0)) - found) > 5e-3)
+    np.testing.assert_allclose(found, intercept(turned), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n0,1,1,1\n", "is no whole grid: it has 3 rows"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n0,0,1,1\n1,0,1,1\n1,1,1,1\n", "give each place of the grid once"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2,0,1,1\n", "has one place along y"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n3,0,1,1\n0,1,1,1\n1,1,1,1\n3,1,1,1\n", "has uneven steps along x"),
+        ("x,y,slope_x,slope_y\n0,0,1,900\n", "slope_y must be between -100 and 100 mrad"),
+    ],
+)
+def test_maps_that_are_none(field, tmp_path, text, message):
+    (tmp_path / "map.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(StudyError, match=message):
+        api.plan(field(slope_map=str(tmp_path / "map.csv"), slope_error=None))
+
+
+def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
+    wide = {"width": 400, "azimuth": 180, "tilt": -65, "height_extent": 400}
+    wrong: list[tuple[Any, str]] = [
+        ({"slope_map": "none.nc", "slope_error": None}, "optics.slope_map: no such file"),
+        ({"slope_map": "none.csv"}, "optics.slope_map: is given by 'slope_error' too"),
+        ({"sun_shape": {"kind": "table"}}, "'file' is missing: table has it"),
+        ({"sun_shape": {"kind": "pillbox", "file": "a"}}, "optics.sun_shape.file: is only for the sun shape table"),
+        ({"visibility": 20e3}, "optics.visibility: is only for the attenuation vant_hull"),
+        ({"mount_errors": {"seed": 1}}, "optics.mount_errors: names no error"),
+        ({"mount_errors": {"collimation": 1, "seed": 1}}, "optics.mount_errors.seed: is for errors that are drawn"),
+        ({"mount_errors": {"collimation": {"normal": [0, 1], "samples": 5}}}, "each heliostat has one draw"),
+        ({"mount_errors": {"collimation": 1, "calibration": "a.nc"}}, "is given by 'calibration' too"),
+        ({"mount_errors": {"collimation": 1}, "method": "gaussian"}, "optics.mount_errors: is for the method accurate"),
+        ({"cleanliness_by_month": [0.9] * 11}, "optics.cleanliness_by_month: must be 12 numbers"),
+        ({"cleanliness_by_month": [0.9] * 12}, "optics.cleanliness_by_month: needs dates"),
+        ({"soiling": {"rate": 0.02, "washing_interval": 60}}, "leaves no light before a washing"),
+        ({"blocks": {"receiver": FACE | wide}}, "receiver: is among the mirrors: 1 stand where its face is"),
+        ({"columns": ",error_u", "rows": [("a",), ("b",), ("c",)]}, "column 'error_u' must hold turns of the normal"),
+        ({"columns": ",error_u", "rows": [(1,), (2,), (3,)], "method": "gaussian"}, "optics.method: column 'error_u'"),
+    ]  # fmt: skip
+    for optics, message in wrong:
+        with pytest.raises(StudyError) as error:
+            api.plan(field(**optics))
+        assert message in str(error.value)
+    behind = field({"receiver": {**FACE, "azimuth": 180}})
+    assert any("3 heliostats stand behind the receiver's face" in note for note in behind.notes())
+
+
+def test_dirt_by_month_and_between_washings(small):
+    base = {"site": {"latitude": 40}, "receiver": RECEIVER, "tracking": "azimuth_elevation"}
+    months = {**OPTICS, "cleanliness_by_month": [0.5, *[1.0] * 10, 0.7]}
+    del months["cleanliness"]
+    hours = {"clock": "solar", "days": [15, 172, 350], "hours": {"start": 9, "stop": 15, "step": 3},
+             "sampling": "inclusive"}  # fmt: skip
+    result = api.build(small(**base, optics=months, time=hours)).compute()
+    np.testing.assert_allclose(result["reflection_efficiency"], 0.9 * (0.5 + 1.0 + 0.7) / 3, rtol=1e-14)
+    series = api.build(small(**base, optics=months, time=hours, output={"time_series": True})).compute()
+    every = series["instantaneous_total_efficiency"] / series["instantaneous_optical_efficiency"]
+    every = every / series["instantaneous_intercept_efficiency"] / result["attenuation_efficiency"] / 0.9
+    np.testing.assert_allclose(every.isel(heliostat=0), np.repeat([0.5, 1.0, 0.7], 3), rtol=1e-12)
+    np.testing.assert_allclose(
+        result["total_efficiency"], series["instantaneous_total_efficiency"].mean("time"), rtol=1e-13
+    )
+    civil = {
+        "clock": "civil",
+        "dates": ["2025-01-31", "2025-12-01"],
+        "window": {"start": "08:00", "stop": "16:00", "step": "1 h"},
+    }
+    place = {**base, "site": {"latitude": 40, "longitude": -120, "timezone": "-08:00"}}
+    result = api.build(small(**place, optics=months, time=civil)).compute()
+    assert 0.45 < float(result["reflection_efficiency"][0]) / 1.0 < 0.63
+    dirty = {**OPTICS, "soiling": {"rate": [0, 0.004], "washing_interval": 20}}
+    result = api.build(small(**base, optics=dirty, time=hours)).compute()
+    np.testing.assert_allclose(result["reflection_efficiency"].isel(heliostat=0), [0.855, 0.855 * 0.96], rtol=1e-14)
+
+
+def test_fixed_keys_label_the_result(field):
+    drawn = {"collimation": {"normal": [0, 1]}}
+    result = api.build(field(mount_errors=drawn, reflectivity=0.9)).compute()
+    wanted = {"reflectivity": 0.9, "sun_shape": "pillbox", "focus": "slant", "receiver_width": 3.0,
+              "receiver_kind": "rectangle", "slope_error": 1.0, "intercept_method": "accurate", "error_scale": 1.0,
+              "azimuth_reference": 0.0}  # fmt: skip
+    for name, value in wanted.items():
+        assert result[name].item() == value
+    assert "collimation" not in result.coords
+    assert result["slope_error"].attrs["units"] == "mrad"
+    plain = api.build(
+        field({"optics": None, "receiver": {"height": 60}, "heliostat": {"width": 9, "height": 8, "pivot_height": 5}})
+    ).compute()
+    assert not set(wanted) & set(plain.coords)
+    assert set(ERRORS) - {"collimation"} <= set(result.coords)
+
+
+def test_a_resolved_study_is_the_same(field, small):
+    dated = {"receiver": RECEIVER, "optics": {**OPTICS, "cleanliness_by_month": [0.9] * 12, "cleanliness": 1}}
+    drawn = {"collimation": {"normal": [0, 1]}, "seed": 3}
+    for study in (field(mount_errors=drawn, attenuation="vant_hull"), small(**dated)):
+        again = api.load(study.resolved())
+        assert again == study
+        assert again.study_id == study.study_id
+
+
+def waves(columns: int, rows: int, width: float, height: float, rough: float = 1e-3) -> tuple[SlopeMap, Any]:
+    """A map with points in the middle of its cells, and what lies between them."""
+    x, y = width * ((np.arange(columns) + 0.5) / columns - 0.5), height * ((np.arange(rows) + 0.5) / rows - 0.5)
+    leans = np.random.default_rng(5).normal(scale=rough, size=(rows, columns, 2))
+    leans += 1.5e-3 * np.sin(1.0 + 9 * x / width + 4 * y[:, None] / height)[..., None]
+    each = [RegularGridInterpolator((y, x), leans[..., k], bounds_error=False, fill_value=None) for k in range(2)]
+    return SlopeMap(x, y, leans), lambda a, b: tuple(one((b, a)) for one in each)
+
+
+def mapped(slopes: SlopeMap, tracking: int, facets: Facets) -> float:
+    """Intercept with a map at the nodes, and what is finer as random errors."""
+    turns, rest = slopes.at_nodes(10.0, 8.0, facets, False)
+    errors = sun_tables(sunshapes.pillbox(), Errors(rest[0], rest[1], SPECULARITY))
+    curve = CURVE if facets.columns == 1 else 0.0
+    one = made(tracking, facets=facets, curve=curve, slopes=turns, tables=errors[0], errors=errors[1])
+    return float(intercepts(one, SUN[None])[0, 0])
+
+
+@pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
+@pytest.mark.parametrize(
+    ("points", "rough", "error"),
+    [((12, 9), 0.0, 8e-4), ((40, 32), 1e-3, 2e-3), ((100, 80), 0.0, 8e-4), ((100, 80), 2e-3, 4e-3)],
+)
+def test_maps_of_slopes(tracking, points, rough, error):
+    slopes, lean = waves(points[0], points[1], 10.0, 8.0, rough)
+    wanted = traced(tracking, axes(tracking), lean)
+    assert wanted < intercepts(made(tracking), SUN[None])[0, 0] - 0.02
+    assert mapped(slopes, tracking, Facets(1, 1, 0.0)) == pytest.approx(wanted, abs=error)
+    nodes, rest = slopes.at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
+    half_turn = slopes.at_nodes(10.0, 8.0, Facets(1, 1, 0.0), True)
+    np.testing.assert_allclose(half_turn[0], -nodes[::-1, ::-1], atol=1e-12)
+    np.testing.assert_allclose(half_turn[1], rest, rtol=1e-9)
+
+
+def test_a_map_of_a_facet_is_on_each():
+    slopes, lean = waves(12, 9, 2.0, 2.0)
+    wanted = traced(
+        AZIMUTH_ELEVATION, axes(AZIMUTH_ELEVATION), lambda a, b: lean((a + 5.0) % 2.0 - 1.0, (b + 4.0) % 2.0 - 1.0),
+        curve=0.0,
+    )  # fmt: skip
+    assert mapped(slopes, AZIMUTH_ELEVATION, Facets(5, 4, 0.0)) == pytest.approx(wanted, abs=1e-3)
+
+
+def test_an_even_map_is_a_turn_and_a_sloping_one_bends_the_mirror():
+    x, y = np.linspace(-5.0, 5.0, 3), np.linspace(-3.5, 3.5, 8)
+    even, bent = np.full((8, 3, 2), 1e-3) * [1.0, -2.0], -CURVE * np.stack(np.meshgrid(x, y), axis=-1)
+    nodes, rest = SlopeMap(x, y, even).at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
+    np.testing.assert_allclose(nodes, np.full(nodes.shape, 1e-3) * [1.0, -2.0], rtol=1e-12)
+    assert np.all(rest < 1e-12)
+    found = intercepts(made(AZIMUTH_ELEVATION, slopes=nodes), SUN[None])[0, 0]
+    turned = made(AZIMUTH_ELEVATION, turn=np.array([[1e-3, -2e-3]]))
+    assert found == pytest.approx(intercepts(turned, SUN[None], fine=2.0)[0, 0], abs=1e-6)
+    nodes, rest = SlopeMap(x, y, bent).at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
+    place = np.polynomial.legendre.leggauss(32)[0]
+    np.testing.assert_allclose(nodes, -CURVE * np.stack(np.meshgrid(5.0 * place, 4.0 * place), axis=-1), atol=1e-12)
+    assert np.all(rest < 1e-9)

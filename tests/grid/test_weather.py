@@ -1,0 +1,301 @@
+"""Irradiance and sun at the instants of a study: weather files, clear skies and limits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pvlib
+import pytest
+from scipy.optimize import brentq
+
+from heliosweep.config.times import CivilTime
+from heliosweep.grid.clock import civil_instants, civil_intervals
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_vectors
+from heliosweep.grid.weather import LIMITS, Irradiance, Weathers, clear_sky, used
+from tests import weather
+
+ON_ITS_CLOCK = {"time": {"clock": "weather"}}
+PLACE_OF_FILES = (weather.LATITUDE, weather.LONGITUDE, 500.0)
+ONES = np.ones(8760)
+
+
+def elevation(times: pd.DatetimeIndex) -> np.ndarray:
+    """Elevation of the sun by pvlib, without refraction, with terrestrial time of each month. [deg]"""
+    latitude, longitude, altitude = PLACE_OF_FILES
+    found = pvlib.solarposition.get_solarposition(
+        times, latitude, longitude, altitude, method="nrel_numpy", delta_t=None
+    )
+    return found["elevation"].to_numpy()
+
+
+def day_of(month: int, day: int) -> slice:
+    start = 24 * int((np.datetime64(f"2021-{month:02}-{day:02}") - np.datetime64("2021-01-01")).astype(int))
+    return slice(start, start + 24)
+
+
+def clear_minutes(longitude: float = weather.LONGITUDE) -> tuple[np.ndarray, np.ndarray]:
+    """Irradiance of a clear sky in every minute of 2021 in local time, and the sun then."""
+    start = np.datetime64("2020-12-31T23:00:30", "ns")
+    utc = start + np.arange(525_600) * np.timedelta64(60, "s")
+    sun = sun_vectors(utc, weather.LATITUDE, longitude, 500.0)
+    return clear_sky(utc, sun, (weather.LATITUDE, longitude, 500.0), "meinel"), sun
+
+
+@pytest.fixture(scope="module")
+def clear() -> tuple[np.ndarray, np.ndarray]:
+    return clear_minutes()
+
+
+def only(study: Any) -> tuple[np.ndarray, Irradiance]:
+    """Sun and irradiance of a study of one point."""
+    parameters = Parameters(study)
+    suns, weathers = Suns(parameters), Weathers(parameters)
+    ((index, place),) = parameters.points(*PLACE)
+    return suns.at(index, place), weathers.at(index, place)
+
+
+@pytest.fixture
+def of_file(small, tmp_path, monkeypatch):
+    """Sun and irradiance of a weather file at a place."""
+    monkeypatch.chdir(tmp_path)
+
+    def read(text: str, longitude: float = weather.LONGITUDE, **more: Any) -> tuple[np.ndarray, Irradiance]:
+        Path("weather.csv").write_text(text)
+        site = {"latitude": weather.LATITUDE, "longitude": longitude, "altitude": 500, "timezone": "+01:00"}
+        single = {"site": site, "tracking": "azimuth_elevation", "weather": {"file": "weather.csv", **more}}
+        return only(small(**ON_ITS_CLOCK, **single))
+
+    return read
+
+
+def symmetry(sun: np.ndarray, irradiance: Irradiance, hours: slice) -> float:
+    """Energy on a plane that faces east over that on one that faces west, less 1."""
+    power = irradiance.dni * irradiance.hours
+    east, west = (np.sum((power * np.maximum(side * sun[:, 0], 0.0))[hours]) for side in (1, -1))
+    return float(east / west - 1)
+
+
+@pytest.mark.parametrize("kind", [weather.epw, weather.tmy3, weather.psm])
+def test_a_clear_day_is_symmetric_about_solar_noon(kind, of_file):
+    """At the solstice, at a longitude at which solar noon is at 12:00 of the clock: 15 deg less 1.85 min a deg."""
+    equation = float(pvlib.solarposition.equation_of_time_spencer71(172))  # [min]
+    longitude = 15.0 * weather.ZONE - equation / 4
+    dni = clear_minutes(longitude)[0].reshape(-1, 60).mean(axis=1)
+    text = kind(dni).replace(f"{weather.LONGITUDE}", f"{longitude:.4f}")
+    sun, irradiance = of_file(text, longitude)
+    np.testing.assert_array_equal(irradiance.dni, dni)
+    assert abs(symmetry(sun, irradiance, day_of(6, 21))) < 1e-5
+    shifted = Irradiance(np.roll(dni, 1), *irradiance[1:])
+    assert abs(symmetry(sun, shifted, day_of(6, 21))) > 0.3  # an hour is seen
+
+
+def test_energy_of_hourly_means(of_file, clear):
+    """The sun at the middle of the lit part of an hour stands for the hour: energy of a year as by the minute."""
+    dni, fine = clear
+    sun, irradiance = of_file(weather.tmy3(dni.reshape(-1, 60).mean(axis=1)))
+    for direction in ((0.0, 0.0, 1.0), (0.0, -0.6, 0.8), (0.8, 0.0, 0.6), (-0.8, 0.0, 0.6)):
+        exact = np.sum(dni * np.maximum(fine @ direction, 0.0) * (fine[:, 2] > 0)) / 60
+        found = np.sum(irradiance.dni * irradiance.hours * np.maximum(sun @ direction, 0.0) * (sun[:, 2] > 0))
+        assert abs(found / exact - 1) < 2e-3
+
+
+def test_sums_of_dni(small):
+    """Of the months and the year, as in the file that pvlib brings."""
+    name = str(Path(pvlib.__file__).parent / "data" / "703165TY.csv")
+    sun, irradiance = only(
+        small(**ON_ITS_CLOCK, site={"file": name}, weather={"file": name}, tracking="azimuth_elevation")
+    )
+    data = pvlib.iotools.read_tmy3(name)[0]["dni"]
+    assert np.sum(irradiance.dni * irradiance.hours) == data.sum()
+    of_month = data.groupby((data.index - pd.Timedelta(minutes=30)).month).sum()
+    np.testing.assert_array_equal(np.bincount(irradiance.month, irradiance.dni)[1:], of_month)
+    # Of all its light a ten-thousandth comes with the sun's centre below the horizon.
+    assert irradiance.dni[sun[:, 2] <= 0].sum() < 1e-4 * data.sum()
+
+
+def test_sun_at_the_middle_of_the_lit_part(of_file):
+    """Against pvlib's own sun position, and sunrise and sunset found with it by another method."""
+    sun, _ = of_file(weather.epw(ONES))
+    ends = pd.date_range("2021-01-01 00:00", periods=8761, freq="h", tz="+01:00")
+    heights = elevation(ends)
+    lit = np.flatnonzero((heights[:-1] > 0) & (heights[1:] > 0))
+    dark = np.flatnonzero((heights[:-1] <= 0) & (heights[1:] <= 0))
+    shown = np.degrees(np.arcsin(sun[:, 2]))
+    np.testing.assert_allclose(shown[lit], elevation(ends[lit] + pd.Timedelta(minutes=30)), atol=1e-6)
+    assert np.all(shown[dark] <= 0)
+    edges = np.flatnonzero((heights[:-1] > 0) != (heights[1:] > 0))
+    assert edges.size == 730
+    for hour in edges[::150].tolist():
+        start = ends[hour]
+        crossing = brentq(
+            lambda s, start=start: elevation(pd.DatetimeIndex([start + pd.Timedelta(seconds=s)]))[0], 0, 3600
+        )
+        low, high = (crossing, 3600.0) if heights[hour] <= 0 else (0.0, crossing)
+        middle = pd.DatetimeIndex([start + pd.Timedelta(seconds=(low + high) / 2)])
+        np.testing.assert_allclose(shown[hour], elevation(middle)[0], atol=1e-5)
+
+
+def test_each_row_of_its_own_year(of_file):
+    years = (1997, 1980, 1996, 2000, 1991, 1988, 2004, 1988, 1992, 1999, 2002, 1998)
+    sun, _ = of_file(weather.tmy3(ONES, years))
+    noon = np.arange(12, 8760, 24)
+    stamps = pd.DatetimeIndex([f"{day} 12:30" for day in np.array(weather.dates(years))[noon]]).tz_localize("+01:00")
+    np.testing.assert_allclose(np.degrees(np.arcsin(sun[noon, 2])), elevation(stamps), atol=1e-6)
+
+
+class TestSeveral:
+    """Files of several sites and years."""
+
+    @pytest.fixture(autouse=True)
+    def files(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        Path("a.epw").write_text(weather.epw(ONES))
+        Path("b.csv").write_text(weather.tmy3(2 * ONES, (2020,) * 12))
+        for year, hours in ((2019, 8760), (2020, 8784)):
+            Path(f"{year}.csv").write_text(weather.plain(np.full(hours, float(year - 2000)), 0.0, year=year))
+
+    def test_of_sites_in_their_order(self, small):
+        names = {"file": ["a.epw", "b.csv"]}
+        study = small(**ON_ITS_CLOCK, site=None, sites=names, weather=names, tracking="azimuth_elevation")
+        assert [dim.name for dim in study.dimensions()] == ["site"]
+        parameters = Parameters(study)
+        assert parameters.sizes == {"site": 2}
+        labels = parameters.coordinates()
+        assert labels["weather"].dims == ("site",)
+        assert labels["weather"].values.tolist() == ["a.epw", "b.csv"]
+        weathers = Weathers(parameters)
+        assert [weathers.at(index, place).dni[0] for index, place in parameters.points(*PLACE)] == [1, 2]
+        instants = instants_of(parameters)
+        assert instants.labels["utc"].dims == ("site", "time")
+        assert list(instants.coordinates()) == ["utc"]
+
+    def test_one_for_all_sites(self, small):
+        study = small(**ON_ITS_CLOCK, site=None, sites={"file": ["a.epw", "b.csv"]}, weather={"file": "a.epw"})
+        parameters = Parameters(study)
+        weathers = Weathers(parameters)
+        assert {weathers.at(index, place).dni[0] for index, place in parameters.points(*PLACE)} == {1.0}
+        time = instants_of(parameters).coordinates()["time"]
+        assert time.values.size == 8760
+
+    def test_years(self, small):
+        years = {"file": ["2019.csv", "2020.csv"], "label": "start"}
+        limits = {"dni": [5, 19.5]}
+        study = small(
+            **ON_ITS_CLOCK, site={"file": "a.epw"}, weather=years, limits=limits, tracking="azimuth_elevation"
+        )
+        parameters = Parameters(study)
+        assert parameters.sizes == {"weather": 2, "dni_limit": 2}
+        suns, weathers = Suns(parameters), Weathers(parameters)
+        assert suns.size == 8784
+        found = {}
+        for index, (*place, dni, sun_elevation, wind_speed) in parameters.points(*PLACE, *LIMITS):
+            sun, irradiance = suns.at(index, place), weathers.at(index, place)
+            found[index] = used(irradiance, sun, (dni, sun_elevation, wind_speed))
+            hours = 8760 + 24 * index[0]
+            assert np.all(irradiance.dni[:hours] == 19 + index[0])
+            assert np.all(irradiance.hours == (np.arange(8784) < hours))
+            assert np.isnan(sun[hours:]).all()
+            assert np.isfinite(sun[:hours]).all()
+        assert not found[0, 1][0].any()
+        np.testing.assert_array_equal(found[1, 0][0], found[1, 1][0])
+
+    def test_of_regions(self, small):
+        """Parts of the swept dimensions and of the time have the values of the whole."""
+        years = {"file": ["2019.csv", "2020.csv"], "label": "start"}
+        study = small(**ON_ITS_CLOCK, site={"file": "a.epw"}, weather=years, tracking="azimuth_elevation")
+        whole, part = Parameters(study), Parameters(study, {"weather": slice(1, 2), "time": slice(5000, 5100)})
+        ((_, place),) = part.points(*PLACE)
+        np.testing.assert_array_equal(Suns(whole).at((1,), place)[5000:5100], Suns(part).at((0,), place))
+        for every, some in zip(Weathers(whole).at((1,), place), Weathers(part).at((0,), place), strict=True):
+            np.testing.assert_array_equal(every[5000:5100], some)
+
+
+CIVIL = {
+    "clock": "civil",
+    "dates": {"start": "2021-01-05", "stop": "2021-12-31", "step": 30},
+    "window": {"start": "00:00", "stop": "24:00", "step": 0.5},
+    "sampling": "midpoint",
+}
+SITE = {"latitude": 37.1, "longitude": -2.36, "altitude": 500, "timezone": "Europe/Madrid"}
+
+
+@pytest.mark.filterwarnings("ignore:DatetimeIndex.dayofyear")
+@pytest.mark.parametrize("model", ["ineichen", "simplified_solis"])
+def test_clear_sky_as_pvlib(model, small):
+    study = small(site=SITE, time=CIVIL, weather={"clear_sky": {"model": model}}, tracking="azimuth_elevation")
+    sun, irradiance = only(study)
+    times = pd.DatetimeIndex(instants_of(Parameters(study)).labels["utc"].values, tz="UTC")
+    place = pvlib.location.Location(37.1, -2.36, altitude=500)
+    expected = place.get_clearsky(
+        times, model=model, solar_position=place.get_solarposition(times, method="nrel_numpy")
+    )
+    up = sun[:, 2] > 0
+    np.testing.assert_allclose(irradiance.dni[up], expected["dni"][up], atol=0.02)
+    assert np.all(irradiance.dni[~up] == 0)
+    assert np.all(irradiance.hours == 0.5)
+    np.testing.assert_array_equal(irradiance.month, times.tz_convert("Europe/Madrid").month)
+
+
+def test_meinel_and_ashrae():
+    """By hand: with the sun at the zenith at the sea the air mass is 1; A and B of the table on 21 June."""
+    zenith, utc = np.array([[0.0, 0.0, 1.0]]), np.array(["2021-06-21T12:00"], "datetime64[ns]")
+    place = (23.4, 0.0, 0.0)
+    np.testing.assert_allclose(clear_sky(utc, zenith, place, "meinel"), 1367 * 0.7, rtol=1e-3)
+    np.testing.assert_allclose(clear_sky(utc, zenith, place, "ashrae"), 1088 * np.exp(-0.205), rtol=1e-12)
+    half = np.array([[0.0, np.sqrt(0.75), 0.5]])
+    np.testing.assert_allclose(clear_sky(utc, half, place, "ashrae"), 1088 * np.exp(-0.205 / 0.5), rtol=1e-3)
+    between = np.array(["2021-07-06T12:00"], "datetime64[ns]")
+    np.testing.assert_allclose(clear_sky(between, zenith, place, "ashrae"), 1086.5 * np.exp(-0.206), rtol=1e-4)
+
+
+def test_air_that_is_given(small):
+    models = [("ineichen", "linke_turbidity", [2, 5]), ("simplified_solis", "aerosol_optical_depth", [0.05, 0.3])]
+    for model, key, values in [*models, ("simplified_solis", "precipitable_water", [0.5, 4])]:
+        study = small(
+            site=SITE, time=CIVIL, weather={"clear_sky": {"model": model, key: values}}, tracking="azimuth_elevation"
+        )
+        parameters = Parameters(study)
+        assert parameters.sizes == {key: 2}
+        weathers = Weathers(parameters)
+        clear, hazy = (weathers.at(index, place).dni.sum() for index, place in parameters.points(*PLACE))
+        assert clear > hazy > 0
+
+
+@pytest.mark.parametrize(
+    ("sampling", "step", "hours"), [("inclusive", 1, 16), ("left", 1, 16), ("midpoint", 2, 16), ("inclusive", 0.25, 16)]
+)
+def test_hours_of_civil_windows(sampling, step, hours):
+    window = {"start": "04:00", "stop": "20:00", "step": step}
+    time = CivilTime.model_validate(
+        {"clock": "civil", "dates": ["2021-02-28", "2021-03-01"], "window": window, "sampling": sampling}
+    )
+    found, month = civil_intervals(time, "+01:00")
+    assert found.sum() == 2 * hours
+    assert np.bincount(month, found)[2:].tolist() == [hours, hours]
+    assert found.size == civil_instants(time, ["+01:00"]).size
+
+
+def test_hours_of_a_shared_midnight_and_of_summer_time():
+    window = {"start": "00:00", "stop": "24:00", "step": 1}
+    dates = {"start": "2021-03-27", "stop": "2021-03-29"}
+    time = CivilTime.model_validate({"clock": "civil", "dates": dates, "window": window})
+    found, _ = civil_intervals(time, "Europe/Madrid")
+    assert found.size == civil_instants(time, ["Europe/Madrid"]).size == 72
+    assert found.sum() == 71  # hours of these days
+    assert found[0] == found[-1] == 0.5
+
+
+def test_used():
+    sun = np.zeros((6, 3))
+    sun[:, 2] = np.sin(np.radians([-1, 30, 30, 2, 30, 2]))
+    dni, wind = np.array([900.0, 100, 900, 900, 900, 100]), np.array([0.0, 1, np.nan, 1, 20, 20])
+    irradiance = Irradiance(dni, np.ones(6), np.ones(6, int), wind)
+    works, cause = used(irradiance, sun, (200, 5, 15))
+    assert works.tolist() == [False, False, True, False, False, False]
+    assert cause.tolist() == [-1, 0, -1, 1, 2, 0]
+    assert used(irradiance, sun, (None, None, None))[0].tolist() == [False, True, True, True, True, True]
+    assert used(irradiance, sun, (100, 2 - 1e-9, 20))[0].tolist() == [False, True, True, True, True, True]

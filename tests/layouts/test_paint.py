@@ -1,0 +1,209 @@
+"""Folders of PAINT: places on the Earth, facets, targets, and what each bad file is told."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy import units
+from astropy.coordinates import EarthLocation
+
+from heliosweep import StudyError, read_layout, read_paint, study
+from heliosweep.cli import main
+from heliosweep.layouts.paint import Record, local_positions
+
+SAMPLE = Path(__file__).parents[1] / "data" / "paint"
+AA31 = "AA31/heliostat-properties.json"
+TOWER = "tower-measurements.json"
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A copy of the sample, to damage."""
+    return Path(shutil.copytree(SAMPLE, tmp_path / "paint"))
+
+
+def change(path: Path, *keys: str | int, to: object) -> None:
+    data = value = json.loads(path.read_text())
+    for key in keys[:-1]:
+        value = value[key]
+    value[keys[-1]] = to
+    path.write_text(json.dumps(data, indent=2))
+
+
+def told(folder: Path, **options) -> list[str]:
+    with pytest.raises(StudyError) as caught:
+        read_paint(folder, **options)
+    assert caught.value.exit_code == 2
+    return [str(problem).replace(f"{folder}/", "") for problem in caught.value.problems]
+
+
+def geocentric(place: np.ndarray) -> np.ndarray:
+    """By ERFA."""
+    made = EarthLocation.from_geodetic(place[1] * units.deg, place[0] * units.deg, place[2] * units.m, "WGS84")
+    return np.array([axis.to_value(units.m) for axis in made.geocentric])
+
+
+def test_places_on_the_earth():
+    """Against geocentric positions of ERFA and axes by finite differences, over 1 km, at several places."""
+    rng = np.random.default_rng(1)
+    for origin in ((50.913421, 6.387825, 87.0), (-34.0, 151.0, 500.0), (0.1, -179.999, 0.0), (80.0, 0.001, 3000.0)):
+        away = rng.uniform(-1, 1, (20, 3)) * (0.009, 0.009 / np.cos(np.radians(origin[0])), 200.0)
+        found = local_positions(np.array(origin) + away, origin)
+        axes = []
+        for axis, step in ((1, 1e-3), (0, 1e-3), (2, 1.0)):
+            ahead, behind = np.array(origin), np.array(origin)
+            ahead[axis], behind[axis] = ahead[axis] + step, behind[axis] - step
+            along = geocentric(ahead) - geocentric(behind)
+            axes.append(along / np.sqrt(np.sum(along**2)))
+        expected = [np.array(axes) @ (geocentric(place) - geocentric(np.array(origin))) for place in origin + away]
+        np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+def test_positions_and_mirrors():
+    """Distances in the files: 24.7 m north is 2.22e-4 deg of a meridian of 111.25 km."""
+    layout = read_paint(SAMPLE, "multi_focus_tower").layout
+    assert layout.columns["id"].tolist() == ["AA31", "AA39", "AC43"]
+    east, north = layout.x - 17.6049, layout.y - 2.7447  # the target's centre is this far west and south
+    np.testing.assert_allclose(east, [-21.8997, 13.2580, 30.9440], atol=1e-4)
+    np.testing.assert_allclose(north, [24.9007, 24.7166, 33.8225], atol=1e-4)
+    np.testing.assert_allclose(layout.z, np.array([88.67166, 88.68894, 88.73835]) - 87, atol=3e-4)  # the Earth is round
+    np.testing.assert_allclose(layout.columns["width"], 3.22, atol=1e-6)
+    np.testing.assert_allclose(layout.columns["height"], 2.56, atol=1e-6)
+
+
+def test_canting_is_on_axis():
+    """Slopes of the facets' long and short sides in the files, rise over run, give the same distance."""
+    layout = read_paint(SAMPLE).layout
+    rise = np.array([0.004984567873179913, 0.004984567873179913, 0.004643493639490212]) / 0.80248
+    np.testing.assert_allclose(layout.columns["canting_distance"], 0.8075 / (2 * rise), rtol=1e-4)
+    short = np.array([0.0031505227, 0.0031505227, 0.0029349547]) / 0.63749
+    np.testing.assert_allclose(layout.columns["canting_distance"], 0.6425 / (2 * short), rtol=1e-4)
+
+
+def test_targets():
+    receiver = read_paint(SAMPLE).receiver
+    assert receiver["azimuth"] == 0
+    assert receiver["tilt"] == pytest.approx(-25, abs=1e-4)
+    assert receiver["height"] == pytest.approx(142.22675 - 87, abs=1e-4)
+    assert receiver["width"] == pytest.approx(4.14, abs=0.02)  # the chord of 60 deg of a radius of 4.14 m
+    other = read_paint(SAMPLE, "solar_tower_juelich_lower").receiver
+    assert (other["azimuth"], other["tilt"]) == (0, 0)
+    assert other["height_extent"] == pytest.approx(39.491 - 32.2735, abs=1e-3)
+    assert told(SAMPLE, target="moon")[0].endswith(
+        "tower-measurements.json: has no target 'moon'; it has solar_tower_juelich_upper, solar_tower_juelich_lower, "
+        "multi_focus_tower, receiver"
+    )
+
+
+def test_names_as_in_the_database(folder):
+    place = folder / "WRI1030197" / "AB12" / "Properties"
+    place.mkdir(parents=True)
+    shutil.move(folder / AA31, place / "AB12-heliostat-properties.json")
+    shutil.move(folder / TOWER, folder / "WRI1030197-tower-measurements.json")
+    assert read_paint(folder).layout.columns["id"].tolist() == ["AA39", "AB12", "AC43"]
+
+
+def test_command_and_study(tmp_path, monkeypatch, capsys):
+    """What the table says stands in a study as it is."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["convert", str(SAMPLE), "juelich.csv"]) == 0
+    assert capsys.readouterr().out == "juelich.csv\n"
+    plant, layout = read_paint(SAMPLE), read_layout("juelich.csv")
+    np.testing.assert_array_equal(layout.x, plant.layout.x)
+    assert set(layout.columns) == set(plant.layout.columns)
+    text = Path("juelich.csv").read_text().replace("# ", "")
+    assert "for the slant range: normals differ by up to 0.57 mrad" in text
+    blocks = [line for line in text.splitlines() if line.startswith(("site:", "heliostat:", "receiver:"))]
+    rest = "family: field_efficiency\ntracking: azimuth_elevation\nlayout: {file: juelich.csv}\n"
+    rest += "time: {clock: solar, days: [80], hours: [12]}\noptics: {sun_shape: {kind: pillbox}, slope_error: 1}\n"
+    Path("study.yaml").write_text("\n".join([rest, *blocks]))
+    assert main(["validate", "study.yaml"]) == 0
+    made = study(
+        "field_efficiency",
+        site=plant.site,
+        tracking="azimuth_elevation",
+        time={"clock": "solar", "days": [80], "hours": [12]},
+        layout={"file": "juelich.csv"},
+        heliostat=plant.heliostat,
+        receiver=plant.receiver,
+        optics={"sun_shape": {"kind": "pillbox"}, "slope_error": 1},
+    )
+    assert made.study_id in capsys.readouterr().out
+    assert main(["convert", str(SAMPLE), "pilot.csv", "--to", "solarpilot", "--aim", "multi_focus_tower"]) == 0
+    np.testing.assert_array_equal(read_layout("pilot.csv").columns["width"], [3.22] * 3)
+
+
+def test_folders_that_are_none(folder, tmp_path):
+    (tmp_path / "empty").mkdir()
+    for place, said in (("empty", "it holds no *heliostat-properties.json"), ("gone", "there is no such folder")):
+        assert told(tmp_path / place) == [f"{tmp_path / place}: is no folder of PAINT: {said}"]
+    shutil.copy(folder / TOWER, folder / "AA31" / TOWER)
+    assert "it holds 2 files *tower-measurements.json: one is needed" in told(folder)[0]
+    shutil.copytree(folder / "AA31", folder / "more" / "AA31")
+    (said,) = told(folder)
+    assert said.startswith(f"more/{AA31}: is the second file of heliostat AA31; the first is ")
+
+
+def test_files_that_are_none(folder):
+    (folder / AA31).write_text('{"height": 1,\n  "width" 2}')
+    (folder / "AC43" / "heliostat-properties.json").write_bytes(b"\xff\xfe{")
+    first, second = told(folder)
+    assert first.startswith(f"{AA31}:2:11: is not JSON: Expecting ':'")
+    assert second == "AC43/heliostat-properties.json: is not JSON"
+    (folder / AA31).write_text(" " * 2**20 + "{}")
+    assert told(folder)[0] == f"{AA31}: is larger than 1 MiB: no file of PAINT"
+    (folder / AA31).write_text("[1, 2]")
+    assert told(folder)[0] == f"{AA31}: has no 'heliostat_position'"
+    (folder / AA31).write_text("[" * 100_000)
+    assert told(folder)[0] == f"{AA31}: is not JSON"
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "said"),
+    [
+        (("heliostat_position", 0), 95.0, "3:5: heliostat_position[0]: must be a number from -90 to 90 (got 95.0)"),
+        (("heliostat_position", 2), True, "must be a number from -500 to 10000 (got True)"),
+        (("heliostat_position", 1), 7.9, "106 km from the tower"),
+        (("width",), float("nan"), "width: must be a number from 0.01 to 100 (got nan)"),
+        (("height",), "2.5", "height: must be a number from 0.01 to 100 (got 2.5)"),
+        (("height",), None, "height: must be a number from 0.01 to 100 (got None)"),
+        (("facet_properties", "facets"), [], "facet_properties.facets: holds no facets"),
+        (("facet_properties", "facets"), 5, "facet_properties.facets: holds no facets"),
+        (("facet_properties", "facets", 1), {}, "facet_properties.facets[1]: has no 'translation_vector'"),
+        (("facet_properties", "facets", 2, "canting_e"), [-1, 0, 0], "must span a facet that looks up"),
+        (("facet_properties", "facets", 3, "translation_vector", 0), 0.9, "must be a grid of equal facets"),
+        (("width",), 3.4, "must be a grid of equal facets with equal gaps, on 3.4 m x 2.56 m, within 5 mm"),
+    ],
+)
+def test_values(folder, keys, value, said):
+    change(folder / AA31, *keys, to=value)
+    (problem,) = told(folder)
+    assert problem.startswith(f"{AA31}:")
+    assert said in problem
+
+
+def test_all_heliostats_have_the_same_facets(folder):
+    path = folder / AA31
+    change(path, "facet_properties", "facets", to=Record(path).data["facet_properties"]["facets"][:1])
+    change(path, "facet_properties", "facets", 0, "translation_vector", to=[0, 0, 0])
+    change(path, "width", to=1.605)
+    change(path, "height", to=1.275)
+    first, second = told(folder)
+    said = ": facet_properties: must be 1 x 1 facets with gaps of 0 m, as others of the field have them"
+    assert (first, second) == tuple(f"{name}/heliostat-properties.json:59:25{said}" for name in ("AA39", "AC43"))
+
+
+def test_targets_that_are_none(folder):
+    change(folder / TOWER, "receiver", "coordinates", "center", 2, to=190.0)
+    assert "receiver: has no normal, or a centre more than 1 m from that of its corners" in told(folder)[0]
+    change(folder / TOWER, "receiver", "radius", to="wide")
+    change(folder / TOWER, "receiver", "coordinates", "center", 2, to=142.2)
+    assert "receiver.radius: must be a number from 0.1 to 1000 (got wide)" in told(folder)[0]
+    change(folder / TOWER, "receiver", "coordinates", to=3)
+    assert "receiver.coordinates: has no 'upper_left'" in told(folder)[0]
+    change(folder / TOWER, "power_plant_properties", to={})
+    assert "power_plant_properties: has no 'coordinates'" in told(folder)[0]
