@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.mirror import Errors, Facets, axes_of, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
 from heliosweep.kernels.intercept.receivers import (
@@ -34,7 +34,7 @@ from heliosweep.kernels.intercept.receivers import (
     within,
 )
 from heliosweep.kernels.intercept.sunshapes import SunShape
-from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Light, Tables, collapse, look_up, stretched, tables
+from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Light, Tables, collapse, extent, look_up, stretched, tables, weigh
 from heliosweep.kernels.mounts.kinematics import stand_terms
 from heliosweep.kernels.vectors import dot, mixed, unit
 
@@ -101,6 +101,8 @@ class Rules(NamedTuple):
 class Room(NamedTuple):
     """Room of one heliostat and instant."""
 
+    weights: Floats
+    """Weights of the nodes of the tables; see `tables.weigh`."""
     light: Floats
     """Table of light, shape (harmonics, 4 * steps), and what is beyond it."""
     far: Floats
@@ -135,7 +137,7 @@ def sun_tables(sun: SunShape, errors: Errors) -> tuple[Tables, Errors]:
 def _sweep(scene, rules, sun, start, stop, roll, wanted, out):
     """Write the intercept of mirrors start..stop at all instants that are wanted in `out`."""
     room = Room(
-        np.zeros(scene.tables.light.shape[2:]), np.zeros(scene.tables.far.shape[2]), np.zeros((3, PANELS * (MOST + 1) + 4)),
+        np.zeros(scene.tables.reach.shape[1]), np.zeros(scene.tables.light.shape[2:]), np.zeros(scene.tables.far.shape[2]), np.zeros((3, PANELS * (MOST + 1) + 4)),
         np.zeros(12), np.zeros((2, 2 * PANELS + 2)),
     )  # fmt: skip
     terms, has_errors, lean = np.empty(TERMS), scene.mounts.shape[0] > 0, 0.0
@@ -185,21 +187,23 @@ def _intercept(
     moved = image_shift(frame, sun, last_u, 0.0, 0.5 * width, 0.0, cant, curve, far)
     moved = 1.1 * (moved + image_shift(frame, sun, 0.0, last_v, 0.0, 0.5 * height, cant, curve, far)) + 2.2 * lean
     along, across, _, sigma = stretched(small, large, tables.core)
-    panels, order = corners_of(place, receiver, window, rules, math.sqrt(small), room)
+    panels, order = corners_of(place, receiver, window, rules, smooth(small, 0.5 * tables.core, 1.7), room)
     axis_x, axis_y, other_x, other_y = along * axis_x, along * axis_y, -across * axis_y, across * axis_x
     count = outline_of(
         place, r, mixed(axis_x, e1, axis_y, e2), mixed(other_x, e1, other_y, e2), receiver, panels, order, window, room
     )
     apart, inside = nearest(count, panels, room)
     apart -= moved * max(along, across)
-    harmonics, step, reach = collapse(tables, small, large, LEAST_HARMONIC / rules.fine**2, room.light, room.far)
+    band = weigh(tables, small, large, room.weights)
+    reach, harmonics = extent(tables, band, room.weights, LEAST_HARMONIC / rules.fine**2)
     if apart > reach:
         return 1.0 if inside else 0.0
-    light = Light(room.light, room.far, harmonics, step, reach, sigma)
+    inverse = 1.0 / collapse(tables, band, room.weights, reach, harmonics, room.light, room.far)
+    light = Light(room.light, room.far, harmonics, inverse, reach, smooth(sigma * sigma, 0.5 * tables.core, 1.7))
     most = 1.0
     if apart > 0.0:
-        most = min(1.0, max(1e-6, 1.0 - apart * apart * look_up(Light(room.light, room.far, 1, step, reach, sigma), apart, 0.0)))
-    scale = min(1.0, 1.15 * most**0.08) / math.sqrt(small + 0.1 * tables.core)
+        most = min(1.0, max(1e-6, 1.0 - apart * apart * look_up(Light(room.light, room.far, 1, inverse, reach, sigma), apart, 0.0)))
+    scale = min(1.0, 1.15 * most**0.08) / smooth(small, tables.core, 2.5)
     side_u = scale * image_shift(frame, sun, 0.0, 0.0, 0.5 * width, 0.0, 0.0, curve, far)
     side_v = scale * image_shift(frame, sun, 0.0, 0.0, 0.0, 0.5 * height, 0.0, curve, far)
     nodes_u, nodes_v = order_of(rules.fine * (1.5 + 1.8 * side_u)), order_of(rules.fine * (1.5 + 1.8 * side_v))
@@ -224,6 +228,12 @@ def _intercept(
                 part = within(count, panels, order, room, light, rules)
                 total += rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k] * part
     return min(1.0, max(0.0, total / pieces))
+
+
+@inline
+def smooth(blur, core, most):
+    """Length over which the light of a disc changes, from its variance and that of the blur; `most` times the blur's."""
+    return min(math.sqrt(blur + core), most * math.sqrt(blur))
 
 
 @inner

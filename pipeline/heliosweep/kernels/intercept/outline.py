@@ -11,8 +11,8 @@ from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.intercept.sunshapes import DISC
 from heliosweep.kernels.intercept.tables import look_up
 
-PANEL = 7.0
-"""Length of a panel of the integration in standard deviations of the blur; beyond the disc it grows with the angle."""
+PANEL = 15.0
+"""Length of a panel of an edge in that over which light changes, `Light.smooth`; beyond the disc that grows."""
 BENT = 0.3
 """Part of its length that an arc may be beside its chord."""
 
@@ -49,8 +49,23 @@ def beyond(ax, ay, bx, by, light):
 
 
 @inline
+def far_from(ax, ay, bx, by, away):
+    """True where the line from a to b is farther from the ray than `away` everywhere, from end to end. [rad]"""
+    tx, ty = bx - ax, by - ay
+    square, along, limit = tx * tx + ty * ty, -(ax * tx + ay * ty), away * away
+    if along <= 0.0:
+        return ax * ax + ay * ay > limit
+    if along >= square:
+        return bx * bx + by * by > limit
+    cross = ax * by - ay * bx
+    return cross * cross > limit * square
+
+
+@inline
 def along_edge(ax, ay, bx, by, light, rules):
     """Integral of F dphi along a straight line from a to b, less what it were beyond the reach. [rad]"""
+    if far_from(ax, ay, bx, by, light.reach):
+        return 0.0
     tx, ty = bx - ax, by - ay
     length = math.sqrt(tx * tx + ty * ty)
     if length == 0.0:
@@ -59,12 +74,12 @@ def along_edge(ax, ay, bx, by, light, rules):
     first, apart, reach = ax * tx + ay * ty, ax * ty - ay * tx, light.reach
     half = math.sqrt(max(0.0, reach * reach - apart * apart))
     start, stop = max(first, -half), min(first + length, half)
-    if abs(apart) >= reach or start >= stop:
+    if start >= stop:
         return 0.0
     footx, footy = apart * ty, -apart * tx
     total, a = 0.0, start
     while a < stop:
-        scale = max(light.sigma, 0.15 * (abs(a) - DISC))
+        scale = max(light.smooth, 0.15 * (abs(a) - DISC))
         long = min(PANEL * scale, stop - a)
         if stop - a - long < 0.4 * long:
             long = stop - a

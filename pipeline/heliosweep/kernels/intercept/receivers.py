@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.intercept.outline import BENT, PANEL, along_edge, beyond, crosses, gap
+from heliosweep.kernels.intercept.outline import BENT, along_edge, beyond, crosses, far_from, gap
 from heliosweep.kernels.intercept.tables import look_up
 from heliosweep.kernels.vectors import cross, dot, mixed
 
@@ -13,8 +13,8 @@ RECTANGLE, CYLINDER = 0, 1
 
 LEAST_ERROR = 0.1e-3
 """Least blur that is computed with. [rad] A sharper image is blurred by so much, which moves no edge."""
-SECTORS = 4
-"""Least panels of an arc."""
+SECTORS, PANEL = 4, 7.0
+"""Least panels of an arc, and their length in that over which light changes, `Light.smooth`."""
 MOST, PANELS = 32, 64
 """Most nodes of a rule, and most panels of an arc."""
 
@@ -106,7 +106,7 @@ def behind(point, receiver):
 
 
 @inner
-def corners_of(place, receiver, window, rules, sigma, room):
+def corners_of(place, receiver, window, rules, smooth, room):
     """Write the corners of a receiver's outline as a mirror at a place faces it; returns panels and order of an arc.
 
     Of a rectangle they are places in space. Of a cylinder they are cosine and sine, times the radius, of the angles from
@@ -121,7 +121,7 @@ def corners_of(place, receiver, window, rules, sigma, room):
     px, py = place[0] - receiver.centre[0], place[1] - receiver.centre[1]
     part = receiver.half_width / math.sqrt(px * px + py * py)
     widest = math.sqrt((1.0 - part) / (1.0 + part))
-    length = 2.0 * part / SECTORS / sigma
+    length = 2.0 * part / SECTORS / smooth
     parts = max(1, math.ceil(length / PANEL))
     panels = min(PANELS, SECTORS * parts)
     order = order_of(rules.fine * (2.5 + length / parts))
@@ -135,7 +135,7 @@ def corners_of(place, receiver, window, rules, sigma, room):
     return panels, order
 
 
-@inner
+@inline
 def outline_of(point, r, x, y, receiver, panels, order, window, room):
     """Write the corners of the outline that a point sees, in coordinates along x and y; returns their number, rims.
 
@@ -159,19 +159,19 @@ def outline_of(point, r, x, y, receiver, panels, order, window, room):
             room.turn[6 + 3 * side + axis] = z * a[2] - far * room.turn[axis]
         for p in range(panels + 1):
             m = (panels - p if side else p) * (order + 1)
-            _, sx, sy, _, _ = _on_rim(room, side, m)
+            sx, sy, _, _ = _on_rim(room, side, m)
             room.seen[0, p + side * (panels + 1)], room.seen[1, p + side * (panels + 1)] = sx, sy
     return 2 * (panels + 1)
 
 
 @inline
 def _on_rim(room, side, m):
-    """Node of a rim: one over its distance along the ray, its coordinates, and how these move with the angle."""
+    """Coordinates of a node of a rim, and how they move with the angle."""
     c, s, t = room.rim[0, m], room.rim[1, m], room.turn
     along = 1.0 / (c * t[0] + s * t[3] + t[6 + 3 * side])
     x, y = along * (c * t[1] + s * t[4] + t[7 + 3 * side]), along * (c * t[2] + s * t[5] + t[8 + 3 * side])
     slope = c * t[3] - s * t[0]
-    return along, x, y, along * (c * t[4] - s * t[1] - x * slope), along * (c * t[5] - s * t[2] - y * slope)
+    return x, y, along * (c * t[4] - s * t[1] - x * slope), along * (c * t[5] - s * t[2] - y * slope)
 
 
 @inline
@@ -194,7 +194,7 @@ def nearest(count, panels, room):
     return least, inside
 
 
-@inner
+@inline
 def within(count, panels, order, room, light, rules):
     """Part of the light of one point that is within the outline."""
     total, inside = 0.0, False
@@ -202,18 +202,16 @@ def within(count, panels, order, room, light, rules):
         n = k + 1 if k + 1 < count else 0
         ax, ay, bx, by = room.seen[0, k], room.seen[1, k], room.seen[0, n], room.seen[1, n]
         inside = inside != crosses(ax, ay, bx, by)
-        if _bent(k, panels):
-            chord = math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
-            if gap(ax, ay, bx, by) - BENT * chord < light.reach:
-                side = 1 if k > panels else 0
-                p = 2 * panels - k if side else k
-                part = 0.0
-                for m in range(p * (order + 1) + 1, (p + 1) * (order + 1)):
-                    _, x, y, dx, dy = _on_rim(room, side, m)
-                    part += room.rim[2, m] * (x * dy - y * dx) * look_up(light, x, y)
-                total += (part if side == 0 else -part) - beyond(ax, ay, bx, by, light)
-        else:
+        if not _bent(k, panels):
             total += along_edge(ax, ay, bx, by, light, rules)
+        elif not far_from(ax, ay, bx, by, light.reach + BENT * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)):
+            side = 1 if k > panels else 0
+            p = 2 * panels - k if side else k
+            part = 0.0
+            for m in range(p * (order + 1) + 1, (p + 1) * (order + 1)):
+                x, y, dx, dy = _on_rim(room, side, m)
+                part += room.rim[2, m] * (x * dy - y * dx) * look_up(light, x, y)
+            total += (part if side == 0 else -part) - beyond(ax, ay, bx, by, light)
     return total / (2.0 * math.pi) + (1.0 if inside else 0.0)
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, inner
+from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.sunshapes import DISC, SunShape
 
 Floats = NDArray[np.float64]
@@ -27,8 +27,8 @@ TAIL = 4e-6
 """Light beyond the reach of a table. [1]"""
 HARMONICS = 16
 """Most harmonics."""
-LEAST_HARMONIC = 2e-5
-"""Size of F_m below which a harmonic makes no difference: light within an outline would change by a tenth of it."""
+LEAST_HARMONIC = 1e-4
+"""Size of F_m below which a harmonic makes no difference: light within an outline would change by a twentieth of it."""
 _FINE = 6.0
 """Steps of the tables in the smallest standard deviation of a band."""
 _NODES = 7
@@ -37,8 +37,6 @@ _PANEL = 16
 """Nodes of Gauss in a panel of the integrals, which is two periods of the fastest wave."""
 _ANGLES = 32
 """Directions in a quadrant, from which the harmonics are taken."""
-_BLOCK = 1_000_000
-"""Waves and places whose integrals are held at once."""
 
 
 class Tables(NamedTuple):
@@ -77,12 +75,12 @@ class Light(NamedTuple):
     """F_m beyond the reach. [1]"""
     harmonics: int
     """Number that makes a difference."""
-    step: float
-    """Distance between places. [rad]"""
+    inverse: float
+    """One over the distance between places. [1/rad]"""
     reach: float
     """Radius beyond which there is no light. [rad]"""
-    sigma: float
-    """Smaller standard deviation of the blur. [rad]"""
+    smooth: float
+    """Length over which the light changes. [rad]"""
 
 
 def tables(sun: SunShape, small: tuple[float, float], large: tuple[float, float]) -> Tables:
@@ -128,23 +126,24 @@ def _band(sun: SunShape, core: float, small: Floats, large: Floats, step: float)
     most = float(wave[-1] * widest.max())
     even = np.linspace(0.0, most, 8 * math.ceil(most * sun.radius.max()) + 9)
     transform = CubicSpline(even, _transform(sun, even))
-    terms = np.empty((len(small), HARMONICS, len(wave)))
+    signs = (-1.0) ** np.arange(HARMONICS)[:, np.newaxis]
+    harmonics = signs * np.cos(2.0 * np.arange(HARMONICS)[:, np.newaxis] * turn) * (2.0 / _ANGLES)
+    terms = np.empty((len(wave), HARMONICS, len(small)))
     for node, (along, across, _, _) in enumerate(factors.T):
         x, y = along * np.outer(wave, np.cos(turn)), across * np.outer(wave, np.sin(turn))
         spectrum = transform(np.sqrt(x * x + y * y)) * np.exp(-0.5 * (large[node] * x * x + small[node] * y * y))
-        for m in range(HARMONICS):
-            terms[node, m] = (-1.0) ** m * (2.0 - (m == 0)) * np.mean(spectrum * np.cos(2 * m * turn), axis=1)
-    terms *= wave * part
-    sizes = np.abs(_within(terms, wave, place[1 :: max(1, len(place) // 60)])).max(axis=(0, 2))
-    count = 1 + int(np.flatnonzero(sizes >= 0.2 * LEAST_HARMONIC).max())
-    blocks = np.array_split(place[1:], math.ceil(len(place) * len(wave) / _BLOCK))
-    within = np.concatenate([_within(terms[:, :count], wave, block) for block in blocks], axis=2)
+        terms[:, :, node] = np.einsum("ka,ma->km", spectrum, harmonics)
+    terms[:, 0] /= 2.0
+    terms *= (wave * part)[:, np.newaxis, np.newaxis]
+    sizes = np.abs(_at(terms, wave, place[1 :: max(1, len(place) // 60)])).max(axis=(0, 2))
+    count = 1 + int(np.flatnonzero(sizes >= 0.03 * LEAST_HARMONIC).max())
+    within = _at(np.ascontiguousarray(terms[:, :count]), wave, place[1:])
     ends = within[:, :, -1]
     left = np.abs(within - ends[:, :, np.newaxis]).sum(axis=1) > TAIL
     reach = place[1:][within.shape[2] - 1 - np.argmax(left[:, ::-1], axis=1)] + step
     values = np.zeros((*within.shape[:2], len(place)))
     values[:, :, 1:] = within / place[1:] ** 2
-    values[:, 0, 0] = 0.5 * np.sum(terms[:, 0], axis=1)
+    values[:, 0, 0] = 0.5 * np.sum(terms[:, 0], axis=0)
     cubic = CubicSpline(place, values, axis=2, bc_type=("clamped", "not-a-knot")).c[::-1]
     scaled = cubic * (step ** np.arange(4))[:, np.newaxis, np.newaxis, np.newaxis]  # shape (4, steps, nodes, harmonics)
     return np.moveaxis(scaled, (0, 1), (3, 2)), np.stack((ends, np.abs(within).max(axis=2))), reach
@@ -168,23 +167,51 @@ def _transform(sun: SunShape, wave: Floats) -> Floats:
     return out
 
 
-def _within(terms: Floats, wave: Floats, place: Floats) -> Floats:
-    """F_m at places, shape (nodes, harmonics, places): sums over waves of the integral of r J_2m(wave r) dr."""
-    from scipy.special import j0, j1, jv
+def _at(terms: Floats, wave: Floats, place: Floats) -> Floats:
+    """F_m at places, shape (nodes, harmonics, places), from terms of each wave, shape (waves, harmonics, nodes)."""
+    from scipy.special import j0, j1
 
-    x = np.outer(place, wave)
-    even, odd = j0(x), j1(x)
-    integral, rest, out = place[:, np.newaxis] * odd / wave, 1.0 - even, np.empty((*terms.shape[:2], len(place)))
-    for m in range(terms.shape[1]):
-        out[:, m] = np.einsum("vk,rk->vr", terms[:, m], integral)  # no BLAS: the same bits for any number of threads
-        order = 2 * m + 1
-        integral = 2.0 * order * rest / wave**2 - integral  # of J_n+1 = 2 n / x J_n - J_n-1, upwards for n < x alone
-        even, below = 2.0 * order / x * odd - even, x < order + 1
-        even[below] = jv(order + 1, x[below])
-        odd = 2.0 * (order + 1) / x * even - odd
-        odd[below] = jv(order + 2, x[below])
-        rest -= 2.0 * even
-    return out
+    out = np.zeros((len(place), *terms.shape[1:]))
+    for k, radius in enumerate(place):
+        _add_waves(terms, wave, radius, j0(wave * radius), j1(wave * radius), out[k])
+    return out.transpose(2, 1, 0)
+
+
+@kernel
+def _add_waves(terms, wave, radius, zero, one, out):
+    """Add terms times the integral of r J_2m(wave r) dr up to a radius, with J_0 and J_1 there.
+
+    Bessel functions come from J_n+1 = 2 n / x J_n - J_n-1: upwards where x is greater than n, else downwards from where
+    they are nothing.
+    """
+    orders = 2 * out.shape[0]
+    bessel = np.zeros(orders + 64)
+    for k in range(wave.shape[0]):
+        x = wave[k] * radius
+        if x > orders:
+            bessel[0], bessel[1] = zero[k], one[k]
+            for n in range(1, orders):
+                bessel[n + 1] = 2.0 * n / x * bessel[n] - bessel[n - 1]
+        else:
+            last, total = orders + 62, 0.0
+            bessel[last + 1], bessel[last] = 0.0, 1e-300
+            for n in range(last, 0, -1):
+                bessel[n - 1] = 2.0 * n / x * bessel[n] - bessel[n + 1]
+                if abs(bessel[n - 1]) > 1e250:
+                    for m in range(n - 1, last + 1):
+                        bessel[m] *= 1e-300
+            for n in range(2, last, 2):
+                total += 2.0 * bessel[n]
+            total += bessel[0]
+            for n in range(orders + 1):
+                bessel[n] /= total
+        integral, rest = radius * bessel[1] / wave[k], 1.0 - bessel[0]
+        for m in range(out.shape[0]):
+            for v in range(out.shape[1]):
+                out[m, v] += terms[k, m, v] * integral
+            # J_2m = 2 (2 m - 1) / x J_2m-1 - J_2m-2, and the integral of J_2m-1 is 1 - J_0 - 2 J_2 - ... - 2 J_2m-2
+            integral = 2.0 * (2 * m + 1) * rest / (wave[k] * wave[k]) - integral
+            rest -= 2.0 * bessel[2 * m + 2]
 
 
 @inline
@@ -200,77 +227,88 @@ def stretched(small, large, core):
 
 
 @inner
-def collapse(tables, small, large, least, room, far):
-    """Write the table of one pair of variances in `room`, and what is beyond it in `far`.
+def weigh(tables, small, large, weights):
+    """Write the weights of the nodes for a pair of variances, and return their band.
 
-    Returns the number of harmonics that are at least `least`, the step and the reach. [rad] Variances outside the span of the tables are brought to its end.
+    Variances outside the span of the tables are brought to its end.
     """
-    bands, nodes, inner = tables.reach.shape[0], tables.small.shape[1], tables.large.shape[1]
-    width, span = tables.logs[1] - tables.logs[0], tables.spans[1] - tables.spans[0]
+    bands, width = tables.reach.shape[0], tables.logs[1] - tables.logs[0]
     log = min(max(math.log(small), tables.logs[0]), tables.logs[bands])
-    band = min(int((log - tables.logs[0]) / width), bands - 1)
-    place, place_large = 2.0 * (log - tables.logs[band]) / width - 1.0, 0.0
-    if inner > 1:
-        log_large = min(max(math.log(large), tables.spans[0]), tables.spans[1])
-        place_large = 2.0 * (log_large - tables.spans[0]) / span - 1.0
-    step, reach, harmonics = tables.steps[band], 0.0, 1
-    far[:] = 0.0
-    for level in range(2):
-        count = min(4 * int(reach / step) + 4, room.shape[1])
-        for v in range(nodes * inner):
-            factor = _factor(tables.small, v // inner, place) * _factor(tables.large, v % inner, place_large)
-            if level == 0:
-                reach += factor * tables.reach[band, v]
-                for m in range(far.shape[0]):
-                    far[m] += factor * tables.size[band, v, m]
-                continue
-            for m in range(harmonics):
-                if v == 0:
-                    far[m] = factor * tables.far[band, v, m]
-                    for n in range(count):
-                        room[m, n] = factor * tables.light[band, v, m, n]
-                else:
-                    far[m] += factor * tables.far[band, v, m]
-                    for n in range(count):
-                        room[m, n] += factor * tables.light[band, v, m, n]
-        if level == 0:
-            for m in range(1, far.shape[0]):
-                if abs(far[m]) > least:
-                    harmonics = m + 1
-    return harmonics, step, reach
+    band, span = min(int((log - tables.logs[0]) / width), bands - 1), tables.spans[1] - tables.spans[0]
+    across, along = 2.0 * (log - tables.logs[band]) / width - 1.0, 0.0
+    if span > 0.0:
+        along = 2.0 * (min(max(math.log(large), tables.spans[0]), tables.spans[1]) - tables.spans[0]) / span - 1.0
+    inner = tables.large.shape[1]
+    for v in range(weights.shape[0]):
+        weights[v] = _weight(tables.small, v // inner, across) * _weight(tables.large, v % inner, along)
+    return band
 
 
 @inline
-def _factor(rule, node, place):
+def _weight(rule, node, place):
     """Polynomial of Lagrange that is 1 at one node and 0 at the others."""
-    factor = rule[1, node]
+    weight = rule[1, node]
     for other in range(rule.shape[1]):
         if other != node:
-            factor *= place - rule[0, other]
-    return factor
+            weight *= place - rule[0, other]
+    return weight
+
+
+@inner
+def extent(tables, band, weights, least):
+    """Reach of the light of one pair of variances [rad], and the number of harmonics that are at least `least`."""
+    reach = 0.0
+    for v in range(weights.shape[0]):
+        reach += weights[v] * tables.reach[band, v]
+    for m in range(1, tables.size.shape[2]):
+        size = 0.0
+        for v in range(weights.shape[0]):
+            size += weights[v] * tables.size[band, v, m]
+        if abs(size) < least:
+            return reach, m
+    return reach, tables.size.shape[2]
+
+
+@inner
+def collapse(tables, band, weights, reach, harmonics, room, far):
+    """Write the table of one pair of variances in `room`, and what is beyond it in `far`; returns its step. [rad]"""
+    count = min(4 * int(reach / tables.steps[band]) + 8, room.shape[1])
+    for m in range(harmonics):
+        far[m] = 0.0
+        for n in range(count):
+            room[m, n] = weights[0] * tables.light[band, 0, m, n]
+        for v in range(weights.shape[0]):
+            far[m] += weights[v] * tables.far[band, v, m]
+            if v > 0:
+                for n in range(count):
+                    room[m, n] += weights[v] * tables.light[band, v, m, n]
+    return tables.steps[band]
 
 
 @inline
 def look_up(light, x, y):
     """Sum of F_m / r^2 cos(2 m phi) at a place. [1/rad^2]"""
     square = x * x + y * y
-    radius = math.sqrt(square)
-    cosine = (x * x - y * y) / (square + 1e-300)
-    now, older, place = cosine, 1.0, radius / light.step
-    n = int(place)
-    f, n, inside = place - n, 4 * n, radius < light.reach
-    total = 0.0
+    inside = square < light.reach * light.reach
+    n, f, inverse, total = 0, 0.0, 0.0, 0.0
     if inside:
-        total = light.room[0, n] + f * (light.room[0, n + 1] + f * (light.room[0, n + 2] + f * light.room[0, n + 3]))
+        place = math.sqrt(square) * light.inverse
+        n = int(place)
+        f = place - n
+        n *= 4
+        total = _cubic(light.room, 0, n, f)
     else:
-        total = 1.0 / square
-    for m in range(1, light.harmonics):
-        if inside:
-            part = light.room[m, n] + f * (
-                light.room[m, n + 1] + f * (light.room[m, n + 2] + f * light.room[m, n + 3])
-            )
-        else:
-            part = light.far[m] / square
-        total += now * part
-        now, older = 2.0 * cosine * now - older, now
+        inverse = 1.0 / square
+        total = inverse
+    if light.harmonics > 1:
+        cosine = (x * x - y * y) / (square + 1e-300)
+        now, older = cosine, 1.0
+        for m in range(1, light.harmonics):
+            total += now * (_cubic(light.room, m, n, f) if inside else light.far[m] * inverse)
+            now, older = 2.0 * cosine * now - older, now
     return total
+
+
+@inline
+def _cubic(room, m, n, f):
+    return (room[m, n] + f * room[m, n + 1]) + f * f * (room[m, n + 2] + f * room[m, n + 3])
