@@ -22,7 +22,6 @@ from heliosweep.kernels.intercept.receivers import (
     LEAST_ERROR,
     MOST,
     PANELS,
-    RECTANGLE,
     Receiver,
     behind,
     corners_of,
@@ -34,7 +33,17 @@ from heliosweep.kernels.intercept.receivers import (
     within,
 )
 from heliosweep.kernels.intercept.sunshapes import SunShape
-from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Light, Tables, collapse, extent, look_up, stretched, tables, weigh
+from heliosweep.kernels.intercept.tables import (
+    LEAST_HARMONIC,
+    Light,
+    Tables,
+    collapse,
+    extent,
+    look_up,
+    stretched,
+    tables,
+    weigh,
+)
 from heliosweep.kernels.mounts.kinematics import stand_terms
 from heliosweep.kernels.vectors import dot, mixed, unit
 
@@ -128,16 +137,19 @@ def gauss_rules(fine: float) -> Rules:
 def sun_tables(sun: SunShape, errors: Errors) -> tuple[Tables, Errors]:
     """Tables of a sun for any heliostat with these errors, and the errors with the Gaussian part of the sun."""
     even = math.sqrt(errors.specularity**2 + sun.variance)
-    low, high = (max(even**2 + (2.0 * slope) ** 2, LEAST_ERROR**2) for slope in sorted((errors.slope_u, errors.slope_v)))
-    least = max(even**2 + (2.0 * LEAST_COSINE * min(errors.slope_u, errors.slope_v)) ** 2, LEAST_ERROR**2)
+    slopes = sorted((errors.slope_u, errors.slope_v))
+    least, low, high = (
+        max(even**2 + (2.0 * slope) ** 2, LEAST_ERROR**2) for slope in (LEAST_COSINE * slopes[0], *slopes)
+    )
     return tables(sun, (0.999 * least, 1.001 * high), (low, high)), errors._replace(specularity=even)
 
 
 @kernel
 def _sweep(scene, rules, sun, start, stop, roll, wanted, out):
     """Write the intercept of mirrors start..stop at all instants that are wanted in `out`."""
+    light, far = scene.tables.light.shape[2:], scene.tables.far.shape[2]
     room = Room(
-        np.zeros(scene.tables.reach.shape[1]), np.zeros(scene.tables.light.shape[2:]), np.zeros(scene.tables.far.shape[2]), np.zeros((3, PANELS * (MOST + 1) + 4)),
+        np.zeros(scene.tables.reach.shape[1]), np.zeros(light), np.zeros(far), np.zeros((3, PANELS * (MOST + 1) + 4)),
         np.zeros(12), np.zeros((2, 2 * PANELS + 2)),
     )  # fmt: skip
     terms, has_errors, lean = np.empty(TERMS), scene.mounts.shape[0] > 0, 0.0
@@ -199,10 +211,11 @@ def _intercept(
     if apart > reach:
         return 1.0 if inside else 0.0
     inverse = 1.0 / collapse(tables, band, room.weights, reach, harmonics, room.light, room.far)
-    light = Light(room.light, room.far, harmonics, inverse, reach, smooth(sigma * sigma, 0.5 * tables.core, 1.7))
-    most = 1.0
+    changing = smooth(sigma * sigma, 0.5 * tables.core, 1.7)
+    light, most = Light(room.light, room.far, harmonics, inverse, reach, changing), 1.0
     if apart > 0.0:
-        most = min(1.0, max(1e-6, 1.0 - apart * apart * look_up(Light(room.light, room.far, 1, inverse, reach, sigma), apart, 0.0)))
+        about = Light(room.light, room.far, 1, inverse, reach, changing)
+        most = min(1.0, max(1e-6, 1.0 - apart * apart * look_up(about, apart, 0.0)))
     scale = min(1.0, 1.15 * most**0.08) / smooth(small, tables.core, 2.5)
     side_u = scale * image_shift(frame, sun, 0.0, 0.0, 0.5 * width, 0.0, 0.0, curve, far)
     side_v = scale * image_shift(frame, sun, 0.0, 0.0, 0.0, 0.5 * height, 0.0, curve, far)
@@ -232,7 +245,7 @@ def _intercept(
 
 @inline
 def smooth(blur, core, most):
-    """Length over which the light of a disc changes, from its variance and that of the blur; `most` times the blur's."""
+    """Length over which light changes, from the variances of blur and disc; at most so many deviations of the blur."""
     return min(math.sqrt(blur + core), most * math.sqrt(blur))
 
 

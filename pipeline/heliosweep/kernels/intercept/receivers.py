@@ -109,9 +109,9 @@ def behind(point, receiver):
 def corners_of(place, receiver, window, rules, smooth, room):
     """Write the corners of a receiver's outline as a mirror at a place faces it; returns panels and order of an arc.
 
-    Of a rectangle they are places in space. Of a cylinder they are cosine and sine, times the radius, of the angles from
-    the direction of the mirror at which its near half is cut into panels, and so is each node of the panels, with its
-    weight: the ends of a panel stand before its nodes. Nodes are those of the tangent of half the angle.
+    Of a rectangle they are places in space. Of a cylinder they are cosine and sine, times the radius, of the angle from
+    the direction of the mirror: of the ends of the panels of its near half, and of nodes, with their weights; the first
+    end of a panel stands before its nodes. Nodes are those of the tangent of half the angle.
     """
     if receiver.kind == RECTANGLE:
         for k in range(4):

@@ -34,7 +34,7 @@ _FINE = 6.0
 _NODES = 7
 """Nodes of `small` in a band."""
 _PANEL = 16
-"""Nodes of Gauss in a panel of the integrals, which is two periods of the fastest wave."""
+"""Nodes of Gauss in a panel of the integrals, two periods of the fastest wave."""
 _ANGLES = 32
 """Directions in a quadrant, from which the harmonics are taken."""
 
@@ -42,8 +42,6 @@ _ANGLES = 32
 class Tables(NamedTuple):
     """Tables of one sun shape over spans of both variances, made by `tables`."""
 
-    edge: float
-    """Angle of the outermost ring. [rad]"""
     core: float
     """Variance per axis of the light of the disc. [rad^2]"""
     logs: Floats
@@ -88,7 +86,7 @@ def tables(sun: SunShape, small: tuple[float, float], large: tuple[float, float]
     bands = max(1, math.ceil(math.log(small[1] / small[0]) / math.log(4.0)))
     logs, spans = np.linspace(math.log(small[0]), math.log(small[1]), bands + 1), np.log(large)
     rules = _chebyshev(_NODES), _chebyshev(1 if spans[1] == spans[0] else 2 + math.ceil(4.0 * (spans[1] - spans[0])))
-    edge, disc = float(sun.radius.max()), sun.radius <= 1.001 * DISC
+    disc = sun.radius <= 1.001 * DISC
     core = float(np.sum((sun.share * sun.radius**2)[disc]) / np.sum(sun.share[disc])) / 2
     made, steps = [], np.empty(bands)
     for band in range(bands):
@@ -99,12 +97,11 @@ def tables(sun: SunShape, small: tuple[float, float], large: tuple[float, float]
         made.append(_band(sun, core, *pairs, float(steps[band])))
     count, most = (max(each[0].shape[axis] for each in made) for axis in (2, 1))
     light = np.zeros((bands, len(pairs[0]), most, 4 * count))
-    far, size, reach = np.zeros((2, bands, len(pairs[0]), most)), None, np.zeros((bands, len(pairs[0])))
-    for band, (values, ends, reaches) in enumerate(made):
-        nodes, harmonics = values.shape[:2]
-        light[band, :nodes, :harmonics, : values.shape[2] * 4] = values.reshape(nodes, harmonics, -1)
-        far[:, band, :, :harmonics], reach[band] = ends, reaches
-    return Tables(edge, core, logs, spans, steps, light, far[0], far[1], reach, *rules)
+    ends, reach = np.zeros((2, bands, len(pairs[0]), most)), np.zeros((bands, len(pairs[0])))
+    for band, (cubics, end, reach[band]) in enumerate(made):
+        light[band, :, : cubics.shape[1], : cubics.shape[2] * 4] = cubics.reshape(*cubics.shape[:2], -1)
+        ends[:, band, :, : end.shape[2]] = end
+    return Tables(core, logs, spans, steps, light, ends[0], ends[1], reach, *rules)
 
 
 def _chebyshev(count: int) -> Floats:
@@ -216,7 +213,7 @@ def _add_waves(terms, wave, radius, zero, one, out):
 
 @inline
 def stretched(small, large, core):
-    """Factors that make the coordinates round, along and across; variance per axis there; smaller deviation of the blur.
+    """Factors that make coordinates round, along and across; variance per axis there; smaller deviation of the blur.
 
     The variances of the light are those of the blur and of the sun's disc, `core`.
     """
