@@ -13,6 +13,8 @@ from heliosweep.kernels.intercept.tables import look_up
 
 PANEL = 15.0
 """Length of a panel of an edge in that over which light changes, `Light.smooth`; beyond the disc that grows."""
+NEAR = 3.0 * DISC
+"""Distance from the ray within which light may change as fast as at the disc's edge. [rad]"""
 BENT = 0.3
 """Part of its length that an arc may be beside its chord."""
 
@@ -79,9 +81,12 @@ def along_edge(ax, ay, bx, by, light, rules):
     footx, footy = apart * ty, -apart * tx
     total, a = 0.0, start
     while a < stop:
-        scale = max(light.smooth, 0.15 * (abs(a) - DISC))
+        near = a + max(0.0, -0.5 * (a + NEAR))  # an aureole is smooth where it is far: panels halve the way to the disc
+        scale = max(light.smooth, 0.15 * (abs(near) - DISC))
         long = min(PANEL * scale, stop - a)
-        if stop - a - long < 0.4 * long:
+        if a < -NEAR:
+            long = min(long, near - a + 0.1 * NEAR)
+        elif stop - a - long < 0.4 * long:
             long = stop - a
         order = min(rules.line.shape[0] - 1, math.ceil(rules.fine * (1.5 + 0.75 * long / scale)))
         part = 0.0
