@@ -233,12 +233,10 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     elif dark.size:
         listed = ", ".join(f"{value:g}" for value in dark[:6])
         listed += f" and {dark.size - 6} more" if dark.size > 6 else ""
-        missing = (
-            "efficiencies are missing (NaN) there, and energies are 0"
-            if study.weather
-            else "the result is missing (NaN) there"
-        )
-        yield f"the sun never rises at latitude {listed} deg: {missing}"
+        said = "efficiencies are missing (NaN) there, and energies are 0"
+        if study.weather is None:
+            said = "the result is missing (NaN) there"
+        yield f"the sun never rises at latitude {listed} deg: {said}"
 
 
 def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
