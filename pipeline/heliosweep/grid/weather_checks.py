@@ -104,7 +104,7 @@ def _places(study: Study) -> Parameters:
     """The points of a study at the first value of everything that neither weather, limits nor sun depend on."""
     matters = ("site.", "time.", "weather.", "limits.")
     swept = {dim.name: any(key.startswith(matters) for key in dim.sweeps) for dim in study.dimensions()}
-    return Parameters(study, {dim: slice(0, 1) for dim, kept in swept.items() if not kept})
+    return Parameters(study, {dim: slice(0, MAX_POINTS if kept else 1) for dim, kept in swept.items()})
 
 
 def _at_night(name: str, irradiance: Irradiance, sun: NDArray[np.float64]) -> str:

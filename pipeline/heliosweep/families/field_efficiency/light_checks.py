@@ -73,7 +73,9 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     across = -np.cos(azimuth) * layout.x + np.sin(azimuth) * layout.y
     out, up = np.sin(azimuth) * layout.x + np.cos(azimuth) * layout.y, -down
     before, along = np.cos(tilt) * out + np.sin(tilt) * up, np.cos(tilt) * up - np.sin(tilt) * out
-    sides = (layout.columns.get(side, getattr(study.heliostat, side)) for side in ("width", "height"))
+    sides = [layout.columns.get(side, getattr(study.heliostat, side)) for side in ("width", "height")]
+    if any(side is None for side in sides):
+        return  # told elsewhere
     reach = np.hypot(*(np.max(side if isinstance(side, np.ndarray) else ends(side)) for side in sides)) / 2
     beside = [
         np.maximum(0.0, np.abs(at) - most / 2)
