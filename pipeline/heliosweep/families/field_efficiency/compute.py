@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +43,7 @@ from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.intercept import course
 from heliosweep.kernels.warm import warm_field, warm_intercept
+from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -103,7 +103,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     angles = study.output.tracking_angles
     seconds, lit = _seconds(parameters)
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
-    layouts = math.prod(len(dim) for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps))
+    layouts = len(Layouts(study))
     method = None if study.optics is None else study.optics.method
     methods = method.values() if isinstance(method, Sweep) else (method,)
     if "accurate" in methods:

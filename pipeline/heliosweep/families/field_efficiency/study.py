@@ -329,9 +329,10 @@ def _points(
     """
     layouts = Layouts(study, RESERVED)
     given = {key: value for key, _, value in parameters(study)}
-    dims = [dim for dim in study.dimensions() if any(_of_layout(key) or key in worst for key in dim.sweeps)]
+    dims = [dim for dim in study.dimensions() if any(layouts.depend_on(key) or key in worst for key in dim.sweeps)]
     looked_at = 0
-    for index in itertools.islice(itertools.product(*(_positions(dim, worst) for dim in dims)), MAX_POINTS):
+    positions = (_positions(dim, worst, layouts) for dim in dims)
+    for index in itertools.islice(itertools.product(*positions), MAX_POINTS):
         values = given | values_at(dims, index)
         layout = layouts.at(values)
         yield layout, values
@@ -340,15 +341,11 @@ def _points(
             return
 
 
-def _positions(dim: Dimension, worst: Mapping[str, Callable[..., Any]]) -> Sequence[int]:
+def _positions(dim: Dimension, worst: Mapping[str, Callable[..., Any]], layouts: Layouts) -> Sequence[int]:
     """Positions along a dimension to look at: the worst of a key that stands alone, many of those of tied keys."""
-    keys = [key for key in dim.sweeps if _of_layout(key) or key in worst]
-    if len(keys) > 1 or _of_layout(keys[0]):
+    keys = [key for key in dim.sweeps if layouts.depend_on(key) or key in worst]
+    if len(keys) > 1 or layouts.depend_on(keys[0]):
         return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
     sweep = dim.sweeps[keys[0]]
     candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
     return (worst[keys[0]](candidates, key=sweep.__getitem__),)
-
-
-def _of_layout(key: str) -> bool:
-    return key.startswith("layout.")
