@@ -27,7 +27,9 @@ MOST_PLACES = 4 * MAX_HELIOSTATS
 def spiral(
     a: float, b: float, inner_radius: float, heliostats: int | None = None, region: Region | None = None
 ) -> Layout:
-    """Generate a phyllotaxis spiral, heliostat k = 1, 2, ... at the azimuth 360 k / phi^2 deg and the radius a k^b [1]_.
+    """Generate a phyllotaxis spiral [1]_: heliostat k at the azimuth 360 k / phi^2 deg and the radius a k^b.
+
+    k counts from 1, and phi is the golden ratio.
 
     Parameters
     ----------

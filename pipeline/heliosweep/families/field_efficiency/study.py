@@ -28,6 +28,8 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
 from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
+from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
+from heliosweep.families.field_efficiency.keep import Keep, keep_faults, keep_problems
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import ENERGY_NAMES
@@ -73,7 +75,10 @@ RESERVED = frozenset(
         *(f"field_{name}" for name in ("heliostats", "mirror_area", "land_area", "packing_factor", "mean_radius")),
         *(f"outline_{name}" for name in ("u", "v", "area", "heliostat", "count")),
         *("effect", "image", "corner"),
-        *(*DIMENSIONS, *NAMES, *ENERGY_NAMES, "aim_levels", *FLUX_NAMES),
+        *(*DIMENSIONS, *NAMES, *ENERGY_NAMES, "aim_levels", *FLUX_NAMES, *KEEP_NAMES),
+        *("kept_heliostats", "kept_power", "kept_by", "spacing", "boundary", "exclude", "pattern"),
+        *("spiral_a", "spiral_b", "row_spacing", "row_distance", "row_azimuth", "sector_azimuth", "sector_width"),
+        *("terrain_slope", "terrain_azimuth"),
     )
 )
 
@@ -148,6 +153,9 @@ class FieldEfficiencyStudy(Study):
     design_point: Annotated[
         DesignPoint | None, Field(description="Instant and irradiance at which power and efficiencies are stored too")
     ] = None
+    keep: Annotated[
+        Keep | None, Field(description="Which heliostats of the layout are kept, and computed again; else all")
+    ] = None
     output: Annotated[FieldOutput, Field(description="What is stored and how")] = FieldOutput()
 
     def rules(self) -> Iterator[Fault]:
@@ -166,6 +174,7 @@ class FieldEfficiencyStudy(Study):
             if self.optics is None and attrgetter(".".join(keys))(self) is not None:
                 yield Fault("is used with 'optics' only: add it, or remove this", keys, show_value=False)
         yield from weather_faults(self)
+        yield from keep_faults(self)
         given = [name for name in ("site", "sites") if getattr(self, name) is not None]
         if isinstance(self.time, SunDirections):
             for name in given:
@@ -190,7 +199,7 @@ class FieldEfficiencyStudy(Study):
     @cached_property
     def _found(self) -> list[Problem | str]:
         found: list[Problem | str] = []
-        for look in (_sun, _mirrors, _tower, _light, _aim, check_weather):
+        for look in (_sun, _mirrors, _tower, _light, _aim, _keep, check_weather):
             try:
                 found += look(self)
             except StudyError as error:
@@ -296,6 +305,11 @@ def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         ends = [ends[0] | {"receiver.height_extent": max}]
     points = itertools.chain.from_iterable(_points(study, extremes) for extremes in ends)
     yield from aim_problems(study, itertools.takewhile(lambda point: not any(_sizes_missing(study, point[0])), points))
+
+
+def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """No more heliostats must be kept than there are."""
+    yield from keep_problems(study, (layout for layout, _ in _points(study, {})))
 
 
 def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
