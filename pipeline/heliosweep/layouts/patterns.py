@@ -149,6 +149,9 @@ def _cut(
     `reach` is a radius within which there could be enough. [m]
     """
     region = region or Region()
+    if heliostats is not None and heliostats > MAX_HELIOSTATS:
+        message = f"must be at most {MAX_HELIOSTATS:,} (got {heliostats})"
+        raise StudyError(Problem(message, "heliostats"))
     most = region.reach
     radius = most if heliostats is None else min(reach, most)
     while True:
@@ -170,6 +173,5 @@ def check_count(there: int, heliostats: int | None, region: Region) -> None:
     if heliostats is not None and there < heliostats:
         message = f"only {there:,} fit (got {heliostats:,}); ask for fewer, or give more room"
         raise StudyError(Problem(message, "heliostats"))
-    if (heliostats or there) > MAX_HELIOSTATS:
-        message = f"the field would have more than {MAX_HELIOSTATS:,} heliostats"
-        raise StudyError(Problem(message, "heliostats" if heliostats else region.key))
+    if heliostats is None and there > MAX_HELIOSTATS:
+        raise StudyError(Problem(f"the field would have more than {MAX_HELIOSTATS:,} heliostats", region.key))

@@ -119,7 +119,8 @@ def radial_stagger(
     the south; and one more heliostat stands due south where it is clear of all others.
 
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
-    clearance further out. With `spacing` these steps are at least its own, and zones end where it says.
+    clearance further out. With `spacing` these steps are at least its own, all rings close, and zones end where it
+    says.
     """
     _check(clearance, inner_radius, heliostats, zones)
     region = region or Region()
@@ -232,8 +233,11 @@ def _rounded_up(length: float) -> float:
 def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
     """Yield rings without end, or as far as the spacing goes; a new zone starts where neighbours stand too wide."""
     while spacing is None or spacing.reaches(start):
-        apart = clearance if spacing is None else max(clearance, spacing.apart(start))
-        pitch, closed = _pitch(apart, start)
+        pitch, closed = _pitch(clearance, start)
+        if spacing is not None:  # rings close
+            finest = _angle_apart(start, start, max(clearance, spacing.apart(start)))
+            closed = max(1, math.floor(360 / finest * (1 + ROUNDING)))
+            pitch = 360 / closed
         outermost = start
         for ring in _zone(clearance, start, pitch, closed, spacing):
             if spacing is None:
