@@ -77,7 +77,8 @@ class Region:
 
     def no_room(self) -> StudyError:
         """What is said where no heliostat fits."""
-        return StudyError(Problem("leaves no room for a heliostat", self.key))
+        hint = "; it counts in metres from the tower's base" if self.boundary is not None else ""
+        return StudyError(Problem(f"leaves no room for a heliostat{hint}", self.key))
 
 
 @lru_cache(maxsize=8)

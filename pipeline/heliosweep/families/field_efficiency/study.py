@@ -76,9 +76,7 @@ RESERVED = frozenset(
         *(f"outline_{name}" for name in ("u", "v", "area", "heliostat", "count")),
         *("effect", "image", "corner"),
         *(*DIMENSIONS, *NAMES, *ENERGY_NAMES, "aim_levels", *FLUX_NAMES, *KEEP_NAMES),
-        *("kept_heliostats", "kept_power", "kept_by", "spacing", "boundary", "exclude", "pattern"),
-        *("spiral_a", "spiral_b", "row_spacing", "row_distance", "row_azimuth", "sector_azimuth", "sector_width"),
-        *("terrain_slope", "terrain_azimuth"),
+        *("kept_heliostats", "kept_power", "kept_by"),
     )
 )
 
