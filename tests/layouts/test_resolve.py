@@ -79,7 +79,8 @@ def test_a_spacing_follows_the_tower_and_the_mirror(small):
     )
     result = api.build(study)
     assert set(result["x"].dims) == {"receiver_height", "heliostat_width", "heliostat"}
-    radius = np.hypot(result["x"], result["y"]).max("heliostat")
+    radius: Any = np.hypot(result["x"], result["y"])
+    radius = radius.max("heliostat")
     assert (radius.sel(receiver_height=60) > radius.sel(receiver_height=120)).all()
     count = result["x"].notnull().sum("heliostat")
     assert (count.sel(heliostat_width=6) > count.sel(heliostat_width=8)).all()

@@ -50,7 +50,7 @@ class Region:
     exclude: Any = None
     key: str = "sectors"
 
-    def inside(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
         """Whether heliostats may stand at some places, shape (n,); not on the line of a boundary. [m]"""
         inside = np.ones(x.shape, bool)
         if self.sectors:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def spiral(
         With the key of what cannot be met.
     """
 
-    def places(radius: float) -> tuple[NDArray[np.float64], ...]:
+    def places(radius: float) -> tuple[NDArray[Any], ...]:
         # By logarithms, for many places are refused before they are counted.
         count = 0.0 if radius < a else _counted(math.exp(min(math.log(radius / a) / b, 50.0)), "b")
         k = np.arange(1, int(count) + 1)
@@ -110,7 +111,7 @@ def rows(
     """
     turn = math.radians(azimuth)
 
-    def places(radius: float) -> tuple[NDArray[np.float64], ...]:
+    def places(radius: float) -> tuple[NDArray[Any], ...]:
         _counted(math.pi * (radius / spacing + 1) * (radius / distance + 1), "spacing")
         most, deep = math.ceil(radius / spacing) + 1, math.ceil(radius / distance)
         row, number = np.meshgrid(np.arange(-deep, deep + 1), np.arange(-most, most + 1), indexing="ij")
@@ -137,7 +138,7 @@ def _counted(count: float, key: str) -> float:
 def _cut(
     name: str,
     column: str,
-    places: Callable[[float], tuple[NDArray[np.float64], ...]],
+    places: Callable[[float], tuple[NDArray[Any], ...]],
     reach: float,
     inner_radius: float,
     heliostats: int | None,

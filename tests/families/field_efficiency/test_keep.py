@@ -48,7 +48,7 @@ def by_itself(study_of: Any, blocks: dict[str, Any], cut: xr.Dataset, path: Any)
     ],
 )  # fmt: skip
 def test_a_cut_field_is_the_field_of_the_heliostats_that_are_kept(small, tmp_path, blocks, keep):
-    output = {"time_series": True, "field_geometry": True, "tracking_angles": True}
+    output: dict[str, Any] = {"time_series": True, "field_geometry": True, "tracking_angles": True}
     output["flux_map"] = {"columns": 4, "rows": 3}
     cut = computed(small(**blocks, keep=keep, output=output))
     alone = by_itself(small, {**blocks, "output": output}, cut, tmp_path / "kept.csv")
@@ -63,7 +63,7 @@ def test_a_cut_field_is_the_field_of_the_heliostats_that_are_kept(small, tmp_pat
 
 
 def test_no_heliostat_is_kept_that_ranks_below_one_left_out(small):
-    keep = {"heliostats": [10, 60], "by": ["optical_efficiency", "design_point_optical_efficiency"]}
+    keep: dict[str, Any] = {"heliostats": [10, 60], "by": ["optical_efficiency", "design_point_optical_efficiency"]}
     cut = computed(small(layout=RINGS, keep=keep, design_point=DESIGN))
     whole = computed(small(layout=RINGS, design_point=DESIGN))
     for number in (10, 60):

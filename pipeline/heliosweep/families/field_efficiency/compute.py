@@ -45,7 +45,7 @@ from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.intercept import course
 from heliosweep.kernels.warm import warm_field, warm_intercept
-from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -309,7 +309,7 @@ def _field(
     tracking, `optics` those of `optics.KEYS`.
     """
     pivot, target, levels, tracking = at
-    sides = [mirror_size(layout, side, given) for side, given in zip(SIZE_COLUMNS, sizes, strict=True)]
+    sides = mirror_size(layout, "width", sizes[0]), mirror_size(layout, "height", sizes[1])
     mirrors = (layout.x, layout.y, layout.z + pivot, sides[0] / 2, sides[1] / 2, target, _TRACKING[tracking])
     way = None
     if study.optics is not None:

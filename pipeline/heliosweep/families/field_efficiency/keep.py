@@ -29,9 +29,14 @@ BY = {
     "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
     "design_point_optical_efficiency": "at the design point; needs 'design_point'",
 }
-_NEEDS = {"receiver_energy": ("weather",), "energy_per_mirror_area": ("weather",), "total_efficiency": ("optics",)}
-_NEEDS |= {"design_point_total_efficiency": ("optics", "design_point")}
-_NEEDS |= {"design_point_optical_efficiency": ("design_point",)}
+#: Blocks of the study that a result needs.
+_NEEDS: dict[str, tuple[str, ...]] = {
+    "receiver_energy": ("weather",),
+    "energy_per_mirror_area": ("weather",),
+    "total_efficiency": ("optics",),
+    "design_point_total_efficiency": ("optics", "design_point"),
+    "design_point_optical_efficiency": ("design_point",),
+}
 
 _DESCRIBED = {
     "kept": ("1 for a heliostat of the field that is kept, 0 for one that is left out", "results are of those kept"),
