@@ -172,7 +172,9 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv|DIR")
     convert.add_argument("target", metavar="FILE.csv")
     convert.add_argument(
-        "--to", choices=("solarpilot", "csv"), help="form of the file (default: solarpilot; csv of a PAINT folder)"
+        "--to",
+        choices=("solarpilot", "csv", "spots"),
+        help="form of the file (default: solarpilot; csv of a PAINT folder); spots: those measured, of a PAINT folder",
     )
     convert.add_argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (receiver)")
     convert.add_argument("--force", action="store_true", help="replace a file that is there")
@@ -415,18 +417,23 @@ def _read_for(source: str) -> set[Any]:
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.files import user_path
-    from heliosweep.share.fields import layout_of, read_layout, read_paint, write_layout
+    from heliosweep.share import fields
     from heliosweep.store.targets import target_file
 
     target_file(options.target, options.force, sources=_read_for(options.source))
-    if is_folder := user_path(options.source).is_dir():
-        layout = read_paint(options.source, options.aim).layout
+    is_folder = user_path(options.source).is_dir()
+    if options.to == "spots":
+        spots = fields.read_paint_spots(options.source, options.aim)
+        _say_path(fields.write_paint_spots(spots, options.target, force=options.force))
+        return
+    if is_folder:
+        layout = fields.read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
-        layout = layout_of(api.load(options.source))
+        layout = fields.layout_of(api.load(options.source))
     else:
-        layout = read_layout(options.source)
+        layout = fields.read_layout(options.source)
     form: Any = options.to or ("csv" if is_folder else "solarpilot")
-    _say_path(write_layout(layout, options.target, form, force=options.force))
+    _say_path(fields.write_layout(layout, options.target, form, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
