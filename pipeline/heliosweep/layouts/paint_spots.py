@@ -5,9 +5,9 @@ heliostat, or in one in it. Such a file has the positions of both motors, the su
 spot.
 
 The first axis of these mounts is level and points east, the second stands on it; at angles of zero the mirror faces up.
-So they are mounts ``tilt_roll`` with ``axis_azimuth: 90``, whose primary angle is minus the first one of PAINT and whose
-secondary angle is its second one. Azimuths of the sun are from the south, positive towards the *east*: so ARTIST, with
-which the data came, reads them, and only so the spots are where the motors send them.
+So they are mounts ``tilt_roll`` with ``axis_azimuth: 90``, whose primary angle is minus the first one of PAINT and
+whose secondary angle is its second one. Azimuths of the sun are from the south, positive towards the *east*: so
+ARTIST, with which the data came, reads them, and only so the spots are where the motors send them.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class PaintSpots(NamedTuple):
     mount: dict[str, Any]
     """Block ``mount``."""
     columns: dict[str, NDArray[Any]]
-    """Columns of ``calibration.spots``: heliostat, y, z [m], sun_x, sun_y, sun_z [1], azimuth, elevation [deg], comment."""
+    """Columns of ``calibration.spots``: places and offsets in m, sun vectors, angles in deg."""
     notes: tuple[str, ...]
     """Where the spots are from, and the blocks of a study."""
 
@@ -161,10 +161,10 @@ def read_spots(folder: Path, target: str = "receiver", evaluation: str = EVALUAT
     names = list(dict.fromkeys(spot["heliostat"] for spot in spots))
     which = f"heliostat {names[0]}" if len(names) == 1 else f"{len(names)} heliostats"
     notes = (
-        f"{len(spots)} spots of {which} of the PAINT folder {folder.absolute().name!r} on the plane of {target!r}, "
-        f"middles by {evaluation}; comments name the measurement, its target and the motors' positions.",
+        f"{len(spots)} spots of {which} of the PAINT folder {folder.absolute().name!r} on the plane of {target!r},",
+        f"middles by {evaluation}; those on other targets are moved along their beams. Comments name target and motors.",
         "Source: PAINT, doi 10.1038/s41560-026-02070-1; MIT licence, copyright 2024 Deutsches Zentrum für Luft- und",
-        "Raumfahrt and Karlsruher Institut für Technologie. Spots on other targets are moved along their beams.",
+        "Raumfahrt and Karlsruher Institut für Technologie.",
         *(f"{key}: {json.dumps(block).replace(chr(34), '')}" for key, block in blocks.items()),
         *([f"Left out, since their actuators are not linear: {', '.join(left_out)}."] if left_out else []),
     )

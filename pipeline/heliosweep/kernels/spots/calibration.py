@@ -67,7 +67,7 @@ class Calibration(NamedTuple):
     uncalibrated: Floats
     """Measured minus predicted spots of mounts without errors, shape (S, 2); NaN where they have none. [m]"""
     left_out: Floats
-    """Measured minus predicted spots where the prediction leaves out the spot itself, to first order, shape (S, 2). [m]"""
+    """Residuals of predictions that leave out the spot itself, to first order, shape (S, 2). [m]"""
     used: Integers
     """Spots used, shape (F,): of positive weight, measured, and reaching the receiver without errors."""
     status: Integers

@@ -149,7 +149,10 @@ def fit_all(
         predict(scene, x, work.terms, work.rows)
         for i in range(b - a):
             at = i // PACKET * BLOCK + RESIDUAL * PACKET + i % PACKET
-            result.uncalibrated[a + i, 0], result.uncalibrated[a + i, 1] = -work.rows[at], -work.rows[at + COLUMNS * PACKET]
+            result.uncalibrated[a + i, 0], result.uncalibrated[a + i, 1] = (
+                -work.rows[at],
+                -work.rows[at + COLUMNS * PACKET],
+            )
         used = _count(work.rows, weight[a:b], counted)
         result.used[f] = used
         if 2 * used < parameters:

@@ -250,11 +250,11 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     if np.any(status == DOUBTFUL):
         doubted = (status == DOUBTFUL).any(axis=tuple(range(status.ndim - 1)))
         names = next(result[key].to_numpy() for key in ("name", "id", "heliostat") if key in result.coords)
-        listed = ", ".join(map(str, names[doubted][:6])) + ", ..." * (np.count_nonzero(doubted) > 6)
+        listed = ", ".join(map(str, names[doubted][:6])) + ", ..." * int(names[doubted].size > 6)
         yield (
-            f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot lies "
-            f"more than {DOUBTFUL_APERTURES:g} apertures from where a mount without errors sends it: are the spots in "
-            f"metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})"
+            f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot "
+            f"lies more than {DOUBTFUL_APERTURES:g} apertures from where a mount without errors sends it: are the "
+            f"spots in metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})"
         )
     if count := int(result["instants_without_command"].sum()):
         instants = result["nominal_azimuth"].size // math.prod(result["nominal_azimuth"].shape[:-2])

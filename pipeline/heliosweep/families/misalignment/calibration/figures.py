@@ -46,8 +46,8 @@ _AFTER = {"color": "#0072B2", "linestyle": "", "marker": "o", "markersize": 3, "
 _EDGES = {"before": (0, (4, 1.4)), "after": "-"}
 #: What the spots are.
 _MEASURED = (
-    "Before: spots as measured, about the aim point, or where angles were commanded about the spot that a mount without "
-    "errors sends there. After: residuals, measured minus the spot that the calibration "
+    "Before: spots as measured, about the aim point, or where angles were commanded about the spot of a mount without "
+    "errors. After: residuals, measured minus the spot that the calibration "
     "without this spot predicts (leave-one-out), drawn about the aim point; no corrected command was given."
 )
 _SYNTHETIC = "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects."
