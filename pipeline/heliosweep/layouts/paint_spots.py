@@ -162,7 +162,7 @@ def read_spots(folder: Path, target: str = "receiver", evaluation: str = EVALUAT
     which = f"heliostat {names[0]}" if len(names) == 1 else f"{len(names)} heliostats"
     notes = (
         f"{len(spots)} spots of {which} of the PAINT folder {folder.absolute().name!r} on the plane of {target!r},",
-        f"middles by {evaluation}; those on other targets are moved along their beams. Comments name target and motors.",
+        f"middles by {evaluation}; those on other targets are moved along their beams. Comments: target, motors.",
         "Source: PAINT, doi 10.1038/s41560-026-02070-1; MIT licence, copyright 2024 Deutsches Zentrum für Luft- und",
         "Raumfahrt and Karlsruher Institut für Technologie.",
         *(f"{key}: {json.dumps(block).replace(chr(34), '')}" for key, block in blocks.items()),
