@@ -208,11 +208,10 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     pack = command("pack", _pack, "write a finished result as one archive to publish and cite; prints its path")
-    pack.add_argument("folder", metavar="DIR")
+    pack.add_argument("folders", metavar="DIR", nargs="+", help="result folders; several become a collection")
     pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
-    pack.add_argument(
-        "--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study, or CC-BY-4.0)"
-    )
+    pack.add_argument("--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study)")
+    pack.add_argument("--draft", action="store_true", help="pack without creators or licence too, to look at it")
     pack.add_argument("--force", action="store_true", help="replace an archive that is there")
 
     schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
@@ -465,7 +464,8 @@ def _report(options: argparse.Namespace) -> None:
 def _pack(options: argparse.Namespace) -> None:
     from heliosweep.share.archive import pack_result
 
-    _say_path(pack_result(options.folder, options.output, license=options.license, force=options.force))
+    said = {"license": options.license, "draft": options.draft, "force": options.force}
+    _say_path(pack_result(options.folders, options.output, **said))
 
 
 def _schema(options: argparse.Namespace) -> None:

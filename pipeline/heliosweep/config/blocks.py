@@ -288,6 +288,21 @@ LICENCES = (
 OWN = "LicenseRef-"
 
 _OWN = r"LicenseRef-[A-Za-z0-9.-]+"
+_ORCID = r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]"
+_ORCID_URL = rf"(https://orcid\.org/)?{_ORCID}"
+_DOMAIN = r"([A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?\.)+[A-Za-z]{2,63}"
+_URL = r"https?://[^\s]+"
+#: What a data set is to another work, and how DataCite and Zenodo say so.
+RELATIONS = {
+    "references": "uses or names it",
+    "cites": "cites it",
+    "is_supplement_to": "goes with this publication",
+    "is_documented_by": "is described there",
+    "is_derived_from": "was made from it",
+    "is_version_of": "is one of its versions",
+    "is_part_of": "is a part of it",
+    "compiles": "was computed by it",
+}
 _DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
 
 
@@ -310,13 +325,58 @@ def _bare_doi(raw: Any) -> str:
     return found[1]
 
 
+def _orcid(raw: Any) -> str:
+    """Return an ORCID iD whose check digit is right (ISO 7064, MOD 11-2). Raises Invalid."""
+    text = free_text(raw).strip().removeprefix("https://orcid.org/")
+    total = 0
+    for digit in text.replace("-", "")[:-1] if re.fullmatch(_ORCID, text) else "":
+        total = (total + int(digit)) * 2
+    if not total or text[-1] != "0123456789X"[(12 - total % 11) % 11]:
+        raise Invalid("must be an ORCID iD, as 0000-0002-1825-0097, whose last sign checks the others")
+    return text
+
+
+def _domain(raw: Any) -> str:
+    """Return a domain. Raises Invalid."""
+    text = free_text(raw).strip()
+    if not re.fullmatch(_DOMAIN, text):
+        raise Invalid("must be a domain, as institute.example.org")
+    return text
+
+
+def _identifier(raw: Any) -> str:
+    """Return an address, or a DOI without that of doi.org. Raises Invalid."""
+    text = free_text(raw).strip()
+    if found := re.fullmatch(_DOI, text):
+        return found[1]
+    if not re.fullmatch(_URL, text):
+        raise Invalid("must be a DOI, as 10.5281/zenodo.1234567, or an address that begins with https://")
+    return text
+
+
 class Creator(Block):
     """A person, or a group, that made the data set."""
 
     name: Annotated[str, Text("Name, as 'Family, Given' or as the group calls itself")]
-    orcid: Annotated[str | None, Text("ORCID iD, as 0000-0002-1825-0097")] = None
+    orcid: Annotated[
+        str | None, Text("ORCID iD, as 0000-0002-1825-0097", form=_orcid, schema=pattern(rf"\s*{_ORCID_URL}\s*"))
+    ] = None
     affiliation: Annotated[str | None, Text("Institution")] = None
     email: Annotated[str | None, Text("Address for questions")] = None
+
+
+class Funding(Block):
+    """Who paid for the work."""
+
+    funder: Annotated[str, Text("Who paid")]
+    award: Annotated[str | None, Text("Number or title of the grant")] = None
+
+
+class Related(Block):
+    """A publication, data set or program that the data set has to do with."""
+
+    identifier: Annotated[str, Text("DOI or address", form=_identifier, schema=pattern(rf"({_DOI}|{_URL})"))]
+    relation: Annotated[str, Choice("What the data set is to it", RELATIONS, sweep=False)] = "references"
 
 
 class Dataset(Block):
@@ -340,3 +400,16 @@ class Dataset(Block):
     keywords: Annotated[
         tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords besides those of the family")
     ] = ()
+    version: Annotated[str | None, Text("Version of the data set, as '1.0'")] = None
+    publisher: Annotated[str | None, Text("Repository or institution that publishes it, as Zenodo")] = None
+    contact: Annotated[
+        Creator | None, Field(description="Whom to ask; the first creator with an address where left out")
+    ] = None
+    funding: Annotated[tuple[Funding, ...], Field(description="Who paid for the work")] = ()
+    related: Annotated[
+        tuple[Related, ...], Field(description="Publications, data sets and programs that it has to do with")
+    ] = ()
+    naming_authority: Annotated[
+        str | None,
+        Text("Domain of who gives out the result's 'id'; none where left out", form=_domain, schema=pattern(_DOMAIN)),
+    ] = None

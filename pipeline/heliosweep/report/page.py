@@ -10,6 +10,7 @@ import hashlib
 import json
 import logging
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -51,6 +52,12 @@ DRAWN = ".drawn"
 
 #: The study of a run, and of an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
+
+
+#: Parts of a page that tell of the machine of who made it.
+_MACHINE = re.compile(
+    r'<section id="how-it-was-made">.*?</section>\n?|<details class="asked">.*?</details>\n?', re.DOTALL
+)
 
 
 class _Environment(Record):
@@ -271,6 +278,11 @@ def _draw(
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
+
+
+def for_others(page: str) -> str:
+    """A page without the machine, the command and the paths of who made it."""
+    return _MACHINE.sub("", page)
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
