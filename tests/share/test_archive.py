@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import heliosweep
+from heliosweep import api
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.runs.verify import verify
@@ -104,8 +105,24 @@ def test_holds_what_it_should_and_nothing_of_the_machine(result, tmp_path, monke
         assert "ein Ergebnis" not in text, name
     manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
     assert not {"command", "scheduler", "workers"} & set(manifest)
-    assert set(manifest["environment"]) <= {"commit", "packages", "python"}
+    assert set(manifest["environment"]) == {"commit", "lock", "packages", "python"}
     assert_reruns(folder, monkeypatch)
+
+
+def test_the_page_and_its_figures_are_inside_without_the_machine(result, tmp_path):
+    api.report(result)
+    page = (result / "report.html").read_text("utf-8")
+    folder = unpacked(pack_result(result), tmp_path / "elsewhere")
+    assert_sums(folder)
+    figures = {f"figures/{path.name}" for path in (result / "figures").glob("*.png")}
+    assert figures
+    assert files_of(folder) == FILES | {"report.html"} | figures
+    packed = (folder / "report.html").read_text("utf-8")
+    for tells in ("How it was made", "platform", "The study file, with every default"):
+        assert tells in page
+        assert tells not in packed
+    assert packed.count("<section") == packed.count("</section") == page.count("<section") - 1
+    assert pack_result(folder, tmp_path / "again.zip").read_bytes() == (tmp_path / f"{result.name}.zip").read_bytes()
 
 
 def test_the_same_bytes_wherever_it_stands(result, tmp_path):
