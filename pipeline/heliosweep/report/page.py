@@ -26,6 +26,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
+from heliosweep.report.inputs import inputs
 from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
 log = logging.getLogger("heliosweep")
 
 PAGE = "report.html"
+
+#: Where results go when nobody says, and the only place where an index is written unasked.
+OUTPUTS = "outputs"
 FIGURES = "figures"
 
 #: Images of a page up to which they have all their pixels, and the scale of those beyond. [bytes]
@@ -56,7 +60,9 @@ STUDIES = ("study.resolved.yaml", "study.yaml")
 
 #: Parts of a page that tell of the machine of who made it.
 _MACHINE = re.compile(
-    r'<section id="how-it-was-made">.*?</section>\n?|<details class="asked">.*?</details>\n?', re.DOTALL
+    r'<section id="how-it-was-made">.*?</section>\n?|<details class="asked">.*?</details>\n?'
+    r'|<a class="ours"[^>]*>[^<]*</a>\n?',
+    re.DOTALL,
 )
 
 
@@ -148,13 +154,14 @@ def _page(
     views: list[dict[str, Any]] = []
     plots: dict[str, Any] = {}
     results = None
-    covers: list[tuple[str, str]] = []
-    with undrawn.noting("The dates and hours"):
-        covers = sampled(result, study or _study(place, family))
+    went_in = None
+    with undrawn.noting("The table of inputs"):
+        asked = study or _study(place, family)
+        went_in = inputs(asked, sampled(result, asked))
     with undrawn.noting("The interactive plots"):
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
-        results = sections.results(result, family.tables(result) if family else ())
+        results = sections.results(result, family.tables(result) if family else (), family.headlines if family else ())
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),
@@ -167,7 +174,9 @@ def _page(
         compared=compared,
         comparison=compared and compared.table(result),
         remarks=[*damage, *surprises, *manifest.get("remarks", ()), *undrawn.remarks],
-        sampled=covers,
+        went_in=went_in,
+        study_file=next((name for name in STUDIES if (place / name).is_file()), ""),
+        listed=place.absolute().parent.name == OUTPUTS,
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
         results=results,
         views=views,
@@ -282,7 +291,7 @@ def _draw(
 
 def for_others(page: str) -> str:
     """A page without the machine, the command and the paths of who made it."""
-    return _MACHINE.sub("", page)
+    return _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
