@@ -20,7 +20,20 @@ from typing import Any
 __all__ = ["code_versions", "installed", "numbers_digest", "version_of"]
 
 _PACKAGE = "heliosweep"
-_WORDS = ("accessor", "api", "cli", "config.faults", "errors", "files", "notebook", "report", "runs", "share", "store")
+_WORDS = (
+    "accessor",
+    "api",
+    "cli",
+    "config.dataset",
+    "config.faults",
+    "errors",
+    "files",
+    "notebook",
+    "report",
+    "runs",
+    "share",
+    "store",
+)
 """Modules and folders of the package on which no number depends, unless they are asked for by name."""
 _KEPT = 2000
 """Files whose code is remembered."""

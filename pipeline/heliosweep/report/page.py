@@ -22,6 +22,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from pydantic import Field
 
+from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
@@ -34,8 +35,6 @@ from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from heliosweep.config.study import Study
 
 log = logging.getLogger("heliosweep")
 
@@ -154,10 +153,11 @@ def _page(
     views: list[dict[str, Any]] = []
     plots: dict[str, Any] = {}
     results = None
-    went_in = None
+    went_in, fixed_is_told = None, False
     with undrawn.noting("The table of inputs"):
         asked = study or _study(place, family)
         went_in = inputs(asked, sampled(result, asked))
+        fixed_is_told = isinstance(asked, Study)
     with undrawn.noting("The interactive plots"):
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
@@ -179,6 +179,7 @@ def _page(
         listed=place.absolute().parent.name == OUTPUTS,
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
         results=results,
+        shared="" if fixed_is_told or not results else results["shared"],
         views=views,
         plots=plots,
         scripts=scripts() if views else (),

@@ -54,7 +54,8 @@ def _dates(time: SolarTime | CivilTime) -> str:
         return f"{dates[0]} to {dates[-1]}{each}: {len(dates)} dates"
     declinations = time.declinations()
     values = time.day_numbers() if declinations is None else declinations
-    what = "days of the year" if declinations is None else f"declinations of the sun ({DEGREE})"
+    end = "" if len(values) == 1 else "s"
+    what = f"day{end} of the year" if declinations is None else f"declination{end} of the sun ({DEGREE})"
     texts = [number_text(float(value), 0 if float(value).is_integer() else 2) for value in values]
     return f"{what} {', '.join(texts) if len(texts) <= FEW else f'{texts[0]} to {texts[-1]}: {len(texts)}'}"
 

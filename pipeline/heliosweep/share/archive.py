@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO, NamedTuple
 
-from heliosweep.config.blocks import licence as licence_of
+from heliosweep.config.dataset import licence as licence_of
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
 from heliosweep.config.study import Study, yaml_text

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from heliosweep.config.blocks import Creator, Dataset
+from heliosweep.config.dataset import Creator, Dataset
 from heliosweep.share.texts import NOBODY, Described, Licence, contact_of, known, orcid
 
 #: What stands for a publisher that nobody named, as DataCite has it.

@@ -18,7 +18,7 @@ from urllib.parse import quote
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from heliosweep.config.blocks import OWN, Creator, Dataset
+from heliosweep.config.dataset import OWN, Creator, Dataset
 from heliosweep.config.study import Study
 from heliosweep.errors import printable
 
