@@ -51,8 +51,9 @@ def datacite(described: Described) -> str:
             ("northBoundLatitude", "lat", "max"),
         )
     }
-    has_box = all(value is not None for value in box.values())
-    covered = [attributes.get(f"time_coverage_{end}") for end in ("start", "end")]
+    corners = {name: float(value) for name, value in box.items() if value is not None}
+    ends = [attributes.get(f"time_coverage_{end}") for end in ("start", "end")]
+    covered = "/".join(str(end) for end in ends if end)
     content = {
         "schemaVersion": "http://datacite.org/schema/kernel-4",
         "types": {"resourceTypeGeneral": "Dataset", "resourceType": "Dataset"},
@@ -67,7 +68,7 @@ def datacite(described: Described) -> str:
         "publicationYear": told["finished"][:4],
         "dates": [
             {"date": told["finished"][:10], "dateType": "Created"},
-            *([{"date": "/".join(covered), "dateType": "Coverage"}] if all(covered) else []),
+            *([{"date": covered, "dateType": "Coverage"}] if covered else []),
         ],
         "version": dataset.version,
         "subjects": [{"subject": word} for word in str(attributes["keywords"]).split(", ")],
@@ -82,7 +83,7 @@ def datacite(described: Described) -> str:
             for one in dataset.related
         ],
         "fundingReferences": [known({"funderName": one.funder, "awardNumber": one.award}) for one in dataset.funding],
-        "geoLocations": [{"geoLocationBox": {name: float(value) for name, value in box.items()}}] if has_box else None,
+        "geoLocations": [{"geoLocationBox": corners}] if len(corners) == len(box) else None,
         "formats": ["application/vnd+zarr" if told["is_zarr"] else "application/x-netcdf"],
         "language": "en",
     }
