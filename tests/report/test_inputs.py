@@ -66,6 +66,8 @@ def test_a_result_without_common_dimensions_tells_ranges():
     table = ranges(result, ["share"])
     assert [row[0] for row in table.rows] == ["share", "spot"]  # headlines first, flags not at all
     assert table.rows[1] == ["spot", "\N{MINUS SIGN}3", "1", "2", "m", "hour, heliostat"]
+    whole, others = results(result.drop_vars("status"), ())["tables"]
+    assert ([row[1] for row in whole.rows], [row[0] for row in others.rows]) == (["0.50", "1.00"], ["spot"])
     apart = result.drop_vars(["status", "share"]).assign(other=("day", [1.0]))
     (shown,) = results(apart, ())["tables"]
-    assert shown.label == "Ranges of the results"
+    assert shown.label == "Ranges over the dimensions"

@@ -134,7 +134,7 @@ def test_page_is_complete_and_well_formed(whole):
         *(one for one in sections if one != "how-it-was-made"), "how-it-was-made",
     ]  # fmt: skip
     beside = [link for link in links if not link.startswith(("#", "https:"))]
-    assert beside == ["result.nc", "figures/"]
+    assert beside == ["result.nc", "figures/", "study.resolved.yaml"]
     assert all((folder / link).exists() for link in beside)
     assert len(page.all("li")) == 1
 
@@ -227,7 +227,7 @@ def test_long_sweeps_are_cut_with_a_word(tmp_path):
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
     assert "The first 60 of 100 points" in page.text
-    assert len(page.all("tr")) == 61 + 2  # and one heliostat, in the table of inputs
+    assert len(page.all("tr")) == 61 + 2 + 5  # and the number of heliostats, and ranges of four variables
 
 
 def test_a_folder_without_result(tmp_path):

@@ -50,13 +50,16 @@ def results(result: xr.Dataset, tables: Iterable[Table], headlines: Collection[s
         return {}
     common = set.intersection(*(set(array.dims) for array in result.data_vars.values()))
     arrays = [array for array in result.data_vars.values() if set(array.dims) == common and array.dtype.kind in "fiu"]
+    if all(map(is_flag, arrays)) and ranges(result, headlines).rows:
+        arrays = []
+    others = ranges(result.drop_vars([one.name for one in arrays]), headlines)
+    made = [others] if others.rows else []
     if not arrays:
-        ranged = ranges(result, headlines)
-        return {"shared": _shared(result), "tables": [ranged], "described": []} if ranged.rows else {}
+        return {"shared": _shared(result), "tables": made, "described": []} if made else {}
     dims = [str(dim) for dim in next(iter(result.data_vars.values())).dims if dim in common]
     return {
         "shared": _shared(result),
-        "tables": [numbers(result, dims, arrays, "Results")],
+        "tables": [numbers(result, dims, arrays, "Results" if not made else "Numbers of the whole"), *made],
         "described": [
             (_name(one), "; ".join(str(one.attrs[key]) for key in ("long_name", "comment") if one.attrs.get(key)))
             for one in arrays
@@ -83,7 +86,7 @@ def ranges(result: xr.Dataset, headlines: Collection[str] = ()) -> Table:
             rows.append([title_of(array), *ends, unit_of(array), over])
     notes = [f"{left_out} further {'variable is' if left_out == 1 else 'variables are'} in the data set."]
     header = ("", "least", "median", "greatest", "unit", "over")
-    return Table("Ranges of the results", header, rows, (0, 4, 5), notes * bool(left_out))
+    return Table("Ranges over the dimensions", header, rows, (0, 4, 5), notes * bool(left_out))
 
 
 def numbers(
