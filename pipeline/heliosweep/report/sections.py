@@ -71,7 +71,8 @@ def ranges(result: xr.Dataset, headlines: Collection[str] = ()) -> Table:
     """Table of the least, middle and greatest value of variables, those of `headlines` first."""
     known = [name for name in headlines if name in result.data_vars]
     arrays = [result[name] for name in dict.fromkeys((*known, *map(str, result.data_vars)))]
-    rows, left_out = [], 0
+    rows: list[list[str]] = []
+    left_out = 0
     for array in arrays:
         if array.dtype.kind not in "fiu" or is_flag(array):
             continue

@@ -342,7 +342,7 @@ def test_names_that_look_like_numbers_are_a_note(tmp_path):
 
 def test_estimates_that_are_not_finite_are_none():
     found = Calibration(
-        np.zeros((2, 6)), np.zeros((2, 6, 6)), np.ones(2), *np.zeros((3, 6, 2)),
+        np.zeros((2, 6)), np.zeros((2, 6, 6)), np.ones(2), np.zeros((6, 2)), np.zeros((6, 2)), np.zeros((6, 2)),
         np.array([3, 3]), np.array([ESTIMATED, NOT_CONVERGED]), np.zeros(2, np.int64), np.zeros(2, np.int64),
     )  # fmt: skip
     spots = Spots(np.array([0, 3, 6]), np.zeros((6, 3)), np.zeros((6, 2)), np.zeros((6, 2)), np.ones(6))

@@ -185,7 +185,7 @@ def _angular(found: Calibration, spots: Spots, before: Floats, mounts: Mounts) -
         predicted = seen - _on_face(residual, mounts)
         across = np.cross(seen, predicted)
         angle = np.arctan2(np.sqrt(np.sum(across**2, axis=1)), np.sum(seen * predicted, axis=1))
-        used = np.isfinite(found.residual).all(axis=1)
+        used = np.all(np.isfinite(found.residual), axis=1)
         made[name] = 1e3 * _rms(angle[:, np.newaxis], spots, used)[:, np.newaxis]
     return made
 
