@@ -145,6 +145,13 @@ class Family:
         """
         return self.module("compute", self.mode(study)).finish(study, inputs, region, computed)
 
+    def of(self, result: xr.Dataset) -> Family:
+        """This family, or its search where the result is of one: who draws figures and makes tables."""
+        if '"search": {' not in str(result.attrs.get("study")):
+            return self
+        found: Family = import_module("heliosweep.families.searched").searched(self)
+        return found
+
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """What the user should be told of a finished result."""
         return _call(f"{self.room(str(result.attrs.get('mode', '')))}.compute", "remarks", result)

@@ -132,6 +132,7 @@ def _page(
     from heliosweep.report.interactive import explore, scripts
 
     family = families.get(json.loads(result.attrs.get("study", "{}")).get("family"))
+    family = family and family.of(result)
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result
