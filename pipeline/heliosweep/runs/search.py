@@ -87,6 +87,11 @@ class SearchRun(Run):
             code = {**code, "deap": version_of("deap") or "missing"}
         return {**Run.identity.func(self), "code": code}
 
+    @cached_property
+    def _results(self) -> list[str]:
+        """Results that are kept of each evaluation."""
+        return list(self.family.results(self.study))
+
     def _is_taken(self, kind: str) -> bool:
         """False: an earlier result is not taken as it is, but its evaluations are, see `_compute`."""
         return False
@@ -100,7 +105,7 @@ class SearchRun(Run):
         from heliosweep.search.optimise import optimise
 
         study, search, family = self.study, self._search, self.family
-        results, known = list(family.results(study)), self._known()
+        results, known = self._results, self._known()
         limits = {result_name(name, results): limit for name, limit in search.subject_to.items()}
         signs = {result_name(name, results): sign for name, sign in search.goals().items()}
         rows: list[np.ndarray] = []
@@ -124,10 +129,11 @@ class SearchRun(Run):
                 found = [self._stored(store, known, first + i, point) for i, point in enumerate(points)]
                 missing = [i for i, row in enumerate(found) if row is None]
                 if missing:
-                    computed = self._evaluated(points[missing], results, pool, first)
+                    computed = self._evaluated(points[missing], pool, first)
                     for i, row in zip(missing, computed, strict=True):
                         found[i] = row
-                        store.commit(_part(first + i), dict(zip(self._names(results), _each(points[i], row), strict=True)))
+                        said = zip(self._names(), (*points[i], *row), strict=True)
+                        store.commit(_part(first + i), {name: np.array([value]) for name, value in said})
                 for row in found:
                     assert row is not None
                     rows.append(row)
@@ -153,15 +159,16 @@ class SearchRun(Run):
 
         return population(len(self._search.over), len(self._search.goals()))
 
-    def _names(self, results: list[str]) -> list[str]:
-        return [*self._search.keys(), *results]
+    def _names(self) -> list[str]:
+        """What is kept of each evaluation, in the order of the store."""
+        return [*self._search.keys(), *self._results]
 
     def _known(self) -> dict[str, np.ndarray]:
         """Evaluations of an earlier result of the same search, where it has all that is wanted now."""
         if self._taken is None:
             return {}
         with open_result(self._taken.path) as data:
-            if not {*self.family.results(self.study)} <= {*map(str, data.data_vars)}:
+            if not {*self._results} <= {*map(str, data.data_vars)}:
                 return {}
             found = {str(name): one.to_numpy() for name, one in data.data_vars.items()}
             names = {str(one.attrs["key"]): one.to_numpy() for one in data.coords.values() if "key" in one.attrs}
@@ -176,8 +183,7 @@ class SearchRun(Run):
         self, store: PartStore, known: Mapping[str, np.ndarray], number: int, point: np.ndarray
     ) -> np.ndarray | None:
         """Results of an evaluation that an earlier run has computed; None where there is none."""
-        names = self._names(list(self.family.results(self.study)))
-        part = _part(number)
+        names, part = self._names(), _part(number)
         if part.name in store.done:
             values = [float(value) for each in store.read(part).values() for value in each]
         elif known and number < len(known[names[0]]):
@@ -191,14 +197,12 @@ class SearchRun(Run):
             )
         return np.array(values[len(point) :])
 
-    def _evaluated(
-        self, points: np.ndarray, results: list[str], pool: Callable[[], Pool], first: int
-    ) -> list[np.ndarray]:
+    def _evaluated(self, points: np.ndarray, pool: Callable[[], Pool], first: int) -> list[np.ndarray]:
         """Results at points, in their order; NaN where no plant can be built."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
         built = [i for i, plant in enumerate(plants) if family.wrong(study, plant) is None]
-        rows = [np.full(len(results), np.nan) for _ in points]
+        rows = [np.full(len(self._results), np.nan) for _ in points]
         if not built:
             return rows
         generation = family.generation(study, [plants[i] for i in built])
@@ -220,7 +224,7 @@ class SearchRun(Run):
                 parts.append((Part(task.name, task.kind, task.region), outcome.values))
             finished = work.finish(slab, work.joined(slab, parts))
             span = slab.region.get(swept.name, slice(0, len(built)))
-            columns = [finished[name].to_numpy().astype(float) for name in results]
+            columns = [finished[name].to_numpy().astype(float) for name in self._results]
             for i, row in zip(range(span.start, span.stop), np.array(columns).T, strict=True):
                 rows[built[i]] = row
         return rows
@@ -286,11 +290,6 @@ def _whole(study: Study, point: Mapping[str, Any]) -> dict[str, Any]:
 def _part(number: int) -> Part:
     """The part of one evaluation in the working store."""
     return Part(part_name("points", number), "points", {EVALUATION: slice(number, number + 1)})
-
-
-def _each(point: np.ndarray, row: np.ndarray) -> list[np.ndarray]:
-    """What is stored of an evaluation, a number for each variable."""
-    return [np.array([value]) for value in (*point, *row)]
 
 
 def _rated(

@@ -105,9 +105,9 @@ class Course:
         """What a single goal is compared by: first by how much bounds are missed, then the goal."""
         return self.missed[number], float(self.goals[number][0])
 
-    def best(self, among: list[int] | None = None) -> int:
-        """Number of the best evaluation of a single goal, the first of several that are as good."""
-        return min(range(len(self.points)) if among is None else among, key=self.order)
+    def best(self, since: int = 0) -> int:
+        """Number of the best evaluation of a single goal from a number on, the first of several that are as good."""
+        return min(range(since, len(self.points)), key=self.order)
 
 
 def front(goals: Floats, missed: Floats) -> NDArray[np.bool_]:

@@ -19,8 +19,10 @@ import numpy as np
 
 from heliosweep.search.course import BudgetSpent, Course, Evaluate, Floats, Space
 
-#: Part of the budget that differential evolution may take; the rest is for the local search.
-EVOLVED = 0.7
+#: What the local search may take: a part of the budget, and no more evaluations for each searched key.
+REFINED, EACH = 0.3, 60
+#: Where fewer generations than this are left, the search ends; else it begins anew elsewhere.
+WORTH = 4
 #: Steps of the local search: largest and smallest at its beginning, and where it ends. [parts of the range]
 STEPS, LAST_STEP = (1e-3, 0.1), 1e-5
 #: Tried along the way to the vertex of the fitted parabola, in parts of it; no farther than so many steps.
@@ -57,31 +59,38 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
         All evaluations.
     """
     course = Course(evaluate, space, budget)
-    first = _first_generation(space, size, seed, start)
+    draw = np.random.default_rng(seed)
+    first = _generation(space, size, draw)
+    first[0] = np.clip(space.shares(start), 0.0, 1.0)
     with suppress(BudgetSpent):
-        if goals == 1:
-            _evolve(course, first, seed)
-            _refine(course)
-        else:
+        if goals > 1:
             _spread(course, first, seed)
+            return course
+        while True:
+            before = len(course.points)
+            _evolve(course, first, draw)
+            if len(course.points) == before:  # of a few choices all are known
+                break
+            _refine(course, before)
+            if budget - len(course.points) < WORTH * size:
+                break
+            first = _generation(space, size, draw)
     return course
 
 
-def _first_generation(space: Space, size: int, seed: int, start: Floats) -> Floats:
-    """Shares of the ranges: the start, and a Latin hypercube."""
-    from scipy.stats import qmc
-
-    shares = qmc.LatinHypercube(len(space), rng=np.random.default_rng(seed)).random(size)
-    shares[0] = np.clip(space.shares(start), 0.0, 1.0)
+def _generation(space: Space, size: int, draw: np.random.Generator) -> Floats:
+    """Shares of the ranges: a Latin hypercube."""
+    rows = np.array([draw.permutation(size) for _ in range(len(space))]).T
+    shares: Floats = (rows + draw.random(rows.shape)) / size
     return shares
 
 
-def _evolve(course: Course, first: Floats, seed: int) -> None:
+def _evolve(course: Course, first: Floats, draw: np.random.Generator) -> None:
     """Differential evolution, as long as its part of the budget lasts and its generation is not all alike."""
     from scipy.optimize import NonlinearConstraint, differential_evolution
 
-    space = course.space
-    generations = int(EVOLVED * course.budget) // len(first)
+    space, left = course.space, course.budget - len(course.points)
+    generations = int(left - min(REFINED * left, EACH * len(space))) // len(first)
     if generations < 1:
         course.ask(first)
         return
@@ -103,20 +112,20 @@ def _evolve(course: Course, first: Floats, seed: int) -> None:
         polish=False,
         maxiter=generations - 1,
         tol=1e-9,
-        rng=np.random.default_rng(seed + 1),
+        rng=draw,
     )
 
 
-def _refine(course: Course) -> None:
+def _refine(course: Course, since: int) -> None:
     """Search about the best point: along each axis, between two, and towards the vertex of the parabola that fits.
 
-    Each step asks for all its points at once. Where nothing is better they are asked for nearer to the best one.
+    The best point is that of the evaluations from the number `since` on. Each step asks for all its points at once. Where nothing is better they are asked for nearer to the best one.
     """
     space = course.space
     unit = np.where(space.whole, 1.0 / (space.high - space.low), LAST_STEP)
-    step = np.maximum(_width(course), unit)
+    step = np.maximum(_width(course, since), unit)
     while True:
-        best = course.best()
+        best = course.best(since)
         centre = space.shares(course.points[best])
         step = np.where(space.whole, np.maximum(np.round(step / unit), 1.0) * unit, step)
         values = _pattern(course, centre, step)
@@ -124,19 +133,19 @@ def _refine(course: Course) -> None:
         if vertex.any():
             length = min(1.0, REACH / np.abs(vertex).max())
             course.ask(centre + np.outer(ALONG, vertex * length * step))
-        if course.best() == best:
+        if course.best(since) == best:
             if (step <= unit).all():
                 return
             step = np.maximum(step / 4, unit)
         else:
-            moved = np.abs(space.shares(course.points[course.best()]) - centre)
+            moved = np.abs(space.shares(course.points[course.best(since)]) - centre)
             step = np.maximum(step if (moved >= step).any() else step / 2, unit)
 
 
-def _width(course: Course) -> Floats:
+def _width(course: Course, since: int) -> Floats:
     """First steps of the local search: the spread of the best evaluations, within bounds."""
     space = course.space
-    best = sorted(range(len(course.points)), key=course.order)[: max(4, 2 * len(space))]
+    best = sorted(range(since, len(course.points)), key=course.order)[: max(4, 2 * len(space))]
     return np.clip(space.shares(np.array([course.points[number] for number in best])).std(axis=0), *STEPS)
 
 
