@@ -91,8 +91,8 @@ def _evolve(course: Course, first: Floats, draw: np.random.Generator) -> None:
 
     space, left = course.space, course.budget - len(course.points)
     generations = int(left - min(REFINED * left, EACH * len(space))) // len(first)
+    course.ask(first)  # of itself SciPy asks for one point alone before
     if generations < 1:
-        course.ask(first)
         return
 
     def goal(points: Floats) -> Floats:
