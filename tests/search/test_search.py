@@ -13,7 +13,7 @@ import yaml
 import heliosweep
 from heliosweep import api
 from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
-from heliosweep.families.searched import Searched
+from heliosweep.families.family import families
 from heliosweep.runs.search import SearchRun
 from heliosweep.runs.status import status_of
 from heliosweep.runs.verify import verify
@@ -243,26 +243,40 @@ def test_a_search_has_no_lazy_result():
         api.build(study())
 
 
-def test_every_family_can_be_searched():
-    """Each has results of one number, and is computed at a point as it is alone."""
-    from heliosweep.families.family import families
+def test_the_worst_direction_of_a_tilt(tmp_path):
+    """Another family, on real dates: no direction of a fine sweep is worse than the one that is found."""
+    content = yaml.safe_load(families()["dish_tracking"].example())
+    del content["statistics"]
+    swept = {**content, "errors": {"axis_tilt": 0.1, "axis_tilt_direction": {"start": 0, "stop": 355, "step": 5}}}
+    worst = api.build(swept).effective_tracking_factor_min.min().compute().item()
+    search = {"minimise": "effective_tracking_factor_min", "over": {"errors.axis_tilt_direction": [0, 360]}, "budget": 50}
+    with api.run({**content, "errors": {"axis_tilt": 0.1}, "search": search}, tmp_path / "r", report=False).open() as data:
+        found = data.effective_tracking_factor_min.to_numpy()
+        assert worst - 0.01 < found[best_of(data)] == found.min() <= worst
 
-    for name in ("dish_tracking", "misalignment", "backward_gazing"):
-        family, content = families()[name], yaml.safe_load(families()[name].example())
-        assert isinstance(Searched(family), Searched)
-        assert content["family"] == name
+
+def test_results_along_dimensions_of_one_value_count_as_one_number(tmp_path):
+    content = yaml.safe_load(families()["misalignment"].example())
+    content["error"] = {"source": "encoder", "axis": "elevation", "size": 1}
+    content["heliostats"] = {"positions": [[-120, 300, 0]]}
+    search = {"maximise": "least_tolerance", "over": {"receiver.tilt": [-60, 60]}, "budget": 30}
+    with api.run({**content, "search": search}, tmp_path / "r", report=False).open() as data:
+        assert data.least_tolerance.dims == ("evaluation",)
+        assert data.least_tolerance.max() == data.least_tolerance[best_of(data)] > data.least_tolerance[0]
+    with pytest.raises(StudyError, match="search.maximise: spot_y has a value for each heliostat and day and hour"):
+        heliosweep.load({**content, "error": content["error"], "search": {**search, "maximise": "spot_y"}})
 
 
 BAD = [
     ({"maximise": "field_optcal_efficiency"}, "search.maximise: field_optcal_efficiency is no result of this study; did "
-     "you mean 'field_optical_efficiency'?; there are field_cosine_efficiency, "),
+     "you mean 'field_optical_efficiency'?; results of one number are field_cosine_efficiency, "),
     ({"maximise": "optical_efficiencies"}, "search.maximise: optical_efficiencies is no result of this study"),
     ({"maximise": "cosine_efficiency_"}, "is no result of this study"),
     ({"minimise": "field_optical_efficiency"}, "search.minimise: is maximised too; leave one out"),
     ({"maximise": None}, "search: give one result to 'maximise' or 'minimise', or two for a front of best compromises"),
     ({"maximise": ["a", "b"], "minimise": "c"}, "search: give one result to 'maximise' or 'minimise', or two"),
     ({"maximise": 3}, "search.maximise: must be the name of a result, or a list of two (got 3)"),
-    ({"subject_to": {"gold": {"at_least": 1}}}, "search.subject_to.gold: gold is no result of this study; there are "),
+    ({"subject_to": {"gold": {"at_least": 1}}}, "search.subject_to.gold: gold is no result of this study; results of one number are "),
     ({"subject_to": {"heliostats": {}}}, "search.subject_to.heliostats: give 'at_least', 'at_most' or both"),
     ({"subject_to": {"heliostats": {"at_least": 3, "at_most": 2}}}, "at_least: must not be larger than 'at_most'"),
     ({"over": {}}, "search.over: must not be empty"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
@@ -114,9 +115,12 @@ class Searched(Family):
     def results(self, study: Study) -> dict[str, Variable]:
         """Results with one number for each point, which may be sought and bounded."""
         one = self.generation(study, [{key: _value(study, key) for key in _search(study).keys()}])
-        (swept,) = one.dimensions()
-        found = self.family.variables(one)
-        return {name: each for name, each in found.items() if each.dims == (swept.name,) and each.dtype.kind in "fiu"}
+        (swept,), sizes = one.dimensions(), self.family.workload(one).sizes
+        return {
+            name: each
+            for name, each in self.family.variables(one).items()
+            if each.dtype.kind in "fiu" and swept.name in each.dims and math.prod(sizes[dim] for dim in each.dims) == 1
+        }
 
     def check(self, study: Study) -> Iterator[Problem]:
         """Yield what is wrong with the results that a search names."""
@@ -126,12 +130,13 @@ class Searched(Family):
         for place, name in (*named, *((("search", "subject_to", name), name) for name in search.subject_to)):
             if result_name(name, known) in known:
                 continue
-            if name in others and name not in known:
-                along = ", ".join(others[name].dims) or "words"
-                why = f"{name} has a value for each {along}, and a search needs one number for each point"
+            if name in others:
+                along = " and ".join(others[name].dims)
+                why = f"{name} has a value for each {along}" if along else f"{name} does not depend on what is searched"
             else:
                 why = f"{name} is no result of this study{did_you_mean(name, known)}"
-            yield study.source.problem(place, f"{why}; there are {', '.join(known)}")
+            there = f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
+            yield study.source.problem(place, f"{why}; {there}")
 
     def variables(self, study: Study) -> dict[str, Variable]:
         """What is kept of each evaluation: values of the searched keys, by dotted key, and its `results`."""

@@ -224,7 +224,10 @@ class SearchRun(Run):
                 parts.append((Part(task.name, task.kind, task.region), outcome.values))
             finished = work.finish(slab, work.joined(slab, parts))
             span = slab.region.get(swept.name, slice(0, len(built)))
-            columns = [finished[name].to_numpy().astype(float) for name in self._results]
+            count = span.stop - span.start
+            if wide := [name for name in self._results if finished[name].size != count]:
+                raise HeliosweepError(f"{wide[0]} has several values at one of the evaluations from {first + 1} on")
+            columns = [finished[name].to_numpy().astype(float).reshape(count) for name in self._results]
             for i, row in zip(range(span.start, span.stop), np.array(columns).T, strict=True):
                 rows[built[i]] = row
         return rows
