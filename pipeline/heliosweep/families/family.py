@@ -145,11 +145,9 @@ class Family:
         """
         return self.module("compute", self.mode(study)).finish(study, inputs, region, computed)
 
-    def of(self, result: xr.Dataset) -> Family:
-        """This family, or its search where the result is of one: who draws figures and makes tables."""
-        if '"search": {' not in str(result.attrs.get("study")):
-            return self
-        found: Family = import_module("heliosweep.families.searched").searched(self)
+    def search_of(self, result: xr.Dataset) -> Family:
+        """Who draws the figures and makes the tables of a result of a search."""
+        found: Family = import_module("heliosweep.families.searched").shown(self, result)
         return found
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:

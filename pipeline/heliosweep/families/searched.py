@@ -53,10 +53,6 @@ class Searched(Family):
         """Pydantic model of the study file."""
         return self.family.study_class()
 
-    def of(self, result: xr.Dataset) -> Family:
-        """Family of a result of the same study model; this one."""
-        return self
-
     def numbers_from(self, study: Any) -> str:
         """Module that the numbers of each evaluation come from."""
         return self.family.numbers_from(self.single(study, {}))
@@ -198,6 +194,13 @@ class Searched(Family):
 def searched(family: Family) -> Searched:
     """The search of a family."""
     return Searched(family)
+
+
+def shown(family: Family, result: xr.Dataset) -> Searched:
+    """The search of a family that tells of one result: first of what was sought."""
+    made = Searched(family)
+    made.headlines = tuple(import_module("heliosweep.search.result").goals_of(result))
+    return made
 
 
 def result_name(name: str, known: Iterable[str]) -> str:
