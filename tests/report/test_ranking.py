@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.report.ranking import MOST_CELLS, ranked, smallest_is_best
+from heliosweep.report import ranking
+from heliosweep.report.contents import Table
+from heliosweep.report.ranking import MOST_CELLS, Ranking, smallest_is_best
 
 HEIGHTS, METHODS = [60.0, 80.0, 100.0], ["upright", "spinning"]
 VALUES = np.array([[0.50, 0.60], [0.70, 0.65], [0.68, np.nan]])
+
+
+def ranked(data: xr.Dataset, first: Sequence[str] = ()) -> Ranking:
+    found = ranking.ranked(data, first)
+    assert found is not None
+    return found
+
+
+def steps_of(found: Ranking) -> Table:
+    assert found.steps is not None
+    return found.steps
 
 
 def swept(**more):
@@ -37,14 +51,14 @@ def test_best_and_worst_are_named_with_their_points():
 
 
 def test_what_a_step_away_costs():
-    steps = ranked(swept(), ["efficiency"]).steps
+    steps = steps_of(ranked(swept(), ["efficiency"]))
     assert steps.rows == [
         ["height", "80 m", "60 m", "\N{MINUS SIGN}20.00"],
         ["height", "80 m", "100 m", "\N{MINUS SIGN}2.00"],
         ["method", "upright", "spinning", "\N{MINUS SIGN}5.00"],
     ]
     assert steps.units[-1] == "percentage points"
-    errors = ranked(swept(), ["mean_error"]).steps
+    errors = steps_of(ranked(swept(), ["mean_error"]))
     assert [row[-1] for row in errors.rows] == ["+0.200", "+0.020", "+0.050"]
 
 
@@ -91,7 +105,7 @@ def test_of_many_points_the_best_are_listed():
     ids=["nothing", "one point", "no value", "words"],
 )
 def test_nothing_to_rank(data):
-    assert ranked(data) is None
+    assert ranking.ranked(data) is None
 
 
 def test_which_way_is_better():

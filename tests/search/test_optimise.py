@@ -73,11 +73,13 @@ def test_an_optimum_on_a_bound_is_met_exactly():
 
 
 def test_bounds_on_results_are_kept():
-    """x + y is least at (1/2, 1/2) where x y must be at least 1/4; by Lagrange."""
+    """X + y is least at (1/2, 1/2) where x y must be at least 1/4; by Lagrange."""
+
+    def missed(p):
+        return np.maximum(0.25 - p[:, 0] * p[:, 1], 0)
+
     for seed in SEEDS:
-        course = search(
-            lambda p: p.sum(axis=1), [0, 0], [1, 0.9], 600, seed, missed=lambda p: np.maximum(0.25 - p[:, 0] * p[:, 1], 0)
-        )  # fmt: skip
+        course = search(lambda p: p.sum(axis=1), [0, 0], [1, 0.9], 600, seed, missed=missed)
         best = course.best()
         assert course.missed[best] == 0.0
         assert course.goals[best][0] == pytest.approx(1.0, abs=2e-3)
@@ -95,7 +97,9 @@ def test_points_without_value_are_passed_over():
 
 def test_whole_numbers_stay_whole_and_a_small_choice_is_seen_whole():
     for seed in SEEDS:
-        course = search(lambda p: (p[:, 0] - 3.2) ** 2 + (p[:, 1] - 0.2) ** 2, [0, 0], [10, 1], 150, seed, 1, [True, False])
+        course = search(
+            lambda p: (p[:, 0] - 3.2) ** 2 + (p[:, 1] - 0.2) ** 2, [0, 0], [10, 1], 150, seed, 1, [True, False]
+        )
         assert course.points[course.best()] == pytest.approx([3.0, 0.2], abs=1e-3)
         assert np.all(np.array(course.points)[:, 0] % 1 == 0)
     alone = search(lambda p: (p[:, 0] - 3.2) ** 2, [0], [10], 100, whole=[True])
@@ -114,7 +118,7 @@ def test_no_point_is_asked_for_twice_and_none_is_finer_than_the_resolution():
 @pytest.mark.parametrize("goals", [1, 2])
 def test_the_course_follows_from_the_seed_alone(goals):
     def goal(p):
-        random.random()  # what others draw meanwhile  # noqa: S311
+        random.random()  # what others draw meanwhile
         return np.column_stack([rosenbrock(p), p.sum(axis=1)])[:, :goals]
 
     before = random.getstate()
@@ -147,7 +151,7 @@ def test_the_front_keeps_bounds():
         missed=lambda p: np.maximum(p[:, 0] - 0.5, 0.0),
     )  # fmt: skip
     best = front(np.array(course.goals), np.array(course.missed))
-    assert 0 < best.sum()
+    assert best.sum() > 0
     assert np.array(course.points)[best, 0].max() <= 0.5
 
 

@@ -88,7 +88,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (search_problems, _zip_problems, _same_files, type(study).check):  # the last may rely on what the others look at
+    # The last may rely on what the others look at.
+    for find in (search_problems, _zip_problems, _same_files, type(study).check):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study

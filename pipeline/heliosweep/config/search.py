@@ -112,13 +112,15 @@ class Search(Block):
         elif goals < len(self.maximise) + len(self.minimise):
             yield Fault("is maximised too; leave one out", ("minimise",))
         elif self.budget < (needed := population(len(self.over), goals)):
-            yield Fault(f"must be at least {needed}, one generation of a search over {len(self.over)} keys", ("budget",))
+            yield Fault(
+                f"must be at least {needed}, one generation of a search over {len(self.over)} keys", ("budget",)
+            )
 
     def goals(self) -> dict[str, float]:
         """Return the results that are sought: 1 where the smallest is the best, -1 where the largest is."""
         return dict.fromkeys(self.maximise, -1.0) | dict.fromkeys(self.minimise, 1.0)
 
-    def keys(self) -> tuple[str, ...]:
+    def searched(self) -> tuple[str, ...]:
         """Return the searched keys, in an order that does not depend on how they were written."""
         return tuple(sorted(self.over))
 

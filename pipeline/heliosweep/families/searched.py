@@ -67,7 +67,7 @@ class Searched(Family):
 
     def generation(self, study: Study, points: Sequence[Point]) -> Study:
         """The study at several points, one after the other along one dimension."""
-        keys = study.search.keys() if study.search else ()
+        keys = study.search.searched() if study.search else ()
         columns = {key: Listed(tuple(point[key] for point in points)) for key in keys}
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
@@ -75,11 +75,11 @@ class Searched(Family):
         """Bounds of what is searched; a choice counts from 0."""
         from heliosweep.search.course import Space
 
-        extents = [_search(study).over[key] for key in _search(study).keys()]
+        extents = [_search(study).over[key] for key in _search(study).searched()]
         declared = {key: one for key, one, _ in study.parameters()}
         chosen = [isinstance(extent, dict) for extent in extents]
         ends = [(0, len(one["choice"]) - 1) if isinstance(one, dict) else one for one in extents]
-        integer = [getattr(declared[key], "integer", False) for key in _search(study).keys()]
+        integer = [getattr(declared[key], "integer", False) for key in _search(study).searched()]
         low, high = np.array(ends, dtype=float).T
         return Space(low, high, np.array(chosen) | np.array(integer))
 
@@ -87,10 +87,12 @@ class Searched(Family):
         """Values of the searched keys at a point of the `space`."""
         search, declared = _search(study), {key: one for key, one, _ in study.parameters()}
         values: dict[str, Any] = {}
-        for key, number in zip(search.keys(), numbers, strict=True):
+        for key, number in zip(search.searched(), numbers, strict=True):
             extent, one = search.over[key], declared[key]
             whole = isinstance(one, Quantity) and one.integer
-            values[key] = extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if whole else number
+            values[key] = (
+                extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if whole else number
+            )
         return values
 
     def start(self, study: Study) -> np.ndarray:
@@ -98,7 +100,7 @@ class Searched(Family):
         given, over = {key: value for key, _, value in study.parameters()}, _search(study).over
         return np.array([
             over[key]["choice"].index(given[key]) if isinstance(over[key], dict) else given[key]
-            for key in _search(study).keys()
+            for key in _search(study).searched()
         ], dtype=float)  # fmt: skip
 
     def wrong(self, study: Study, point: Point) -> Problem | None:
@@ -110,7 +112,7 @@ class Searched(Family):
 
     def results(self, study: Study) -> dict[str, Variable]:
         """Results with one number for each point, which may be sought and bounded."""
-        one = self.generation(study, [{key: _value(study, key) for key in _search(study).keys()}])
+        one = self.generation(study, [{key: _value(study, key) for key in _search(study).searched()}])
         (swept,), sizes = one.dimensions(), self.family.workload(one).sizes
         return {
             name: each
@@ -131,12 +133,14 @@ class Searched(Family):
                 why = f"{name} has a value for each {along}" if along else f"{name} does not depend on what is searched"
             else:
                 why = f"{name} is no result of this study{did_you_mean(name, known)}"
-            there = f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
+            there = (
+                f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
+            )
             yield study.source.problem(place, f"{why}; {there}")
 
     def variables(self, study: Study) -> dict[str, Variable]:
         """What is kept of each evaluation: values of the searched keys, by dotted key, and its `results`."""
-        keys = {key: Variable((EVALUATION,), {}) for key in _search(study).keys()}
+        keys = {key: Variable((EVALUATION,), {}) for key in _search(study).searched()}
         return keys | {name: Variable((EVALUATION,), one.attrs) for name, one in self.results(study).items()}
 
     def coordinates(self, study: Study) -> xr.Dataset:

@@ -93,7 +93,9 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
     header = ["result", "best", "at", "worst", "at"]
     notes = ["By results whose names tell of an error or a loss the smallest value is the best, else the largest."]
     flags = {
-        str(name): one for name, one in result.data_vars.items() if is_flag(one) and {*one.dims} == {*arrays[leading].dims}
+        str(name): one
+        for name, one in result.data_vars.items()
+        if is_flag(one) and {*one.dims} == {*arrays[leading].dims}
     }
     points, numbers = _points(result, labels, along, values, {name: _flags(one, dims) for name, one in flags.items()})
     return Ranking(
@@ -207,10 +209,10 @@ def _points(
     numbers: list[list[Any]] = []
     for one in columns.values():
         chosen, raw = position[str(one.dims[0])], one.to_numpy()
-        words = raw.dtype.kind not in "fiu"
-        texts = [_at(one, place) if words else f"{raw[place]:.9g}".replace("-", MINUS) for place in range(one.size)]
+        named = raw.dtype.kind not in "fiu"
+        texts = [_at(one, place) if named else f"{raw[place]:.9g}".replace("-", MINUS) for place in range(one.size)]
         cells.append([texts[place] for place in chosen])
-        numbers.append([texts[place] if words else raw[place].item() for place in chosen])
+        numbers.append([texts[place] if named else raw[place].item() for place in chosen])
     for array in values.values():
         picked = array.ravel()[order]
         cells.append(number_texts(picked, 4))
@@ -222,8 +224,8 @@ def _points(
     header += [name.replace("_", " ") for name in (*values, *flags)]
     units = ["" if one.dtype.kind not in "fiu" else unit_of(one) for one in columns.values()]
     units += [*(unit_of(result[name]) for name in values), *("" for _ in flags)]
-    named = [one.dtype.kind not in "fiu" for one in columns.values()] + len(values) * [False] + len(flags) * [True]
-    words = [i for i, is_word in enumerate(named) if is_word]
+    words = [i for i, one in enumerate(columns.values()) if one.dtype.kind not in "fiu"]
+    words += range(len(columns) + len(values), len(header))
     notes = [f"The best {len(order):,} of {total:,} points by {leading.replace('_', ' ')}; all are in the data set."]
     return (
         Table("All points", header, list(zip(*cells, strict=True)), words, notes * (total > len(order)), units),

@@ -28,8 +28,9 @@ from heliosweep.runs.executors import TRIES, Pool, compute_parts, safe_path
 from heliosweep.runs.run import Run, pool_of
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
-from heliosweep.sources import code_versions, version_of
+from heliosweep.sources import version_of
 from heliosweep.store.folder import BEST
+from heliosweep.store.manifest import identity_of
 from heliosweep.store.parts import PartStore
 from heliosweep.store.read import open_result
 
@@ -82,10 +83,11 @@ class SearchRun(Run):
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What the result belongs to: also the optimiser."""
-        code = code_versions(self.family.numbers_from(self.study), "heliosweep.search.optimise")
+        modules = self.family.numbers_from(self.study), "heliosweep.search.optimise"
+        found = identity_of(self.study, self.attributes, *modules)
         if len(self._search.goals()) > 1:
-            code = {**code, "deap": version_of("deap") or "missing"}
-        return {**Run.identity.func(self), "code": code}
+            found["code"] = {**found["code"], "deap": version_of("deap") or "missing"}
+        return found
 
     @cached_property
     def _results(self) -> list[str]:
@@ -134,11 +136,11 @@ class SearchRun(Run):
                         found[i] = row
                         said = zip(self._names(), (*points[i], *row), strict=True)
                         store.commit(_part(first + i), {name: np.array([value]) for name, value in said})
-                for row in found:
-                    assert row is not None
-                    rows.append(row)
+                for each in found:
+                    assert each is not None
+                    rows.append(each)
                     advance()
-                values = dict(zip(results, np.array(found, dtype=float).T, strict=True))
+                values = dict(zip(results, np.array(rows[first:]).T, strict=True))
                 return _rated(values, signs, limits)
 
             course = optimise(
@@ -161,7 +163,7 @@ class SearchRun(Run):
 
     def _names(self) -> list[str]:
         """What is kept of each evaluation, in the order of the store."""
-        return [*self._search.keys(), *self._results]
+        return [*self._search.searched(), *self._results]
 
     def _known(self) -> dict[str, np.ndarray]:
         """Evaluations of an earlier result of the same search, where it has all that is wanted now."""
@@ -245,7 +247,8 @@ class SearchRun(Run):
         variables, self._arrays = described(values, variables, goals, missed, course.generations)
         sizes = {EVALUATION: len(course.points)}
         workload = replace(self.plan.workload, parameters=sizes)
-        self.plan = replace(self.plan, workload=workload, variables=variables, cuts={"points": Cut(sizes, sizes, sizes)})
+        cuts = {"points": Cut(sizes, sizes, sizes)}
+        self.plan = replace(self.plan, workload=workload, variables=variables, cuts=cuts)
         self.coordinates = self._labelled(course)
 
     def _labelled(self, course: Course) -> xr.Dataset:
@@ -255,7 +258,7 @@ class SearchRun(Run):
         labels = labels.assign_coords({EVALUATION: (EVALUATION, np.arange(1, len(course.points) + 1), attrs)})
         plants = [self.family.point(study, map(float, point)) for point in course.points]
         declared = {key: one for key, one, _ in study.parameters()}
-        for key in self._search.keys():
+        for key in self._search.searched():
             column = [plant[key] for plant in plants]
             array = np.array(column, dtype=object if isinstance(column[0], str) else float)
             attrs = {**coordinate_attributes(declared[key], key), "key": key}

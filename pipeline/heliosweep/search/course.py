@@ -55,8 +55,8 @@ class Space:
         return (points - self.low) / (self.high - self.low)
 
 
-#: Takes points, shape (n, keys), and returns goals to be minimised, shape (n, goals), and by how much bounds are missed,
-#: shape (n,); both infinite where a point has no value.
+#: Takes points, shape (n, keys), and returns goals to be minimised, shape (n, goals), and by how much bounds are
+#: missed, shape (n,); both infinite where a point has no value.
 Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 
 

@@ -41,8 +41,9 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
         )
         yield NamedFigure("front", caption, _front(result))
     else:
-        caption = f"Course of the search: every evaluation, and the best so far. The best is evaluation {best + 1}{at_best}."
-        yield NamedFigure("course", caption if best is not None else "Course of the search.", _course(result))
+        caption = "Course of the search: every evaluation, and the best so far."
+        named = f" The best is evaluation {best + 1}{at_best}." if best is not None else ""
+        yield NamedFigure("course", caption + named, _course(result))
     numbers = all(result[name].dtype.kind == "f" for name in keys)
     if len(goals) == 1 and len(keys) == 2 and numbers:
         goal = title_of(result[goals[0]])

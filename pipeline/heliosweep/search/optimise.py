@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import combinations
 from typing import Any
 from unittest import mock
@@ -119,7 +119,8 @@ def _evolve(course: Course, first: Floats, draw: np.random.Generator) -> None:
 def _refine(course: Course, since: int) -> None:
     """Search about the best point: along each axis, between two, and towards the vertex of the parabola that fits.
 
-    The best point is that of the evaluations from the number `since` on. Each step asks for all its points at once. Where nothing is better they are asked for nearer to the best one.
+    The best point is that of the evaluations from the number `since` on. Each step asks for all its points at once;
+    where nothing is better, the next ones are nearer to the best one.
     """
     space = course.space
     unit = np.where(space.whole, 1.0 / (space.high - space.low), LAST_STEP)
@@ -193,16 +194,17 @@ def _drawing_from(own: random.Random) -> Iterator[None]:
     """Let the operators of DEAP draw from `own`: of themselves they take the numbers that all of Python shares."""
     from deap.tools import crossover, emo, mutation
 
-    with _patching, mock.patch.multiple(crossover, random=own), mock.patch.multiple(mutation, random=own):
-        with mock.patch.multiple(emo, random=own):
-            yield
+    with _patching, ExitStack() as stack:
+        for module in (crossover, mutation, emo):
+            stack.enter_context(mock.patch.object(module, "random", own))
+        yield
 
 
 def _spread(course: Course, first: Floats, seed: int) -> None:
     """NSGA-II, until the budget is spent or nothing new comes up."""
     from deap import base, tools
 
-    class Fitness(base.Fitness):  # type: ignore[misc]
+    class Fitness(base.Fitness):
         weights = (-1.0, -1.0)
 
     class Plant(list[float]):

@@ -132,7 +132,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         value, (low, high) = float(result[name][best]), over[key]
         for bound, which in ((low, "lower"), (high, "upper")):
             if abs(value - bound) <= NEAR * (high - low):
-                yield f"the best {key} stands on the {which} bound of the search, {bound:g}: beyond it may be a better one"
+                yield f"the best {key} is on the {which} bound of the search, {bound:g}; a better one may lie beyond"
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
