@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from heliosweep.runs.search import SearchRun
 from heliosweep.runs.status import status_of
 from heliosweep.runs.verify import verify
 from heliosweep.search.result import best_of, remarks
+from heliosweep.share.archive import pack_result
 from tests.conftest import SMALL
 
 CLEARANCE, HEIGHT = "layout.radial_stagger.clearance", "receiver.height"
@@ -112,6 +114,13 @@ def test_the_page_tells_of_the_best(ran):
     assert "The best evaluations" in page or "evaluation</th>" in page
     assert {path.name for path in (ran.folder / "figures").glob("*.png")} == {"course.png", "map.png"}
     assert "is on the upper bound" in page
+
+
+def test_a_notebook_shows_the_figures_and_the_archive_has_the_study(ran, result, tmp_path):
+    assert [one.name for one in result.heliosweep.figures()] == ["course", "map"]
+    assert result.heliosweep.study.study_id == study().study_id
+    archive = pack_result(ran.folder, tmp_path / "packed.zip")
+    assert any(name.endswith("study.yaml") for name in zipfile.ZipFile(archive).namelist())
 
 
 class Stop(BaseException):

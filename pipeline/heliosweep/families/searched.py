@@ -157,12 +157,24 @@ class Searched(Family):
         count = population(len(space), len(search.goals()))
         return self.generation(study, list(itertools.islice(itertools.cycle(built), count)))
 
+    def workload(self, study: Study) -> Workload:
+        """Sizes and cost of all evaluations that the budget allows; a generation is held in memory, see `plan`."""
+        of_one = self.family.workload(self.first(study))
+        return Workload(
+            {EVALUATION: _search(study).budget},
+            {},
+            of_one.evaluations,
+            of_one.unit,
+            of_one.seconds,
+            lambda points, length: 0,
+            seconds_per_point=of_one.seconds_per_point,
+            axes=of_one.axes,
+        )
+
     def plan(self, study: Study, generation: Plan) -> Plan:
         """Plan of a search from that of a `first` generation: each evaluation is a part."""
-        budget, of_one = _search(study).budget, generation.workload
-        sizes, variables = {EVALUATION: budget}, self.variables(study)
-        work = Workload(sizes, {}, of_one.evaluations, of_one.unit, of_one.seconds, lambda points, length: 0,
-                        seconds_per_point=of_one.seconds_per_point, axes=of_one.axes)  # fmt: skip
+        work, variables = self.workload(study), self.variables(study)
+        sizes = work.sizes
         return Plan(
             work,
             variables,
@@ -171,7 +183,7 @@ class Searched(Family):
             generation.workers,
             generation.peak_memory,
             bytes_of(variables, sizes) + EMPTY_FILE,
-            budget * of_one.point_seconds / generation.workers,
+            work.points * work.point_seconds / generation.workers,
         )
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
