@@ -301,6 +301,8 @@ BAD = [
     ({"over": {"time.hours": [8, 16]}}, "search.over.time.hours: is no key to search"),
     ({"over": {"layout.file": {"choice": ["a.csv", "b.csv"]}}}, "search.over.layout.file: is no key to search"),
     ({"over": {HEIGHT: [90, 30]}}, "search.over.receiver.height: the first number must be smaller than the second"),
+    ({"over": {HEIGHT: [60, 60.00000001]}}, "search.over.receiver.height: the numbers are too near to each other"),
+    ({"over": {HEIGHT: [1e-320, 2e-320]}}, "search.over.receiver.height: the numbers are too near to each other"),
     ({"over": {HEIGHT: [-3, 90]}}, "search.over.receiver.height[0]: must be greater than 0 m"),
     ({"over": {HEIGHT: ["30 kg", 90]}}, "search.over.receiver.height[0]: unknown unit 'kg'; use 'm'"),
     ({"over": {HEIGHT: [60]}}, "search.over.receiver.height: must be the least and the largest value: write"),

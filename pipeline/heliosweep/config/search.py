@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
 MAX_KEYS, MAX_BUDGET = 20, 100_000
+#: Bounds that are nearer to each other, in parts of the larger one, leave no room for a search.
+NARROW, HUGE = 1e-9, 1e250
 _FORM = "write [low, high], or {choice: [...]}"
 
 
@@ -186,6 +188,8 @@ def _read(declared: Parameter, extent: Any) -> Any:
     faults.check()
     if ends[0] >= ends[1]:
         raise Invalid("the first number must be smaller than the second")
+    if ends[1] - ends[0] < max(NARROW * max(map(abs, ends)), 1 / HUGE):
+        raise Invalid("the numbers are too near to each other to search between them")
     return ends
 
 

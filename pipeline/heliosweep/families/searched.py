@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.faults import did_you_mean
+from heliosweep.config.faults import did_you_mean, in_short
 from heliosweep.config.search import population
 from heliosweep.config.study import Study, replaced
 from heliosweep.config.sweep import Listed
@@ -132,7 +132,7 @@ class Searched(Family):
                 along = " and ".join(others[name].dims)
                 why = f"{name} has a value for each {along}" if along else f"{name} does not depend on what is searched"
             else:
-                why = f"{name} is no result of this study{did_you_mean(name, known)}"
+                why = f"{in_short(name)} is no result of this study{did_you_mean(name, known)}"
             there = (
                 f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
             )
