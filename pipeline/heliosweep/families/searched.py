@@ -20,6 +20,7 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
 from heliosweep.grid.regions import Cut, Variable, bytes_of
+from heliosweep.search.course import EVALUATION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from heliosweep.report.views import View
     from heliosweep.search.course import Space
 
-#: Dimension of the result of a search.
-EVALUATION = "evaluation"
 #: Values for each instant, which a search leaves out.
 _SERIES = ("time_series", "field_series")
 

@@ -14,10 +14,10 @@ import xarray as xr
 
 from heliosweep.report.contents import Table
 from heliosweep.report.labels import MINUS, flag_text, is_flag, number_text, printed, title_of, unit_of, value_text
-from heliosweep.report.sections import MOST_NUMBERS, number_texts
+from heliosweep.report.sections import number_texts
 
-#: Cells of the table of all points, and results of which best and worst are told.
-MOST_CELLS, MOST_RESULTS = 10_000, 12
+#: Points that are ranked, cells of the table of all points, and results of which best and worst are told.
+MOST_POINTS, MOST_CELLS, MOST_RESULTS = 200_000, 10_000, 12
 
 #: Words in the name of a result of which the smallest value is the best; of all others it is the largest.
 LESS = ("error", "loss", "lost", "deviation", "std", "rms", "rmse", "uncertainty", "bias", "spillage", "waviness")
@@ -69,12 +69,12 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
     Returns
     -------
     Ranking or None
-        None where there is only one point, or nothing to rank.
+        None where there is only one point, nothing to rank, or too many points for a page.
     """
     arrays = {str(name): one for name, one in result.data_vars.items() if one.dtype.kind in "fiu" and not is_flag(one)}
     known = [name for name in first if name in arrays]
     leading = next(iter(known), min(arrays, key=lambda name: arrays[name].ndim, default=""))
-    if not leading or not 1 < arrays[leading].size <= MOST_NUMBERS:
+    if not leading or not 1 < arrays[leading].size <= MOST_POINTS:
         return None
     dims = [str(dim) for dim in arrays[leading].dims if arrays[leading].sizes[dim] > 1]
     shape = tuple(result.sizes[dim] for dim in dims)
@@ -210,7 +210,9 @@ def _points(
     for one in columns.values():
         chosen, raw = position[str(one.dims[0])], one.to_numpy()
         named = raw.dtype.kind not in "fiu"
-        texts = [_at(one, place) if named else f"{raw[place]:.9g}".replace("-", MINUS) for place in range(one.size)]
+        texts = {
+            place: _at(one, place) if named else f"{raw[place]:.9g}".replace("-", MINUS) for place in {*chosen.tolist()}
+        }
         cells.append([texts[place] for place in chosen])
         numbers.append([texts[place] if named else raw[place].item() for place in chosen])
     for array in values.values():

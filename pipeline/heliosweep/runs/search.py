@@ -18,7 +18,7 @@ import numpy as np
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
-from heliosweep.families.searched import EVALUATION, Searched, result_name
+from heliosweep.families.searched import Searched, result_name
 from heliosweep.files import write_whole
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
@@ -28,6 +28,7 @@ from heliosweep.runs.executors import TRIES, Pool, compute_parts, safe_path
 from heliosweep.runs.run import Run, pool_of
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
+from heliosweep.search.course import EVALUATION
 from heliosweep.sources import version_of
 from heliosweep.store.folder import BEST
 from heliosweep.store.manifest import identity_of

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+#: Dimension of the result of a search.
+EVALUATION = "evaluation"
 #: Steps of a searched number, in parts of its range: what is finer is no other point, and best values read well.
 RESOLUTION = 1e-6
 

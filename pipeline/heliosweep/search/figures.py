@@ -17,7 +17,8 @@ from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import axis_label, is_fraction, printed, title_of, value_text
 from heliosweep.report.layout import abreast, colour_bar, fit, legend, sheet
 from heliosweep.report.style import COLOURS, VALUES, styled
-from heliosweep.search.result import EVALUATION, best_of, goals_of, keys_of, point_text, so_far
+from heliosweep.search.course import EVALUATION
+from heliosweep.search.result import best_of, goals_of, keys_of, point_text, so_far
 
 #: Panels beside each other.
 COLUMNS = 3

@@ -12,10 +12,8 @@ import xarray as xr
 from heliosweep.grid.regions import Variable
 from heliosweep.report.contents import Table
 from heliosweep.report.labels import title_of, unit_of, value_text
-from heliosweep.search.course import front
+from heliosweep.search.course import EVALUATION, front
 
-#: Dimension of the evaluations.
-EVALUATION = "evaluation"
 #: Nearer to a bound than this part of the range, a best value counts as on it.
 NEAR = 1e-3
 #: Best evaluations that the page lists.
@@ -76,12 +74,6 @@ def goals_of(result: xr.Dataset) -> dict[str, bool]:
     said = json.loads(result.attrs["study"])["search"]
     names = [(name, way == "minimise") for way in ("maximise", "minimise") for name in said.get(way, ())]
     return {name if name in result else f"field_{name}": least for name, least in names}
-
-
-def extents_of(result: xr.Dataset) -> dict[str, Any]:
-    """Searched keys by the name of their coordinate, with their bounds or choices."""
-    over = json.loads(result.attrs["study"])["search"]["over"]
-    return {str(one.attrs["key"]): over[one.attrs["key"]] for one in result.coords.values() if "key" in one.attrs}
 
 
 def keys_of(result: xr.Dataset) -> dict[str, str]:
