@@ -6,6 +6,7 @@ store as long as it can, so that the course and the result are those of a run th
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.search.course import Course
+
+
+log = logging.getLogger("heliosweep")
 
 
 class _Task(NamedTuple):
@@ -272,7 +276,7 @@ class SearchRun(Run):
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the best point as a study that runs by itself, the manifest and the resolved study."""
-        from heliosweep.search.result import best_of, point_text
+        from heliosweep.search.result import best_of, goals_of, point_text
 
         with open_result(path) as data:
             place = best_of(data)
@@ -283,6 +287,8 @@ class SearchRun(Run):
                 best = self.family.single(self.study, _whole(self.study, point))
                 title = f"{self.study.title or self.family.family.title}: the best point"
                 best = best.model_copy(update={"title": title})
+                found = ", ".join(f"{name} {data[name][place].item():.6g}" for name in goals_of(data))
+                log.info("best: evaluation %d at %s: %s", place + 1, point_text(data, place), found)
                 head = f"# Evaluation {place + 1} of the search {self.study_id}: {point_text(data, place)}\n"
                 write_whole(self.folder / BEST, head + best.to_yaml(self.folder))
         super()._record(path, digests)
