@@ -167,7 +167,9 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     convert = command(
-        "convert", _convert, "write the layout of a study, file or PAINT folder as SolarPILOT or heliosweep has it"
+        "convert",
+        _convert,
+        "write the layout of a study, result, file or PAINT folder as SolarPILOT or heliosweep has it",
     )
     convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv|DIR")
     convert.add_argument("target", metavar="FILE.csv")
@@ -175,6 +177,9 @@ def _parser() -> argparse.ArgumentParser:
         "--to",
         choices=("solarpilot", "csv", "spots"),
         help="form of the file (default: solarpilot; csv of a PAINT folder); spots: those measured, of a PAINT folder",
+    )
+    convert.add_argument(
+        "--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="of a result with several"
     )
     convert.add_argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (receiver)")
     convert.add_argument("--force", action="store_true", help="replace a file that is there")
@@ -425,7 +430,12 @@ def _convert(options: argparse.Namespace) -> None:
         spots = fields.read_paint_spots(options.source, options.aim)
         _say_path(fields.write_paint_spots(spots, options.target, force=options.force))
         return
-    if is_folder:
+    if is_folder and (user_path(options.source) / "manifest.json").exists():
+        with api.open_result(options.source) as result:
+            layout = fields.layout_of(result, dict(options.select))
+    elif options.select:
+        raise StudyError(Problem("is for a result folder", "--select"))
+    elif is_folder:
         layout = fields.read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
         layout = fields.layout_of(api.load(options.source))

@@ -28,6 +28,7 @@ from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.inputs import inputs
+from heliosweep.report.ranking import ranked
 from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
@@ -143,7 +144,10 @@ def _page(
 ) -> str:
     from heliosweep.report.interactive import explore, scripts
 
-    family = families.get(json.loads(result.attrs.get("study", "{}")).get("family"))
+    said = json.loads(result.attrs.get("study", "{}"))
+    family = families.get(said.get("family"))
+    if family and said.get("search"):
+        family = family.search_of(result)
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result
@@ -154,6 +158,7 @@ def _page(
     plots: dict[str, Any] = {}
     results = None
     went_in, fixed_is_told = None, False
+    points = None
     with undrawn.noting("The table of inputs"):
         asked = study or _study(place, family)
         went_in = inputs(asked, sampled(result, asked))
@@ -162,6 +167,8 @@ def _page(
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
         results = sections.results(result, family.tables(result) if family else (), family.headlines if family else ())
+    with undrawn.noting("The ranking"):
+        points = ranked(result, family.headlines if family else ())
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),
@@ -182,7 +189,8 @@ def _page(
         shared="" if fixed_is_told or not results else results["shared"],
         views=views,
         plots=plots,
-        scripts=scripts() if views else (),
+        ranked=points,
+        scripts=scripts(bool(views), points is not None),
         figures=figures,
         made=sections.made(manifest),
         command=sections.command(manifest),

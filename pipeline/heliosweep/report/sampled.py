@@ -34,7 +34,7 @@ def sampled(result: xr.Dataset, study: Study | None) -> list[tuple[str, str]]:
     elif isinstance(time, WeatherTime):
         months = "all" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
         found = [("months", months), ("hours", "those of the weather file, the sun at the middle of each lit part")]
-    if "heliostat" in result.sizes:
+    if "heliostat" in result.sizes and "evaluation" not in result.sizes:  # of a search, each evaluation may have others
         count = result.sizes["heliostat"]
         found.append(("heliostats", f"{'up to ' * ('layout' in result.dims)}{count:,}"))
     if isinstance(time, SolarTime | CivilTime) and study is not None:
