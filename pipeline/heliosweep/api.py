@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from heliosweep.config.layers import execution_keys
 from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
@@ -35,13 +36,18 @@ OUTPUTS = "outputs"
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
 
 
-def load(source: Source) -> Study:
+def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str = "") -> Study:
     """Load and check a study.
 
     Parameters
     ----------
     source : path or mapping
         A study file, or the same content as a mapping.
+    changes : mapping of str to object, optional
+        Values by dotted key in place of those of the study, such as ``{"receiver.height": 90}``; None takes a key
+        away.
+    named : str
+        What messages call the place of `changes`.
 
     Returns
     -------
@@ -54,7 +60,9 @@ def load(source: Source) -> Study:
         With every problem found, each with file, line, column and key.
     """
     classes = study_classes()
-    return load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
+    if isinstance(source, Mapping):
+        return load_mapping(source, classes, changes)
+    return load_file(source, classes, changes, named)
 
 
 def _loaded(study: Study | Source) -> Study:
@@ -250,6 +258,9 @@ def run(
     study: Study | Source,
     output: str | os.PathLike[str] | None = None,
     *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    memory: int | str | None = None,
     progress: bool = False,
     report: bool = True,
     force: bool = False,
@@ -265,6 +276,8 @@ def run(
         From `load`, or what `load` takes.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
+    scheduler, workers, memory
+        As the keys of `execution` in the study file, which they replace. No number of the result depends on them.
     progress : bool
         Whether to show progress on standard error.
     report : bool
@@ -301,7 +314,8 @@ def run(
     from heliosweep.store.folder import check_contents, check_locks, claimed, is_tidy, made, refuse_devices
 
     asked = _loaded(study)
-    asked = asked.model_copy(update={"execution": asked.execution.resolved()})
+    given = execution_keys({"scheduler": scheduler, "workers": workers, "memory": memory})
+    asked = asked.model_copy(update={"execution": asked.execution.resolved().model_copy(update=given)})
     folder = result_folder(asked, output)
     page = folder / "report.html"
 

@@ -132,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
 
     validate = command("validate", _validate, "check study files and list every problem at its line")
     validate.add_argument("studies", nargs="+", metavar="STUDY.yaml")
+    _set_argument(validate)
 
     plan = command("plan", _plan, "say what a study will cost before it runs")
     _study_arguments(plan)
@@ -221,8 +222,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _set_argument(parser: argparse.ArgumentParser) -> None:
+    text = "another value of a key of the study, may be repeated; null takes the key away"
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
+
+
 def _study_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY.yaml")
+    _set_argument(parser)
     parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
     parser.add_argument(
         "--scheduler",
@@ -281,32 +288,14 @@ def _formats(text: str) -> tuple[str, ...]:
 
 
 def _load(options: argparse.Namespace) -> Study:
-    """Load the study with what the command line says of its execution, and pass on its warnings."""
+    """Load the study with what the command line says of it, and pass on its warnings."""
     from heliosweep import api
+    from heliosweep.config.layers import OPTION, execution_keys, settings
 
-    study = api.load(options.study)
-    execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
+    study = api.load(options.study, settings(options.set), named=OPTION)
+    asked = execution_keys({name: getattr(options, name) for name in ("scheduler", "workers", "memory")}, "--")
     _warn(study)
-    return study.model_copy(update={"execution": execution})
-
-
-def _asked(options: argparse.Namespace) -> dict[str, Any]:
-    """Keys of ``execution`` that the command line gives, read as those of a study file are."""
-    from pydantic import ValidationError
-
-    from heliosweep.config.block import translate
-    from heliosweep.config.execution import Profile
-    from heliosweep.config.source import Source, scalar
-
-    texts = {name: getattr(options, name) for name in ("scheduler", "workers", "memory")}
-    values = {name: scalar(text) for name, text in texts.items() if text is not None}
-    given = {name: texts[name] if value is None else value for name, value in values.items()}  # none is asked for null
-    try:
-        asked = Profile.model_validate(given)
-    except ValidationError as error:
-        found = translate(error, Profile, Source(given))
-        raise StudyError([Problem(problem.message, f"--{problem.key}") for problem in found]) from None
-    return {name: getattr(asked, name) for name in given}
+    return study.model_copy(update={"execution": study.execution.resolved(options.profile).model_copy(update=asked)})
 
 
 def _warn(study: Study) -> None:
@@ -317,10 +306,12 @@ def _warn(study: Study) -> None:
 def _validate(options: argparse.Namespace) -> int:
     from heliosweep import api
 
-    code = 0
+    from heliosweep.config.layers import OPTION, settings
+
+    code, changes = 0, settings(options.set)
     for path in options.studies:
         try:
-            study = api.load(path)
+            study = api.load(path, changes, named=OPTION)
         except StudyError as error:
             print(error, file=sys.stderr)
             code = error.exit_code

@@ -41,10 +41,11 @@ _NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U0001
 
 
 class Place(NamedTuple):
-    """Line and column in a file, counted from 1."""
+    """Line and column in a file, counted from 1; the name of the file where it is not the study file."""
 
-    line: int
-    column: int
+    line: int | None
+    column: int | None
+    file: str | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class Source:
         Where the key, and the value, of each path stand.
     problems : tuple of Problem
         What was wrong with the file itself but did not stop the reading (duplicate keys).
+    bases : tuple of pathlib.Path
+        Study files that it includes.
     """
 
     data: dict[str, Any]
@@ -68,6 +71,7 @@ class Source:
     keys: Mapping[Path, Place] = field(default_factory=dict, repr=False)
     values: Mapping[Path, Place] = field(default_factory=dict, repr=False)
     problems: tuple[Problem, ...] = ()
+    bases: tuple[pathlib.Path, ...] = ()
 
     @property
     def directory(self) -> pathlib.Path:
@@ -105,10 +109,10 @@ class Source:
         while place is None and outer:
             outer = outer[:-1]
             place = self.keys.get(outer)
-        if place is None and self.path:
-            place = Place(1, 1)
-        name = str(self.path) if self.path else ""
-        return Problem(message, dotted(path), name, *(place or (None, None)))
+        if place is None:
+            place = Place(1, 1) if self.path else Place(None, None)
+        name = str(self.path or "") if place.file is None else place.file
+        return Problem(message, dotted(path), name, place.line, place.column)
 
 
 def read(path: str | os.PathLike[str]) -> Source:
