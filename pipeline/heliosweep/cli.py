@@ -214,9 +214,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     pack.add_argument("--force", action="store_true", help="replace an archive that is there")
 
-    schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
-    schema.add_argument("family")
-    schema.add_argument("--example", action="store_true", help="print a commented study file to start from instead")
+    new = command("new", _new, "write a commented study file to start from; prints its path")
+    new.add_argument("family", metavar="FAMILY")
+    new.add_argument("file", nargs="?", metavar="FILE.yaml", help="file to write (default: FAMILY.yaml)")
+    new.add_argument("--force", action="store_true", help="replace a file that is there")
+
+    explain = command("explain", _explain, "say what a key of study files means, its unit, range, default and forms")
+    explain.add_argument("of", nargs="+", metavar="[FAMILY] KEY", help="as receiver.height; a family lists its keys")
+
+    examples = command("examples", _examples, "list the studies that come with heliosweep, or copy some")
+    examples.add_argument("names", nargs="*", metavar="NAME", help="studies to copy, with the files that they name")
+    examples.add_argument("--to", metavar="DIR", default=".", help="folder to copy to (default: here)")
+    examples.add_argument("--force", action="store_true", help="replace files that are there")
+
+    schema = command("schema", _schema, "print a family's JSON Schema, for editors")
+    schema.add_argument("family", metavar="FAMILY")
 
     command("families", _families, "list the study families")
     return parser
@@ -452,21 +464,39 @@ def _pack(options: argparse.Namespace) -> None:
     _say_path(pack_result(options.folder, options.output, license=options.license, force=options.force))
 
 
+def _new(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import new_study
+
+    _say_path(new_study(options.family, options.file, force=options.force))
+
+
+def _explain(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import explain
+
+    _say(explain(options.of))
+
+
+def _examples(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import copy_examples, examples
+
+    if not options.names:
+        _say(examples())
+        return
+    for path in copy_examples(options.names, options.to, force=options.force):
+        _say_path(path)
+
+
 def _schema(options: argparse.Namespace) -> None:
     from heliosweep.families.family import families
 
     known = families()
     if options.family not in known:
         raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
-    family = known[options.family]
-    if options.example:
-        print(family.example(), end="")
-        return
     import json
 
     from heliosweep.config.study import json_schema
 
-    print(json.dumps(json_schema(family.study_class()), indent=2))
+    print(json.dumps(json_schema(known[options.family].study_class()), indent=2))
 
 
 def _families(_: argparse.Namespace) -> None:

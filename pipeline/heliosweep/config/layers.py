@@ -136,6 +136,9 @@ def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator
     elif isinstance(data, list):
         for position, value in enumerate(data):
             yield from file_names(study_class, value, (*path, position))
+    elif isinstance(data, str) and isinstance(path[-1], int):  # an entry of blocks that may be the name of its file
+        if any("file" in block.model_fields for block in blocks_at(study_class, path)) and data.strip():
+            yield path, data
 
 
 def _read(value: Any) -> Any:

@@ -216,7 +216,7 @@ class _Reader:
         return ""
 
     def refuse(self, message: str, place: Place, at: Path = ()) -> NoReturn:
-        raise StudyError([*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), *place)])
+        raise StudyError([*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), place.line, place.column)])
 
     def document(self, events: Iterator[Any]) -> dict[str, Any]:
         next(events)  # the stream starts
@@ -269,7 +269,7 @@ class _Reader:
             path = (*at, key)
             if key in data:
                 message = f"duplicate key (first on line {self.keys[path].line})"
-                self.problems.append(Problem(message, dotted(path), str(self.path), *place))
+                self.problems.append(Problem(message, dotted(path), str(self.path), place.line, place.column))
                 self.node(next(events), events, (*at, f"{key} (again)"))  # the first value counts
                 continue
             self.keys[path] = place
