@@ -92,8 +92,6 @@ def test_validate_families_schema(folder, capsys):
     assert "field_efficiency" in capsys.readouterr().out
     assert main(["schema", "field_efficiency"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["layout"]
-    assert main(["schema", "field_efficiency", "--example"]) == 0
-    assert yaml.safe_load(capsys.readouterr().out)["family"] == "field_efficiency"
 
 
 TIME: Any = SMALL["time"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import json
 import logging
 import os
 import shlex
@@ -224,9 +225,31 @@ class Result:
         """The result folder."""
         return self.path.parent
 
+    @property
+    def page(self) -> Path | None:
+        """The page with figures and tables; None where there is none."""
+        page = self.folder / "report.html"
+        return page if page.is_file() else None
+
     def open(self) -> xr.Dataset:
         """Open the data set."""
         return open_result(self.path)
+
+    def summary(self) -> str:
+        """What it holds, one thing a line: title, dimensions, headline numbers, the page."""
+        from heliosweep.report.summary import summary
+
+        with self.open() as data:
+            family = families().get(json.loads(data.attrs.get("study", "{}")).get("family"))
+            lines = [*summary(data, family.headlines if family else ())]
+        return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
+
+    def __repr__(self) -> str:
+        try:
+            text = self.summary().replace("\n", "\n  ")
+        except (HeliosweepError, OSError, ValueError) as error:
+            text = f"cannot be read: {error}"
+        return f"<heliosweep.Result> {text}\n  data: {self.path}"
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -377,8 +400,23 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
     if not of:
         return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
-    places = map(user_path, of)
-    return [status_of(place if place.is_dir() else result_folder(load(place))) for place in places]
+    return [status_of(folder_of(place)) for place in of]
+
+
+def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
+    """Result folder that is meant: the folder itself, or where the result of a study file goes by default.
+
+    With `there`, the study must have been run. Raises StudyError.
+    """
+    path = user_path(place)
+    if path.suffix.lower() not in (".yaml", ".yml") or path.is_dir():
+        return path
+    folder = result_folder(load(path))
+    if there and not folder.is_dir():
+        raise StudyError(
+            Problem(f"was not run yet; to run it: {shlex.join(['heliosweep', 'run', str(place)])}", file=str(place))
+        )
+    return folder
 
 
 def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Path:

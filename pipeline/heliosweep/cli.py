@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.runs.signals import ignore_interruptions, interruptible
+from heliosweep.share.command_lines import epilog_of
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -126,7 +127,11 @@ def _parser() -> argparse.ArgumentParser:
 
     def command(name: str, action: Callable[[argparse.Namespace], int | None], text: str) -> argparse.ArgumentParser:
         description = text[0].upper() + text[1:] + "."
-        sub = commands.add_parser(name, help=text, description=description, epilog=_EXIT_CODES, parents=[common])
+        raw = argparse.RawDescriptionHelpFormatter
+        epilog = f"{epilog_of(name)}\n\n{_EXIT_CODES}"
+        sub = commands.add_parser(
+            name, help=text, description=description, epilog=epilog, parents=[common], formatter_class=raw
+        )
         sub.set_defaults(command=action)
         return sub
 
@@ -143,13 +148,13 @@ def _parser() -> argparse.ArgumentParser:
     _study_arguments(run)
     run.add_argument("--force", action="store_true", help="compute everything anew, whatever is there")
     run.add_argument("--no-report", action="store_true", help="leave out figures and the HTML page")
-    run.add_argument("-q", "--quiet", action="store_true", help="show no progress")
+    run.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor headline numbers")
 
     status = command("status", _status, "say what is done, failed and left, and how long it will take")
     status.add_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)")
 
     verify = command("verify", _verify, "check result folders against their digests, part by part")
-    verify.add_argument("folders", nargs="+", metavar="DIR")
+    verify.add_argument("folders", nargs="+", metavar="DIR|STUDY.yaml", help="result folders, or studies that were run")
 
     compare = command("compare", _compare, "tell two results apart by meaning: dimensions, attributes, values")
     compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder")
@@ -196,7 +201,7 @@ def _parser() -> argparse.ArgumentParser:
     table.add_argument("--force", action="store_true", help="replace a file that is there")
 
     report = command("report", _report, "draw the figures and the HTML page of a result folder again")
-    report.add_argument("folder", metavar="DIR")
+    report.add_argument("folder", metavar="DIR|STUDY.yaml", help="result folder, or a study that was run")
     formats = ", ".join(_FIGURES)
     report.add_argument(
         "--format",
@@ -207,7 +212,7 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     pack = command("pack", _pack, "write a finished result as one archive to publish and cite; prints its path")
-    pack.add_argument("folder", metavar="DIR")
+    pack.add_argument("folder", metavar="DIR|STUDY.yaml", help="result folder, or a study that was run")
     pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
     pack.add_argument(
         "--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study, or CC-BY-4.0)"
@@ -317,7 +322,6 @@ def _warn(study: Study) -> None:
 
 def _validate(options: argparse.Namespace) -> int:
     from heliosweep import api
-
     from heliosweep.config.layers import OPTION, settings
 
     code, changes = 0, settings(options.set)
@@ -349,6 +353,8 @@ def _run(options: argparse.Namespace) -> None:
     result = api.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
+    if not options.quiet:
+        _say(result.summary(), sys.stderr)
     _say_path(result.path)
 
 
@@ -361,11 +367,12 @@ def _status(options: argparse.Namespace) -> None:
 
 
 def _verify(options: argparse.Namespace) -> int:
+    from heliosweep import api
     from heliosweep.runs.verify import verify
 
     code = 0
-    for folder in options.folders:
-        found = verify(folder)
+    for place in options.folders:
+        found = verify(api.folder_of(place, there=True))
         _say(found.text)
         code = code if found.ok else 1
     return code
@@ -455,13 +462,20 @@ def _table(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from heliosweep import api
 
-    _say_path(api.report(options.folder, vector=[kind for kind in options.format if kind != "png"]))
+    _say_path(
+        api.report(api.folder_of(options.folder, there=True), vector=[kind for kind in options.format if kind != "png"])
+    )
 
 
 def _pack(options: argparse.Namespace) -> None:
+    from heliosweep import api
     from heliosweep.share.archive import pack_result
 
-    _say_path(pack_result(options.folder, options.output, license=options.license, force=options.force))
+    _say_path(
+        pack_result(
+            api.folder_of(options.folder, there=True), options.output, license=options.license, force=options.force
+        )
+    )
 
 
 def _new(options: argparse.Namespace) -> None:

@@ -137,8 +137,7 @@ def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator
         for position, value in enumerate(data):
             yield from file_names(study_class, value, (*path, position))
     elif isinstance(data, str) and isinstance(path[-1], int):  # an entry of blocks that may be the name of its file
-        if any("file" in block.model_fields for block in blocks_at(study_class, path)) and data.strip():
-            yield path, data
+        yield from ((path, data) for block in blocks_at(study_class, path)[:1] if "file" in block.model_fields)
 
 
 def _read(value: Any) -> Any:

@@ -216,7 +216,9 @@ class _Reader:
         return ""
 
     def refuse(self, message: str, place: Place, at: Path = ()) -> NoReturn:
-        raise StudyError([*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), place.line, place.column)])
+        raise StudyError(
+            [*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), place.line, place.column)]
+        )
 
     def document(self, events: Iterator[Any]) -> dict[str, Any]:
         next(events)  # the stream starts

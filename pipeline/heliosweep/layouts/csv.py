@@ -68,7 +68,12 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     once, with file, line and column.
     """
     name = str(path) if name is None else name
-    lines = table_lines(table_text(Path(path), name), name)
+    return read_text(table_text(Path(path), name), name, reserved)
+
+
+def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
+    """Read a layout from the text of a CSV file, as `read_csv` does."""
+    lines = table_lines(text, name)
     form = _solarpilot_form(lines[1])
     if form is not None:
         return _read_solarpilot(name, lines, *form, reserved)

@@ -1,4 +1,4 @@
-"""What a user looks up before writing a study: keys in words, a study to start from, and the studies that come along."""
+"""What a user looks up before writing a study: keys in words, a study to start from, studies to copy."""
 
 from __future__ import annotations
 
@@ -53,16 +53,17 @@ def explain(words: Iterable[str]) -> str:
             raise StudyError(Problem(f"name a family, a key, or both; the families are {', '.join(families())}"))
         return "\n".join(_lines(_keys(chosen[0])))
     wanted = re.sub(r"\[\d*\]", "", given[0])
-    texts: dict[str, dict[str, str]] = {}
+    texts: dict[tuple[str, str], dict[str, str]] = {}
     for name in chosen:
-        if key := next((key for key in _keys(name) if _plain(key) == wanted), None):
-            texts.setdefault(_explained(name, key), {})[name] = _example(name, key)
+        found = [key for key in _keys(name) if _plain(key) == wanted]
+        exact = [key for key in found if key.name == re.sub(r"\[\d+\]", "[]", given[0])]
+        for key in exact or found:
+            texts.setdefault((key.name, _explained(name, key)), {})[name] = _example(name, key)
     if not texts:
         raise StudyError(Problem(_unknown(wanted, chosen), given[0]))
     told = []
-    for text, of in texts.items():
-        found = [example for example in of.values() if example]
-        told.append("\n".join([f"{given[0]}  ({', '.join(of)})", text, *found]))
+    for (called, text), of in texts.items():
+        told.append("\n".join([f"{called}  ({', '.join(of)})", text, *filter(None, of.values())]))
     return "\n\n".join(told)
 
 
@@ -159,7 +160,9 @@ def _explained(family: str, key: Key) -> str:
         value = key.value.replace("`", "")
         rows += [("value", value)] if value else []
         if key.unit:
-            rows.append(("unit", f'{key.unit}; another unit may be written out, as "1 {_OTHER.get(key.unit, key.unit)}"'))
+            rows.append(
+                ("unit", f'{key.unit}; another unit may be written out, as "1 {_OTHER.get(key.unit, key.unit)}"')
+            )
     if key.swept:
         whats = "the values are averaged over" if is_sampled(families()[family].study_class(), key) else ""
         rows.append(("sweep", f"{_SWEEP}; {whats or 'a dimension of the result'}"))
