@@ -264,7 +264,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     -------
     xarray.Dataset
         Lazily read; close it, or use it as a context manager. Its values are not checked: where a file may be damaged,
-        ask ``heliosweep verify`` first.
+        ask ``heliosweep verify`` first. Heliostats whose layout has a column ``name``, no name twice, are selected by
+        it too: ``sel(name="A1")``.
 
     Raises
     ------
@@ -274,7 +275,11 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.store import read
 
-    return read.open_result(path)
+    result = read.open_result(path)
+    names = result.coords.get("name")
+    if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
+        result = result.set_xindex("name")
+    return result
 
 
 def run(

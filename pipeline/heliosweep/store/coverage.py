@@ -30,13 +30,16 @@ def attributes(study: Study) -> Iterator[tuple[str, str]]:
     yield "time_coverage_resolution", f"PT{seconds}S" if seconds % 60 else f"PT{seconds // 60}M"
 
 
-def sentence(study: Study) -> Iterator[str]:
-    """Words of a sentence on the period, for a summary; none of a study without a clock."""
-    time = getattr(study, "time", None)
+def summary(about: str, study: Study) -> str:
+    """What a study is about, on one line, and the period that it covers; none of a study without a clock."""
+    said, time = " ".join(about.split()), getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
-        yield f"Covers {dates(time)}."
+        period = dates(time)
     elif isinstance(time, WeatherTime):
-        yield f"Covers the months of the weather file: {months(time)}."
+        period = f"months of the weather file: {months(time)}"
+    else:
+        return said
+    return f"{said.rstrip('.')}. Period: {period}."
 
 
 def months(time: WeatherTime) -> str:
@@ -55,7 +58,7 @@ def dates(time: SolarTime | CivilTime) -> str:
         return f"{listed[0]} to {listed[-1]}{each}: {len(listed)} dates"
     declinations = time.declinations()
     values = time.day_numbers() if declinations is None else declinations
-    what = "days of the year" if declinations is None else f"declinations of the sun (\N{DEGREE SIGN})"
+    what = "days of the year" if declinations is None else "declinations of the sun (\N{DEGREE SIGN})"
     texts = [f"{float(value):.6g}".replace("-", "\N{MINUS SIGN}") for value in values]
     return f"{what} {', '.join(texts) if len(texts) <= FEW else f'{texts[0]} to {texts[-1]}: {len(texts)}'}"
 

@@ -51,7 +51,7 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title or family.title,
-        "summary": " ".join([*(study.description or family.title).split(), *coverage.sentence(study)]),
+        "summary": coverage.summary(study.description or family.title, study),
         "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *family.keywords, *given))),
         "source": f"heliosweep {__version__}, family {study.family}",
         "history": f"computed by heliosweep {__version__} from study {study.study_id}",
