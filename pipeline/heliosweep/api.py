@@ -244,6 +244,15 @@ class Result:
             lines = [*summary(data, family.headlines if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
+    def ending(self) -> str:
+        """What the end of a run tells: `summary`; of a result that was there already the headline of its page alone."""
+        if self.seconds:
+            return self.summary()
+        from heliosweep.report.heads import head_of
+
+        told = [*filter(None, head_of(self.folder / "report.html")), *([f"page: {self.page}"] if self.page else [])]
+        return "\n".join(told)
+
     def __repr__(self) -> str:
         try:
             text = self.summary().replace("\n", "\n  ")

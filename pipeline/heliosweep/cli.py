@@ -353,8 +353,8 @@ def _run(options: argparse.Namespace) -> None:
     result = api.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
-    if not options.quiet:
-        _say(result.summary(), sys.stderr)
+    if not options.quiet and (told := result.ending()):
+        _say(told, sys.stderr)
     _say_path(result.path)
 
 
