@@ -305,14 +305,21 @@ def _formats(text: str) -> tuple[str, ...]:
 
 
 def _load(options: argparse.Namespace) -> Study:
-    """Load the study with what the command line says of it, and pass on its warnings."""
+    """Load the study with what the command line says of it and of its execution, and pass on its warnings."""
     from heliosweep import api
-    from heliosweep.config.layers import OPTION, execution_keys, settings
+    from heliosweep.config.layers import OPTION, settings
 
     study = api.load(options.study, settings(options.set), named=OPTION)
-    asked = execution_keys({name: getattr(options, name) for name in ("scheduler", "workers", "memory")}, "--")
+    execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
     _warn(study)
-    return study.model_copy(update={"execution": study.execution.resolved(options.profile).model_copy(update=asked)})
+    return study.model_copy(update={"execution": execution})
+
+
+def _asked(options: argparse.Namespace) -> dict[str, Any]:
+    """Keys of ``execution`` that the command line gives, read as those of a study file are."""
+    from heliosweep.config.layers import execution_keys
+
+    return execution_keys({name: getattr(options, name) for name in ("scheduler", "workers", "memory")}, "--")
 
 
 def _warn(study: Study) -> None:

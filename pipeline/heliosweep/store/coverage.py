@@ -58,7 +58,8 @@ def dates(time: SolarTime | CivilTime) -> str:
         return f"{listed[0]} to {listed[-1]}{each}: {len(listed)} dates"
     declinations = time.declinations()
     values = time.day_numbers() if declinations is None else declinations
-    what = "days of the year" if declinations is None else "declinations of the sun (\N{DEGREE SIGN})"
+    end = "" if len(values) == 1 else "s"
+    what = f"day{end} of the year" if declinations is None else f"declination{end} of the sun (\N{DEGREE SIGN})"
     texts = [f"{float(value):.6g}".replace("-", "\N{MINUS SIGN}") for value in values]
     return f"{what} {', '.join(texts) if len(texts) <= FEW else f'{texts[0]} to {texts[-1]}: {len(texts)}'}"
 
