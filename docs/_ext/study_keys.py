@@ -1,17 +1,29 @@
-"""Directives `study-keys` and `study-example`: the keys of a family's study files, from its JSON Schema."""
+"""Tables of the keys of study files, which ``make reference`` writes into the pages; directive `study-example`.
+
+The pages hold the tables as text, so that they can be read where nobody has built the site. A test tells when they are
+not those of the schema any more.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import ClassVar
+from pathlib import Path
 
 from docutils import nodes
-from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from heliosweep.config.keys import Key, is_sampled, keys_of
 from heliosweep.config.study import Study, json_schema
+from heliosweep.families.family import families
+
+#: Pages with tables.
+PAGES = sorted((Path(__file__).parents[1] / "reference").glob("*.md"))
+
+_MARKED = re.compile(
+    r"(<!-- keys of (\w+), level (\d): ([\w ]+); written by `make reference` -->).*?(<!-- end of the keys -->)",
+    re.DOTALL,
+)
 
 
 def _cell(text: str) -> str:
@@ -30,41 +42,41 @@ def table(study: type[Study], keys: list[Key]) -> str:
     family = study.family_name()
     lines = ["| key | what | value | default | swept |", "|---|---|---|---|---|"]
     for key in keys:
-        anchor = f"{family}-{key.name}".replace("[]", "-each").replace(".", "-")
+        anchor = re.sub(r"\W|_", "-", f"{family}-{key.name}".replace("[]", "-each")).lower()
         default = key.default or ("**needed**" if key.required else "")
         value = _cell(key.value) + (f" **{key.unit}**" if key.unit and key.unit != "B" else "")
         swept = ("instants" if is_sampled(study, key) else "yes") if key.swept else ""
-        cells = [f"[`{key.name}`]{{#{anchor}}}", _meaning(key), value, default, swept]
+        cells = [f'<a id="{anchor}"></a>`{key.name}`', _meaning(key), value, default, swept]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-class StudyKeys(SphinxDirective):
-    """`{study-keys} FAMILY` with `:only:` or `:without:` top-level keys, and the `:level:` of headings."""
+def sections(family: str, names: str, level: int = 2) -> str:
+    """Return a table for the keys at the top and one for each block.
 
-    required_arguments = 1
-    option_spec: ClassVar = {
-        "only": directives.unchanged,
-        "without": directives.unchanged,
-        "level": directives.positive_int,
-    }
+    `names` are keys at the top, those that are meant or, after ``without``, those that are not.
+    """
+    study = families()[family].study_class()
+    first, *rest = names.split() or [""]
+    found: dict[str, list[Key]] = {}
+    for key in keys_of(json_schema(study)):
+        top = re.split(r"[.\[]", key.name)[0]
+        if top not in rest if first == "without" else top in (first, *rest):
+            found.setdefault(top, []).append(key)
+    alone, mark = [keys[0] for keys in found.values() if len(keys) == 1], "#" * level
+    texts = [f"{mark} At the top\n\n{table(study, alone)}"] if alone else []
+    texts += [f"{mark} `{top}`\n\n{table(study, keys)}" for top, keys in found.items() if len(keys) > 1]
+    return "\n\n".join(texts)
 
-    def run(self) -> list[nodes.Node]:
-        """Return a table for the keys at the top and one for each block."""
-        from heliosweep.families.family import families
 
-        study = families()[self.arguments[0]].study_class()
-        only, without = self.options.get("only", "").split(), self.options.get("without", "").split()
-        level = "#" * self.options.get("level", 2)
-        found: dict[str, list[Key]] = {}
-        for key in keys_of(json_schema(study)):
-            top = re.split(r"[.\[]", key.name)[0]
-            if top not in without and (not only or top in only):
-                found.setdefault(top, []).append(key)
-        alone = [keys[0] for keys in found.values() if len(keys) == 1]
-        texts = [f"{level} At the top\n\n{table(study, alone)}"] if alone else []
-        texts += [f"{level} `{top}`\n\n{table(study, keys)}" for top, keys in found.items() if len(keys) > 1]
-        return self.parse_text_to_nodes("\n\n".join(texts), allow_section_headings=True)
+def filled(text: str) -> str:
+    """Return a page with the tables that its marks ask for: the family, the level of headings, and keys."""
+
+    def written(found: re.Match[str]) -> str:
+        begin, family, level, names, end = found.groups()
+        return f"{begin}\n\n{sections(family, names, int(level))}\n\n{end}"
+
+    return _MARKED.sub(written, text)
 
 
 class StudyExample(SphinxDirective):
@@ -74,14 +86,16 @@ class StudyExample(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the file."""
-        from heliosweep.families.family import families
-
         text = families()[self.arguments[0]].example()
         return [nodes.literal_block(text, text, language="yaml")]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register the directives."""
-    app.add_directive("study-keys", StudyKeys)
+    """Register the directive."""
     app.add_directive("study-example", StudyExample)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    for page in PAGES:
+        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
