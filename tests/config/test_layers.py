@@ -31,7 +31,7 @@ def written(name: str = "mine.yaml", **content: Any) -> str:
 
 
 def test_what_is_written_counts_and_the_rest_is_that_of_the_base(base):
-    whole = api.load(base)
+    whole: Any = api.load(base)
     assert api.load(written()).study_id == whole.study_id
     study: Any = api.load(written(receiver={"height": 77}, title="higher"))
     assert (study.receiver.height, study.heliostat, study.title) == (77, whole.heliostat, "higher")

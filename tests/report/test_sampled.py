@@ -39,7 +39,7 @@ def test_solar_clock(sampling, hours):
 
 def test_solar_elevation_at_noon_of_an_equinox_is_that_of_the_latitude():
     found = said(time={"clock": "solar", "declination": [0], "hours": [12]})
-    assert found["dates"] == "declinations of the sun (\N{DEGREE SIGN}) 0"
+    assert found["dates"] == "declination of the sun (\N{DEGREE SIGN}) 0"
     assert (
         found["mean elevation of the sun"]
         == "60.0\N{DEGREE SIGN} to 90.0\N{DEGREE SIGN}, while it is above the horizon"

@@ -62,7 +62,7 @@ def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Sour
     StudyError
         A key lies in a list that has no such entry.
     """
-    data, place = copy.deepcopy(source.data), Place(None, None, named)
+    data, place = copy.deepcopy(source.data), Place(0, 0, named)
     keys, values = dict(source.keys), dict(source.values)
     for key, value in changes.items():
         path = replace(source, data=data).path_of(key)
@@ -187,7 +187,8 @@ def _joined(base: Source, above: Source, study_class: type[Study] | None) -> Sou
     def joined(below: dict[str, Any], given: dict[str, Any], at: Path) -> dict[str, Any]:
         together = dict(below)
         for key, value in given.items():
-            path, old = (*at, key), below.get(key)
+            path: Path = (*at, key)
+            old: Any = below.get(key)
             is_block = isinstance(value, dict) and isinstance(old, dict)
             if is_block and study_class is not None and blocks_at(study_class, path):
                 together[key] = joined(old, value, path)

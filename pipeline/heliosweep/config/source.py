@@ -41,10 +41,10 @@ _NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U0001
 
 
 class Place(NamedTuple):
-    """Line and column in a file, counted from 1; the name of the file where it is not the study file."""
+    """Line and column in a file, from 1, or 0 for none; the name of the file where it is not the study file."""
 
-    line: int | None
-    column: int | None
+    line: int
+    column: int
     file: str | None = None
 
 
@@ -110,9 +110,9 @@ class Source:
             outer = outer[:-1]
             place = self.keys.get(outer)
         if place is None:
-            place = Place(1, 1) if self.path else Place(None, None)
+            place = Place(1, 1) if self.path else Place(0, 0)
         name = str(self.path or "") if place.file is None else place.file
-        return Problem(message, dotted(path), name, place.line, place.column)
+        return Problem(message, dotted(path), name, place.line or None, place.column or None)
 
 
 def read(path: str | os.PathLike[str]) -> Source:

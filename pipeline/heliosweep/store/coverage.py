@@ -61,7 +61,7 @@ def dates(time: SolarTime | CivilTime) -> str:
     end = "" if len(values) == 1 else "s"
     what = f"day{end} of the year" if declinations is None else f"declination{end} of the sun (\N{DEGREE SIGN})"
     texts = [f"{float(value):.6g}".replace("-", "\N{MINUS SIGN}") for value in values]
-    return f"{what} {', '.join(texts) if len(texts) <= FEW else f'{texts[0]} to {texts[-1]}: {len(texts)}'}"
+    return f"{what} {', '.join(texts)}" if len(texts) <= FEW else f"{len(texts)} {what}, {texts[0]} to {texts[-1]}"
 
 
 def hours(time: SolarTime | CivilTime) -> str:
