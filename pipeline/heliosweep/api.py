@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,6 +20,7 @@ from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.family import Family, families, study_classes
+from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
 
 if TYPE_CHECKING:
@@ -62,8 +64,12 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     """
     classes = study_classes()
     if isinstance(source, Mapping):
-        return load_mapping(source, classes, changes)
-    return load_file(source, classes, changes, named)
+        study = load_mapping(source, classes, changes)
+    else:
+        study = load_file(source, classes, changes, named)
+    if study.search is not None and (problems := list(searched(families()[study.family]).check(study))):
+        raise StudyError(problems)
+    return study
 
 
 def _loaded(study: Study | Source) -> Study:
@@ -73,7 +79,8 @@ def _loaded(study: Study | Source) -> Study:
 
 def family_of(study: Study) -> Family:
     """Family that a study belongs to."""
-    return families()[study.family]
+    family = families()[study.family]
+    return family if study.search is None else searched(family)
 
 
 def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:
@@ -116,6 +123,8 @@ def _planned(study: Study, output: str | os.PathLike[str] | None, *, connect: bo
         there = sum(file.stat().st_size for file in (folder / WORKING).glob("*"))
         limits = replace(limits, disk=limits.disk + there)
     family = family_of(study)
+    if isinstance(family, Searched):  # a generation has to fit, and tells what the others cost
+        return family.plan(study, _planned(family.first(study), folder, connect=connect))
     workload, variables = family.workload(study), family.variables(study)
     try:
         return make_plan(
@@ -160,6 +169,8 @@ def build(study: Study | Source) -> xr.Dataset:
         With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
     """
     study = _loaded(study)
+    if study.search is not None:
+        raise StudyError(study.problem("search", "has no result before it is run: which points it asks for follows"))
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
     from heliosweep.grid.lazy import Work
@@ -357,7 +368,13 @@ def run(
     page = folder / "report.html"
 
     def prepared() -> Run:
-        return Run(family_of(asked), asked, folder, lambda: _planned(asked, folder, connect=True))
+        family = family_of(asked)
+        if isinstance(family, Searched):
+            from heliosweep.runs.search import SearchRun
+
+            plans = [partial(_planned, output=folder, connect=connect) for connect in (True, False)]
+            return SearchRun(family, asked, folder, partial(plans[0], asked), plans[1])
+        return Run(family, asked, folder, lambda: _planned(asked, folder, connect=True))
 
     refuse_devices(folder)
     now = prepared()
