@@ -14,7 +14,7 @@ PYTEST_ARGS ?=
 SHARED := -n logical --maxprocesses 2 --dist worksteal
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults long check docs index bench setup lock audit clean help
+.PHONY: studies run test faults long check docs reference index bench setup lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
@@ -40,6 +40,9 @@ check: $(STAMP)  ## lint, formatting and types
 docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
 	@$(BIN)/python -m sphinx -W --keep-going -n -E -a -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
+
+reference: $(STAMP)  ## after a change of keys: the tables of keys in docs/reference/
+	@$(BIN)/python docs/_ext/study_keys.py
 
 index: $(STAMP)  ## after make: state numbers and verdicts in studies/published/, and the index of papers in studies/README.md
 	@$(BIN)/python -m tests.literature.index

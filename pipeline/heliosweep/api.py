@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import json
 import logging
 import os
 import shlex
@@ -13,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from heliosweep.config.layers import execution_keys
 from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
@@ -37,13 +39,18 @@ OUTPUTS = "outputs"
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
 
 
-def load(source: Source) -> Study:
+def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str = "") -> Study:
     """Load and check a study.
 
     Parameters
     ----------
     source : path or mapping
         A study file, or the same content as a mapping.
+    changes : mapping of str to object, optional
+        Values by dotted key in place of those of the study, such as ``{"receiver.height": 90}``; None takes a key
+        away.
+    named : str
+        What messages call the place of `changes`.
 
     Returns
     -------
@@ -56,7 +63,10 @@ def load(source: Source) -> Study:
         With every problem found, each with file, line, column and key.
     """
     classes = study_classes()
-    study = load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
+    if isinstance(source, Mapping):
+        study = load_mapping(source, classes, changes)
+    else:
+        study = load_file(source, classes, changes, named)
     if study.search is not None and (problems := list(searched(families()[study.family]).check(study))):
         raise StudyError(problems)
     return study
@@ -226,9 +236,40 @@ class Result:
         """The result folder."""
         return self.path.parent
 
+    @property
+    def page(self) -> Path | None:
+        """The page with figures and tables; None where there is none."""
+        page = self.folder / "report.html"
+        return page if page.is_file() else None
+
     def open(self) -> xr.Dataset:
         """Open the data set."""
         return open_result(self.path)
+
+    def summary(self) -> str:
+        """What it holds, one thing a line: title, dimensions, headline numbers, the page."""
+        from heliosweep.report.summary import summary
+
+        with self.open() as data:
+            family = families().get(json.loads(data.attrs.get("study", "{}")).get("family"))
+            lines = [*summary(data, family.headlines if family else ())]
+        return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
+
+    def ending(self) -> str:
+        """What the end of a run tells: `summary`; of a result that was there already the headline of its page alone."""
+        if self.seconds:
+            return self.summary()
+        from heliosweep.report.heads import head_of
+
+        told = [*filter(None, head_of(self.folder / "report.html")), *([f"page: {self.page}"] if self.page else [])]
+        return "\n".join(told)
+
+    def __repr__(self) -> str:
+        try:
+            text = self.summary().replace("\n", "\n  ")
+        except (HeliosweepError, OSError, ValueError) as error:
+            text = f"cannot be read: {error}"
+        return f"<heliosweep.Result> {text}\n  data: {self.path}"
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -243,7 +284,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     -------
     xarray.Dataset
         Lazily read; close it, or use it as a context manager. Its values are not checked: where a file may be damaged,
-        ask ``heliosweep verify`` first.
+        ask ``heliosweep verify`` first. Heliostats whose layout has a column ``name``, no name twice, are selected by
+        it too: ``sel(name="A1")``.
 
     Raises
     ------
@@ -253,13 +295,20 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.store import read
 
-    return read.open_result(path)
+    result = read.open_result(path)
+    names = result.coords.get("name")
+    if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
+        result = result.set_xindex("name")
+    return result
 
 
 def run(
     study: Study | Source,
     output: str | os.PathLike[str] | None = None,
     *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    memory: int | str | None = None,
     progress: bool = False,
     report: bool = True,
     force: bool = False,
@@ -275,6 +324,8 @@ def run(
         From `load`, or what `load` takes.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
+    scheduler, workers, memory
+        As the keys of `execution` in the study file, which they replace. No number of the result depends on them.
     progress : bool
         Whether to show progress on standard error.
     report : bool
@@ -311,7 +362,8 @@ def run(
     from heliosweep.store.folder import check_contents, check_locks, claimed, is_tidy, made, refuse_devices
 
     asked = _loaded(study)
-    asked = asked.model_copy(update={"execution": asked.execution.resolved()})
+    given = execution_keys({"scheduler": scheduler, "workers": workers, "memory": memory})
+    asked = asked.model_copy(update={"execution": asked.execution.resolved().model_copy(update=given)})
     folder = result_folder(asked, output)
     page = folder / "report.html"
 
@@ -379,8 +431,23 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
     if not of:
         return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
-    places = map(user_path, of)
-    return [status_of(place if place.is_dir() else result_folder(load(place))) for place in places]
+    return [status_of(folder_of(place)) for place in of]
+
+
+def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
+    """Result folder that is meant: the folder itself, or where the result of a study file goes by default.
+
+    With `there`, the study must have been run. Raises StudyError.
+    """
+    path = user_path(place)
+    if path.suffix.lower() not in (".yaml", ".yml") or path.is_dir():
+        return path
+    folder = result_folder(load(path))
+    if there and not folder.is_dir():
+        raise StudyError(
+            Problem(f"was not run yet; to run it: {shlex.join(['heliosweep', 'run', str(place)])}", file=str(place))
+        )
+    return folder
 
 
 def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Path:

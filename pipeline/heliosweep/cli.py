@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.runs.signals import ignore_interruptions, interruptible
+from heliosweep.share.command_lines import epilog_of
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -126,12 +127,17 @@ def _parser() -> argparse.ArgumentParser:
 
     def command(name: str, action: Callable[[argparse.Namespace], int | None], text: str) -> argparse.ArgumentParser:
         description = text[0].upper() + text[1:] + "."
-        sub = commands.add_parser(name, help=text, description=description, epilog=_EXIT_CODES, parents=[common])
+        raw = argparse.RawDescriptionHelpFormatter
+        epilog = f"{epilog_of(name)}\n\n{_EXIT_CODES}"
+        sub = commands.add_parser(
+            name, help=text, description=description, epilog=epilog, parents=[common], formatter_class=raw
+        )
         sub.set_defaults(command=action)
         return sub
 
     validate = command("validate", _validate, "check study files and list every problem at its line")
     validate.add_argument("studies", nargs="+", metavar="STUDY.yaml")
+    _set_argument(validate)
 
     plan = command("plan", _plan, "say what a study will cost before it runs")
     _study_arguments(plan)
@@ -142,13 +148,13 @@ def _parser() -> argparse.ArgumentParser:
     _study_arguments(run)
     run.add_argument("--force", action="store_true", help="compute everything anew, whatever is there")
     run.add_argument("--no-report", action="store_true", help="leave out figures and the HTML page")
-    run.add_argument("-q", "--quiet", action="store_true", help="show no progress")
+    run.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor headline numbers")
 
     status = command("status", _status, "say what is done, failed and left, and how long it will take")
     status.add_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)")
 
     verify = command("verify", _verify, "check result folders against their digests, part by part")
-    verify.add_argument("folders", nargs="+", metavar="DIR")
+    verify.add_argument("folders", nargs="+", metavar="DIR|STUDY.yaml", help="result folders, or studies that were run")
 
     compare = command("compare", _compare, "tell two results apart by meaning: dimensions, attributes, values")
     compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder")
@@ -202,7 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     table.add_argument("--force", action="store_true", help="replace a file that is there")
 
     report = command("report", _report, "draw the figures and the HTML page of a result folder again")
-    report.add_argument("folder", metavar="DIR")
+    report.add_argument("folder", metavar="DIR|STUDY.yaml", help="result folder, or a study that was run")
     formats = ", ".join(_FIGURES)
     report.add_argument(
         "--format",
@@ -213,22 +219,43 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     pack = command("pack", _pack, "write a finished result as one archive to publish and cite; prints its path")
-    pack.add_argument("folders", metavar="DIR", nargs="+", help="result folders; several become a collection")
+    pack.add_argument(
+        "folders", metavar="DIR|STUDY.yaml", nargs="+",
+        help="result folders, or studies that were run; several become a collection",
+    )  # fmt: skip
     pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
     pack.add_argument("--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study)")
     pack.add_argument("--draft", action="store_true", help="pack without creators or licence too, to look at it")
     pack.add_argument("--force", action="store_true", help="replace an archive that is there")
 
-    schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
-    schema.add_argument("family")
-    schema.add_argument("--example", action="store_true", help="print a commented study file to start from instead")
+    new = command("new", _new, "write a commented study file to start from; prints its path")
+    new.add_argument("family", metavar="FAMILY")
+    new.add_argument("file", nargs="?", metavar="FILE.yaml", help="file to write (default: FAMILY.yaml)")
+    new.add_argument("--force", action="store_true", help="replace a file that is there")
+
+    explain = command("explain", _explain, "say what a key of study files means, its unit, range, default and forms")
+    explain.add_argument("of", nargs="+", metavar="[FAMILY] KEY", help="as receiver.height; a family lists its keys")
+
+    examples = command("examples", _examples, "list the studies that come with heliosweep, or copy some")
+    examples.add_argument("names", nargs="*", metavar="NAME", help="studies to copy, with the files that they name")
+    examples.add_argument("--to", metavar="DIR", default=".", help="folder to copy to (default: here)")
+    examples.add_argument("--force", action="store_true", help="replace files that are there")
+
+    schema = command("schema", _schema, "print a family's JSON Schema, for editors")
+    schema.add_argument("family", metavar="FAMILY")
 
     command("families", _families, "list the study families")
     return parser
 
 
+def _set_argument(parser: argparse.ArgumentParser) -> None:
+    text = "another value of a key of the study, may be repeated; null takes the key away"
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
+
+
 def _study_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY.yaml")
+    _set_argument(parser)
     parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
     parser.add_argument(
         "--scheduler",
@@ -287,10 +314,11 @@ def _formats(text: str) -> tuple[str, ...]:
 
 
 def _load(options: argparse.Namespace) -> Study:
-    """Load the study with what the command line says of its execution, and pass on its warnings."""
+    """Load the study with what the command line says of it and of its execution, and pass on its warnings."""
     from heliosweep import api
+    from heliosweep.config.layers import OPTION, settings
 
-    study = api.load(options.study)
+    study = api.load(options.study, settings(options.set), named=OPTION)
     execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
     _warn(study)
     return study.model_copy(update={"execution": execution})
@@ -298,21 +326,9 @@ def _load(options: argparse.Namespace) -> Study:
 
 def _asked(options: argparse.Namespace) -> dict[str, Any]:
     """Keys of ``execution`` that the command line gives, read as those of a study file are."""
-    from pydantic import ValidationError
+    from heliosweep.config.layers import execution_keys
 
-    from heliosweep.config.block import translate
-    from heliosweep.config.execution import Profile
-    from heliosweep.config.source import Source, scalar
-
-    texts = {name: getattr(options, name) for name in ("scheduler", "workers", "memory")}
-    values = {name: scalar(text) for name, text in texts.items() if text is not None}
-    given = {name: texts[name] if value is None else value for name, value in values.items()}  # none is asked for null
-    try:
-        asked = Profile.model_validate(given)
-    except ValidationError as error:
-        found = translate(error, Profile, Source(given))
-        raise StudyError([Problem(problem.message, f"--{problem.key}") for problem in found]) from None
-    return {name: getattr(asked, name) for name in given}
+    return execution_keys({name: getattr(options, name) for name in ("scheduler", "workers", "memory")}, "--")
 
 
 def _warn(study: Study) -> None:
@@ -322,11 +338,12 @@ def _warn(study: Study) -> None:
 
 def _validate(options: argparse.Namespace) -> int:
     from heliosweep import api
+    from heliosweep.config.layers import OPTION, settings
 
-    code = 0
+    code, changes = 0, settings(options.set)
     for path in options.studies:
         try:
-            study = api.load(path)
+            study = api.load(path, changes, named=OPTION)
         except StudyError as error:
             print(error, file=sys.stderr)
             code = error.exit_code
@@ -352,6 +369,8 @@ def _run(options: argparse.Namespace) -> None:
     result = api.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
+    if not options.quiet and (told := result.ending()):
+        _say(told, sys.stderr)
     _say_path(result.path)
 
 
@@ -364,11 +383,12 @@ def _status(options: argparse.Namespace) -> None:
 
 
 def _verify(options: argparse.Namespace) -> int:
+    from heliosweep import api
     from heliosweep.runs.verify import verify
 
     code = 0
-    for folder in options.folders:
-        found = verify(folder)
+    for place in options.folders:
+        found = verify(api.folder_of(place, there=True))
         _say(found.text)
         code = code if found.ok else 1
     return code
@@ -468,14 +488,40 @@ def _table(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from heliosweep import api
 
-    _say_path(api.report(options.folder, vector=[kind for kind in options.format if kind != "png"]))
+    _say_path(
+        api.report(api.folder_of(options.folder, there=True), vector=[kind for kind in options.format if kind != "png"])
+    )
 
 
 def _pack(options: argparse.Namespace) -> None:
+    from heliosweep import api
     from heliosweep.share.archive import pack_result
 
+    folders = [api.folder_of(folder, there=True) for folder in options.folders]
     said = {"license": options.license, "draft": options.draft, "force": options.force}
-    _say_path(pack_result(options.folders, options.output, **said))
+    _say_path(pack_result(folders, options.output, **said))
+
+
+def _new(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import new_study
+
+    _say_path(new_study(options.family, options.file, force=options.force))
+
+
+def _explain(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import explain
+
+    _say(explain(options.of))
+
+
+def _examples(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import copy_examples, examples
+
+    if not options.names:
+        _say(examples())
+        return
+    for path in copy_examples(options.names, options.to, force=options.force):
+        _say_path(path)
 
 
 def _schema(options: argparse.Namespace) -> None:
@@ -484,15 +530,11 @@ def _schema(options: argparse.Namespace) -> None:
     known = families()
     if options.family not in known:
         raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
-    family = known[options.family]
-    if options.example:
-        print(family.example(), end="")
-        return
     import json
 
     from heliosweep.config.study import json_schema
 
-    print(json.dumps(json_schema(family.study_class()), indent=2))
+    print(json.dumps(json_schema(known[options.family].study_class()), indent=2))
 
 
 def _families(_: argparse.Namespace) -> None:

@@ -219,9 +219,10 @@ class Run:
     def _compute(self, store: PartStore, show: bool) -> None:
         """Compute and store the parts that are missing."""
         plan, failed, missing = self.plan, dict[str, str](), self._missing(store)
-        count = sum(cut.part_count for kind, cut in plan.cuts.items() if not self._is_taken(kind)) - len(store.done)
+        count = sum(cut.part_count for kind, cut in plan.cuts.items() if not self._is_taken(kind))
+        title = self.study.title or self.study.family
         with TidyStack() as stack:
-            display = show_progress(self.study.title or self.study.family, count) if show else nullcontext(lambda: None)
+            display = show_progress(title, count, done=len(store.done)) if show else nullcontext(lambda: None)
             advance = stack.enter_context(display)
             # This thread waits for parts, so that an interruption reaches it; another one stores them meanwhile.
             storing = stack.enter_context(ThreadPoolExecutor(1))

@@ -13,7 +13,7 @@ from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
-from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
+from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_solarpilot
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.paint import Plant, read_plant
 from heliosweep.layouts.paint_spots import EVALUATIONS, PaintSpots
@@ -23,6 +23,7 @@ from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 #: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
@@ -193,14 +194,14 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
 
 
 def write_layout(
-    layout: Layout, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
+    layout: Layout | pd.DataFrame, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
 ) -> Path:
     """Write a layout that `read_layout` gives back to the last bit.
 
     Parameters
     ----------
-    layout : Layout
-        The heliostats.
+    layout : Layout or pandas.DataFrame
+        The heliostats; a table has the columns of a layout file: ``x`` and ``y`` [m], perhaps ``z`` and others.
     path : path
         File to write; appears under its name when it is complete.
     form : {"csv", "solarpilot"}
@@ -217,12 +218,15 @@ def write_layout(
     Raises
     ------
     StudyError
-        The file is there already, or heliostats of one template have mirrors of different sizes.
+        The file is there already, the table is no layout, or heliostats of one template have mirrors of different
+        sizes.
     HeliosweepError
         The file cannot be written.
     """
     if form not in ("csv", "solarpilot"):
         raise StudyError(Problem(f"unknown form {form!r}; use 'csv' or 'solarpilot'"))
     file = target_file(path, force)
+    if not isinstance(layout, Layout):
+        layout = read_text(layout.to_csv(index=False), "DataFrame")
     (write_solarpilot if form == "solarpilot" else write_csv)(layout, file)
     return file

@@ -389,7 +389,7 @@ def _inputs(study: Study) -> set[Path]:
     """The study file and all files that it names, links followed."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     if study.source.path:
-        paths.add(Path(study.source.path))
+        paths |= {study.source.path, *study.source.bases}
     return {path.resolve() for path in paths}
 
 

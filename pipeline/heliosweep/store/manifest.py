@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.sources import code_versions, installed, version_of
+from heliosweep.store import coverage
 from heliosweep.store.encoding import slab_digest, slab_rows
 from heliosweep.store.folder import MANIFEST, manifest_text, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
@@ -51,7 +51,7 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title or family.title,
-        "summary": " ".join((study.description or family.title).split()),
+        "summary": coverage.summary(study.description or family.title, study),
         "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *family.keywords, *given))),
         "source": f"heliosweep {__version__}, family {study.family}",
         "history": f"computed by heliosweep {__version__} from study {study.study_id}",
@@ -64,7 +64,7 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
         ),
         **dict(_people(study)),
         **dict(_where(study)),
-        **dict(_when(study)),
+        **dict(coverage.attributes(study)),
         "id": study.study_id,
         "study_id": study.study_id,
         "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
@@ -108,19 +108,6 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
             yield f"geospatial_{axis}_min", float(np.nanmin(values))
             yield f"geospatial_{axis}_max", float(np.nanmax(values))
             yield f"geospatial_{axis}_units", units
-
-
-def _when(study: Study) -> Iterator[tuple[str, str]]:
-    """Dates that are looked at, of a study on the civil clock; the solar clock has none."""
-    time: Any = getattr(study, "time", None)
-    if not hasattr(time, "date_list"):
-        return
-    dates = sorted(time.date_list())
-    yield "time_coverage_start", dates[0].isoformat()
-    yield "time_coverage_end", dates[-1].isoformat()
-    yield "time_coverage_duration", f"P{(dates[-1] - dates[0]).days + 1}D"
-    if len(dates) > 1:
-        yield "time_coverage_resolution", f"P{min((after - before).days for before, after in pairwise(dates))}D"
 
 
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
