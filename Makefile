@@ -17,7 +17,7 @@ SHARED := -n logical --maxprocesses 2 --dist worksteal
 .PHONY: studies run test faults long check docs index bench setup lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
-	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
+	@$(BIN)/heliosweep run $(STUDIES)
 
 run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 	@test -n "$$STUDY" || { echo "say which study: make STUDY=studies/my_study.yaml run" >&2; exit 2; }

@@ -154,12 +154,12 @@ def build(study: Study | Source) -> xr.Dataset:
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
     from heliosweep.grid.lazy import Work
-    from heliosweep.store.manifest import attributes_of
+    from heliosweep.store.manifest import attributes_of, words_of
 
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
     work = Work(family, study, planned.variables, planned.workload.sizes)
-    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(family, study, coordinates))
+    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(words_of(family, study), coordinates))
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:

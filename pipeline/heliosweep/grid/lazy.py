@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.config.sites import with_sites
 from heliosweep.config.weather_files import with_weather
@@ -16,6 +15,8 @@ from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, Variable, checked, index_of, of_kind, parts_by_slab, shape_of
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.config.study import Study
 
 
@@ -49,6 +50,8 @@ class Work:
 
     def joined(self, slab: Part, parts: Iterable[tuple[Part, Mapping[str, np.ndarray]]]) -> xr.Dataset:
         """Values of a slab, put together from those of its parts."""
+        import xarray as xr
+
         named = of_kind(self.variables, slab.kind)
         whole = {name: np.empty(shape_of(one, slab.region, self.sizes), one.dtype) for name, one in named.items()}
         for part, values in parts:
@@ -63,6 +66,7 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
     `coordinates` are those of the whole result; their attributes become those of the result.
     """
     import dask.array as da
+    import xarray as xr
     from dask.highlevelgraph import HighLevelGraph
 
     token = uuid.uuid4().hex

@@ -26,10 +26,8 @@ from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
 from heliosweep.store import parts
 from heliosweep.store.encoding import Skeleton, slab_rows
-from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, write_manifest
+from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, words_of, write_manifest
 from heliosweep.store.parts import PartStore
-from heliosweep.store.read import open_result
-from heliosweep.store.result import publish
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,14 +78,18 @@ class Run:
         return self.family.coordinates(self.study)
 
     @cached_property
+    def _words(self) -> dict[str, Any]:
+        return words_of(self.family, self.study)
+
+    @cached_property
     def attributes(self) -> dict[str, Any]:
         """Global attributes of the result."""
-        return attributes_of(self.family, self.study, self.coordinates)
+        return attributes_of(self._words, self.coordinates)
 
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What the result belongs to."""
-        return identity_of(self.study, self.attributes, self.family.numbers_from(self.study))
+        return identity_of(self.study, self._words, self.family.numbers_from(self.study))
 
     @cached_property
     def work(self) -> Work:
@@ -107,6 +109,8 @@ class Run:
 
         With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
         """
+        from heliosweep.store.result import publish
+
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete
                 parts.remove(self.folder / parts.WORKING)
@@ -260,6 +264,8 @@ class Run:
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study, for good."""
+        from heliosweep.store.read import open_result
+
         study, plan, folder = self.study, self.plan, self.folder
         with open_result(path) as data:
             remarks = list(self.family.remarks(data))
