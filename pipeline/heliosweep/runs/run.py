@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import tempfile
 import threading
 import time
@@ -116,6 +117,7 @@ class Run:
                 parts.remove(self.folder / parts.WORKING)
             return found
         _ = self.plan  # what does not fit is refused here, before anything is expanded
+        import_no_other_arrays()
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
         if any(True for _ in self._missing(self.store)):
@@ -341,6 +343,31 @@ def _failures(failed: dict[str, str], plan: Plan, store: PartStore) -> str:
             *lines,
         ]
     )
+
+
+def import_no_other_arrays() -> None:
+    """Keep xarray from importing dask.array and pint, a third of a second, to see whether an array is one of theirs.
+
+    None is, before someone has imported them. Where xarray does not keep what it knows of them as here, it imports them.
+    """
+    from xarray.namedarray import pycompat
+
+    known, real = getattr(pycompat, "_cached_duck_array_modules", None), getattr(pycompat, "DuckArrayModule", None)
+    if known is None or real is None:
+        return
+
+    class Late:
+        def __init__(self, name: Any, module: str) -> None:
+            self._name, self._module = name, module
+
+        def __getattr__(self, of: str) -> Any:
+            if of == "type" and self._module not in sys.modules:
+                return ()
+            known[self._name] = real(self._name)
+            return getattr(known[self._name], of)
+
+    for name, module in (("dask", "dask.array"), ("pint", "pint")):
+        known.setdefault(name, Late(name, module))
 
 
 def prepare_kernels(family: Family, study: Study) -> None:
