@@ -104,11 +104,12 @@ class Run:
             raise HeliosweepError("the files of the study were edited while it started; run it again")
         return work
 
-    def result(self, *, force: bool, progress: bool) -> Path:
+    def result(self, *, force: bool, progress: bool, meanwhile: Callable[[], None] | None = None) -> Path:
         """Leave the result in the folder, with its manifest and resolved study, from what is there and what is
         computed.
 
         With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
+        `meanwhile` is called by a thread of its own when computing begins.
         """
         from heliosweep.store.result import publish
 
@@ -123,6 +124,8 @@ class Run:
         if any(True for _ in self._missing(self.store)):
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
+            if meanwhile:
+                threading.Thread(target=meanwhile).start()
             with self.timed("compute"):
                 self._compute(self.store, progress)
         with self.timed("publish"):
