@@ -264,7 +264,9 @@ def test_several_studies_in_one_command(folder, capsys, caplog):
     assert re.search(r"^b\.yaml:\d+:\d+: site\.latitude: ", said.err, re.MULTILINE)
     assert re.search(r"^c\.yaml:\d+:\d+: title: ", said.err, re.MULTILINE)
     assert said.err.splitlines()[-1] == "2 of 4 studies failed: b.yaml, c.yaml"
-    found = subprocess.run(command("run", "a.yaml", "d.yaml", "--no-report"), capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        command("run", "a.yaml", "d.yaml", "--no-report"), capture_output=True, text=True, check=True
+    )
     assert found.stdout == said.out
     assert [line.partition(" is complete already")[0] for line in found.stderr.splitlines()] == [
         f"{name}: {path}" for name, path in zip(("a.yaml", "d.yaml"), said.out.splitlines(), strict=True)

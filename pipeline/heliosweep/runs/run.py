@@ -351,7 +351,7 @@ def _failures(failed: dict[str, str], plan: Plan, store: PartStore) -> str:
 def import_no_other_arrays() -> None:
     """Keep xarray from importing dask.array and pint, a third of a second, to see whether an array is one of theirs.
 
-    None is, before someone has imported them. Where xarray does not keep what it knows of them as here, it imports them.
+    None is, before someone has imported them. An xarray that keeps what it knows of them elsewhere imports them.
     """
     from xarray.namedarray import pycompat
 
