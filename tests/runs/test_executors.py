@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import xarray as xr
 
@@ -161,6 +162,19 @@ def test_a_safe_path_lasts_as_long_as_any_run_and_leaves_what_was_there(monkeypa
     assert os.environ[executors.SAFE_PATH] == "1"
     second.__exit__(None, None, None)
     assert os.environ.get(executors.SAFE_PATH) == before
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="nothing stops a process here")
+def test_workers_that_do_not_end_are_killed(monkeypatch):
+    monkeypatch.setattr(executors, "END_SECONDS", 0.5)
+    with local_pool("processes", FakeWork(), 2) as pool:  # type: ignore[arg-type]
+        assert len(list(compute_parts(pool, parts(4)))) == 4
+        children = [child for one in psutil.Process().children() for child in one.children()]
+        workers = [child for child in children if child.is_running()]
+        assert workers
+        for worker in workers:
+            worker.suspend()
+    assert not any(worker.is_running() for worker in workers)
 
 
 @pytest.mark.parametrize(
