@@ -7,7 +7,8 @@ STAMP  := $(VENV)/.ready
 export STUDY ?=
 # what `make` and `make studies` run: patterns, for the shell
 STUDIES ?= studies/*.yaml
-# what `make bench` measures: names of tests.bench, the kernels' table and whole commands; engines and memory take long
+# what `make bench` measures: names of tests.bench, the kernels' table and whole commands (studies, engines and memory take
+# long), and --page=docs/scaling.md to write the table of the documentation
 BENCH ?= kernels study
 PYTEST_ARGS ?=
 # two processes share the tests, or as many as make PYTEST_ARGS="--maxprocesses 8" test says; --pdb takes one
