@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from heliosweep.config.execution import Execution
     from heliosweep.grid.plan import Plan
+    from heliosweep.runs.run import Run
     from heliosweep.runs.status import Status
 
 log = logging.getLogger("heliosweep")
@@ -327,7 +328,7 @@ def run(
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
         try:
             if report:
-                _check_published(asked)
+                _check_published(now)
             path = now.result(force=force, progress=progress, meanwhile=_import_report if report else None)
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
@@ -425,13 +426,16 @@ def _import_report() -> None:
         import heliosweep.report.page  # noqa: F401
 
 
-def _check_published(study: Study) -> None:
+def _check_published(run: Run) -> None:
     """Find out before anything is computed whether the published numbers fit the study."""
+    study = run.study
     table = study.report.published
     if table is not None:
+        from heliosweep.grid.lazy import without_values
         from heliosweep.report.comparison import locate, read_published
 
-        locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
+        known = without_values(run.plan, run.coordinates)
+        locate(known, read_published(study.resolve(table.file), table.source, table.file))
 
 
 def _say_what_changed(study: Study, folder: Path) -> None:

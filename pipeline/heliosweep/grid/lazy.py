@@ -98,6 +98,18 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(arrays).assign_coords(coordinates.coords).assign_attrs(coordinates.attrs)
 
 
+def without_values(plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
+    """All of a result but its values, each of which is a zero: what is known before anything is computed."""
+    import xarray as xr
+
+    sizes = plan.workload.sizes
+    zeros = {
+        name: (one.dims, np.broadcast_to(np.zeros((), one.dtype), shape_of(one, {}, sizes)), dict(one.attrs))
+        for name, one in plan.variables.items()
+    }
+    return xr.Dataset(zeros).assign_coords(coordinates.coords)
+
+
 def _lengths(size: int, length: int) -> tuple[int, ...]:
     whole, rest = divmod(size, max(1, length))
     return (length,) * whole + ((rest,) if rest else ())

@@ -29,6 +29,8 @@ from heliosweep.store import parts
 from heliosweep.store.encoding import Skeleton, slab_rows
 from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, words_of, write_manifest
 from heliosweep.store.parts import PartStore
+from heliosweep.store.read import open_result
+from heliosweep.store.result import publish
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,6 +78,7 @@ class Run:
     @cached_property
     def coordinates(self) -> xr.Dataset:
         """Coordinates of the whole result."""
+        import_no_other_arrays()
         return self.family.coordinates(self.study)
 
     @cached_property
@@ -111,14 +114,11 @@ class Run:
         With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
         `meanwhile` is called by a thread of its own when computing begins.
         """
-        from heliosweep.store.result import publish
-
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete
                 parts.remove(self.folder / parts.WORKING)
             return found
         _ = self.plan  # what does not fit is refused here, before anything is expanded
-        import_no_other_arrays()
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
         if any(True for _ in self._missing(self.store)):
@@ -269,8 +269,6 @@ class Run:
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study, for good."""
-        from heliosweep.store.read import open_result
-
         study, plan, folder = self.study, self.plan, self.folder
         with open_result(path) as data:
             remarks = list(self.family.remarks(data))
