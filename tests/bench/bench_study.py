@@ -51,12 +51,17 @@ def timed(*arguments: str, **environment: str) -> tuple[float, float]:
 
 
 def run(
-    study: Path, folder: Path, *options: str, found: bool = False, **environment: str
+    study: Path, folder: Path, *options: str, found: bool = False, cache: str = ""
 ) -> tuple[float, float, dict[str, Any]]:
-    """Run a study that is to compute, or to find its result; wall time [s], peak memory [MB] and its manifest."""
+    """Run a study that is to compute, or to find its result; wall time [s], peak memory [MB] and its manifest.
+
+    `cache` is the folder of compiled code, where it is to be another one.
+    """
     manifest = folder / "manifest.json"
     before = manifest.stat().st_mtime_ns if manifest.exists() else 0
-    seconds, memory = timed("run", str(study), "--output", str(folder), "-q", *options, **environment)
+    seconds, memory = timed(
+        "run", str(study), "--output", str(folder), "-q", *options, **{"NUMBA_CACHE_DIR": cache} if cache else {}
+    )
     if (manifest.stat().st_mtime_ns == before) != found:
         raise SystemExit(f"the run of {study.name} {'computed' if found else 'found'} its result: no line says that")
     return seconds, memory, json.loads(manifest.read_text())
@@ -68,8 +73,7 @@ def lines() -> Iterator[Line]:
         place = Path(name)
         tiny = place / "tiny.yaml"
         tiny.write_text(TINY)
-        cold = {"NUMBA_CACHE_DIR": str(place / "cache")}
-        first, _, manifest = run(tiny, place / "cold", **cold)
+        first, _, manifest = run(tiny, place / "cold", cache=str(place / "cache"))
         compiling = manifest["seconds"]["prepare"]
         yield Line("run, tiny field study, nothing compiled yet", f"{first:.1f} s", f"compiling {compiling:.1f} s")
         for words, study in (("tiny field study", tiny), ("Table 2 of Chong and Tan", TABLE_2)):

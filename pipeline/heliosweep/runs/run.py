@@ -119,6 +119,7 @@ class Run:
                 parts.remove(self.folder / parts.WORKING)
             return found
         _ = self.plan  # what does not fit is refused here, before anything is expanded
+        import_no_other_arrays()
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
         if any(True for _ in self._missing(self.store)):
