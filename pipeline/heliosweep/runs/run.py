@@ -354,7 +354,8 @@ def import_no_other_arrays() -> None:
     """
     from xarray.namedarray import pycompat
 
-    known, real = getattr(pycompat, "_cached_duck_array_modules", None), getattr(pycompat, "DuckArrayModule", None)
+    known: Any = getattr(pycompat, "_cached_duck_array_modules", None)
+    real: Any = getattr(pycompat, "DuckArrayModule", None)
     if known is None or real is None:
         return
 
