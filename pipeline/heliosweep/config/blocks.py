@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
@@ -169,6 +169,9 @@ class Heliostat(Block):
 
 class Output(Block):
     """Stored variables and their format; not part of the study's identity."""
+
+    OF_POINTS: ClassVar[tuple[str, ...]] = ()
+    """Flags that add results of one number for each point; a search sets them."""
 
     time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
     format: Annotated[

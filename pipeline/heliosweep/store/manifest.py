@@ -218,8 +218,8 @@ class Finished:
         return listed(self.identity.get(key), identity[key])
 
 
-def identity_of(study: Study, words: Mapping[str, Any], module: str) -> dict[str, Any]:
-    """What the bytes of a study's result depend on, from its words and the module that its numbers come from.
+def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
+    """What the bytes of a study's result depend on, from its words and the modules that its numbers come from.
 
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
     ``attributes``: the words that go with it.
@@ -227,7 +227,7 @@ def identity_of(study: Study, words: Mapping[str, Any], module: str) -> dict[str
     return {
         "study_id": study.study_id,
         "study": study.canonical(),
-        "code": code_versions(module),
+        "code": code_versions(*modules),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in words.items() if name not in _FOLLOWING},
     }
