@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from heliosweep.config.execution import Execution
     from heliosweep.grid.plan import Plan
+    from heliosweep.runs.run import Run
     from heliosweep.runs.status import Status
 
 log = logging.getLogger("heliosweep")
@@ -174,12 +175,12 @@ def build(study: Study | Source) -> xr.Dataset:
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
     from heliosweep.grid.lazy import Work
-    from heliosweep.store.manifest import attributes_of
+    from heliosweep.store.manifest import attributes_of, words_of
 
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
     work = Work(family, study, planned.variables, planned.workload.sizes)
-    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(family, study, coordinates))
+    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(words_of(family, study), coordinates))
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
@@ -395,8 +396,8 @@ def run(
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
         try:
             if report:
-                _check_published(asked)
-            path = now.result(force=force, progress=progress)
+                _check_published(now)
+            path = now.result(force=force, progress=progress, meanwhile=_import_report if report else None)
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
                     _report(folder, asked)
@@ -501,13 +502,23 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
         raise HeliosweepError(f"the result is complete, the report failed ({what}); {advice}") from error
 
 
-def _check_published(study: Study) -> None:
+def _import_report() -> None:
+    """Import what draws figures and pages, half a second that kernels leave to the interpreter."""
+    with suppress(Exception):  # whoever draws says what is wrong
+        import heliosweep.report.interactive
+        import heliosweep.report.page  # noqa: F401
+
+
+def _check_published(run: Run) -> None:
     """Find out before anything is computed whether the published numbers fit the study."""
+    study = run.study
     table = study.report.published
     if table is not None:
+        from heliosweep.grid.lazy import without_values
         from heliosweep.report.comparison import locate, read_published
 
-        locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
+        known = without_values(run.plan, run.coordinates) if study.search is None else build(study)  # that refuses it
+        locate(known, read_published(study.resolve(table.file), table.source, table.file))
 
 
 def _say_what_changed(study: Study, folder: Path) -> None:

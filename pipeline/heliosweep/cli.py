@@ -23,6 +23,8 @@ from heliosweep.share.command_lines import epilog_of
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
+log = logging.getLogger("heliosweep")
+
 _EXIT_CODES = """\
 exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted but resumable,
 1 anything else, and for verify and compare: not all right, not the same"""
@@ -69,27 +71,39 @@ def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
             ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
         _say(str(stop) or "interrupted", sys.stderr)
         return RunInterrupted.exit_code
-    except HeliosweepError as error:
-        print(error, file=sys.stderr)
-        if isinstance(error, StudyError) and len(error.problems) > 1:
-            print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
-        return error.exit_code
     except BrokenPipeError:
         # The reader of our output (head, less) went away: not an error of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
-        if options.verbose:
+    except (HeliosweepError, OSError) as error:
+        if options.verbose and isinstance(error, OSError):
             raise
-        _say(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
+        return _refused(error)
+
+
+def _refused(error: HeliosweepError | OSError, study: str = "") -> int:
+    """Say why a command, or one study of several, was not carried out; its exit code."""
+    if isinstance(error, OSError):
+        _say(f"{_of(study)}{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
         return 1
+    print(error if study in str(error) else f"{printable(_of(study))}{error}", file=sys.stderr)
+    if isinstance(error, StudyError) and len(error.problems) > 1:
+        print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
+    return error.exit_code
+
+
+def _of(study: str) -> str:
+    """How a message begins that is about one study of several."""
+    return f"{study}: " if study else ""
 
 
 class _Printable(logging.Formatter):
-    """Messages in which nothing is left that a terminal would obey."""
+    """Messages in which nothing is left that a terminal would obey; of several studies, with the one that runs."""
+
+    study = ""
 
     def format(self, record: logging.LogRecord) -> str:
-        return printable(super().format(record))
+        return printable(_of(self.study) + super().format(record))
 
 
 def _say(text: object, file: Any = None) -> None:
@@ -140,12 +154,14 @@ def _parser() -> argparse.ArgumentParser:
     _set_argument(validate)
 
     plan = command("plan", _plan, "say what a study will cost before it runs")
-    _study_arguments(plan)
+    plan.add_argument("study", metavar="STUDY.yaml")
+    _run_arguments(plan)
 
     run = command(
-        "run", _run, "run a study, or go on with it, and leave its result folder; prints the path of the result"
+        "run", _run, "run studies, or go on with them, and leave their result folders; prints the path of each result"
     )
-    _study_arguments(run)
+    run.add_argument("studies", nargs="+", metavar="STUDY.yaml")
+    _run_arguments(run)
     run.add_argument("--force", action="store_true", help="compute everything anew, whatever is there")
     run.add_argument("--no-report", action="store_true", help="leave out figures and the HTML page")
     run.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor headline numbers")
@@ -253,8 +269,7 @@ def _set_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
 
 
-def _study_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("study", metavar="STUDY.yaml")
+def _run_arguments(parser: argparse.ArgumentParser) -> None:
     _set_argument(parser)
     parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
     parser.add_argument(
@@ -313,12 +328,12 @@ def _formats(text: str) -> tuple[str, ...]:
     return given
 
 
-def _load(options: argparse.Namespace) -> Study:
-    """Load the study with what the command line says of it and of its execution, and pass on its warnings."""
+def _load(options: argparse.Namespace, path: str) -> Study:
+    """Load a study with what the command line says of it and of its execution, and pass on its warnings."""
     from heliosweep import api
     from heliosweep.config.layers import OPTION, settings
 
-    study = api.load(options.study, settings(options.set), named=OPTION)
+    study = api.load(path, settings(options.set), named=OPTION)
     execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
     _warn(study)
     return study.model_copy(update={"execution": execution})
@@ -333,7 +348,7 @@ def _asked(options: argparse.Namespace) -> dict[str, Any]:
 
 def _warn(study: Study) -> None:
     for note in study.notes():
-        _say(f"warning: {note}", sys.stderr)
+        _say(f"{_of(_Printable.study)}warning: {note}", sys.stderr)
 
 
 def _validate(options: argparse.Namespace) -> int:
@@ -357,15 +372,43 @@ def _plan(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.runs.status import plan_text
 
-    study = _load(options)
+    study = _load(options, options.study)
     folder = api.result_folder(study, options.output)
     _say(plan_text(study, api.plan(study, folder), folder))
 
 
-def _run(options: argparse.Namespace) -> None:
+def _run(options: argparse.Namespace) -> int:
+    several = len(options.studies) > 1
+    if several and options.output is not None:
+        raise StudyError(Problem("names the folder of one study; name one, or leave it out", "--output"))
+    _asked(options)  # once, where it is wrong
+    failed: dict[str, int] = {}
+    for path in options.studies:
+        _Printable.study = path if several else ""
+        try:
+            _run_one(options, path)
+        except (RunInterrupted, BrokenPipeError):
+            raise
+        except Exception as error:  # whatever befalls one study, the others go on
+            if not several:
+                raise
+            if isinstance(error, HeliosweepError | OSError) and not (options.verbose and isinstance(error, OSError)):
+                failed[path] = _refused(error, path)
+            else:
+                log.exception("failed")
+                failed[path] = 1
+        finally:
+            _Printable.study = ""
+    if failed:
+        _say(f"{len(failed)} of {len(options.studies)} studies failed: {', '.join(failed)}", sys.stderr)
+    codes = {0, *failed.values()}
+    return max(codes) if len(codes) < 3 else 1
+
+
+def _run_one(options: argparse.Namespace, path: str) -> None:
     from heliosweep import api
 
-    study = _load(options)
+    study = _load(options, path)
     result = api.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )

@@ -24,7 +24,6 @@ log = logging.getLogger("heliosweep")
 INDEX = "index.html"
 
 
-
 #: State and detail, in words, of the study of a result folder, as `heliosweep.status` tells them.
 StatusOf = Callable[[Path], Any]
 

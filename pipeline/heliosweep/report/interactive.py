@@ -11,13 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import xarray as xr
-from bokeh import models as bk
 from bokeh.core.types import ID
-from bokeh.embed import json_item
-from bokeh.models.annotations import ColorBar
+from bokeh.model import Model
 from bokeh.resources import Resources
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
@@ -26,6 +25,12 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.report.payload import PAGE_VALUES, ROOMS, SIZE, fold, shares, view_payload, wanted
 from heliosweep.report.style import COLOURS, DIFFERENCES, NO_VALUE, VALUES
 from heliosweep.report.views import View, usable
+
+# A third of the time that Bokeh's models take to import goes into signatures for its manual.
+with mock.patch.object(Model, "parameters", classmethod(lambda cls: [])):
+    from bokeh import models as bk
+    from bokeh.embed import json_item
+    from bokeh.models.annotations import ColorBar
 
 #: Colours of a scale.
 SHADES = 128

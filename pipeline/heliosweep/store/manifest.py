@@ -28,6 +28,8 @@ from heliosweep.store.parts import WORKING, PartStore
 from heliosweep.store.read import content_digest, open_stored, result_bytes, result_digest
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.grid.plan import Plan
     from heliosweep.grid.regions import Part
 
@@ -37,15 +39,14 @@ _KEYWORDS = ("concentrating solar power", "solar tracking")
 _EXTENT = (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east"))
 #: Packages whose versions can touch the numbers or the bytes.
 _PACKAGES = ("heliosweep", "numpy", "numba", "llvmlite", "xarray", "dask", "pandas", "netCDF4", "pvlib", "matplotlib")
-#: Global attributes that follow from the study and the code, which are compared by themselves.
+#: Words that follow from the study and the code, which are compared by themselves; so do attributes of coordinates.
 _FOLLOWING = ("study", "study_id", "id", "history", "source")
 
 
-def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]:
-    """Global attributes of a study's result, by CF-1.11 and ACDD-1.3, and nothing that differs from run to run.
+def words_of(family: Any, study: Study) -> dict[str, Any]:
+    """Global attributes of a study's result that the study and its family say, by CF-1.11 and ACDD-1.3.
 
-    No clock time, host, user or path is told; those are in the manifest. `coordinates` are those of the family, whose
-    attributes belong to the result.
+    Nothing differs from run to run: no clock time, host, user or path is told; those are in the manifest.
     """
     given = study.dataset.keywords if study.dataset else ()
     return {
@@ -68,8 +69,12 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
         "id": study.study_id,
         "study_id": study.study_id,
         "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
-        **coordinates.attrs,
     }
+
+
+def attributes_of(words: Mapping[str, Any], coordinates: xr.Dataset) -> dict[str, Any]:
+    """All global attributes of a result: its words and those that the family gives its coordinates."""
+    return {**words, **coordinates.attrs}
 
 
 def _people(study: Study) -> Iterator[tuple[str, str]]:
@@ -103,7 +108,7 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
         return
     grid = Parameters(study)
     for key, axis, units in _EXTENT:
-        values = grid.parameter(key).to_numpy().astype(float) if grid.has(key) else np.array(np.nan)
+        values = np.asarray(grid.column(key)[1] if grid.has(key) else np.nan, dtype=float)
         if np.isfinite(values).any():
             yield f"geospatial_{axis}_min", float(np.nanmin(values))
             yield f"geospatial_{axis}_max", float(np.nanmax(values))
@@ -205,9 +210,8 @@ class Finished:
         return listed(self.identity.get(key), identity[key])
 
 
-def identity_of(study: Study, attributes: Mapping[str, Any], *modules: str) -> dict[str, Any]:
-    """What the bytes of a study's result depend on, from its global attributes and the modules that its numbers come
-    from.
+def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
+    """What the bytes of a study's result depend on, from its words and the modules that its numbers come from.
 
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
     ``attributes``: the words that go with it.
@@ -217,7 +221,7 @@ def identity_of(study: Study, attributes: Mapping[str, Any], *modules: str) -> d
         "study": study.canonical(),
         "code": code_versions(*modules),
         "output": study.output.model_dump(),
-        "attributes": {name: value for name, value in attributes.items() if name not in _FOLLOWING},
+        "attributes": {name: value for name, value in words.items() if name not in _FOLLOWING},
     }
 
 
