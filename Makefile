@@ -7,17 +7,18 @@ STAMP  := $(VENV)/.ready
 export STUDY ?=
 # what `make` and `make studies` run: patterns, for the shell
 STUDIES ?= studies/*.yaml
-# what `make bench` measures: names of tests.bench, the kernels' table and whole commands; engines and memory take long
+# what `make bench` measures: names of tests.bench, the kernels' table and whole commands (studies, engines and memory take
+# long), and --page=docs/scaling.md to write the table of the documentation
 BENCH ?= kernels study
 PYTEST_ARGS ?=
 # two processes share the tests, or as many as make PYTEST_ARGS="--maxprocesses 8" test says; --pdb takes one
 SHARED := -n logical --maxprocesses 2 --dist worksteal
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults long check docs index bench setup lock audit clean help
+.PHONY: studies run test faults long check docs reference index bench setup lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
-	@set -e; for study in $(STUDIES); do $(BIN)/heliosweep run "$$study"; done
+	@$(BIN)/heliosweep run $(STUDIES)
 
 run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 	@test -n "$$STUDY" || { echo "say which study: make STUDY=studies/my_study.yaml run" >&2; exit 2; }
@@ -40,6 +41,9 @@ check: $(STAMP)  ## lint, formatting and types
 docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
 	@$(BIN)/python -m sphinx -W --keep-going -n -E -a -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
+
+reference: $(STAMP)  ## after a change of keys: the tables of keys in docs/reference/
+	@$(BIN)/python docs/_ext/study_keys.py
 
 index: $(STAMP)  ## after make: state numbers and verdicts in studies/published/, and the index of papers in studies/README.md
 	@$(BIN)/python -m tests.literature.index

@@ -15,7 +15,9 @@ import pytest
 import xarray as xr
 import yaml
 
+from heliosweep import api
 from heliosweep.cli import main
+from heliosweep.errors import HeliosweepError, RunInterrupted
 from heliosweep.kernels import compiled
 from heliosweep.runs.run import prepare_kernels
 from tests.conftest import SMALL, STUDIES
@@ -60,6 +62,32 @@ def test_run_leaves_the_whole_folder_and_prints_the_path_last(folder, capsys):
     assert len(manifest["result"]["sha256"]) == 64
 
 
+def test_run_ends_with_headline_numbers_and_the_page_and_takes_other_values(folder, capsys):
+    path = study(folder)
+    assert main(["run", path, "--set", "receiver.height=77", "--set", "site.latitude=[0, 20]", "-o", "out"]) == 0
+    told = capsys.readouterr()
+    assert told.out.splitlines()[-1] == str(Path("out/result.nc"))
+    headline, page = told.err.splitlines()[-2:]
+    assert "mean optical efficiency of the field over the period: " in headline
+    assert "largest at latitude" in headline
+    assert page == f"page: {Path('out/report.html')}"
+    with xr.open_dataset("out/result.nc") as result:
+        assert result.receiver_height == 77
+        assert result.latitude.values.tolist() == [0, 20]
+        field = result.field_optical_efficiency.values
+        low, high = (f"{100 * end:.2f} %" for end in (field.min(), field.max()))
+        assert f": {low} to {high}; largest at " in headline
+    assert main(["run", path, "--set", "receiver.height=77", "--set", "site.latitude=[0, 20]", "-o", "out"]) == 0
+    assert f"page: {Path('out/report.html')}" in capsys.readouterr().err
+    assert main(["run", path, "--set", "receiver.hight=77"]) == 2
+    assert capsys.readouterr().err == "--set: receiver.hight: unknown key; did you mean 'height'?\n"
+    assert main(["verify", path]) == 2
+    assert "study.yaml: was not run yet; to run it: heliosweep run study.yaml" in capsys.readouterr().err
+    assert main(["run", path, "--no-report", "-q"]) == 0
+    assert capsys.readouterr().err == ""
+    assert main(["verify", path]) == 0
+
+
 def test_resolved_study_runs_to_the_same_numbers(folder, capsys):
     main(["run", study(folder), "--quiet", "--no-report", "--output", "first"])
     main(["run", "first/study.resolved.yaml", "--quiet", "--no-report", "--output", "second"])
@@ -92,8 +120,6 @@ def test_validate_families_schema(folder, capsys):
     assert "field_efficiency" in capsys.readouterr().out
     assert main(["schema", "field_efficiency"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["layout"]
-    assert main(["schema", "field_efficiency", "--example"]) == 0
-    assert yaml.safe_load(capsys.readouterr().out)["family"] == "field_efficiency"
 
 
 TIME: Any = SMALL["time"]
@@ -230,15 +256,71 @@ def test_usage_errors(folder, capsys):
     assert main(["report", "nowhere"]) == 2
 
 
-def test_quick_answers_load_nothing_heavy():
+def loaded_by(*arguments: str) -> set[str]:
+    """Packages that a process has imported when it has carried out a command."""
     code = (
-        "import sys\nfrom heliosweep.cli import main\nmain(['validate', sys.argv[1]])\n"
-        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "print(*{name.partition('.')[0] for name in sys.modules})"
+        "import sys\nfrom heliosweep.cli import main\ntry:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
+        "print(*{name.partition('.')[0] for name in sys.modules}, *{'dask.array', 'scipy.special'} & {*sys.modules})"
     )
-    command = [sys.executable, "-c", code, str(STUDIES / "chong2012_table2.yaml")]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    assert not HEAVY & set(done.stdout.splitlines()[-1].split())
+    done = subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("arguments", [("validate",), ("plan",), ("--help",)])
+def test_quick_answers_load_nothing_heavy(arguments):
+    assert not HEAVY & loaded_by(*arguments, str(STUDIES / "chong2012_table2.yaml"))
+
+
+def test_a_finished_result_is_found_without_anything_heavy(folder):
+    first = loaded_by("run", study(folder), "--quiet")
+    assert {"numba", "xarray", "matplotlib"} <= first
+    assert not {"dask.array", "scipy.special"} & first  # arrays of NumPy need neither
+    assert not HEAVY & loaded_by("run", "study.yaml")
+
+
+def test_several_studies_in_one_command(folder, capsys, caplog):
+    """Their results in order on standard output; of what failed, the study is named, and the others go on."""
+    names = ["a.yaml", "b.yaml", "c.yaml", "d.yaml"]
+    for name, latitude in zip(names, (0, 200, 20, 40), strict=True):
+        Path(study(folder, site={"latitude": latitude})).rename(folder / name)
+    Path("c.yaml").write_text(Path("c.yaml").read_text() + "title: [1, 2]\n")
+    assert main(["run", *names, "-q", "--no-report"]) == 2
+    said = capsys.readouterr()
+    assert [line.split("-")[0] for line in said.out.splitlines()] == ["outputs/a", "outputs/d"]
+    assert re.search(r"^b\.yaml:\d+:\d+: site\.latitude: ", said.err, re.MULTILINE)
+    assert re.search(r"^c\.yaml:\d+:\d+: title: ", said.err, re.MULTILINE)
+    assert said.err.splitlines()[-1] == "2 of 4 studies failed: b.yaml, c.yaml"
+    found = subprocess.run(
+        command("run", "a.yaml", "d.yaml", "--no-report"), capture_output=True, text=True, check=True
+    )
+    assert found.stdout == said.out
+    assert [line.partition(" is complete already")[0] for line in found.stderr.splitlines()] == [
+        f"{name}: {path}" for name, path in zip(("a.yaml", "d.yaml"), said.out.splitlines(), strict=True)
+    ]
+    assert main(["run", "a.yaml", "d.yaml", "--output", "one"]) == 2
+    assert "--output: names the folder of one study" in capsys.readouterr().err
+
+
+def test_whatever_befalls_one_study_the_others_go_on(folder, capsys, monkeypatch):
+    real = api.run
+
+    def run(given: Any, *arguments: Any, **named: Any) -> Any:
+        if given.source.path.name == "a.yaml":
+            raise FloatingPointError("a fault of heliosweep")
+        if given.source.path.name == "b.yaml":
+            raise HeliosweepError("the disk is full")
+        return real(given, *arguments, **named)
+
+    for name in ("a.yaml", "b.yaml", "c.yaml"):
+        Path(study(folder)).rename(folder / name)
+    monkeypatch.setattr(api, "run", run)
+    assert main(["run", "a.yaml", "b.yaml", "c.yaml", "-q", "--no-report"]) == 1
+    said = capsys.readouterr()
+    assert [line.split("-")[0] for line in said.out.splitlines()] == ["outputs/c"]
+    assert "b.yaml: the disk is full\n2 of 3 studies failed: a.yaml, b.yaml\n" in said.err
+    monkeypatch.setattr(api, "run", lambda *given, **named: (_ for _ in ()).throw(RunInterrupted("stopped")))
+    assert main(["run", "a.yaml", "b.yaml"]) == 4
+    assert capsys.readouterr().err == "stopped\n"
 
 
 def test_in_a_thread(folder, capsys):

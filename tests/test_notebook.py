@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -220,3 +221,20 @@ def _example(family):
     import yaml
 
     return yaml.safe_load(family.example())
+
+
+def test_a_layout_from_a_table_and_a_result_that_says_what_it_holds(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    positions = pd.DataFrame({"x": [0.1, 30, 60], "y": [100, 100, 1 / 3 + 100], "name": ["A1", "A2", "B1"]})
+    file = heliosweep.write_layout(positions, "small.csv")
+    assert heliosweep.read_layout(file).y.tolist() == positions.y.tolist()
+    with pytest.raises(heliosweep.StudyError, match="needs a column y"):
+        heliosweep.write_layout(positions.drop(columns="y"), "other.csv")
+    study = heliosweep.study("field_efficiency", **blocks(layout={"file": file}))
+    result = heliosweep.run(study, "out", report=False, scheduler="synchronous", workers=1)
+    assert "heliostat 3" in repr(result)
+    assert "mean optical efficiency of the field over the period: " in repr(result)
+    with result.open() as data:
+        assert data.x.sel(name="A2") == 30
+    with pytest.raises(heliosweep.StudyError, match="workers: must be between 1 and 65536"):
+        heliosweep.run(study, "out", workers=0)

@@ -1,165 +1,29 @@
-"""Directives `study-keys` and `study-example`: the keys of a family's study files, from its JSON Schema."""
+"""Tables of the keys of study files, which ``make reference`` writes into the pages; directive `study-example`.
+
+The pages hold the tables as text, so that they can be read where nobody has built the site. A test tells when they are
+not those of the schema any more.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from typing import Any, ClassVar
+from pathlib import Path
 
 from docutils import nodes
-from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from heliosweep.config.block import Block, blocks_at
+from heliosweep.config.keys import Key, is_sampled, keys_of
 from heliosweep.config.study import Study, json_schema
-from heliosweep.config.values import Samples
+from heliosweep.families.family import families
 
-Schema = dict[str, Any]
+#: Pages with tables.
+PAGES = sorted((Path(__file__).parents[1] / "reference").glob("*.md"))
 
-_UNIT = re.compile(r"\s*\[([^\[\]]+)\]$")
-_MEANINGS = re.compile(r"\s*\((\w[\w-]*: .*)\)$", re.DOTALL)
-
-
-class Key:
-    """One key of a study file.
-
-    Parameters
-    ----------
-    name : str
-        Dotted; ``[]`` stands for any item of a list, ``<name>`` for a name of one's own.
-    schema : dict
-        Its part of the JSON Schema, references followed.
-    required : bool
-        Whether its block needs it.
-    """
-
-    def __init__(self, name: str, schema: Schema, required: bool) -> None:
-        self.name, self.schema, self.required = name, schema, required
-        self.only = ""
-        text = str(schema.get("description", ""))
-        unit = _UNIT.search(text)
-        self.unit = unit.group(1) if unit else ""
-        self.meaning = _UNIT.sub("", text)
-
-    @property
-    def swept(self) -> bool:
-        """Whether a sweep may stand in place of a value."""
-        return any(str(form.get("description", "")).startswith("Swept") for form in _forms(self.schema))
-
-    @property
-    def default(self) -> str:
-        """The default as YAML; empty where there is none."""
-        if "default" not in self.schema:
-            return ""
-        value = self.schema["default"]
-        if isinstance(value, dict):
-            return ""
-        if isinstance(value, bool):
-            return f"`{str(value).lower()}`"
-        if isinstance(value, int | float):
-            return f"`{_number(value, self.unit)}`"
-        return f"`{value}`" if value not in ([], "") else ""
-
-    @property
-    def value(self) -> str:
-        """What may stand there."""
-        forms = (form for form in _forms(self.schema) if not _sweeps(form))
-        texts = [text for form in forms if (text := _form_text(form, self.unit))]
-        return "; ".join(dict.fromkeys(texts))
-
-
-def _sweeps(form: Schema) -> bool:
-    return str(form.get("description", "")).startswith("Swept")
-
-
-def _forms(schema: Schema) -> list[Schema]:
-    parts = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
-    forms = [inner for part in parts if "required" not in part or len(part) > 1 for inner in _forms(part)]
-    return forms or [schema]
-
-
-def _number(value: float, unit: str = "") -> str:
-    for factor, name in ((2**40, "TiB"), (2**30, "GiB"), (2**20, "MiB")):
-        if unit == "B" and value % factor == 0 and value:
-            return f"{value // factor:,g} {name}"
-    return f"{value:,.12g}"
-
-
-def _form_text(form: Schema, unit: str = "") -> str:
-    if "const" in form:
-        return f"`{form['const']}`"
-    if "enum" in form:
-        return ", ".join(f"`{name}`" for name in form["enum"])
-    kind = form.get("type")
-    if kind == "string":
-        if "0-9]*)?)([eE]" in form.get("pattern", ""):
-            return ""  # a number with its unit
-        return "date" if form.get("format") == "date" else "text"
-    if kind == "array":
-        items = _form_text(form["items"]) if isinstance(form.get("items"), dict) else ""
-        return f"list of {items}" if items else "list"
-    if kind == "boolean":
-        return "`true`, `false`"
-    if kind == "object":
-        keys = form.get("properties")
-        return f"{{{', '.join(keys)}}}" if keys else "mapping"
-    if kind in ("number", "integer"):
-        low = form.get("minimum"), form.get("exclusiveMinimum")
-        high = form.get("maximum"), form.get("exclusiveMaximum")
-        words = {"number": "number", "integer": "whole number"}[kind]
-        if low[0] is not None and high[0] is not None:
-            return f"{words}, {_number(low[0], unit)} to {_number(high[0], unit)}"
-        bounds = [("at least", low[0]), ("above", low[1]), ("at most", high[0]), ("below", high[1])]
-        return ", ".join([words, *(f"{word} {_number(bound, unit)}" for word, bound in bounds if bound is not None)])
-    return ""
-
-
-def keys_of(schema: Schema) -> Iterator[Key]:
-    """Yield every key of study files with this schema, blocks before what stands in them."""
-    defs = schema.get("$defs", {})
-
-    def resolved(node: Schema) -> Schema:
-        while "$ref" in node:
-            node = defs[node["$ref"].rpartition("/")[2]] | {key: text for key, text in node.items() if key != "$ref"}
-        inner: Schema = {key: [resolved(part) for part in node[key]] for key in ("anyOf", "oneOf") if key in node}
-        if isinstance(node.get("items"), dict):
-            inner["items"] = resolved(node["items"])
-        return node | inner
-
-    def walk(prefix: str, node: Schema) -> Iterator[Key]:
-        for name, part in node.get("properties", {}).items():
-            whole = resolved(part)
-            key = Key(f"{prefix}{name}", whole, name in node.get("required", ()))
-            yield key
-            blocks = [found for form in _forms(whole) if not _sweeps(form) for found in _blocks(form)]
-            tagged = [f"{name}: {part['const']}" for _, block in blocks for name, part in _constants(block)]
-            known: dict[str, Key] = {}
-            for position, (suffix, block) in enumerate(blocks):
-                for inner in walk(f"{key.name}{suffix}.", block):
-                    first = known.setdefault(inner.name, inner)
-                    if first is not inner and "const" in inner.schema:
-                        first.schema = {"enum": [*first.schema.get("enum", [first.schema.get("const")])]}
-                        first.schema["enum"].append(inner.schema["const"])
-                        first.only = "each"
-                    elif first.only != "each" and len(tagged) == len(blocks) > 1:
-                        first.only = ", ".join(filter(None, (first.only, f"`{tagged[position]}`")))
-            for inner in known.values():
-                if inner.only == "each" or inner.only.count("`") == 2 * len(blocks):
-                    inner.only = ""
-            yield from known.values()
-
-    def _blocks(form: Schema) -> Iterator[tuple[str, Schema]]:
-        if "properties" in form:
-            yield "", form
-        if isinstance(form.get("items"), dict) and "properties" in form["items"]:
-            yield "[]", form["items"]
-
-    yield from walk("", schema)
-
-
-def _constants(block: Schema) -> list[tuple[str, Schema]]:
-    return [(name, part) for name, part in block["properties"].items() if "const" in part]
+_MARKED = re.compile(
+    r"(<!-- keys of (\w+), level (\d): ([\w ]+); written by `make reference` -->).*?(<!-- end of the keys -->)",
+    re.DOTALL,
+)
 
 
 def _cell(text: str) -> str:
@@ -168,20 +32,9 @@ def _cell(text: str) -> str:
 
 def _meaning(key: Key) -> str:
     """The description; what each of several names means as a list."""
-    found = _MEANINGS.search(key.meaning)
     where = f" ({key.only})" if key.only else ""
-    if not found:
-        return _cell(key.meaning + where)
-    options = [option.partition(": ") for option in found.group(1).split("; ")]
-    listed = "; ".join(f"`{name}` {meaning}" for name, _, meaning in options)
-    return _cell(f"{key.meaning[: found.start()]}: {listed}{where}")
-
-
-def _samples(study: type[Block], key: Key) -> bool:
-    """Whether the values are instants to average over instead of a dimension of the result."""
-    *outer, last = key.name.replace("[]", "").split(".")
-    found = (block.parameter(last) for block in blocks_at(study, outer) if last in block.model_fields)
-    return any(isinstance(parameter, Samples) for parameter in found)
+    listed = "; ".join(f"`{name}` {meaning}" for name, meaning in key.options)
+    return _cell(f"{key.meaning}: {listed}{where}" if listed else f"{key.meaning}{where}")
 
 
 def table(study: type[Study], keys: list[Key]) -> str:
@@ -189,41 +42,41 @@ def table(study: type[Study], keys: list[Key]) -> str:
     family = study.family_name()
     lines = ["| key | what | value | default | swept |", "|---|---|---|---|---|"]
     for key in keys:
-        anchor = f"{family}-{key.name}".replace("[]", "-each").replace(".", "-")
+        anchor = re.sub(r"\W|_", "-", f"{family}-{key.name}".replace("[]", "-each")).lower()
         default = key.default or ("**needed**" if key.required else "")
         value = _cell(key.value) + (f" **{key.unit}**" if key.unit and key.unit != "B" else "")
-        swept = ("instants" if _samples(study, key) else "yes") if key.swept else ""
-        cells = [f"[`{key.name}`]{{#{anchor}}}", _meaning(key), value, default, swept]
+        swept = ("instants" if is_sampled(study, key) else "yes") if key.swept else ""
+        cells = [f'<a id="{anchor}"></a>`{key.name}`', _meaning(key), value, default, swept]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-class StudyKeys(SphinxDirective):
-    """`{study-keys} FAMILY` with `:only:` or `:without:` top-level keys, and the `:level:` of headings."""
+def sections(family: str, names: str, level: int = 2) -> str:
+    """Return a table for the keys at the top and one for each block.
 
-    required_arguments = 1
-    option_spec: ClassVar = {
-        "only": directives.unchanged,
-        "without": directives.unchanged,
-        "level": directives.positive_int,
-    }
+    `names` are keys at the top, those that are meant or, after ``without``, those that are not.
+    """
+    study = families()[family].study_class()
+    first, *rest = names.split() or [""]
+    found: dict[str, list[Key]] = {}
+    for key in keys_of(json_schema(study)):
+        top = re.split(r"[.\[]", key.name)[0]
+        if top not in rest if first == "without" else top in (first, *rest):
+            found.setdefault(top, []).append(key)
+    alone, mark = [keys[0] for keys in found.values() if len(keys) == 1], "#" * level
+    texts = [f"{mark} At the top\n\n{table(study, alone)}"] if alone else []
+    texts += [f"{mark} `{top}`\n\n{table(study, keys)}" for top, keys in found.items() if len(keys) > 1]
+    return "\n\n".join(texts)
 
-    def run(self) -> list[nodes.Node]:
-        """Return a table for the keys at the top and one for each block."""
-        from heliosweep.families.family import families
 
-        study = families()[self.arguments[0]].study_class()
-        only, without = self.options.get("only", "").split(), self.options.get("without", "").split()
-        level = "#" * self.options.get("level", 2)
-        found: dict[str, list[Key]] = {}
-        for key in keys_of(json_schema(study)):
-            top = re.split(r"[.\[]", key.name)[0]
-            if top not in without and (not only or top in only):
-                found.setdefault(top, []).append(key)
-        alone = [keys[0] for keys in found.values() if len(keys) == 1]
-        texts = [f"{level} At the top\n\n{table(study, alone)}"] if alone else []
-        texts += [f"{level} `{top}`\n\n{table(study, keys)}" for top, keys in found.items() if len(keys) > 1]
-        return self.parse_text_to_nodes("\n\n".join(texts), allow_section_headings=True)
+def filled(text: str) -> str:
+    """Return a page with the tables that its marks ask for: the family, the level of headings, and keys."""
+
+    def written(found: re.Match[str]) -> str:
+        begin, family, level, names, end = found.groups()
+        return f"{begin}\n\n{sections(family, names, int(level))}\n\n{end}"
+
+    return _MARKED.sub(written, text)
 
 
 class StudyExample(SphinxDirective):
@@ -233,14 +86,16 @@ class StudyExample(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the file."""
-        from heliosweep.families.family import families
-
         text = families()[self.arguments[0]].example()
         return [nodes.literal_block(text, text, language="yaml")]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register the directives."""
-    app.add_directive("study-keys", StudyKeys)
+    """Register the directive."""
     app.add_directive("study-example", StudyExample)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    for page in PAGES:
+        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import glob
+import json
 import logging
 import os
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from heliosweep.config.layers import execution_keys
 from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.family import Family, families, study_classes
+from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
 
 if TYPE_CHECKING:
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
 
     from heliosweep.config.execution import Execution
     from heliosweep.grid.plan import Plan
+    from heliosweep.runs.run import Run
     from heliosweep.runs.status import Status
 
 log = logging.getLogger("heliosweep")
@@ -35,13 +40,18 @@ OUTPUTS = "outputs"
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
 
 
-def load(source: Source) -> Study:
+def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str = "") -> Study:
     """Load and check a study.
 
     Parameters
     ----------
     source : path or mapping
         A study file, or the same content as a mapping.
+    changes : mapping of str to object, optional
+        Values by dotted key in place of those of the study, such as ``{"receiver.height": 90}``; None takes a key
+        away.
+    named : str
+        What messages call the place of `changes`.
 
     Returns
     -------
@@ -54,7 +64,13 @@ def load(source: Source) -> Study:
         With every problem found, each with file, line, column and key.
     """
     classes = study_classes()
-    return load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
+    if isinstance(source, Mapping):
+        study = load_mapping(source, classes, changes)
+    else:
+        study = load_file(source, classes, changes, named)
+    if study.search is not None and (problems := list(searched(families()[study.family]).check(study))):
+        raise StudyError(problems)
+    return study
 
 
 def _loaded(study: Study | Source) -> Study:
@@ -64,7 +80,8 @@ def _loaded(study: Study | Source) -> Study:
 
 def family_of(study: Study) -> Family:
     """Family that a study belongs to."""
-    return families()[study.family]
+    family = families()[study.family]
+    return family if study.search is None else searched(family)
 
 
 def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:
@@ -107,6 +124,8 @@ def _planned(study: Study, output: str | os.PathLike[str] | None, *, connect: bo
         there = sum(file.stat().st_size for file in (folder / WORKING).glob("*"))
         limits = replace(limits, disk=limits.disk + there)
     family = family_of(study)
+    if isinstance(family, Searched):  # a generation has to fit, and tells what the others cost
+        return family.plan(study, _planned(family.first(study), folder, connect=connect))
     workload, variables = family.workload(study), family.variables(study)
     try:
         return make_plan(
@@ -151,15 +170,17 @@ def build(study: Study | Source) -> xr.Dataset:
         With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
     """
     study = _loaded(study)
+    if study.search is not None:
+        raise StudyError(study.problem("search", "has no result before it is run: which points it asks for follows"))
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
     from heliosweep.grid.lazy import Work
-    from heliosweep.store.manifest import attributes_of
+    from heliosweep.store.manifest import attributes_of, words_of
 
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
     work = Work(family, study, planned.variables, planned.workload.sizes)
-    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(family, study, coordinates))
+    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(words_of(family, study), coordinates))
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
@@ -216,9 +237,40 @@ class Result:
         """The result folder."""
         return self.path.parent
 
+    @property
+    def page(self) -> Path | None:
+        """The page with figures and tables; None where there is none."""
+        page = self.folder / "report.html"
+        return page if page.is_file() else None
+
     def open(self) -> xr.Dataset:
         """Open the data set."""
         return open_result(self.path)
+
+    def summary(self) -> str:
+        """What it holds, one thing a line: title, dimensions, headline numbers, the page."""
+        from heliosweep.report.summary import summary
+
+        with self.open() as data:
+            family = families().get(json.loads(data.attrs.get("study", "{}")).get("family"))
+            lines = [*summary(data, family.headlines if family else ())]
+        return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
+
+    def ending(self) -> str:
+        """What the end of a run tells: `summary`; of a result that was there already the headline of its page alone."""
+        if self.seconds:
+            return self.summary()
+        from heliosweep.report.heads import head_of
+
+        told = [*filter(None, head_of(self.folder / "report.html")), *([f"page: {self.page}"] if self.page else [])]
+        return "\n".join(told)
+
+    def __repr__(self) -> str:
+        try:
+            text = self.summary().replace("\n", "\n  ")
+        except (HeliosweepError, OSError, ValueError) as error:
+            text = f"cannot be read: {error}"
+        return f"<heliosweep.Result> {text}\n  data: {self.path}"
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -233,7 +285,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     -------
     xarray.Dataset
         Lazily read; close it, or use it as a context manager. Its values are not checked: where a file may be damaged,
-        ask ``heliosweep verify`` first.
+        ask ``heliosweep verify`` first. Heliostats whose layout has a column ``name``, no name twice, are selected by
+        it too: ``sel(name="A1")``.
 
     Raises
     ------
@@ -243,13 +296,20 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.store import read
 
-    return read.open_result(path)
+    result = read.open_result(path)
+    names = result.coords.get("name")
+    if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
+        result = result.set_xindex("name")
+    return result
 
 
 def run(
     study: Study | Source,
     output: str | os.PathLike[str] | None = None,
     *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    memory: int | str | None = None,
     progress: bool = False,
     report: bool = True,
     force: bool = False,
@@ -265,6 +325,8 @@ def run(
         From `load`, or what `load` takes.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
+    scheduler, workers, memory
+        As the keys of `execution` in the study file, which they replace. No number of the result depends on them.
     progress : bool
         Whether to show progress on standard error.
     report : bool
@@ -301,12 +363,19 @@ def run(
     from heliosweep.store.folder import check_contents, check_locks, claimed, is_tidy, made, refuse_devices
 
     asked = _loaded(study)
-    asked = asked.model_copy(update={"execution": asked.execution.resolved()})
+    given = execution_keys({"scheduler": scheduler, "workers": workers, "memory": memory})
+    asked = asked.model_copy(update={"execution": asked.execution.resolved().model_copy(update=given)})
     folder = result_folder(asked, output)
     page = folder / "report.html"
 
     def prepared() -> Run:
-        return Run(family_of(asked), asked, folder, lambda: _planned(asked, folder, connect=True))
+        family = family_of(asked)
+        if isinstance(family, Searched):
+            from heliosweep.runs.search import SearchRun
+
+            plans = [partial(_planned, output=folder, connect=connect) for connect in (True, False)]
+            return SearchRun(family, asked, folder, partial(plans[0], asked), plans[1])
+        return Run(family, asked, folder, lambda: _planned(asked, folder, connect=True))
 
     refuse_devices(folder)
     now = prepared()
@@ -327,8 +396,8 @@ def run(
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
         try:
             if report:
-                _check_published(asked)
-            path = now.result(force=force, progress=progress)
+                _check_published(now)
+            path = now.result(force=force, progress=progress, meanwhile=_import_report if report else None)
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
                     _report(folder, asked)
@@ -363,8 +432,23 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
     if not of:
         return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
-    places = map(user_path, of)
-    return [status_of(place if place.is_dir() else result_folder(load(place))) for place in places]
+    return [status_of(folder_of(place)) for place in of]
+
+
+def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
+    """Result folder that is meant: the folder itself, or where the result of a study file goes by default.
+
+    With `there`, the study must have been run. Raises StudyError.
+    """
+    path = user_path(place)
+    if path.suffix.lower() not in (".yaml", ".yml") or path.is_dir():
+        return path
+    folder = result_folder(load(path))
+    if there and not folder.is_dir():
+        raise StudyError(
+            Problem(f"was not run yet; to run it: {shlex.join(['heliosweep', 'run', str(place)])}", file=str(place))
+        )
+    return folder
 
 
 def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Path:
@@ -418,13 +502,23 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
         raise HeliosweepError(f"the result is complete, the report failed ({what}); {advice}") from error
 
 
-def _check_published(study: Study) -> None:
+def _import_report() -> None:
+    """Import what draws figures and pages, half a second that kernels leave to the interpreter."""
+    with suppress(Exception):  # whoever draws says what is wrong
+        import heliosweep.report.interactive
+        import heliosweep.report.page  # noqa: F401
+
+
+def _check_published(run: Run) -> None:
     """Find out before anything is computed whether the published numbers fit the study."""
+    study = run.study
     table = study.report.published
     if table is not None:
+        from heliosweep.grid.lazy import without_values
         from heliosweep.report.comparison import locate, read_published
 
-        locate(build(study), read_published(study.resolve(table.file), table.source, table.file))
+        known = without_values(run.plan, run.coordinates) if study.search is None else build(study)  # that refuses it
+        locate(known, read_published(study.resolve(table.file), table.source, table.file))
 
 
 def _say_what_changed(study: Study, folder: Path) -> None:

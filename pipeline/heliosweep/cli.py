@@ -18,9 +18,12 @@ from typing import TYPE_CHECKING, Any
 from heliosweep import __version__
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.runs.signals import ignore_interruptions, interruptible
+from heliosweep.share.command_lines import epilog_of
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
+
+log = logging.getLogger("heliosweep")
 
 _EXIT_CODES = """\
 exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted but resumable,
@@ -68,27 +71,39 @@ def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
             ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
         _say(str(stop) or "interrupted", sys.stderr)
         return RunInterrupted.exit_code
-    except HeliosweepError as error:
-        print(error, file=sys.stderr)
-        if isinstance(error, StudyError) and len(error.problems) > 1:
-            print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
-        return error.exit_code
     except BrokenPipeError:
         # The reader of our output (head, less) went away: not an error of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
-        if options.verbose:
+    except (HeliosweepError, OSError) as error:
+        if options.verbose and isinstance(error, OSError):
             raise
-        _say(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
+        return _refused(error)
+
+
+def _refused(error: HeliosweepError | OSError, study: str = "") -> int:
+    """Say why a command, or one study of several, was not carried out; its exit code."""
+    if isinstance(error, OSError):
+        _say(f"{_of(study)}{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
         return 1
+    print(error if study in str(error) else f"{printable(_of(study))}{error}", file=sys.stderr)
+    if isinstance(error, StudyError) and len(error.problems) > 1:
+        print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
+    return error.exit_code
+
+
+def _of(study: str) -> str:
+    """How a message begins that is about one study of several."""
+    return f"{study}: " if study else ""
 
 
 class _Printable(logging.Formatter):
-    """Messages in which nothing is left that a terminal would obey."""
+    """Messages in which nothing is left that a terminal would obey; of several studies, with the one that runs."""
+
+    study = ""
 
     def format(self, record: logging.LogRecord) -> str:
-        return printable(super().format(record))
+        return printable(_of(self.study) + super().format(record))
 
 
 def _say(text: object, file: Any = None) -> None:
@@ -126,29 +141,36 @@ def _parser() -> argparse.ArgumentParser:
 
     def command(name: str, action: Callable[[argparse.Namespace], int | None], text: str) -> argparse.ArgumentParser:
         description = text[0].upper() + text[1:] + "."
-        sub = commands.add_parser(name, help=text, description=description, epilog=_EXIT_CODES, parents=[common])
+        raw = argparse.RawDescriptionHelpFormatter
+        epilog = f"{epilog_of(name)}\n\n{_EXIT_CODES}"
+        sub = commands.add_parser(
+            name, help=text, description=description, epilog=epilog, parents=[common], formatter_class=raw
+        )
         sub.set_defaults(command=action)
         return sub
 
     validate = command("validate", _validate, "check study files and list every problem at its line")
     validate.add_argument("studies", nargs="+", metavar="STUDY.yaml")
+    _set_argument(validate)
 
     plan = command("plan", _plan, "say what a study will cost before it runs")
-    _study_arguments(plan)
+    plan.add_argument("study", metavar="STUDY.yaml")
+    _run_arguments(plan)
 
     run = command(
-        "run", _run, "run a study, or go on with it, and leave its result folder; prints the path of the result"
+        "run", _run, "run studies, or go on with them, and leave their result folders; prints the path of each result"
     )
-    _study_arguments(run)
+    run.add_argument("studies", nargs="+", metavar="STUDY.yaml")
+    _run_arguments(run)
     run.add_argument("--force", action="store_true", help="compute everything anew, whatever is there")
     run.add_argument("--no-report", action="store_true", help="leave out figures and the HTML page")
-    run.add_argument("-q", "--quiet", action="store_true", help="show no progress")
+    run.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor headline numbers")
 
     status = command("status", _status, "say what is done, failed and left, and how long it will take")
     status.add_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)")
 
     verify = command("verify", _verify, "check result folders against their digests, part by part")
-    verify.add_argument("folders", nargs="+", metavar="DIR")
+    verify.add_argument("folders", nargs="+", metavar="DIR|STUDY.yaml", help="result folders, or studies that were run")
 
     compare = command("compare", _compare, "tell two results apart by meaning: dimensions, attributes, values")
     compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder")
@@ -174,7 +196,9 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv|DIR")
     convert.add_argument("target", metavar="FILE.csv")
     convert.add_argument(
-        "--to", choices=("solarpilot", "csv"), help="form of the file (default: solarpilot; csv of a PAINT folder)"
+        "--to",
+        choices=("solarpilot", "csv", "spots"),
+        help="form of the file (default: solarpilot; csv of a PAINT folder); spots: those measured, of a PAINT folder",
     )
     convert.add_argument(
         "--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="of a result with several"
@@ -200,7 +224,7 @@ def _parser() -> argparse.ArgumentParser:
     table.add_argument("--force", action="store_true", help="replace a file that is there")
 
     report = command("report", _report, "draw the figures and the HTML page of a result folder again")
-    report.add_argument("folder", metavar="DIR")
+    report.add_argument("folder", metavar="DIR|STUDY.yaml", help="result folder, or a study that was run")
     formats = ", ".join(_FIGURES)
     report.add_argument(
         "--format",
@@ -211,23 +235,42 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     pack = command("pack", _pack, "write a finished result as one archive to publish and cite; prints its path")
-    pack.add_argument("folder", metavar="DIR")
-    pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
     pack.add_argument(
-        "--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study, or CC-BY-4.0)"
-    )
+        "folders", metavar="DIR|STUDY.yaml", nargs="+",
+        help="result folders, or studies that were run; several become a collection",
+    )  # fmt: skip
+    pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
+    pack.add_argument("--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study)")
+    pack.add_argument("--draft", action="store_true", help="pack without creators or licence too, to look at it")
     pack.add_argument("--force", action="store_true", help="replace an archive that is there")
 
-    schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
-    schema.add_argument("family")
-    schema.add_argument("--example", action="store_true", help="print a commented study file to start from instead")
+    new = command("new", _new, "write a commented study file to start from; prints its path")
+    new.add_argument("family", metavar="FAMILY")
+    new.add_argument("file", nargs="?", metavar="FILE.yaml", help="file to write (default: FAMILY.yaml)")
+    new.add_argument("--force", action="store_true", help="replace a file that is there")
+
+    explain = command("explain", _explain, "say what a key of study files means, its unit, range, default and forms")
+    explain.add_argument("of", nargs="+", metavar="[FAMILY] KEY", help="as receiver.height; a family lists its keys")
+
+    examples = command("examples", _examples, "list the studies that come with heliosweep, or copy some")
+    examples.add_argument("names", nargs="*", metavar="NAME", help="studies to copy, with the files that they name")
+    examples.add_argument("--to", metavar="DIR", default=".", help="folder to copy to (default: here)")
+    examples.add_argument("--force", action="store_true", help="replace files that are there")
+
+    schema = command("schema", _schema, "print a family's JSON Schema, for editors")
+    schema.add_argument("family", metavar="FAMILY")
 
     command("families", _families, "list the study families")
     return parser
 
 
-def _study_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("study", metavar="STUDY.yaml")
+def _set_argument(parser: argparse.ArgumentParser) -> None:
+    text = "another value of a key of the study, may be repeated; null takes the key away"
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
+
+
+def _run_arguments(parser: argparse.ArgumentParser) -> None:
+    _set_argument(parser)
     parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
     parser.add_argument(
         "--scheduler",
@@ -285,11 +328,12 @@ def _formats(text: str) -> tuple[str, ...]:
     return given
 
 
-def _load(options: argparse.Namespace) -> Study:
-    """Load the study with what the command line says of its execution, and pass on its warnings."""
+def _load(options: argparse.Namespace, path: str) -> Study:
+    """Load a study with what the command line says of it and of its execution, and pass on its warnings."""
     from heliosweep import api
+    from heliosweep.config.layers import OPTION, settings
 
-    study = api.load(options.study)
+    study = api.load(path, settings(options.set), named=OPTION)
     execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
     _warn(study)
     return study.model_copy(update={"execution": execution})
@@ -297,35 +341,24 @@ def _load(options: argparse.Namespace) -> Study:
 
 def _asked(options: argparse.Namespace) -> dict[str, Any]:
     """Keys of ``execution`` that the command line gives, read as those of a study file are."""
-    from pydantic import ValidationError
+    from heliosweep.config.layers import execution_keys
 
-    from heliosweep.config.block import translate
-    from heliosweep.config.execution import Profile
-    from heliosweep.config.source import Source, scalar
-
-    texts = {name: getattr(options, name) for name in ("scheduler", "workers", "memory")}
-    values = {name: scalar(text) for name, text in texts.items() if text is not None}
-    given = {name: texts[name] if value is None else value for name, value in values.items()}  # none is asked for null
-    try:
-        asked = Profile.model_validate(given)
-    except ValidationError as error:
-        found = translate(error, Profile, Source(given))
-        raise StudyError([Problem(problem.message, f"--{problem.key}") for problem in found]) from None
-    return {name: getattr(asked, name) for name in given}
+    return execution_keys({name: getattr(options, name) for name in ("scheduler", "workers", "memory")}, "--")
 
 
 def _warn(study: Study) -> None:
     for note in study.notes():
-        _say(f"warning: {note}", sys.stderr)
+        _say(f"{_of(_Printable.study)}warning: {note}", sys.stderr)
 
 
 def _validate(options: argparse.Namespace) -> int:
     from heliosweep import api
+    from heliosweep.config.layers import OPTION, settings
 
-    code = 0
+    code, changes = 0, settings(options.set)
     for path in options.studies:
         try:
-            study = api.load(path)
+            study = api.load(path, changes, named=OPTION)
         except StudyError as error:
             print(error, file=sys.stderr)
             code = error.exit_code
@@ -339,18 +372,48 @@ def _plan(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.runs.status import plan_text
 
-    study = _load(options)
+    study = _load(options, options.study)
     folder = api.result_folder(study, options.output)
     _say(plan_text(study, api.plan(study, folder), folder))
 
 
-def _run(options: argparse.Namespace) -> None:
+def _run(options: argparse.Namespace) -> int:
+    several = len(options.studies) > 1
+    if several and options.output is not None:
+        raise StudyError(Problem("names the folder of one study; name one, or leave it out", "--output"))
+    _asked(options)  # once, where it is wrong
+    failed: dict[str, int] = {}
+    for path in options.studies:
+        _Printable.study = path if several else ""
+        try:
+            _run_one(options, path)
+        except (RunInterrupted, BrokenPipeError):
+            raise
+        except Exception as error:  # whatever befalls one study, the others go on
+            if not several:
+                raise
+            if isinstance(error, HeliosweepError | OSError) and not (options.verbose and isinstance(error, OSError)):
+                failed[path] = _refused(error, path)
+            else:
+                log.exception("failed")
+                failed[path] = 1
+        finally:
+            _Printable.study = ""
+    if failed:
+        _say(f"{len(failed)} of {len(options.studies)} studies failed: {', '.join(failed)}", sys.stderr)
+    codes = {0, *failed.values()}
+    return max(codes) if len(codes) < 3 else 1
+
+
+def _run_one(options: argparse.Namespace, path: str) -> None:
     from heliosweep import api
 
-    study = _load(options)
+    study = _load(options, path)
     result = api.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
+    if not options.quiet and (told := result.ending()):
+        _say(told, sys.stderr)
     _say_path(result.path)
 
 
@@ -363,11 +426,12 @@ def _status(options: argparse.Namespace) -> None:
 
 
 def _verify(options: argparse.Namespace) -> int:
+    from heliosweep import api
     from heliosweep.runs.verify import verify
 
     code = 0
-    for folder in options.folders:
-        found = verify(folder)
+    for place in options.folders:
+        found = verify(api.folder_of(place, there=True))
         _say(found.text)
         code = code if found.ok else 1
     return code
@@ -420,24 +484,28 @@ def _read_for(source: str) -> set[Any]:
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.files import user_path
-    from heliosweep.share.fields import layout_of, read_layout, read_paint, write_layout
+    from heliosweep.share import fields
     from heliosweep.store.targets import target_file
 
     target_file(options.target, options.force, sources=_read_for(options.source))
     is_folder = user_path(options.source).is_dir()
+    if options.to == "spots":
+        spots = fields.read_paint_spots(options.source, options.aim)
+        _say_path(fields.write_paint_spots(spots, options.target, force=options.force))
+        return
     if is_folder and (user_path(options.source) / "manifest.json").exists():
         with api.open_result(options.source) as result:
-            layout = layout_of(result, dict(options.select))
+            layout = fields.layout_of(result, dict(options.select))
     elif options.select:
         raise StudyError(Problem("is for a result folder", "--select"))
     elif is_folder:
-        layout = read_paint(options.source, options.aim).layout
+        layout = fields.read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
-        layout = layout_of(api.load(options.source))
+        layout = fields.layout_of(api.load(options.source))
     else:
-        layout = read_layout(options.source)
+        layout = fields.read_layout(options.source)
     form: Any = options.to or ("csv" if is_folder else "solarpilot")
-    _say_path(write_layout(layout, options.target, form, force=options.force))
+    _say_path(fields.write_layout(layout, options.target, form, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
@@ -463,13 +531,40 @@ def _table(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from heliosweep import api
 
-    _say_path(api.report(options.folder, vector=[kind for kind in options.format if kind != "png"]))
+    _say_path(
+        api.report(api.folder_of(options.folder, there=True), vector=[kind for kind in options.format if kind != "png"])
+    )
 
 
 def _pack(options: argparse.Namespace) -> None:
+    from heliosweep import api
     from heliosweep.share.archive import pack_result
 
-    _say_path(pack_result(options.folder, options.output, license=options.license, force=options.force))
+    folders = [api.folder_of(folder, there=True) for folder in options.folders]
+    said = {"license": options.license, "draft": options.draft, "force": options.force}
+    _say_path(pack_result(folders, options.output, **said))
+
+
+def _new(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import new_study
+
+    _say_path(new_study(options.family, options.file, force=options.force))
+
+
+def _explain(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import explain
+
+    _say(explain(options.of))
+
+
+def _examples(options: argparse.Namespace) -> None:
+    from heliosweep.share.guide import copy_examples, examples
+
+    if not options.names:
+        _say(examples())
+        return
+    for path in copy_examples(options.names, options.to, force=options.force):
+        _say_path(path)
 
 
 def _schema(options: argparse.Namespace) -> None:
@@ -478,15 +573,11 @@ def _schema(options: argparse.Namespace) -> None:
     known = families()
     if options.family not in known:
         raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
-    family = known[options.family]
-    if options.example:
-        print(family.example(), end="")
-        return
     import json
 
     from heliosweep.config.study import json_schema
 
-    print(json.dumps(json_schema(family.study_class()), indent=2))
+    print(json.dumps(json_schema(known[options.family].study_class()), indent=2))
 
 
 def _families(_: argparse.Namespace) -> None:

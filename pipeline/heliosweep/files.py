@@ -53,6 +53,14 @@ def named_in(folder: Path, name: str) -> Path:
     return folder / (user_path(name) if name.startswith("~") else name)
 
 
+def seen_from(folder: Path, path: Path) -> str:
+    """Name of a file as a file in `folder` would name it; ``..`` after a link leads to where the folder is."""
+    seen = os.path.relpath(path, folder)
+    if os.path.realpath(folder / seen) != os.path.realpath(path):
+        seen = os.path.relpath(Path(os.path.realpath(path.parent)) / path.name, os.path.realpath(folder))
+    return Path(seen).as_posix()
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """A name to write a file under, which takes the name `path` when it is complete and on the disk.

@@ -1,17 +1,21 @@
-"""Benchmarks by their names: `python -m tests.bench [NAME ...]`; without names the kernels, in one table."""
+"""Benchmarks by their names: `python -m tests.bench [NAME ...]`; without names the kernels, in one table.
+
+With `--page=docs/scaling.md` as well, all that was measured becomes the one table of that page, with machine and date.
+"""
 
 from __future__ import annotations
 
 import importlib
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
-from tests.bench.table import Row, show
+from tests.bench.table import Row, print_lines, show, write_page
 
 #: What stands in the table.
 KERNELS = ("field", "intercept", "chain", "dish", "deviation", "mount_spots", "calibration", "gazing", "gazing_lm")
-#: Whole commands, with tables of their own.
-COMMANDS = ("study", "engines", "memory", "parts")
+#: Whole commands, a line for each.
+COMMANDS = ("study", "studies", "engines", "memory", "parts")
 
 
 def kernel_groups(names: list[str]) -> Iterator[Iterator[Row]]:
@@ -21,17 +25,21 @@ def kernel_groups(names: list[str]) -> Iterator[Iterator[Row]]:
         yield from (rows() for rows in importlib.import_module(f"tests.bench.bench_{name}").GROUPS)
 
 
-def main(names: list[str]) -> None:
-    """Print the table of the kernels named, then those of commands."""
+def main(arguments: list[str]) -> None:
+    """Print the table of the kernels named, then lines of commands; write them into a page where one is named."""
+    page = next((Path(each.removeprefix("--page=")) for each in arguments if each.startswith("--page=")), None)
+    names = [each for each in arguments if not each.startswith("--page=")]
     unknown = sorted(set(names) - {"kernels", *KERNELS, *COMMANDS})
     if unknown:
         raise SystemExit(f"no benchmark {', '.join(unknown)}; there are kernels, {', '.join((*KERNELS, *COMMANDS))}")
     kernels = [name for name in KERNELS if not names or "kernels" in names or name in names]
-    if kernels:
-        show(kernel_groups(kernels))
+    told = show(kernel_groups(kernels)) if kernels else []
     for name in COMMANDS:
         if name in names:
-            importlib.import_module(f"tests.bench.bench_{name}").main([])
+            print(f"\n{name}")
+            told += print_lines(importlib.import_module(f"tests.bench.bench_{name}").lines())
+    if page:
+        write_page(page, told)
 
 
 if __name__ == "__main__":

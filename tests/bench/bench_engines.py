@@ -12,7 +12,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
+
+from tests.bench.table import Line
 
 ROOT = Path(__file__).parent.parent.parent
 #: Days between those that are computed, of the year; the study has 7.
@@ -57,11 +60,8 @@ def whole_run(study: Path, scheduler: str, workers: int, folder: Path) -> float:
     return timed("heliosweep", "run", str(study), "--output", str(folder), "--no-report", "-q", *engine)
 
 
-def main(arguments: list[str]) -> None:
-    """Print one table; with a study and workers, only compute it in memory."""
-    if arguments:
-        compute_in_memory(Path(arguments[0]), int(arguments[1]))
-        return
+def lines() -> Iterator[Line]:
+    """What ran, and how long it took."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         in_memory(study_file(folder, 60), 1)  # fills the cache of compiled code
@@ -69,19 +69,19 @@ def main(arguments: list[str]) -> None:
         baseline = {workers: in_memory(study, workers) for workers in (1, 2)}
         rows = [("in memory", workers, seconds) for workers, seconds in baseline.items()]
         for scheduler, workers in RUNS:
-            rows.append((scheduler, workers, whole_run(study, scheduler, workers, folder / f"{scheduler}-{workers}")))
+            output = folder / f"{scheduler}-{workers}"
+            assert not output.exists(), "it would find its result"
+            rows.append((scheduler, workers, whole_run(study, scheduler, workers, output)))
         same = {(folder / f"{scheduler}-{workers}" / "result.nc").read_bytes() for scheduler, workers in RUNS}
-    print(
-        f"\nengines on {os.cpu_count()} cores, latitude_sweep with every {DAYS} days; whole commands, from the start of"
-        "\nthe interpreter on; in memory: load, ready the kernels, compute with dask's threads, write nothing"
-    )
-    print(f"  {'engine':12} {'workers':>7} {'seconds':>8} {'1 worker / this':>16} {'this / in memory':>17}")
     one = {engine: seconds for engine, workers, seconds in rows if workers == 1}
     for engine, workers, seconds in rows:
+        words = f"latitude_sweep every {DAYS} days, {engine}, {workers} {'worker' if workers == 1 else 'workers'}"
         gain, cost = one[engine] / seconds, seconds / baseline[workers]
-        print(f"  {engine:12} {workers:7} {seconds:8.1f} {gain:16.2f} {cost:17.2f}")
-    print(f"  result.nc of all runs: {'the same bytes' if len(same) == 1 else 'DIFFERENT BYTES'}")
+        beside = f"{gain:.2f} times faster than 1 worker, takes {cost:.2f} times as long as in memory"
+        yield Line(f"compute, {words}" if engine == "in memory" else f"run, {words}", f"{seconds:.1f} s", beside)
+    if len(same) > 1:
+        raise SystemExit("result.nc of the engines are not the same bytes")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    compute_in_memory(Path(sys.argv[1]), int(sys.argv[2]))

@@ -13,11 +13,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import psutil
+
+from tests.bench.table import Line
 
 PARTS = int(os.environ.get("BENCH_PARTS", "1000000"))
 
@@ -126,13 +129,8 @@ def timed(what: str, folder: Path, kill_after: int = 0) -> tuple[float, float]:
     return time.perf_counter() - start, most / 1e6
 
 
-def main(arguments: list[str]) -> None:
-    """Print the table, or do what the arguments say in this process."""
-    if arguments:
-        run(arguments[0], Path(arguments[1]))
-        return
-    print(f"\n{PARTS:,} parts that cost nothing, one by one in the client")
-    print(f"  {'':28} {'s':>8} {'ms a part':>10} {'MB':>6}")
+def lines() -> Iterator[Line]:
+    """What ran, and how long it took."""
     with tempfile.TemporaryDirectory() as name:
         folder, third = Path(name) / "out", PARTS // 3
         for words, what, parts, kill in (
@@ -141,8 +139,9 @@ def main(arguments: list[str]) -> None:
             ("run again, to the result", "run", PARTS - third, 0),
         ):
             seconds, most = timed(what, folder, kill)
-            print(f"  {words:28} {seconds:8.1f} {1e3 * seconds / parts:10.3f} {most:6.0f}", flush=True)
+            beside = f"{1e3 * seconds / parts:.3f} ms a part"
+            yield Line(f"{PARTS:,} parts that cost nothing: {words}", f"{seconds:.1f} s, {most:.0f} MB", beside)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(sys.argv[1], Path(sys.argv[2]))

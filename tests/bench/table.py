@@ -6,10 +6,17 @@ Times of one core are those of the processor, each the best of a few runs.
 
 from __future__ import annotations
 
+import os
+import platform
+import re
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import date
+from importlib import metadata
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -18,9 +25,11 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-__all__ = ["Row", "best", "measured", "peak", "show", "two_threads"]
+__all__ = ["Line", "Row", "best", "measured", "peak", "show", "two_threads"]
 
 WIDTH = 120
+#: Around the table of a page.
+BEGIN, END = "<!-- table of make bench -->", "<!-- end of the table -->"
 #: A measurement lasts so long at least: shorter work is repeated. [s]
 SHORTEST = 0.01
 #: Of the chains that measure the peak: steps of each, values in the fast memory.
@@ -52,6 +61,15 @@ class Row:
     """Rate of two threads over that of one."""
     remark: str = ""
     """Instead of a baseline."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """What ran, what was measured of it, and what there is to set beside that: of kernels and commands alike."""
+
+    ran: str
+    measured: str
+    beside: str = ""
 
 
 def best(work: Callable[[], object], times: int = 5) -> float:
@@ -127,8 +145,8 @@ def peak() -> float:
     return rounds * VALUES * (8 * 2 * STEPS + 15) / best(lambda: _chains(values, rounds, 0.5), 20)
 
 
-def show(groups: Iterable[Iterable[Row]]) -> None:
-    """Measure the peak and print the table; a line between groups."""
+def show(groups: Iterable[Iterable[Row]]) -> list[Line]:
+    """Measure the peak and print the table of kernels, a line between groups; returned is the same in words."""
     sections = [list(group) for group in groups]
     limit = peak()
     table = Table(
@@ -166,6 +184,54 @@ def show(groups: Iterable[Iterable[Row]]) -> None:
     console.print(table)
     console.print()
     console.print(NOTES, highlight=False)
+    peak_line = Line("additions and multiplications, fused", f"{limit / 1e9:.1f} Gflop/s", "one core's arithmetic peak")
+    return [peak_line, *(_line(row, limit) for rows in sections for row in rows)]
+
+
+def _line(row: Row, limit: float) -> Line:
+    """A row in words."""
+    beside = [f"{_number(seconds / row.seconds)} times faster than {name}" for name, seconds in row.beside.items()]
+    if row.operations is not None:
+        beside.append(f"{row.operations / row.seconds / limit:.0%} of the peak")
+    if row.threads is not None:
+        beside.append(f"2 threads {row.threads:.2f}")
+    rate = f"{_number(1e-6 / row.seconds)} million {row.unit}s/s" if row.seconds else ""
+    return Line(row.kernel, rate, "; ".join(filter(None, [row.remark, *beside])))
+
+
+def print_lines(lines: Iterable[Line]) -> list[Line]:
+    """Print lines of commands as they come."""
+    told = []
+    for line in lines:
+        told.append(line)
+        print(f"  {line.ran:64} {line.measured:>16}  {line.beside}", flush=True)
+    return told
+
+
+def write_page(page: Path, lines: Iterable[Line]) -> None:
+    """Put the lines as a table between the two comments of a page that hold the last one, with machine and date."""
+    text = page.read_text(encoding="utf-8")
+    before, (_, after) = text.partition(BEGIN)[0], text.partition(BEGIN)[2].split(END)
+    rows = "\n".join(f"| {line.ran} | {line.measured} | {line.beside} |" for line in lines)
+    table = f"Measured on {_machine()}.\n\n| what ran | measured | beside |\n|---|---|---|\n{rows}\n"
+    page.write_text(f"{before}{BEGIN}\n{table}{END}{after}", encoding="utf-8")
+
+
+def _machine() -> str:
+    """Date, processor and what computed, in words."""
+    found = re.search(r"^model name\s*: (.*)$", _text("/proc/cpuinfo"), re.MULTILINE)
+    processor = found.group(1) if found else platform.processor() or platform.machine()
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("numba", "numpy", "xarray"))
+    return (
+        f"{date.today().isoformat()}, {processor}, {os.cpu_count()} cores, {platform.system()}, Python "
+        f"{platform.python_version()}, {versions}"
+    )
+
+
+def _text(path: str) -> str:
+    with suppress(OSError):
+        return Path(path).read_text(encoding="utf-8")
+    return ""
 
 
 def _number(value: float) -> str:

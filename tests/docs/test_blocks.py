@@ -103,7 +103,7 @@ def _study(block: CodeBlock) -> None:
         return
     path = Path(block.said if block.mark == "file" else "study.yaml")
     path.write_text(block.text, encoding="utf-8")
-    assert "family" in content, f"{block}: a part of a study needs a comment that says of which"
+    assert {"family", "include"} & set(content), f"{block}: a part of a study needs a comment that says of which"
     with contextlib.suppress(heliosweep.StudyError) if "wrong" in path.name else contextlib.nullcontext():
         heliosweep.plan(heliosweep.load(path if block.mark == "file" else _beside_studies(path)))
 

@@ -50,8 +50,7 @@ def test_it_passes_the_tests_of_all_families(environment: dict[str, str]) -> Non
 
 
 def test_it_runs_from_the_command_line(environment: dict[str, str], tmp_path: Path) -> None:
-    example = run(environment, tmp_path, "-m", "heliosweep", "schema", "fixed_panel", "--example")
-    (tmp_path / "panel.yaml").write_text(example, encoding="utf-8")
+    run(environment, tmp_path, "-m", "heliosweep", "new", "fixed_panel", "panel.yaml")
     run(environment, tmp_path, "-m", "heliosweep", "run", "panel.yaml", "-o", "result")
     assert list((tmp_path / "result" / "figures").glob("tilts.*"))
 

@@ -157,9 +157,12 @@ def test_code_is_made_of_what_python_calls_alone(tmp_path):
     program = (
         "import numpy as np; from heliosweep.kernels.field import packets\n"
         "packets.packet_order(np.ones((200, 3)))\n"
-        "print(packets._select.signatures, len(packets.packet_order.signatures))"
+        "print(packets._select.signatures, len(packets.packet_order.signatures))\n"
+        "import sys; print('numba.np.random.generator_core' in sys.modules)"
     )
-    assert run(program, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["[]", "1"]
+    assert run(program, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["[]", "1", "True"]
+    # Found in the cache, it needs nothing of what code is made with.
+    assert run(program, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["[]", "1", "False"]
     assert cpu_target.target_context.codegen()._library_class is library
 
 

@@ -54,6 +54,25 @@ def test_columns_and_their_types(written):
     assert layout.lines.tolist() == [2, 3]
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "x;y;z;name\n0;61,3;0,5;A1\n-12,25;100;0;A 2\n",
+        "sep=;\r\nx;y;z;name\r\n0;61,3;0,5;A1\r\n-12,25;100;0;A 2\r\n",
+        "x\ty\tz\tname\n0\t61,3\t0,5\tA1\n-12,25\t100\t0\tA 2\n",
+        "x\ty\tz\tname\n0\t61.3\t0.5\tA1\n-12.25\t100\t0\tA 2\n".encode("utf-16"),
+        "\ufeffX (m),Y [m],z,name\n0,61.3,0.5,A1\n-12.25,100,0,A 2\n",
+        "X Position (m),Y Position (m),Z Position (m),Name\n0,61.3,0.5,A1\n-12.25,100,0,A 2\n",
+        "X Position (m);Y Position (m);Z Position (m);Name\n0;61,3;0,5;A1\n-12,25;100;0;A 2\n",
+        'x-location\ty-location\tz-location\tname\n"0"\t61,30\t0,5\tA1\n-12,25\t100\t0\tA 2\n'.replace('"', ""),
+    ],
+)
+def test_as_spreadsheets_and_sam_write_it(written, content):
+    layout = read_csv(written(content))
+    assert (layout.x.tolist(), layout.y.tolist(), layout.z.tolist()) == ([0, -12.25], [61.3, 100], [0.5, 0])
+    assert layout.columns["name"].tolist() == ["A1", "A 2"]
+
+
 def test_what_is_tolerated(written):
     text = '\ufeff# by hand\n x , "y",z,row\n\n1,2,3,"A, 1"\n# a note; with, commas\n4 , 5,6, B \n\n  \n'
     layout = read_csv(written(text.replace("\n", "\r\n")))
@@ -139,15 +158,17 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
         ("\n \n# nothing\n", "", "is empty: it needs a header with the columns x and y"),
         ("x,y\n", "", "has a header but no heliostats"),
         (b"PK\x03\x04rest", "", "is a spreadsheet or an archive, not text"),
-        ("x,y\n1,2\n".encode("utf-16"), ":1", "is not UTF-8 text"),
+        ("x,y\n1,2\n".encode("utf-16-le"), ":1", "is a binary file, not CSV"),
+        (b"\xff\xfe\x00", ":1", "is not UTF-8 text"),
         (b"x,y,row\n1,2,\xe9\n", ":2", "is not UTF-8 text"),
         (b"x,y\n1,\x002\n", ":2", "is a binary file, not CSV"),
         ("site:\n  latitude: 0\n", ":1", "needs a column x"),
-        ("x;y\n1,5;2\n", ":1", "is separated by semicolons; use commas"),
-        ("# tabs\nx\ty\n1\t2\n", ":2", "is separated by tabs; use commas"),
+        ("x;y\n1,5;2.5\n", ":2", "has decimal points (2.5) and decimal commas (1,5); use one of them"),
+        ("# tabs\nx\ty\n1,234\t2\n", ":3", "1,234 may be 1.234 or 1234; write numbers with a point"),
+        ("x (ft),y\n1,2\n", ":1:1", "is in 'ft'; x must be in m"),
+        ("X Position (ft);Y Position (ft)\n1;2\n", ":1", "has positions in 'ft'; they must be in m"),
         ('x,y,row\n1,2,"A\n3,4,B\n', ":2", "opens a quoted text that does not end on this line"),
         ('x,y,row\n1,2,"A\n3,4,B"\n5,6,C\n', ":2", "opens a quoted text that does not end on this line"),
-        ("X,y\n1,2\n", ":1", "needs a column x, the metres east of the tower's base (rename 'X'?)"),
         ("x_east,y\n1,2\n", ":1", "(rename 'x_east'?)"),
         ("x,north\n1,2\n", ":1", "needs a column y, the metres north of the tower's base (rename 'north'?)"),
         ("x,z\n1,2\n", ":1", "(the columns are x, z)"),

@@ -10,12 +10,13 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from heliosweep.config.block import UNKNOWN_KEY, blocks_at, translate
+from heliosweep.config.block import UNKNOWN_KEY, translate
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
+from heliosweep.config.layers import changed, file_names, with_base
+from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
-from heliosweep.config.values import FileName
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import named_in
 
@@ -24,7 +25,12 @@ MAX_PROBLEMS = 100
 StudyT = TypeVar("StudyT", bound=Study)
 
 
-def load(path: str | os.PathLike[str], registry: Mapping[str, type[StudyT]]) -> StudyT:
+def load(
+    path: str | os.PathLike[str],
+    registry: Mapping[str, type[StudyT]],
+    changes: Mapping[str, Any] | None = None,
+    named: str = "",
+) -> StudyT:
     """Load a study file.
 
     Parameters
@@ -33,6 +39,8 @@ def load(path: str | os.PathLike[str], registry: Mapping[str, type[StudyT]]) -> 
         The study file.
     registry : mapping of str to type of Study
         The study class of each family, by name.
+    changes, named
+        Keys that are given anew, as for `layers.changed`.
 
     Returns
     -------
@@ -44,10 +52,12 @@ def load(path: str | os.PathLike[str], registry: Mapping[str, type[StudyT]]) -> 
     StudyError
         With every problem found, each at its line and column.
     """
-    return _validated(read(path), registry)
+    return validated(with_base(read(path), registry), registry, changes, named)
 
 
-def load_mapping(data: Mapping[str, Any], registry: Mapping[str, type[StudyT]]) -> StudyT:
+def load_mapping(
+    data: Mapping[str, Any], registry: Mapping[str, type[StudyT]], changes: Mapping[str, Any] | None = None
+) -> StudyT:
     """Make a study of a mapping, as :func:`load` does of a file; its file names count from the working directory.
 
     Values may also be arrays and numbers of NumPy, pandas or xarray, ranges, dates and paths.
@@ -61,14 +71,24 @@ def load_mapping(data: Mapping[str, Any], registry: Mapping[str, type[StudyT]]) 
     """
     if not isinstance(data, Mapping):
         raise TypeError(f"a study is a mapping of keys to values, not {type(data).__name__}")
-    return _validated(Source(from_python(data)), registry)
+    return validated(with_base(Source(from_python(data)), registry), registry, changes)
 
 
-def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
+def validated(
+    source: Source,
+    registry: Mapping[str, type[StudyT]],
+    changes: Mapping[str, Any] | None = None,
+    named: str = "",
+) -> StudyT:
+    """Return the study that was written, some keys of it given anew. Raises StudyError with every problem found."""
+    if changes:
+        source = changed(source, changes, named)
     problems = list(source.problems)
     study_class = _study_class(source, registry, problems)
     if study_class is not None and {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)
+    if study_class is not None:
+        source = with_search(source, study_class, problems)
     nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
     empty = [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
     study = None
@@ -85,7 +105,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (_zip_problems, _same_files, type(study).check):  # the last may rely on what the others look at
+    # The last may rely on what the others look at.
+    for find in (search_problems, _zip_problems, _same_files, type(study).check):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study
@@ -162,7 +183,7 @@ def _same_files(study: Study) -> Iterator[Problem]:
 
 def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem]:
     """Yield the named files that are not there, whatever else is wrong with the study."""
-    for path, name in _file_names(study_class, source.data):
+    for path, name in file_names(study_class, source.data):
         try:
             found = named_in(source.directory, name).is_file()
         except (OSError, ValueError):
@@ -172,24 +193,6 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
             continue
         if not found:
             yield source.problem(path, f"no such file, looked for relative to the study file (got {shown(name)})")
-
-
-def _file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield place and name of each file that the data names."""
-    if isinstance(data, dict):
-        blocks = blocks_at(study_class, path)
-        for key, value in data.items():
-            declared = (block.parameter(key) for block in blocks if key in block.model_fields)
-            if any(isinstance(parameter, FileName) for parameter in declared):
-                places = [((*path, key), value)]
-                if isinstance(value, list):
-                    places = [((*path, key, position), name) for position, name in enumerate(value)]
-                yield from ((place, name) for place, name in places if isinstance(name, str) and name.strip())
-            else:
-                yield from _file_names(study_class, value, (*path, key))
-    elif isinstance(data, list):
-        for position, value in enumerate(data):
-            yield from _file_names(study_class, value, (*path, position))
 
 
 def _place(problem: Problem) -> tuple[bool, int, int, str]:

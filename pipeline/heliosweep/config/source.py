@@ -41,10 +41,11 @@ _NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U0001
 
 
 class Place(NamedTuple):
-    """Line and column in a file, counted from 1."""
+    """Line and column in a file, from 1, or 0 for none; the name of the file where it is not the study file."""
 
     line: int
     column: int
+    file: str | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class Source:
         Where the key, and the value, of each path stand.
     problems : tuple of Problem
         What was wrong with the file itself but did not stop the reading (duplicate keys).
+    bases : tuple of pathlib.Path
+        Study files that it includes.
     """
 
     data: dict[str, Any]
@@ -68,6 +71,7 @@ class Source:
     keys: Mapping[Path, Place] = field(default_factory=dict, repr=False)
     values: Mapping[Path, Place] = field(default_factory=dict, repr=False)
     problems: tuple[Problem, ...] = ()
+    bases: tuple[pathlib.Path, ...] = ()
 
     @property
     def directory(self) -> pathlib.Path:
@@ -105,10 +109,10 @@ class Source:
         while place is None and outer:
             outer = outer[:-1]
             place = self.keys.get(outer)
-        if place is None and self.path:
-            place = Place(1, 1)
-        name = str(self.path) if self.path else ""
-        return Problem(message, dotted(path), name, *(place or (None, None)))
+        if place is None:
+            place = Place(1, 1) if self.path else Place(0, 0)
+        name = str(self.path or "") if place.file is None else place.file
+        return Problem(message, dotted(path), name, place.line or None, place.column or None)
 
 
 def read(path: str | os.PathLike[str]) -> Source:
@@ -212,7 +216,9 @@ class _Reader:
         return ""
 
     def refuse(self, message: str, place: Place, at: Path = ()) -> NoReturn:
-        raise StudyError([*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), *place)])
+        raise StudyError(
+            [*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), place.line, place.column)]
+        )
 
     def document(self, events: Iterator[Any]) -> dict[str, Any]:
         next(events)  # the stream starts
@@ -265,7 +271,7 @@ class _Reader:
             path = (*at, key)
             if key in data:
                 message = f"duplicate key (first on line {self.keys[path].line})"
-                self.problems.append(Problem(message, dotted(path), str(self.path), *place))
+                self.problems.append(Problem(message, dotted(path), str(self.path), place.line, place.column))
                 self.node(next(events), events, (*at, f"{key} (again)"))  # the first value counts
                 continue
             self.keys[path] = place

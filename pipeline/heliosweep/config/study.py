@@ -10,6 +10,7 @@ import os
 import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self, get_args
 
@@ -19,15 +20,17 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from heliosweep.config.block import Block
-from heliosweep.config.blocks import Dataset, Execution, Output, Report
+from heliosweep.config.blocks import Execution, Output, Report
+from heliosweep.config.dataset import Dataset
 from heliosweep.config.distribution import Distribution
 from heliosweep.config.faults import in_short
+from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
-from heliosweep.files import PVLIB, named_in
+from heliosweep.files import PVLIB, named_in, seen_from
 
 MAX_BYTES = 512 * 2**20
 """Largest file that a study may name."""
@@ -63,6 +66,10 @@ class Study(Block):
     """Keys that never change a number and so are no part of the study's identity."""
 
     family: Annotated[str, Text("Name of the study family")]
+    include: Annotated[
+        str | None,
+        FileName("Study file that this one builds on: what is written here replaces or adds to its keys", sweep=False),
+    ] = None
     title: Annotated[str, Text("Title of the study, shown in results and reports")] = ""
     description: Annotated[str, Text("What the study shows, in a few sentences")] = ""
     references: Annotated[
@@ -72,6 +79,9 @@ class Study(Block):
         tuple[tuple[Annotated[str, Text("Key")], ...], ...],
         Field(description="Groups of swept keys that vary together on one dimension instead of as a product"),
     ] = ()
+    search: Annotated[
+        Search | None, Field(description="The best point: what is sought, over which keys; instead of a sweep")
+    ] = None
     dataset: Annotated[Dataset | None, Field(description="Who made the data set, and how it may be used")] = None
     execution: Annotated[Execution, Field(description="How the study is computed")] = Execution()
     output: Annotated[Output, Field(description="What is stored and how")] = Output()
@@ -91,6 +101,8 @@ class Study(Block):
         """Return a copy, of which `model_copy` may change blocks."""
         copied = super().__copy__()
         copied._given = ()
+        for name in copied.__dict__.keys() - type(self).model_fields.keys():  # what was found of the old one
+            del copied.__dict__[name]
         return copied
 
     def check(self) -> Iterable[Problem]:
@@ -118,6 +130,30 @@ class Study(Block):
     def problem(self, key: str, message: str) -> Problem:
         """Return a problem with the value of a dotted key (``site.latitude``), located in the study file."""
         return self._source.problem(self._source.path_of(key), message)
+
+    def with_(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Self:
+        """Return the study with other values, checked as a whole.
+
+        Parameters
+        ----------
+        changes : mapping of str to object
+            Value by dotted key, such as ``{"receiver.height": 90}``; None takes a key away.
+        **keys
+            The same for keys at the top: ``tracking="spinning_elevation"``. A block is replaced as a whole.
+
+        Returns
+        -------
+        Study
+            Another study, with an id of its own; file names count from where those of this one do.
+
+        Raises
+        ------
+        StudyError
+            With every problem found, each at its key.
+        """
+        # By name, since numbers depend on all that this module imports.
+        again = import_module("heliosweep.config.load").validated
+        return again(self._source, {self.family_name(): type(self)}, {**(changes or {}), **keys})
 
     @classmethod
     def family_name(cls) -> str:
@@ -233,11 +269,7 @@ class Study(Block):
         """Return the name of a file that the study names, relative to a folder; files of pvlib keep theirs."""
         if name.startswith(PVLIB):
             return name
-        path = self.resolve(name)
-        seen = os.path.relpath(path, folder)
-        if os.path.realpath(folder / seen) != os.path.realpath(path):  # ".." after a link to a folder is elsewhere
-            seen = os.path.relpath(self.place_of(name), os.path.realpath(folder))
-        return pathlib.Path(seen).as_posix()
+        return seen_from(folder, self.resolve(name))
 
     def _digest(self, key: str, name: str) -> str:
         try:
@@ -262,6 +294,12 @@ def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter,
             for position, item in enumerate(value):
                 if isinstance(item, Block):
                     yield from parameters(item, f"{prefix}{name}[{position}].")
+
+
+def replaced(block: Any, key: str, value: Any) -> Any:
+    """Return a copy of a block with another value of a dotted key, which is not checked."""
+    name, _, rest = key.partition(".")
+    return block.model_copy(update={name: replaced(getattr(block, name), rest, value) if rest else value})
 
 
 def _is_swept(parameter: Parameter, value: Any) -> bool:

@@ -1,7 +1,8 @@
 """The reader of CSV tables that a study names: columns as arrays, or all that is wrong at its line and column.
 
-A table is text in UTF-8, with or without byte-order mark, cells separated by commas, the first row a header. Empty
-lines and those that begin with ``#`` say nothing. What its columns hold is declared as data::
+A table is text in UTF-8 or, with a byte-order mark, UTF-16. Cells are separated by commas, or by semicolons or tabs and
+then perhaps with decimal commas; the first row is a header. Empty lines and those that begin with ``#`` say nothing.
+What its columns hold is declared as data::
 
     COLUMNS = {"angle": Column("angle from the disc centre, in mrad", required=True), ...}
     table = read_table(path, name, COLUMNS, rows="angles")
@@ -11,6 +12,7 @@ lines and those that begin with ``#`` say nothing. What its columns hold is decl
 
 from __future__ import annotations
 
+import codecs
 import csv
 import os
 import re
@@ -23,6 +25,16 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from heliosweep.config.faults import did_you_mean, nearest
+from heliosweep.config.spreadsheets import (
+    DateOrder,
+    hint,
+    separator_of,
+    split_title,
+    told_separator,
+    unit_in,
+    variable_name,
+    with_points,
+)
 from heliosweep.errors import Problem, StudyError, listed
 
 if TYPE_CHECKING:  # it takes longer to import than reading a study
@@ -91,8 +103,8 @@ class Table:
         What the rows are, and what an empty file lacks, in words.
     most_rows : int, optional
         More rows are refused.
-    separator : str
-        Between cells, where they are not those of CSV.
+    separator : str, optional
+        Between the cells, where they are given.
 
     Raises
     ------
@@ -109,20 +121,28 @@ class Table:
         rows: str = "rows",
         most_rows: int | None = None,
         needs: str = "a header and rows",
-        separator: str = ",",
+        separator: str = "",
     ) -> None:
-        self.name, self._what, self._separator = name, rows, separator
+        self.name, self._what = name, rows
         self._numbers, self._texts = lines
+        told = told_separator(self._texts[0]) if self._texts else ""
+        if told:
+            self._numbers, self._texts = self._numbers[1:], self._texts[1:]
+        self._separator = separator or told or (separator_of(self._texts[0]) if self._texts else ",")
         self._problems: list[Problem] = []
         self._found = Counter[str]()
         if not self._numbers:
             self._fail(f"is empty: it needs {needs}")
-        if (columns := self._texts[0].count(separator) + 1) > MAX_COLUMNS:
+        if (columns := self._texts[0].count(self._separator) + 1) > MAX_COLUMNS:
             self._fail(f"has {columns:,} columns, more than {MAX_COLUMNS:,}", self._numbers[0])
         if most_rows is not None and len(self._numbers) - 1 > most_rows:
             self._fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
-        header, *self._rows = self._split() if cells is None else cells
+        header, *given = self._split() if cells is None else cells
+        self._rows, problem = with_points(given, self._separator)
+        if problem:
+            self._fail(problem[1], self._numbers[problem[0] + 1])
         self.header = [cell.strip() for cell in header]
+        self._dates: dict[str, DateOrder] = {}
         self._kept = list(range(len(self._rows)))
         self._columns: Mapping[str, Column] = {}
 
@@ -138,6 +158,7 @@ class Table:
     def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
         """Note what is wrong with the names of the columns: `columns` are known, `others` says if there may be more."""
         self._columns = columns
+        self.read_titles({key: unit_in(column.meaning) for key, column in columns.items()})
         meant: set[str | None] = set()  # columns that are there with a typo: not noted as missing too
         for position, key in enumerate(self.header):
             if key in self.header[:position]:
@@ -149,6 +170,22 @@ class Table:
         for key, column in columns.items():
             if column.required and key not in self.header and key not in meant:
                 self.add(f"needs a column {key}: {column.meaning}", HEADER)
+
+    def read_titles(self, units: Mapping[str, str]) -> None:
+        """Give columns their names where a title has capitals, blanks or a unit: ``X (m)``; note units that are wrong.
+
+        `units` are those of the columns that are known, by name; empty where anything may stand in brackets.
+        """
+        for position, title in enumerate(self.header):
+            name, said = split_title(title)
+            key = variable_name(name)
+            if title in units or key not in units or key in self.header:
+                continue
+            self.header[position] = key
+            if order := DateOrder.of(said):
+                self._dates[key] = order
+            elif said and units[key] and said != units[key]:
+                self.add(f"is in {said!r}; {key} must be in {units[key]}", HEADER, position)
 
     def check_rows(self) -> None:
         """Drop the rows that have not as many cells as the header, and note them; raise what is wrong so far."""
@@ -181,9 +218,9 @@ class Table:
             try:
                 if not text:
                     raise ValueError("is empty")
-                found.append(column.read(text))
+                found.append(column.read(self._dates[key].iso(text) if key in self._dates else text))
             except ValueError as error:
-                self.add(f"{key} {error}", row, key)
+                self.add(f"{key} {error}{'' if key in self._dates else hint(text)}", row, key)
                 found.append(column.missing)
         return np.array(found, column.dtype)
 
@@ -221,11 +258,8 @@ class Table:
 
     def _split(self) -> list[list[str]]:
         """Split the lines into cells, as CSV."""
-        for separator, called in ((";", "semicolons"), ("\t", "tabs")):
-            if separator in self._texts[0] and "," not in self._texts[0]:
-                advice = "use commas, and a point in decimal numbers"
-                self._fail(f"is separated by {called}; {advice}", self._numbers[0])
-        reader, error = csv.reader(self._texts, skipinitialspace=True, strict=True), None
+        reader = csv.reader(self._texts, delimiter=self._separator, skipinitialspace=True, strict=True)
+        error = None
         try:
             rows = list(reader)
         except csv.Error as failed:
@@ -317,7 +351,8 @@ def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: boo
     if data.startswith(b"PK\x03\x04"):
         fail("is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)")
     try:
-        text = data.decode("utf-8-sig")
+        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of Excel
+        text = data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
         if not old:
             fail("is not UTF-8 text; save it as CSV (UTF-8)", data[: error.start].count(b"\n") + 1)

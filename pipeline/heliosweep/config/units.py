@@ -78,6 +78,11 @@ def suffix(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
+def is_unit(text: str) -> bool:
+    """Tell whether a text is the name of a unit."""
+    return text in _KIND_OF
+
+
 def factor(given: str, wanted: str) -> float:
     """Return what a number in one unit is multiplied with to be in another. Raises ValueError."""
     if given not in _KIND_OF or _KIND_OF[given] != _KIND_OF.get(wanted):

@@ -164,10 +164,10 @@ def read_weather(path: Path, label: str | None = None, timezone: str | None = No
         # Header and lines stay one to one: it stands on the first line.
         lines, cells = (lines[0][:1] + lines[0], lines[1][:1] + lines[1]), [header, *cells]
     table = Table(name, lines, cells, rows="hours", needs="a row for each interval")
-    if not kind and not {"time", "dni"} & set(table.header):
-        raise StudyError(Problem(f"is no weather file: {BEGINNINGS}, a CSV file has columns time and dni", file=name))
     columns = _columns(kind, None if timezone is None else zones.parse_timezone(timezone))
     table.check_header(columns, others=True)
+    if not kind and not {"time", "dni"} & set(table.header):
+        raise StudyError(Problem(f"is no weather file: {BEGINNINGS}, a CSV file has columns time and dni", file=name))
     table.check_rows()
     read = {key: table.column(key) for key, column in columns.items() if column.required}
     table.finish()

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.config.sites import with_sites
 from heliosweep.config.weather_files import with_weather
@@ -16,6 +15,8 @@ from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, Variable, checked, index_of, of_kind, parts_by_slab, shape_of
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.config.study import Study
 
 
@@ -49,6 +50,8 @@ class Work:
 
     def joined(self, slab: Part, parts: Iterable[tuple[Part, Mapping[str, np.ndarray]]]) -> xr.Dataset:
         """Values of a slab, put together from those of its parts."""
+        import xarray as xr
+
         named = of_kind(self.variables, slab.kind)
         whole = {name: np.empty(shape_of(one, slab.region, self.sizes), one.dtype) for name, one in named.items()}
         for part, values in parts:
@@ -63,6 +66,7 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
     `coordinates` are those of the whole result; their attributes become those of the result.
     """
     import dask.array as da
+    import xarray as xr
     from dask.highlevelgraph import HighLevelGraph
 
     token = uuid.uuid4().hex
@@ -92,6 +96,18 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
         data = da.Array(layers, label, tuple(lengths), dtype=variable.dtype)
         arrays[name] = xr.DataArray(data, dims=variable.dims, attrs=dict(variable.attrs))
     return xr.Dataset(arrays).assign_coords(coordinates.coords).assign_attrs(coordinates.attrs)
+
+
+def without_values(plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
+    """All of a result but its values, each of which is a zero: what is known before anything is computed."""
+    import xarray as xr
+
+    sizes = plan.workload.sizes
+    zeros = {
+        name: (one.dims, np.broadcast_to(np.zeros((), one.dtype), shape_of(one, {}, sizes)), dict(one.attrs))
+        for name, one in plan.variables.items()
+    }
+    return xr.Dataset(zeros).assign_coords(coordinates.coords)
 
 
 def _lengths(size: int, length: int) -> tuple[int, ...]:

@@ -74,13 +74,13 @@ class Parameters:
         """
         import xarray as xr
 
-        dims, values = self._column(key)
+        dims, values = self.column(key)
         known = self._declared.get(key)
         declaration = known[0] if known else NamedSite.parameter(key.removeprefix("site."))
         assert declaration is not None
         return xr.DataArray(values, dims=dims or None, attrs=coordinate_attributes(declaration, key))
 
-    def _column(self, key: str) -> tuple[tuple[str, ...], Any]:
+    def column(self, key: str) -> tuple[tuple[str, ...], Any]:
         """Dimension of a key, if it has one, and its values; those of sites are along ``site``. Raises KeyError."""
         if key in self._dims:
             values = self._declared[key][1][self.part(self._dims[key])]
@@ -99,7 +99,7 @@ class Parameters:
         """Values of one key at every point of the region, over all swept dimensions; None where it has no value."""
         if not self.has(key):
             return None
-        dims, values = self._column(key)
+        dims, values = self.column(key)
         index = tuple(slice(None) if dim in dims else np.newaxis for dim in self.sizes)
         return np.broadcast_to(np.asarray(values)[(*index, ...)], tuple(self.sizes.values()))
 

@@ -5,7 +5,9 @@ Every kernel releases the interpreter lock and is cached on disk, where there is
 fastmath: the same bits are wanted from every split of the work.
 """
 
+import functools
 import os
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -13,13 +15,14 @@ PURE_PYTHON = any(os.environ.get(name, "") not in ("", "0") for name in ("HELIOS
 """True when kernels run as plain Python: slow, but a debugger can step through them."""
 
 _KERNELS: list[Any] = []
+_MAKING = threading.RLock()
 UNCACHED: list[str] = []
 """Kernels that every process compiles anew, because no folder for compiled code can be written."""
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function on its first call."""
-    return _compiled(function, _nrt=True)  # said outright: what an `inner` calls would take its setting from it
+    return _late(function, _nrt=True)  # said outright: what an `inner` calls would take its setting from it
 
 
 def inner(function: Callable[..., Any]) -> Any:
@@ -27,7 +30,7 @@ def inner(function: Callable[..., Any]) -> Any:
 
     Counting costs an atomic operation or two for every array of every call: more than the work of many a call.
     """
-    return _compiled(function, _nrt=False)
+    return _late(function, _nrt=False)
 
 
 def inline(function: Callable[..., Any]) -> Any:
@@ -35,7 +38,7 @@ def inline(function: Callable[..., Any]) -> Any:
 
     For the small bodies of lane loops: a call would keep a loop from becoming vector code.
     """
-    return _compiled(function, forceinline=True, _nrt=False)
+    return _late(function, forceinline=True, _nrt=False)
 
 
 def compilations() -> int:
@@ -43,14 +46,47 @@ def compilations() -> int:
     return sum(sum(each.stats.cache_misses.values()) for each in _KERNELS)
 
 
-def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    if PURE_PYTHON:
-        return function
+def _late(function: Callable[..., Any], **options: Any) -> Any:
+    return function if PURE_PYTHON else _Kernel(function, {"nogil": True, "error_model": "numpy", **options})
+
+
+class _Kernel:
+    """A kernel that numba is imported for where it is first called, or compiled into another: a plan calls none.
+
+    Everything else that it is asked for is that of the dispatcher, numba's face of a compiled function.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self._function, self._options, self._made = function, options, None
+
+    def __call__(self, *args: Any) -> Any:
+        return self.dispatcher(*args)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What the compiler takes it for where another kernel calls it."""
+        return self.dispatcher._numba_type_
+
+    @property
+    def dispatcher(self) -> Any:
+        """The dispatcher, the same for all threads."""
+        if self._made is None:
+            with _MAKING:
+                self._made = self._made or _compiled(self._function, self._options)
+        return self._made
+
+
+def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     import numba
 
     from heliosweep.kernels.machine_code import CodeCache, compile_in_parts
 
-    options |= {"nogil": True, "error_model": "numpy"}
     compiled: Any = numba.njit(function, **options)
     try:
         compiled._cache = CodeCache(function)

@@ -5,7 +5,7 @@ import os
 import pickle
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
 
 from heliosweep.sources import numbers_digest
 
@@ -41,6 +42,7 @@ class CodeCache(FunctionCache):
 
     def __init__(self, function: Any):
         super().__init__(function)
+        self.loaded: dict[Any, Any] = {}
         self._base = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
         try:
             self._version = numbers_digest(function.__module__)
@@ -52,7 +54,15 @@ class CodeCache(FunctionCache):
         key = (self._version, numba.__version__, platform.python_version_tuple()[:2], signature, codegen.magic_tuple())
         return Path(self.cache_path, f"{self._base}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc")
 
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Code from the disk, None where there is none; what code is made with is not loaded for it, as numba does."""
+        rtsys.initialize(target)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, target)
+
     def _load_overload(self, signature: Any, target: Any) -> Any:
+        if signature in self.loaded:
+            return self.loaded.pop(signature)
         path = self.path(signature, target.codegen())
         try:
             stored = path.read_bytes() if path.is_file() else b""
@@ -100,8 +110,12 @@ def compile_in_parts(whole: Any, part: Any) -> None:
     compile_alone, template = whole.compile, part.get_call_template
 
     def compile_of_parts(signature: Any) -> Any:
-        with global_compiler_lock, _parts():
-            return compile_alone(signature)
+        with global_compiler_lock:
+            found = whole._cache.load_overload(signature, whole.targetctx)
+            if found is not None:
+                whole._cache.loaded[signature] = found
+            with nullcontext() if found is not None else _parts():
+                return compile_alone(signature)
 
     def call_template(args: Any, kws: Any) -> Any:
         """As a call, but a number that is written out is no reason to compile again, unless its place is the caller."""

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.spreadsheets import separator_of, split_title, variable_name
 from heliosweep.config.tables import Table, numbers, table_lines, table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
@@ -37,8 +38,8 @@ _GROUPS = (SOLARPILOT_COLUMNS[4:6], SOLARPILOT_COLUMNS[6:9], SOLARPILOT_COLUMNS[
 #: (``Pos-x``, `SPFrame::LayoutSimulationExport`) and of its Python interface (``x_location``, `get_layout_info`).
 _TITLES = {
     **dict.fromkeys(("template", "templateid", "heliotemplateid"), "template"),
-    **{f"{title}{axis}": axis for title in ("loc", "location", "pos") for axis in "xyz"},
-    **{f"{axis}location": axis for axis in "xyz"},
+    **{f"{title}{axis}": axis for title in ("loc", "location", "pos", "position") for axis in "xyz"},
+    **{f"{axis}{title}": axis for title in ("location", "position", "coordinate") for axis in "xyz"},
     **{f"{title}{axis}": f"focal_{axis}" for title in ("foc", "focal", "focallength") for axis in "xy"},
     **{f"{axis}focallength": f"focal_{axis}" for axis in "xy"},
     **{f"cant{axis}": f"cant_{axis}" for axis in "ijk"},
@@ -68,7 +69,12 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     once, with file, line and column.
     """
     name = str(path) if name is None else name
-    lines = table_lines(table_text(Path(path), name), name)
+    return read_text(table_text(Path(path), name), name, reserved)
+
+
+def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
+    """Read a layout from the text of a CSV file, as `read_csv` does."""
+    lines = table_lines(text, name)
     form = _solarpilot_form(lines[1])
     if form is not None:
         return _read_solarpilot(name, lines, *form, reserved)
@@ -94,9 +100,9 @@ def _solarpilot_form(lines: Sequence[str]) -> tuple[str, int | None] | None:
     `lines` are those that hold something. A layout has no header: None stands for it.
     """
     for position, line in enumerate(lines[: _MOST_PREAMBLE + 1]):
-        separator = "," if "," in line else "\t"
+        separator = separator_of(line)
         fields = _fields(line, separator)
-        plain = [_letters(field) for field in fields]
+        plain = [_letters(split_title(field)[0]) for field in fields]
         meant = [_TITLES.get(title) for title in plain]
         if {"x", "y"} <= set(meant) and not {"x", "y"} & set(plain):
             return separator, position
@@ -128,7 +134,15 @@ def _read_solarpilot(
         cells = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in cells]
         at, texts, cells = [at[0], *at], [texts[0], *texts], [list(SOLARPILOT_COLUMNS[:width]), *cells]
     else:
-        cells[0] = [_TITLES.get(_letters(title)) or _variable(title) for title in cells[0]]
+        titles = [split_title(title) for title in cells[0]]
+        keys = [_TITLES.get(_letters(called)) for called, _ in titles]
+        if wrong := [
+            said
+            for key, (_, said) in zip(keys, titles, strict=True)
+            if key in ("x", "y", "z") and said not in ("", "m")
+        ]:
+            raise StudyError(Problem(f"has positions in {wrong[0]!r}; they must be in m", file=name, line=at[0]))
+        cells[0] = [key or variable_name(title) for key, title in zip(keys, cells[0], strict=True)]
     cells[0] = [f"solarpilot_{key}" if key in reserved and key not in ("x", "y", "z") else key for key in cells[0]]
     table = Table(name, (at, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=separator)
     layout = layout_of(table, unknown="NULL")
@@ -155,11 +169,6 @@ def _read_solarpilot(
             table.add(f"has a column {there[0]} but not all of {', '.join(group)}")
     table.finish()
     return Layout(layout.x, layout.y, layout.z, columns, layout.name, layout.lines)
-
-
-def _variable(title: str) -> str:
-    """Name of a variable for a column that is none of `SOLARPILOT_COLUMNS`."""
-    return re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_")
 
 
 def _side(text: str, name: str, line: int) -> float:

@@ -114,6 +114,7 @@ def layout_of(table: Table, reserved: Collection[str] = (), unknown: str | None 
 
 
 def _check_names(table: Table, reserved: Collection[str]) -> None:
+    table.read_titles(dict.fromkeys(_POSITION, "m"))
     header = table.header
     for key, direction in (("x", "east"), ("y", "north")):
         if key not in header:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 from collections.abc import Callable
 from contextlib import suppress
-from html import unescape
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -15,22 +14,14 @@ from urllib.parse import quote
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
-from heliosweep.report.page import PAGE, render
+from heliosweep.report.heads import head_of
+from heliosweep.report.page import OUTPUTS, PAGE, render
 from heliosweep.store.folder import read_manifest
 from heliosweep.store.parts import WORKING, PartStore
 
 log = logging.getLogger("heliosweep")
 
 INDEX = "index.html"
-
-#: Where results go when nobody says, and the only place where an index is written unasked.
-OUTPUTS = "outputs"
-
-#: Of a page, so many letters hold its headline. [byte]
-_HEAD = 8192
-
-_DESCRIPTION = re.compile(r'<meta name="description" content="([^"]*)">')
-_TITLE = re.compile(r"<title>([^<]*)</title>")
 
 
 #: State and detail, in words, of the study of a result folder, as `heliosweep.status` tells them.
@@ -56,7 +47,10 @@ def write_index(outputs: str | os.PathLike[str], status_of: StatusOf) -> Path:
     """Write ``index.html``, the page over all studies of a folder of result folders."""
     place = Path(outputs)
     studies = entries(place, status_of)
-    write_whole(place / INDEX, render("index.html", title="Studies", scripts=(), studies=studies))
+    script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
+    families = sorted({one["family"] for one in studies} - {""})
+    text = render("index.html", title="Studies", scripts=(script,), studies=studies, families=families)
+    write_whole(place / INDEX, text)
     return place / INDEX
 
 
@@ -83,21 +77,16 @@ def _entry(folder: Path) -> dict[str, Any]:
     finished = str(manifest.get("finished") or "")
     about = [str(study.get("family", "")).replace("_", " "), finished.replace("T", " ").rstrip("Z")]
     printable = folder.name.encode(errors="replace").decode()
-    page, head, compared = folder / PAGE, "", None
-    with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
-        head = file.read(_HEAD)
+    page, compared = folder / PAGE, None
+    title, headline = head_of(page)
     with suppress(HeliosweepError, OSError, ValueError):
         compared = comparison.read_comparison(folder / comparison.FILE)
     return {
-        "title": str(attributes.get("title") or study.get("title") or _found(_TITLE, head) or printable),
+        "title": str(attributes.get("title") or study.get("title") or title or printable),
         "about": " \N{MIDDLE DOT} ".join(filter(None, [*about, printable])),
+        "family": str(study.get("family", "")).replace("_", " "),
         "finished": finished,
-        "headline": _found(_DESCRIPTION, head),
+        "headline": headline,
         "link": f"./{quote(folder.name, errors='surrogateescape')}/{PAGE}" if page.is_file() else "",
         "compared": compared,
     }
-
-
-def _found(pattern: re.Pattern[str], text: str) -> str:
-    found = pattern.search(text)
-    return unescape(found.group(1)) if found else ""

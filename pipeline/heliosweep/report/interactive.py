@@ -11,13 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import xarray as xr
-from bokeh import models as bk
 from bokeh.core.types import ID
-from bokeh.embed import json_item
-from bokeh.models.annotations import ColorBar
+from bokeh.model import Model
 from bokeh.resources import Resources
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
@@ -26,6 +25,12 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.report.payload import PAGE_VALUES, ROOMS, SIZE, fold, shares, view_payload, wanted
 from heliosweep.report.style import COLOURS, DIFFERENCES, NO_VALUE, VALUES
 from heliosweep.report.views import View, usable
+
+# A third of the time that Bokeh's models take to import goes into signatures for its manual.
+with mock.patch.object(Model, "parameters", classmethod(lambda cls: [])):
+    from bokeh import models as bk
+    from bokeh.embed import json_item
+    from bokeh.models.annotations import ColorBar
 
 #: Colours of a scale.
 SHADES = 128
@@ -84,9 +89,13 @@ def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, A
     return frames, plots
 
 
-def scripts() -> tuple[str, str]:
-    """Bokeh's script and our own; nothing else runs on a page."""
-    return _bokeh(), _harmless(resources.files("heliosweep.report").joinpath("templates/page.js").read_text("utf-8"))
+def scripts(plots: bool = True, ranking: bool = False) -> list[str]:
+    """Scripts of a page with plots (Bokeh's and our own) and with a ranking; nothing else runs on it."""
+    return [*([_bokeh(), _own("page.js")] if plots else ()), *([_own("ranking.js")] if ranking else ())]
+
+
+def _own(name: str) -> str:
+    return _harmless(resources.files("heliosweep.report").joinpath(f"templates/{name}").read_text("utf-8"))
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import tempfile
 import threading
 import time
@@ -26,7 +27,7 @@ from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
 from heliosweep.store import parts
 from heliosweep.store.encoding import Skeleton, slab_rows
-from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, write_manifest
+from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, words_of, write_manifest
 from heliosweep.store.parts import PartStore
 from heliosweep.store.read import open_result
 from heliosweep.store.result import publish
@@ -77,17 +78,22 @@ class Run:
     @cached_property
     def coordinates(self) -> xr.Dataset:
         """Coordinates of the whole result."""
+        import_no_other_arrays()
         return self.family.coordinates(self.study)
+
+    @cached_property
+    def _words(self) -> dict[str, Any]:
+        return words_of(self.family, self.study)
 
     @cached_property
     def attributes(self) -> dict[str, Any]:
         """Global attributes of the result."""
-        return attributes_of(self.family, self.study, self.coordinates)
+        return attributes_of(self._words, self.coordinates)
 
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What the result belongs to."""
-        return identity_of(self.study, self.attributes, self.family.numbers_from(self.study))
+        return identity_of(self.study, self._words, self.family.numbers_from(self.study))
 
     @cached_property
     def work(self) -> Work:
@@ -101,22 +107,26 @@ class Run:
             raise HeliosweepError("the files of the study were edited while it started; run it again")
         return work
 
-    def result(self, *, force: bool, progress: bool) -> Path:
+    def result(self, *, force: bool, progress: bool, meanwhile: Callable[[], None] | None = None) -> Path:
         """Leave the result in the folder, with its manifest and resolved study, from what is there and what is
         computed.
 
         With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
+        `meanwhile` is called by a thread of its own when computing begins.
         """
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete
                 parts.remove(self.folder / parts.WORKING)
             return found
         _ = self.plan  # what does not fit is refused here, before anything is expanded
+        import_no_other_arrays()
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
         if any(True for _ in self._missing(self.store)):
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
+            if meanwhile:
+                threading.Thread(target=meanwhile).start()
             with self.timed("compute"):
                 self._compute(self.store, progress)
         with self.timed("publish"):
@@ -219,16 +229,17 @@ class Run:
     def _compute(self, store: PartStore, show: bool) -> None:
         """Compute and store the parts that are missing."""
         plan, failed, missing = self.plan, dict[str, str](), self._missing(store)
-        count = sum(cut.part_count for kind, cut in plan.cuts.items() if not self._is_taken(kind)) - len(store.done)
+        count = sum(cut.part_count for kind, cut in plan.cuts.items() if not self._is_taken(kind))
+        title = self.study.title or self.study.family
         with TidyStack() as stack:
-            display = show_progress(self.study.title or self.study.family, count) if show else nullcontext(lambda: None)
+            display = show_progress(title, count, done=len(store.done)) if show else nullcontext(lambda: None)
             advance = stack.enter_context(display)
             # This thread waits for parts, so that an interruption reaches it; another one stores them meanwhile.
             storing = stack.enter_context(ThreadPoolExecutor(1))
             scratch = stack.enter_context(tempfile.TemporaryDirectory(dir=store.folder, ignore_cleanup_errors=True))
             execution = self.study.execution
             stack.enter_context(safe_path())
-            pool = stack.enter_context(_pool(execution, self.work, plan.workers, Path(scratch)))
+            pool = stack.enter_context(pool_of(execution, self.work, plan.workers, Path(scratch)))
             pending: Future[None] | None = None
             for outcome in compute_parts(pool, missing):
                 raise_if_interrupted()
@@ -302,7 +313,7 @@ def _mixed(place: Path, what: str) -> HeliosweepError:
     )
 
 
-def _pool(execution: Execution, work: Work, workers: int, scratch: Path) -> AbstractContextManager[Pool]:
+def pool_of(execution: Execution, work: Work, workers: int, scratch: Path) -> AbstractContextManager[Pool]:
     """Workers that a study asks for; a cluster may write to `scratch` while it runs."""
     if execution.scheduler in ("synchronous", "threads", "processes"):
         return local_pool(execution.scheduler, work, workers)
@@ -335,6 +346,32 @@ def _failures(failed: dict[str, str], plan: Plan, store: PartStore) -> str:
             *lines,
         ]
     )
+
+
+def import_no_other_arrays() -> None:
+    """Keep xarray from importing dask.array and pint, a third of a second, to see whether an array is one of theirs.
+
+    None is, before someone has imported them. An xarray that keeps what it knows of them elsewhere imports them.
+    """
+    from xarray.namedarray import pycompat
+
+    known: Any = getattr(pycompat, "_cached_duck_array_modules", None)
+    real: Any = getattr(pycompat, "DuckArrayModule", None)
+    if known is None or real is None:
+        return
+
+    class Late:
+        def __init__(self, name: Any, module: str) -> None:
+            self._name, self._module = name, module
+
+        def __getattr__(self, of: str) -> Any:
+            if of == "type" and self._module not in sys.modules:
+                return ()
+            known[self._name] = real(self._name)
+            return getattr(known[self._name], of)
+
+    for name, module in (("dask", "dask.array"), ("pint", "pint")):
+        known.setdefault(name, Late(name, module))
 
 
 def prepare_kernels(family: Family, study: Study) -> None:

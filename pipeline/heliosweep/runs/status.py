@@ -149,14 +149,16 @@ def plan_text(study: Study, plan: Plan, folder: Path) -> str:
 
 
 @contextmanager
-def show_progress(title: str, total: int, stream: TextIO | None = None) -> Iterator[Callable[[], object]]:
-    """Show the progress of `total` parts on `stream` (standard error) while the context lasts.
+def show_progress(
+    title: str, total: int, stream: TextIO | None = None, done: int = 0
+) -> Iterator[Callable[[], object]]:
+    """Show the progress of `total` parts, of which `done` are there, on `stream` (standard error).
 
     Yields what is to be called when one is done. On a terminal there is a bar, elsewhere a line now and then.
     """
     stream, title = stream or sys.stderr, printable(title)
     if not stream.isatty():
-        yield _lines(title, total, stream)
+        yield _lines(title, total, done, stream)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -170,18 +172,18 @@ def show_progress(title: str, total: int, stream: TextIO | None = None) -> Itera
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(file=stream), transient=True) as bar:
-        yield partial(bar.advance, bar.add_task(title, total=total))
+        yield partial(bar.advance, bar.add_task(title, total=total, completed=done))
 
 
-def _lines(title: str, total: int, stream: TextIO) -> Callable[[], object]:
+def _lines(title: str, total: int, before: int, stream: TextIO) -> Callable[[], object]:
     start = last = time.monotonic()
-    done = 0
+    done = before
 
     def advance() -> None:
         nonlocal done, last
         done, now = done + 1, time.monotonic()
         if now >= last + LINE_SECONDS and done < total:
-            last, left = now, (now - start) / done * (total - done)
+            last, left = now, (now - start) / (done - before) * (total - done)
             share = 100 * done / total
             print(f"{title}: {share:.0f} %, about {human_seconds(left)} left", file=stream, flush=True)
 

@@ -58,7 +58,7 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
     try:
         if not place.is_dir():
             there = "is no folder" if place.exists() else "there is no such folder"
-            verification.problems.append(f"{there}; name a result folder")
+            verification.problems.append(f"{there}; name a result folder, or run the study")
             return verification
         refuse_devices(place)
         if (place / WORKING).is_dir() and not (place / MANIFEST).exists():

@@ -13,13 +13,17 @@ from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
-from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
+from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_solarpilot
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.paint import Plant, read_plant
+from heliosweep.layouts.paint_spots import EVALUATIONS, PaintSpots
+from heliosweep.layouts.paint_spots import read_spots as _read_spots
+from heliosweep.layouts.paint_spots import write_spots as _write_spots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 #: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
@@ -69,6 +73,62 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
         All that is wrong with the files, at their lines.
     """
     return read_plant(user_path(folder), target)
+
+
+def read_paint_spots(
+    folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
+) -> PaintSpots:
+    """Read the measured spots of a folder of PAINT, with the angles that its motors stood at.
+
+    Parameters
+    ----------
+    folder : path
+        As `read_paint` takes it, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
+    target : str
+        Target on whose plane the spots are; those on others are moved to it along their beam.
+    evaluation : {"UTIS", "HeliOS"}
+        Which evaluation of the images.
+
+    Returns
+    -------
+    PaintSpots
+        `columns` of ``calibration.spots``, the block `mount`, the `plant` that `read_paint` gives, and `notes`.
+
+    Raises
+    ------
+    StudyError
+        All that is wrong with the files, at their lines.
+    """
+    return _read_spots(user_path(folder), target, evaluation)
+
+
+def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Write spots as a table for ``calibration.spots``, its `notes` as comments before it.
+
+    Parameters
+    ----------
+    spots : PaintSpots
+        The spots.
+    path : path
+        File to write; appears under its name when it is complete.
+    force : bool
+        Whether a file that is there is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        The file is there already.
+    HeliosweepError
+        The file cannot be written.
+    """
+    file = target_file(path, force)
+    _write_spots(spots, file)
+    return file
 
 
 def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:
@@ -134,14 +194,14 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
 
 
 def write_layout(
-    layout: Layout, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
+    layout: Layout | pd.DataFrame, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
 ) -> Path:
     """Write a layout that `read_layout` gives back to the last bit.
 
     Parameters
     ----------
-    layout : Layout
-        The heliostats.
+    layout : Layout or pandas.DataFrame
+        The heliostats; a table has the columns of a layout file: ``x`` and ``y`` [m], perhaps ``z`` and others.
     path : path
         File to write; appears under its name when it is complete.
     form : {"csv", "solarpilot"}
@@ -158,12 +218,15 @@ def write_layout(
     Raises
     ------
     StudyError
-        The file is there already, or heliostats of one template have mirrors of different sizes.
+        The file is there already, the table is no layout, or heliostats of one template have mirrors of different
+        sizes.
     HeliosweepError
         The file cannot be written.
     """
     if form not in ("csv", "solarpilot"):
         raise StudyError(Problem(f"unknown form {form!r}; use 'csv' or 'solarpilot'"))
     file = target_file(path, force)
+    if not isinstance(layout, Layout):
+        layout = read_text(layout.to_csv(index=False), "DataFrame")
     (write_solarpilot if form == "solarpilot" else write_csv)(layout, file)
     return file

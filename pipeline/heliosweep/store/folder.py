@@ -31,10 +31,12 @@ log = logging.getLogger("heliosweep")
 FORMATS = {"netcdf": "result.nc", "zarr": "result.zarr"}
 RESULTS = tuple(FORMATS.values())
 MANIFEST = "manifest.json"
+#: The best point of a search, as a study.
+BEST = "best.yaml"
 #: File by which a Zarr group is known.
 CONSOLIDATED = ".zmetadata"
 #: Files beside a result that describe it, and go when another one takes its place.
-DESCRIPTIONS = (MANIFEST, "study.resolved.yaml", "report.html", "comparison.csv")
+DESCRIPTIONS = (MANIFEST, "study.resolved.yaml", "report.html", "comparison.csv", BEST)
 #: The claimed file of a folder.
 LOCK = ".heliosweep.lock"
 #: After how long to say that one waits for another run. [s]
@@ -387,7 +389,7 @@ def _inputs(study: Study) -> set[Path]:
     """The study file and all files that it names, links followed."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     if study.source.path:
-        paths.add(Path(study.source.path))
+        paths |= {study.source.path, *study.source.bases}
     return {path.resolve() for path in paths}
 
 

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +20,16 @@ from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
-from heliosweep.sources import code_versions, version_of
+from heliosweep.sources import code_versions, installed, version_of
+from heliosweep.store import coverage
 from heliosweep.store.encoding import slab_digest, slab_rows
 from heliosweep.store.folder import MANIFEST, manifest_text, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
 from heliosweep.store.read import content_digest, open_stored, result_bytes, result_digest
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.grid.plan import Plan
     from heliosweep.grid.regions import Part
 
@@ -37,21 +39,20 @@ _KEYWORDS = ("concentrating solar power", "solar tracking")
 _EXTENT = (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east"))
 #: Packages whose versions can touch the numbers or the bytes.
 _PACKAGES = ("heliosweep", "numpy", "numba", "llvmlite", "xarray", "dask", "pandas", "netCDF4", "pvlib", "matplotlib")
-#: Global attributes that follow from the study and the code, which are compared by themselves.
+#: Words that follow from the study and the code, which are compared by themselves; so do attributes of coordinates.
 _FOLLOWING = ("study", "study_id", "id", "history", "source")
 
 
-def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]:
-    """Global attributes of a study's result, by CF-1.11 and ACDD-1.3, and nothing that differs from run to run.
+def words_of(family: Any, study: Study) -> dict[str, Any]:
+    """Global attributes of a study's result that the study and its family say, by CF-1.11 and ACDD-1.3.
 
-    No clock time, host, user or path is told; those are in the manifest. `coordinates` are those of the family, whose
-    attributes belong to the result.
+    Nothing differs from run to run: no clock time, host, user or path is told; those are in the manifest.
     """
     given = study.dataset.keywords if study.dataset else ()
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title or family.title,
-        "summary": " ".join((study.description or family.title).split()),
+        "summary": coverage.summary(study.description or family.title, study),
         "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *family.keywords, *given))),
         "source": f"heliosweep {__version__}, family {study.family}",
         "history": f"computed by heliosweep {__version__} from study {study.study_id}",
@@ -64,19 +65,22 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
         ),
         **dict(_people(study)),
         **dict(_where(study)),
-        **dict(_when(study)),
-        "product_version": __version__,
-        "naming_authority": "heliosweep",
+        **dict(coverage.attributes(study)),
         "id": study.study_id,
         "study_id": study.study_id,
         "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
-        **coordinates.attrs,
     }
+
+
+def attributes_of(words: Mapping[str, Any], coordinates: xr.Dataset) -> dict[str, Any]:
+    """All global attributes of a result: its words and those that the family gives its coordinates."""
+    return {**words, **coordinates.attrs}
 
 
 def _people(study: Study) -> Iterator[tuple[str, str]]:
     """Who made the data set, and how it may be used, where the study says so."""
     said = study.dataset
+    yield "product_version", said.version if said and said.version else __version__
     if said is None:
         return
     if said.creators:
@@ -91,6 +95,11 @@ def _people(study: Study) -> Iterator[tuple[str, str]]:
         yield "license", said.license
     if said.doi:
         yield "metadata_link", f"https://doi.org/{said.doi}"
+    for name, text in (("publisher_name", said.publisher), ("naming_authority", said.naming_authority)):
+        if text:
+            yield name, text
+    if said.funding:
+        yield "acknowledgement", "; ".join(", ".join(filter(None, (one.funder, one.award))) for one in said.funding)
 
 
 def _where(study: Study) -> Iterator[tuple[str, Any]]:
@@ -99,24 +108,11 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
         return
     grid = Parameters(study)
     for key, axis, units in _EXTENT:
-        values = grid.parameter(key).to_numpy().astype(float) if grid.has(key) else np.array(np.nan)
+        values = np.asarray(grid.column(key)[1] if grid.has(key) else np.nan, dtype=float)
         if np.isfinite(values).any():
             yield f"geospatial_{axis}_min", float(np.nanmin(values))
             yield f"geospatial_{axis}_max", float(np.nanmax(values))
             yield f"geospatial_{axis}_units", units
-
-
-def _when(study: Study) -> Iterator[tuple[str, str]]:
-    """Dates that are looked at, of a study on the civil clock; the solar clock has none."""
-    time: Any = getattr(study, "time", None)
-    if not hasattr(time, "date_list"):
-        return
-    dates = sorted(time.date_list())
-    yield "time_coverage_start", dates[0].isoformat()
-    yield "time_coverage_end", dates[-1].isoformat()
-    yield "time_coverage_duration", f"P{(dates[-1] - dates[0]).days + 1}D"
-    if len(dates) > 1:
-        yield "time_coverage_resolution", f"P{min((after - before).days for before, after in pairwise(dates))}D"
 
 
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
@@ -145,6 +141,7 @@ def _environment() -> dict[str, Any]:
         "platform": platform.platform(),
         "processors": os.cpu_count(),
         "packages": {name: version_of(name) for name in _PACKAGES},
+        "lock": installed(),
         "commit": _commit(),
     }
 
@@ -213,9 +210,8 @@ class Finished:
         return listed(self.identity.get(key), identity[key])
 
 
-def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dict[str, Any]:
-    """What the bytes of a study's result depend on, from its global attributes and the module that its numbers come
-    from.
+def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
+    """What the bytes of a study's result depend on, from its words and the modules that its numbers come from.
 
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
     ``attributes``: the words that go with it.
@@ -223,9 +219,9 @@ def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dic
     return {
         "study_id": study.study_id,
         "study": study.canonical(),
-        "code": code_versions(module),
+        "code": code_versions(*modules),
         "output": study.output.model_dump(),
-        "attributes": {name: value for name, value in attributes.items() if name not in _FOLLOWING},
+        "attributes": {name: value for name, value in words.items() if name not in _FOLLOWING},
     }
 
 

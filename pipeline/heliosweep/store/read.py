@@ -1,6 +1,7 @@
 """Reading results, whatever their format: opened with xarray, or as they are stored, piece by piece.
 
 What is read may be damaged or be something else: every fault becomes a `HeliosweepError` that says what is wrong.
+xarray is imported where it reads: a finished result is found without it.
 """
 
 from __future__ import annotations
@@ -12,18 +13,19 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.grid.regions import Part, Region
 from heliosweep.store.encoding import little_endian
 from heliosweep.store.folder import RESULTS, is_zarr, read_manifest, refuse_devices
-from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
 from heliosweep.store.parts import WORKING
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Values read at a time, about. [bytes]
 PIECE = 16 * 2**20
@@ -81,6 +83,10 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     It is read lazily. Raises StudyError for a folder without a result, or a file that is none, and HeliosweepError for
     a Zarr group that is damaged.
     """
+    import xarray as xr
+
+    from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
+
     place = locate(path)
     if place.is_dir():
         read_metadata(place)
@@ -181,6 +187,10 @@ def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambd
 
     Raises HeliosweepError where it is no result, or damaged.
     """
+    import xarray as xr
+
+    from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
+
     place = locate(path)
     store = None
     try:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.files import discard, remove, sync, temporary_name, user_path, writing, written_whole
@@ -17,11 +16,13 @@ from heliosweep.grid.regions import Cut, Part, Variable
 from heliosweep.store.checks import sound
 from heliosweep.store.encoding import Skeleton, numbers, slab_digest, slab_rows, slabs_of
 from heliosweep.store.folder import DESCRIPTIONS, FORMATS, RESULTS, is_zarr
-from heliosweep.store.formats import Write, netcdf_file, zarr_group
 from heliosweep.store.read import Stored, open_stored, plain
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.config.blocks import Output
+    from heliosweep.store.formats import Write
 
 #: Attributes that the writer makes anew.
 _MADE = {"_FillValue", "coordinates"}
@@ -53,6 +54,8 @@ def publish(
 
 @contextmanager
 def _writer(path: Path, skeleton: Skeleton, output: Output, named: Path) -> Iterator[Write]:
+    from heliosweep.store.formats import netcdf_file, zarr_group
+
     level = output.compression_level
     if output.format == "zarr":
         with zarr_group(path, skeleton, output.compression, level, named) as write:
@@ -124,6 +127,8 @@ def export(
     if said := [why for why, wrong in refusals.items() if wrong]:
         raise StudyError(Problem(said[0], file=str(file)))
     sound(place, as_written=True)
+    from heliosweep.store.formats import netcdf_file
+
     with open_stored(place) as stored:
         skeleton = _skeleton(stored)
         level = level if compression != "none" else 0
@@ -135,6 +140,8 @@ def export(
 
 def _skeleton(stored: Stored) -> Skeleton:
     """Everything of a Zarr result but its values, undecoded: what is stored is written."""
+    import xarray as xr
+
     types, record = stored.record["types"], stored.record
 
     def typed(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.errors import FORCE, Problem, StudyError
-from heliosweep.files import user_path
+from heliosweep.files import named_in, user_path
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -64,15 +64,14 @@ def target_file(
 
 
 def sources_of(study: Study) -> set[Path]:
-    """The study file and all files that it names, those of sites among them."""
+    """The study file, those that it includes and all files that they name, those of sites among them."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
-    if study.source.path:
-        paths.add(Path(study.source.path))
-        from heliosweep.config.source import read
+    from heliosweep.config.source import read
 
-        written = read(study.source.path).data  # in that of the study, sites stand in the place of weather files
+    for path in (study.source.path, *study.source.bases) if study.source.path else ():
+        written = read(path).data  # in that of the study, sites stand in the place of weather files
         named = (written.get("site"), written.get("sites"))
-        paths |= {study.resolve(name) for name in _file_names(named)}
+        paths |= {path, *(named_in(path.parent, name) for name in _file_names(named))}
     return paths
 
 

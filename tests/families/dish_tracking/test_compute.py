@@ -126,8 +126,8 @@ def test_statistics_are_those_of_pandas():
     series = factor.sel(axis_tilt=0.1, axis_tilt_direction=90).to_series()
     point = {"axis_tilt": 0.1, "axis_tilt_direction": 90}
     for name, expected in (
-        ("annual_effective_tracking_factor_mean", series.mean()),
-        ("annual_effective_tracking_factor_std", series.std()),
+        ("effective_tracking_factor_mean_over_dates", series.mean()),
+        ("effective_tracking_factor_std_over_dates", series.std()),
         ("effective_tracking_factor_min", series.min()),
         ("effective_tracking_factor_max", series.max()),
     ):
@@ -146,7 +146,7 @@ def test_statistics_are_those_of_pandas():
     day = result.sel(date="2021-06-21", axis_tilt=0.1)
     assert float(day["effective_tracking_factor_mean"]) == pytest.approx(over.mean(), rel=1e-12)
     assert float(day["effective_tracking_factor_std"]) == pytest.approx(over.std(), rel=1e-12)
-    annual = result["annual_effective_tracking_factor_mean"].sel(axis_tilt=0.1).to_series()
+    annual = result["effective_tracking_factor_mean_over_dates"].sel(axis_tilt=0.1).to_series()
     assert float(result["worst_axis_tilt_direction"].sel(axis_tilt=0.1)) == annual.idxmin()
 
 
@@ -170,7 +170,7 @@ def test_polar_night_is_missing_and_flagged():
     factor = result["effective_tracking_factor"]
     assert factor.sel(latitude=80, date="2021-12-21").isnull().all()
     assert factor.isnull().sum() == factor.sel(latitude=80, date="2021-12-21").size
-    assert result["annual_effective_tracking_factor_mean"].notnull().all()
+    assert result["effective_tracking_factor_mean_over_dates"].notnull().all()
 
 
 def test_sunrise_to_sunset_is_the_sun_s_own_window():

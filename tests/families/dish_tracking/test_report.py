@@ -47,7 +47,7 @@ def result(sweep=None, dates=DAY, required=(), **scalars):
 
     data = filled(variables.DAILY, *places, "date", *others)
     if len(dates) > 1:
-        data |= filled(variables.ANNUAL, *places, *others)
+        data |= filled(variables.ALL_DATES, *places, *others)
         data |= filled(variables.MONTHLY, *places, "month", *others)
         if "axis_tilt_direction" in sweep:
             undirected = [dim for dim in others if dim != "axis_tilt_direction"]
@@ -235,7 +235,7 @@ def test_lines_are_the_factor_of_the_only_date_or_the_mean_over_the_dates():
     one, year = result(DIRECTIONS), result(DIRECTIONS, dates=YEAR)
     for dataset, values, words in (
         (one, one["effective_tracking_factor"].isel(date=0), "on 2021-06-21"),
-        (year, year["annual_effective_tracking_factor_mean"], "mean over 53 dates from 2021-01-01 to 2021-12-31"),
+        (year, year["effective_tracking_factor_mean_over_dates"], "mean over 53 dates from 2021-01-01 to 2021-12-31"),
     ):
         named = next(figures(dataset))
         (line,) = named.figure.axes[0].get_lines()
@@ -290,7 +290,7 @@ def test_map_shows_latitudes_upwards_and_nights_grey():
     dataset = dark(result({**LATITUDES, **DIRECTIONS}, dates=YEAR))
     axes = one(dataset, "latitude_map").figure.axes[0]
     shown = np.ma.filled(axes.collections[0].get_array(), np.nan)
-    np.testing.assert_array_equal(shown, dataset["annual_effective_tracking_factor_mean"])
+    np.testing.assert_array_equal(shown, dataset["effective_tracking_factor_mean_over_dates"])
     assert np.isnan(shown[-1]).all()
     assert axes.collections[0].get_cmap().get_bad() == pytest.approx(to_rgba(NO_VALUE))
 

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from heliosweep.families.dish_tracking.variables import (
-    ANNUAL,
+    ALL_DATES,
     DAILY,
     DIRECTIONS,
     MONTHLY,
@@ -307,7 +307,7 @@ def finish(study: DishTrackingStudy, inputs: None, region: Region, computed: xr.
     if directed(study):
         made |= _reduced(DIRECTIONS, mean_and_deviation, factor, "axis_tilt_direction")
     if computed.sizes["date"] > 1:
-        made |= _reduced(ANNUAL, over_dates, factor, "date")
+        made |= _reduced(ALL_DATES, over_dates, factor, "date")
         # Published results of one place were summed in another order than those of several.
         total = one_by_one if parameters.site_dims else pairwise
         monthly = partial(over_months, month=_months(study)[1], total=total)
@@ -320,8 +320,8 @@ def finish(study: DishTrackingStudy, inputs: None, region: Region, computed: xr.
         made["date_of_max"] = _label_of_least(-factor, "date", dates)
         if directed(study):
             directions = parameters.parameter("errors.axis_tilt_direction").to_numpy()
-            annual = made["annual_effective_tracking_factor_mean"]
-            made["worst_axis_tilt_direction"] = _label_of_least(annual, "axis_tilt_direction", directions)
+            mean = made["effective_tracking_factor_mean_over_dates"]
+            made["worst_axis_tilt_direction"] = _label_of_least(mean, "axis_tilt_direction", directions)
     return xr.Dataset(made)
 
 

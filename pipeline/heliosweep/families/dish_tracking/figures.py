@@ -56,8 +56,8 @@ class _Dishes(Shown):
     told: ClassVar = {**dict.fromkeys(_SINGLE), **dict.fromkeys(OFFSETS, 0.0)}
 
     def __init__(self, result: xr.Dataset) -> None:
-        annual = f"annual_{_FACTOR}_mean"
-        average = result[annual] if annual in result else result[_FACTOR].isel(date=0, drop=True)
+        mean = f"{_FACTOR}_mean_over_dates"
+        average = result[mean] if mean in result else result[_FACTOR].isel(date=0, drop=True)
         super().__init__(result.assign({_AVERAGE: average}))
         days = result["date"].to_numpy().astype("datetime64[D]")
         self.period = str(days[0]) if days.size == 1 else f"{days.size} dates from {days.min()} to {days.max()}"
@@ -106,7 +106,7 @@ def _over_first(shown: _Dishes) -> Iterator[NamedFigure]:
     lines, panels, *_ = *(dim for dim in others if x != DIRECTION or dim not in OFFSETS), None, None
     caption = f"Effective tracking factor against {shown.title(x)}, {shown.when}."
     yield _curves(shown, f"factor_over_{x}", caption, _AVERAGE, x, lines, panels)
-    deviation = f"annual_{_FACTOR}_std"
+    deviation = f"{_FACTOR}_std_over_dates"
     if deviation in shown.result:
         caption = f"Standard deviation of the effective tracking factor over its dates against {shown.title(x)}."
         label = "standard deviation (1)"

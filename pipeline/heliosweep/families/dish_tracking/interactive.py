@@ -25,8 +25,8 @@ def views(result: xr.Dataset) -> Iterator[View]:
         "curves", "Tracking factor by month", with_dim["month"], ("month", *swept), (_DIRECTION, *lines), start=_TYPICAL
     )
     whole = [name for name in names if not set(_OWN) & set(result[name].dims)]
-    order = sorted(whole, key=lambda name: not name.startswith("annual"))
-    yield View("curves", "Tracking factor of the year", order, swept, lines, start=_TYPICAL)
+    order = sorted(whole, key=lambda name: not name.endswith("over_dates"))
+    yield View("curves", "Tracking factor over all dates", order, swept, lines, start=_TYPICAL)
     if "time" in result.coords:
         yield View("curves", "Instants", with_dim["time"], ("time", *swept), (_DIRECTION, *lines), start=_TYPICAL)
     yield View("curves", "Days", with_dim["date"], ("date", *swept), (_DIRECTION, *lines), start=_TYPICAL)

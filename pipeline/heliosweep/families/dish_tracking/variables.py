@@ -66,11 +66,11 @@ DIRECTIONS: dict[str, dict[str, Any]] = {
 }
 
 #: Over all dates.
-ANNUAL: dict[str, dict[str, Any]] = {
-    "annual_effective_tracking_factor_mean": _factor(
+ALL_DATES: dict[str, dict[str, Any]] = {
+    "effective_tracking_factor_mean_over_dates": _factor(
         "mean over the dates of the effective tracking factor", f"{_OVER_DATES}mean (over the dates)"
     ),
-    "annual_effective_tracking_factor_std": _factor(
+    "effective_tracking_factor_std_over_dates": _factor(
         "sample standard deviation over the dates of the effective tracking factor",
         f"{_OVER_DATES}standard_deviation (over the dates, n - 1)",
     ),
@@ -175,7 +175,7 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
     if directed(study):
         add(DIRECTIONS, *site, "date", *undirected)
     if len(study.time.date_list()) > 1:
-        add(ANNUAL, *site, *mount)
+        add(ALL_DATES, *site, *mount)
         add(EXTREMES, *site, *mount, dtype="datetime64[ns]")
         add(MONTHLY, *site, "month", *mount)
         if directed(study):

@@ -1,4 +1,4 @@
-"""Annual optical efficiency of a heliostat field: cosine, shading and blocking, exactly.
+"""Optical efficiency of a heliostat field over a period: cosine, shading and blocking, exactly.
 
 After Chong and Tan (2012), doi 10.1155/2012/908364.
 """
@@ -12,7 +12,7 @@ class FieldEfficiency(Family):
     """The family; see `heliosweep.families.family.Family`."""
 
     name = "field_efficiency"
-    title = "annual cosine, shading, blocking and optical efficiency of a heliostat field"
+    title = "cosine, shading, blocking and optical efficiency of a heliostat field"
     references = ("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",)
     keywords = ("heliostat field", "optical efficiency", "shading", "blocking")
     headlines = ("field_receiver_energy", "field_total_efficiency", "field_optical_efficiency")

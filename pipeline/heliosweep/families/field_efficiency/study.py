@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from operator import attrgetter
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,8 @@ RESERVED = frozenset(
 
 class FieldOutput(Output):
     """Stored variables and their format; not part of the study's identity."""
+
+    OF_POINTS: ClassVar = ("field_geometry",)
 
     tracking_angles: Annotated[
         bool,

@@ -68,11 +68,13 @@ async function show(view) {
 
   // Mirrors or pixels in the colours of their values.
   function colour({ drawn, at, less, values, shown, texts }, [low, high]) {
-    const mapper = named('mapper'), source = named('source'), end = Math.max(-low, high);
+    const mapper = named('mapper'), source = named('source');
     if (controls.scale.value === 'all' || low > high) ({ low, high } = shown);
-    else if (less) [low, high] = [-end, end];
-    const room = low < high ? 0 : 0.5;
-    mapper.setv({ palette: mapper.tags[less ? 1 : 0], low: low - room, high: high + room });
+    const signed = less || (low < 0 && high > 0), end = Math.max(-low, high);
+    if (signed) [low, high] = [-end, end]; // zero in the middle
+    const size = Math.max(Math.abs(low), Math.abs(high)), alike = high - low <= 1e-9 * size;
+    const room = alike ? 0.01 * size || 0.5 : 0;
+    mapper.setv({ palette: mapper.tags[signed ? 1 : 0], low: low - room, high: high + room });
     named('bar').title = shown.folded[2 * wide];
     const across = spec.dims[drawn[1]];
     if (across) figure.below[0].axis_label = across.folded[2 * wide];

@@ -56,8 +56,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     def moment(units: str, long_name: str, method: str) -> Variable:
         return quantity(dims, units, long_name, _REAL, cell_methods=_DRAWS.format(method))
 
-    part = "part of the draws whose ray reaches the receiver's plane"
-    hits = "part of the draws whose spot lies in the aperture"
+    part = "fraction of the draws whose ray reaches the receiver's plane"
+    hits = "fraction of the draws whose spot lies in the aperture"
     found = {
         "spot_y_mean": moment("m", _RIGHT, "mean"),
         "spot_z_mean": moment("m", _UP, "mean"),
@@ -82,9 +82,9 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             "outside or is not real, infinite where no angle takes the spot out",
         ),
     }
-    hits = "part of the draws and of the hours with sun in which the spot lies in the aperture"
+    hits = "fraction of the draws, over the hours with sun, in which the spot lies in the aperture"
     found["day_hit_fraction"] = quantity(dims[:-1], "1", hits, cell_methods=_DAY_MEAN)
-    hits = "part of the draws and of the heliostats whose spot lies in the aperture"
+    hits = "fraction of the draws and heliostats whose spot lies in the aperture"
     comment = "mean over the heliostats, each counting the same; missing without sun"
     field = quantity((*swept, day, hour), "1", hits, comment, cell_methods=_MEAN)
     return found | {"field_hit_fraction": replace(field, finished=True)}

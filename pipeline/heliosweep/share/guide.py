@@ -1,0 +1,224 @@
+"""What a user looks up before writing a study: keys in words, a study to start from, studies to copy."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from heliosweep.config.faults import nearest, one_of
+from heliosweep.config.keys import Key, is_sampled, keys_of
+from heliosweep.config.load import load
+from heliosweep.config.source import Source, parse, read
+from heliosweep.config.study import json_schema
+from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.families.family import families, study_classes
+from heliosweep.files import user_path, write_whole
+from heliosweep.store.targets import sources_of, target_file
+
+#: Folder of the studies that come along: in the installed package, else in the working copy.
+_STUDIES = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
+#: Longer examples are not shown. [characters]
+_WIDTH = 100
+
+
+def explain(words: Iterable[str]) -> str:
+    """Say what a key of study files means.
+
+    Parameters
+    ----------
+    words : sequence of str
+        A family, a dotted key such as ``receiver.height``, or both in this order. A family alone lists its keys.
+
+    Returns
+    -------
+    str
+        Meaning, forms, unit, range, default and an example; of a block, also its keys.
+
+    Raises
+    ------
+    StudyError
+        There is no such family or key; names those that are near.
+    """
+    given = list(words)
+    chosen = [given.pop(0)] if given and given[0] in families() else list(families())
+    if len(given) > 1:
+        raise StudyError(Problem(f"unknown family; use {one_of(families())}", given[0]))
+    if not given:
+        if len(chosen) > 1:
+            raise StudyError(Problem(f"name a family, a key, or both; the families are {', '.join(families())}"))
+        return "\n".join(_lines(_keys(chosen[0])))
+    wanted = re.sub(r"\[\d*\]", "", given[0])
+    texts: dict[tuple[str, str], dict[str, str]] = {}
+    for name in chosen:
+        found = [key for key in _keys(name) if _plain(key) == wanted]
+        exact = [key for key in found if key.name == re.sub(r"\[\d+\]", "[]", given[0])]
+        for key in exact or found:
+            texts.setdefault((key.name, _explained(name, key)), {})[name] = _example(name, key)
+    if not texts:
+        raise StudyError(Problem(_unknown(wanted, chosen), given[0]))
+    told = []
+    for (called, text), of in texts.items():
+        told.append("\n".join([f"{called}  ({', '.join(of)})", text, *filter(None, of.values())]))
+    return "\n\n".join(told)
+
+
+def new_study(family: str, target: str | os.PathLike[str] | None = None, *, force: bool = False) -> Path:
+    """Write a commented study file of a family to start from, by default ``FAMILY.yaml``; returns its path.
+
+    Raises
+    ------
+    StudyError
+        There is no such family, or the file is there already.
+    """
+    if family not in families():
+        near = nearest(family, families())
+        hint = f"did you mean {near!r}?" if near else f"use {one_of(families())}"
+        raise StudyError(Problem(f"unknown family; {hint}", family))
+    file = target_file(target or f"{family}.yaml", force, endings=(".yaml", ".yml"))
+    write_whole(file, families()[family].example())
+    return file
+
+
+def shipped() -> dict[str, Path]:
+    """Study files that come with heliosweep, by name; none where it was installed without them."""
+    folder = next((folder for folder in _STUDIES if folder.is_dir()), None)
+    return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def examples() -> str:
+    """List the studies that come with heliosweep: name, family and title, one a line, by family."""
+    told = sorted((str(source.data.get("family")), name, str(source.data.get("title"))) for name, source in _read())
+    if not told:
+        raise HeliosweepError("no studies came with this installation; they are in the folder studies/ of the sources")
+    width, inner = (max(len(entry[i]) for entry in told) for i in (1, 0))
+    return "\n".join(f"{name:{width}}  {family:{inner}}  {title}" for family, name, title in told)
+
+
+def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
+    """Copy studies that come with heliosweep, and all files that they name, into a folder; returns the study files.
+
+    Raises
+    ------
+    StudyError
+        There is no such study, or a file of that name is there already; nothing is copied then.
+    """
+    known, place = shipped(), user_path(folder)
+    wanted: dict[Path, Path] = {}
+    for name in dict.fromkeys(name.removesuffix(".yaml") for name in names):
+        if name not in known:
+            near = nearest(name, known)
+            hint = f"did you mean {near!r}?" if near else "heliosweep examples lists them"
+            raise StudyError(Problem(f"no study of that name comes with heliosweep; {hint}", name))
+        home = known[name].parent
+        for file in sources_of(load(known[name], study_classes())):
+            if file.is_relative_to(home):  # else of a package
+                wanted[file] = place / file.relative_to(home)
+    for file, target in wanted.items():
+        if target.exists() and (file.suffix == ".yaml" or target.read_bytes() != file.read_bytes()):
+            target_file(target, force, endings=())
+    for file, target in wanted.items():
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, file.read_bytes())
+    return [target for file, target in wanted.items() if file in known.values()]
+
+
+@cache
+def _keys(family: str) -> list[Key]:
+    return list(keys_of(json_schema(families()[family].study_class())))
+
+
+@cache
+def _read() -> list[tuple[str, Source]]:
+    """The studies that come along, as they are written."""
+    return [(name, read(path)) for name, path in shipped().items()]
+
+
+def _plain(key: Key) -> str:
+    """Name of a key without the mark of lists, which users may write or not."""
+    return key.name.replace("[]", "")
+
+
+def _lines(keys: Iterable[Key]) -> list[str]:
+    """One line for each key: its name, and what it is."""
+    told = [(one.name, f"{one.meaning or one.value}{f' [{one.unit}]' if one.unit else ''}") for one in keys]
+    width = max((len(name) for name, _ in told), default=0)
+    return [f"{name:{width}}  {what}" for name, what in told]
+
+
+def _explained(family: str, key: Key) -> str:
+    """Meaning, forms, unit, default and an example of a key, or the keys of a block."""
+    inner = [one for one in _keys(family) if one.name.startswith((f"{key.name}.", f"{key.name}[]."))]
+    meaning = f"{key.meaning}{f' (where {key.only})' if key.only else ''}".replace("`", "")
+    rows = [("", meaning)] if meaning else []
+    rows += [("", f"  {name}: {meaning}") for name, meaning in key.options]
+    if not inner:
+        value = key.value.replace("`", "")
+        rows += [("value", value)] if value else []
+        if key.unit:
+            rows.append(
+                ("unit", f'{key.unit}; another unit may be written out, as "1 {_OTHER.get(key.unit, key.unit)}"')
+            )
+    if key.swept:
+        whats = "the values are averaged over" if is_sampled(families()[family].study_class(), key) else ""
+        rows.append(("sweep", f"{_SWEEP}; {whats or 'a dimension of the result'}"))
+    rows.append(("default", key.default.strip("`") or ("none: it must be given" if key.required else "not given")))
+    text = "\n".join(f"  {name:9}{what}" if name else f"  {what}" for name, what in rows)
+    return text + "".join(f"\n    {line}" for line in _lines(inner))
+
+
+#: A unit that is written out, for that of a key.
+_OTHER = {"m": "ft", "deg": "rad", "mrad": "deg", "h": "min", "B": "GB", "s": "min"}
+_SWEEP = "[A, B, C], {start: A, stop: B, step: C} or {start: A, stop: B, num: N}"
+
+
+def _example(family: str, key: Key) -> str:
+    """The key with a value, from the study to start from, else from one that comes along; empty where none has it."""
+    own = parse(families()[family].example(), Path(f"{family}.yaml"))
+    others = [(name, source) for name, source in _read() if source.data.get("family") == family]
+    for name, source in [(f"heliosweep new {family}", own), *others]:
+        value: Any = source.data
+        for part in _plain(key).split("."):
+            value = value[0] if isinstance(value, list) and value and isinstance(value[0], dict) else value
+            value = value.get(part) if isinstance(value, dict) else None
+        if value is not None:
+            *outer, last = _plain(key).split(".")
+            text = f"{last}: {_flow(value)}"
+            for block in reversed(outer):
+                text = f"{block}: {{{text}}}"
+            if len(text) <= _WIDTH:
+                return f"  {'example':9}{text}    # {name}"
+    return ""
+
+
+def _flow(value: Any) -> str:
+    """A value as YAML on one line."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key}: {_flow(entry)}' for key, entry in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_flow, value))}]"
+    if isinstance(value, str):
+        plain = re.fullmatch(r"[A-Za-z_][\w./-]*", value) and value.lower() not in ("true", "false", "null")
+        return value if plain else json.dumps(value, ensure_ascii=False)
+    return json.dumps(value)
+
+
+def _unknown(wanted: str, chosen: list[str]) -> str:
+    """What to say of a key that is not there: those of its block, the nearest first."""
+    known = {_plain(key): key for name in chosen for key in _keys(name)}
+    if ends := [name for name in known if name.endswith(f".{wanted}")]:
+        return f"unknown key; keys of that name are {', '.join(ends)}"
+    block = wanted.rpartition(".")[0]
+    while block and block not in known:
+        block = block.rpartition(".")[0]
+    beside = [name for name in known if name.rpartition(".")[0] == block]
+    near = nearest(wanted, beside) or nearest(wanted, known)
+    hint = f"did you mean '{near}'? " if near else ""
+    if not block and len(chosen) > 1:
+        return f"unknown key; {hint or 'heliosweep explain FAMILY lists the keys of a family'}".rstrip()
+    where = block or f"a study of {chosen[0]}"
+    return f"unknown key; {hint}{where} has {', '.join(beside) or 'no keys of its own'}"

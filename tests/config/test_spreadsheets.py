@@ -1,0 +1,93 @@
+"""Dates and numbers of spreadsheets: read where one thing is meant, refused where it could be two."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from heliosweep.config.spreadsheets import DateOrder, separator_of, split_title, variable_name, with_points
+from heliosweep.config.weather_files import read_weather
+from heliosweep.errors import StudyError
+from heliosweep.families.misalignment.spots_file import read_spots
+
+
+@pytest.mark.parametrize(
+    ("form", "text", "iso"),
+    [
+        ("DD/MM/YYYY hh:mm", "21/06/2024 9:30", "2024-06-21T09:30"),
+        ("MM/DD/YYYY", "6/21/2024", "2024-06-21T00:00"),
+        ("DD.MM.YYYY hh:mm:ss, +01:00", "1.2.2024 23:59:58", "2024-02-01T23:59:58+01:00"),
+        ("dd-mm-yyyy hh:mm UTC", "01-02-2024 00:05", "2024-02-01T00:05+00:00"),
+        ("YYYY/MM/DD hh:mm Z", "2024/2/1 00:05", "2024-02-01T00:05+00:00"),
+        ("DD/MM/YYYY hh:mm", "2024-06-21T09:30+02:00", "2024-06-21T09:30+02:00"),
+    ],
+)
+def test_a_date_in_the_order_that_its_title_states(form, text, iso):
+    order = DateOrder.of(form)
+    assert order is not None
+    assert order.iso(text) == iso
+
+
+@pytest.mark.parametrize("form", ["m", "DD/DD/YYYY", "UTC", "DD/MM-YYYY", ""])
+def test_no_order_of_dates(form):
+    assert DateOrder.of(form) is None
+
+
+def test_titles_and_separators():
+    assert split_title("X Position (m)") == ("X Position", "m")
+    assert split_title("x [m]") == ("x", "m")
+    assert split_title("x") == ("x", "")
+    assert variable_name("X Position") == "x_position"
+    for separator in ",;\t":
+        assert separator_of(separator.join(["time (DD/MM/YYYY hh:mm; UTC)", '"a, b"', "y"])) == separator
+
+
+@given(st.lists(st.floats(-1e6, 1e6, allow_nan=False).filter(lambda value: value % 1), min_size=1))
+def test_decimal_commas_between_semicolons_are_what_points_are(values):
+    rows, problem = with_points([[repr(value).replace(".", ","), "A, 1"] for value in values], ";")
+    assert problem is None
+    assert [float(number) for number, _ in rows] == values
+    assert all(text == "A, 1" for _, text in rows)
+
+
+def test_numbers_that_could_be_two_are_refused():
+    assert with_points([["1,234"]], ";") == ([["1.234"]], None)
+    assert with_points([["0,234", "1,234"]], "\t") == ([["0.234", "1.234"]], None)
+    for rows, separator in (([["1,234"]], "\t"), ([["1,5", "2.5"]], ";"), ([["1,5", "2.5"]], "\t")):
+        _, problem = with_points(rows, separator)
+        assert problem
+
+
+def test_weather_and_spots_of_a_spreadsheet(tmp_path: Path):
+    weather, spots = tmp_path / "dni.csv", tmp_path / "spots.csv"
+    rows = "".join(f"21/06/2024 {hour}:00;{hour}00,5;{hour},25\n" for hour in (8, 9, 10))
+    weather.write_text(f"Time (DD/MM/YYYY hh:mm);DNI (W/m2);Wind Speed (m/s)\n{rows}")
+    read = read_weather(weather, "start", "+02:00")
+    assert read.dni.tolist() == [800.5, 900.5, 1000.5]
+    assert read.wind.tolist() == [8.25, 9.25, 10.25]
+    assert read.utc[0] == np.datetime64("2024-06-21T06:30")
+    spots.write_text("Heliostat;Time (DD/MM/YYYY hh:mm, +02:00);y (m);z (m)\n0;21/06/2024 9:30;0,25;-1,5\n")
+    found = read_spots(spots, 1)
+    assert found.utc[0] == np.datetime64("2024-06-21T07:30")
+    assert found.position.tolist() == [[0.25, -1.5]]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("heliostat,time,y,z\n0,21/06/2024 9:30,0,0\n", "spots.csv:2:3: time must be .* state the order in the title"),
+        ("heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,06/21/2024 9:30,0,0\n", "spots.csv:2:3: time must be a time"),
+        ("heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,21/06/24 9:30,0,0\n", "the year with four digits"),
+        ("heliostat,time (DD/MM/YYYY hh:mm),y,z\n0,21/06/2024 9:30,0,0\n", "needs an offset from UTC"),
+        ("heliostat,time,y (mm),z\n0,2024-06-21T09:30Z,0,0\n", "spots.csv:1:16: is in 'mm'; y must be in m"),
+    ],
+)
+def test_dates_and_units_that_are_not_told_are_refused_at_their_place(tmp_path, monkeypatch, text, said):
+    monkeypatch.chdir(tmp_path)
+    Path("spots.csv").write_text(text)
+    with pytest.raises(StudyError, match=said):
+        read_spots("spots.csv", 1)

@@ -1,0 +1,103 @@
+"""What a user looks up before writing a study: keys, a study to start from, the studies that come along."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from heliosweep import api
+from heliosweep.cli import main
+from heliosweep.config.keys import keys_of
+from heliosweep.config.study import json_schema
+from heliosweep.families.family import families
+from heliosweep.share.command_lines import EXAMPLES
+from heliosweep.share.guide import copy_examples, examples, explain, shipped
+from tests.conftest import ROOT, STUDIES
+
+
+def test_a_key_is_explained():
+    text = explain(["field_efficiency", "receiver.height"])
+    for line in ("Height of the aim point", "number, above 0", "unit     m;", "default  none: it must be given",
+                 "example  receiver: {height: 95}", "sweep    [A, B, C]"):  # fmt: skip
+        assert line in text
+    assert explain(["sites[0].latitude"]) == explain(["sites[3].latitude"])
+    assert "azimuth_elevation: turned about the vertical, then tilted" in explain(["tracking"])
+    assert "the values are averaged over" in explain(["field_efficiency", "time.hours"])
+    assert "receiver.height  " in explain(["field_efficiency", "receiver"])
+
+
+@pytest.mark.parametrize("family", families())
+def test_every_key_of_every_family_is_explained(family):
+    keys = [key.name for key in keys_of(json_schema(families()[family].study_class()))]
+    assert [line.split()[0] for line in explain([family]).splitlines()] == keys
+    for key in keys[:: max(1, len(keys) // 40)]:
+        assert explain([family, key]).splitlines()[0].startswith(key)
+
+
+def test_an_unknown_key_lists_those_of_its_block_and_the_nearest(capsys):
+    assert main(["explain", "field_efficiency", "receiver.hieght"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(
+        "receiver.hieght: unknown key; did you mean 'receiver.height'? receiver has receiver.height,"
+    )
+    assert main(["explain", "height"]) == 2
+    assert "keys of that name are heliostat.height, receiver.height" in capsys.readouterr().err
+    assert main(["explain", "nix", "receiver"]) == 2
+    assert "unknown family" in capsys.readouterr().err
+
+
+def test_a_new_study_is_written_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in families():
+        assert main(["new", name]) == 0
+        assert capsys.readouterr().out.strip() == f"{name}.yaml"
+        assert api.load(f"{name}.yaml").family == name
+    assert main(["new", "dish_tracking"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["new", "dish_tracking", "--force"]) == 0
+    assert main(["new", "dish", "my.yaml"]) == 2
+    assert "did you mean 'dish_tracking'" in capsys.readouterr().err
+
+
+def test_the_studies_that_come_along_are_listed():
+    assert {line.split()[0] for line in examples().splitlines()} == {path.stem for path in STUDIES.glob("*.yaml")}
+
+
+def test_a_study_is_copied_with_all_files_that_it_names(tmp_path, capsys):
+    copied = copy_examples(["gazing_measured", "liu2022_table2.yaml"], tmp_path / "new")
+    assert [path.name for path in copied] == ["gazing_measured.yaml", "liu2022_table2.yaml"]
+    for path in copied:
+        assert api.load(path).study_id == api.load(shipped()[path.stem]).study_id
+    before = (tmp_path / "new" / "gazing_measured.yaml").read_bytes()
+    assert main(["examples", "gazing_measured", "--to", str(tmp_path / "new")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (tmp_path / "new" / "gazing_measured.yaml").read_bytes() == before
+    assert main(["examples", "gazing_mesured"]) == 2
+    assert "did you mean 'gazing_measured'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_command_has_examples_in_its_help(name, capsys):
+    with pytest.raises(SystemExit):
+        main([name, "--help"])
+    out = capsys.readouterr().out
+    assert f"examples:\n  heliosweep {name}" in out
+
+
+def test_no_command_is_without_examples():
+    from heliosweep import cli
+
+    (commands,) = (action.choices for action in cli._parser()._actions if hasattr(action, "choices") and action.choices)
+    assert list(EXAMPLES) == list(commands)
+
+
+def test_the_wheel_brings_the_studies_with_their_files(tmp_path):
+    build = "import sys; from hatchling.build import build_wheel; build_wheel(sys.argv[1])"
+    subprocess.run([sys.executable, "-c", build, str(tmp_path)], cwd=ROOT, check=True, timeout=60)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        brought = {name.removeprefix("heliosweep/studies/") for name in archive.namelist() if "/studies/" in name}
+    assert brought == {str(path.relative_to(STUDIES)) for path in STUDIES.rglob("*") if path.is_file()}
