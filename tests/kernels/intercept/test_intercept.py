@@ -15,8 +15,9 @@ from scipy.stats import ncx2
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.intercept import hflcal, sunshapes, tables
 from heliosweep.kernels.intercept.course import course
-from heliosweep.kernels.intercept.efficiency import ERROR, Scene, intercepts, sun_tables
+from heliosweep.kernels.intercept.efficiency import ERROR, Scene, gauss_rules, intercepts, sun_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets
+from heliosweep.kernels.intercept.outline import along_edge
 from heliosweep.kernels.intercept.receivers import cylinder, rectangle
 from heliosweep.kernels.sun import clock
 from tests.kernels.intercept.rays import traced
@@ -180,25 +181,32 @@ def test_seen_from_behind_and_at_night():
 
 
 @pytest.mark.parametrize("sun", [sunshapes.pillbox(), sunshapes.limb_darkened(), sunshapes.buie_formula(0.05)])
-def test_tables(sun):
-    made = tables.tables(sun, 1e-6, 16e-6)
-    room, turns = np.zeros(made.beyond.shape[2]), np.pi * (np.arange(400) + 0.5) / 400
-    for variance in (1.1e-6, 4e-6, 15e-6):
-        at = np.linspace(1e-4, made.edge + 4 * math.sqrt(variance), 30)
-        step, reach, sigma = tables.collapse(made.beyond, made, variance, room)
-        assert sigma == pytest.approx(math.sqrt(variance), rel=1e-12)
-        place = sun.radius[:, None] * np.cos(turns)
-
-        def light(v: float, at: Any = at, place: Any = place) -> Any:
-            return [np.sum(sun.share[:, None] * ndtr((place - d) / math.sqrt(v))) / 400 for d in at]
-
-        np.testing.assert_allclose([tables.beyond(room, step, reach, d, 0.0) for d in at], light(variance), atol=3e-6)
-        wider = 0.01 * variance
-        found = [tables.beyond(room, step, reach, d, wider) for d in at]
-        np.testing.assert_allclose(found, light(variance + wider), atol=2e-5)
-        step, reach, sigma = tables.collapse(made.within, made, variance, room)
-        wanted = [np.sum(sun.share * ncx2.cdf(d * d / variance, 2, sun.radius**2 / variance)) for d in at]
-        np.testing.assert_allclose([tables.look_up(room, d / step) * d * d for d in at], wanted, atol=1e-5)
+def test_light_beyond_a_line(sun):
+    """Of light that is blurred more along one axis: its projection on the line's normal has one dimension."""
+    made = tables.tables(sun, (1e-6, 16e-6), (9e-6, 16e-6))
+    room, far, weights = (np.zeros(each) for each in (made.light.shape[2:], made.far.shape[2], made.reach.shape[1]))
+    turns, limit = np.pi * (np.arange(400) + 0.5) / 400, 1e-5 if sun.radius.max() < 0.01 else 3e-5  # of an aureole
+    for small, large in ((1.1e-6, 9.1e-6), (4e-6, 12e-6), (15e-6, 15e-6)):
+        band = tables.weigh(made, small, large, weights)
+        reach, count = tables.extent(made, band, weights, 1e-6)
+        step = tables.collapse(made, band, weights, reach, count, room, far)
+        light = tables.Light(room, far, count, 1.0 / step, reach, 0.5 * math.sqrt(small))
+        assert small == large or count > 4
+        along, across, _, _ = tables.stretched(small, large, made.core)
+        for turn in (0.0, 0.5, 1.2, math.pi / 2):
+            normal = np.array([math.cos(turn), math.sin(turn)])
+            sigma = math.sqrt(large * normal[0] ** 2 + small * normal[1] ** 2)
+            for apart in (1e-4, 2e-3, 4.5e-3, 8e-3):
+                ends = [apart * normal + side * np.array([-normal[1], normal[0]]) for side in (-0.2, 0.2)]
+                seen = np.array(ends) * (along, across)
+                found = -along_edge(*seen.ravel(), light, gauss_rules(3.0)) / (2.0 * np.pi)
+                places = sun.radius[:, None] * np.cos(turns)
+                wanted = np.sum(sun.share[:, None] * ndtr((places - apart) / sigma)) / len(turns)
+                assert found == pytest.approx(wanted, abs=limit), (small, large, turn, apart)
+        if small == large:
+            at = np.linspace(1e-4, 0.99 * reach, 30)
+            wanted = [np.sum(sun.share * ncx2.cdf(d * d / small, 2, sun.radius**2 / small)) for d in at]
+            np.testing.assert_allclose([tables.look_up(light, d, 0.0) * d * d for d in at], wanted, atol=1e-5)
 
 
 def test_the_ratio_of_buie_is_the_one_asked_for():

@@ -59,8 +59,8 @@ if TYPE_CHECKING:
 SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
 #: Time of the intercept of one heliostat and direction of the sun, by kind of receiver, of its interpolation to an
 #: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
-SECONDS_INTERCEPT = {"rectangle": 30e-6, "cavity": 30e-6, "cylinder": 150e-6}
-SECONDS_INTERPOLATED, SECONDS_GAUSSIAN, MISSED = 0.3e-6, 40e-9, 0.2
+SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}
+SECONDS_INTERPOLATED, SECONDS_GAUSSIAN, MISSED = 0.1e-6, 40e-9, 0.03
 #: Of one value at each instant, what is held of the heliostats of a block; and their least number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
 #: Overhead of a parameter point. [s]

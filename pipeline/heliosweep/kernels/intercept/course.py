@@ -9,24 +9,26 @@ mirror with a given turn is smooth there too, and periodic in the turn: it is co
 Fourier are interpolated.
 """
 
-import itertools
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
 from heliosweep.kernels.intercept.mirror import ROLLED, frame_of
-from heliosweep.kernels.vectors import PACKET, dot
+from heliosweep.kernels.vectors import PACKET
 
 Floats = NDArray[np.float64]
 Nodes = tuple[Floats, Floats, Floats]
 
-NODES = ((5, 13), (9, 13), (17, 25))
+NODES = ((3, 7), (5, 13), (9, 13), (17, 25))
 """Nodes in the sine of the declination and in the hour angle, of one try after the other; each has those before."""
+FIRST = 0.25
+"""Part of the largest error that is taken of the first try, whose nodes are few beside the checks. [1]"""
 PARTS = 4
 """Parts of the instants, in their order. In each a mirror is checked where it is most oblique, where its normal is
 nearest to the zenith, and at one more."""
@@ -38,8 +40,8 @@ HOPELESS = 1e-2
 """Error at a check after which no more nodes are tried. [1]"""
 STEEP = 0.3
 """Horizontal part of a normal below which a mirror with a vertical first axis turns fast. [1]"""
-COMPUTED = NODES[0][0] * NODES[0][1] + CHECKS
-"""Directions of the sun at which each mirror is computed at least; twice as many instants are interpolated."""
+COMPUTED = NODES[1][0] * NODES[1][1] + CHECKS
+"""Directions of the sun at which most mirrors are computed at most; twice as many instants are interpolated."""
 _BLOCK = 64
 """Mirrors that are interpolated at once."""
 
@@ -70,7 +72,7 @@ def course(
     if latitude is None or len(up) < 2 * COMPUTED:
         return intercepts(scene, sun, start, stop), np.zeros(stop - start)
     there = np.ascontiguousarray(sun[up], np.float64)
-    tries = [_nodes(counts, latitude, there) for counts in NODES]
+    tries = [functools.cache(functools.partial(_nodes, counts, latitude, there)) for counts in NODES]
     out, error = np.full((stop - start, len(sun)), np.nan), np.empty(stop - start)
     for first in range(start, stop, _BLOCK):
         block = np.arange(first, min(first + _BLOCK, stop))
@@ -86,7 +88,7 @@ def course(
 
 
 def _interpolated(
-    scene: Scene, sun: Floats, tries: Sequence[Nodes], checks: NDArray[np.int64], turning: bool
+    scene: Scene, sun: Floats, tries: Sequence[Callable[[], Nodes]], checks: NDArray[np.int64], turning: bool
 ) -> tuple[Floats, Floats]:
     """Values of all mirrors of a scene and the errors that were found; for mirrors that turn fast, or do not."""
     left, rows = np.arange(len(checks)), np.arange(len(checks))[:, np.newaxis]
@@ -101,7 +103,8 @@ def _interpolated(
     for k in range(1, count):
         phase = multiple * ((k + 1) // 2) * turns
         terms[k] = 2.0 / count * (np.cos(phase) if k % 2 else np.sin(phase))
-    for where, weights_s, weights_h in tries:
+    for attempt, nodes in enumerate(tries):
+        where, weights_s, weights_h = nodes()
         some, shape = scene.some(left), (len(left), len(weights_s), len(weights_h))
         at: Floats = np.zeros((count, *shape))
         new: NDArray[np.bool_] = np.ones(shape, np.bool_)
@@ -113,13 +116,18 @@ def _interpolated(
         for k in range(count):
             held = some._replace(tracking=ROLLED) if turning else some
             intercepts(held, where, wanted=new, out=at[k].reshape(len(left), -1), roll=float(turns[k]))
-        found = np.empty((len(left), len(sun)))
-        _interpolate(_transformed(terms, at), weights_s, weights_h, _aims(some), sun, scene.tracking, multiple, found)
-        off = np.abs(found[rows[: len(left)], checks[left]] - exact[left]).max(axis=1)
-        taken = off <= TOLERANCE
-        values[left[taken]], error[left[taken]] = found[taken], off[taken]
-        computed = np.append(computed, left[~(off <= HOPELESS)])
-        missed = ~taken & (off <= HOPELESS)
+        made, aims, found = _transformed(terms, at), _aims(some), np.empty((len(left), CHECKS))
+        for i, one in enumerate(checks[left]):
+            each = np.take(weights_s, one, axis=1), np.take(weights_h, one, axis=1)
+            _interpolate(made[i : i + 1], *each, aims[i : i + 1], sun[one], multiple, found[i : i + 1])
+        off = np.abs(found - exact[left]).max(axis=1)
+        taken = off <= TOLERANCE * (1.0 if attempt else FIRST)
+        found = np.empty((np.count_nonzero(taken), len(sun)))
+        _interpolate(made[taken], weights_s, weights_h, aims[taken], sun, multiple, found)
+        values[left[taken]], error[left[taken]] = found, off[taken]
+        hopeless = ~(off <= HOPELESS) if attempt else np.zeros(len(left), np.bool_)
+        computed = np.append(computed, left[hopeless])
+        missed = ~taken & ~hopeless
         left, known = left[missed], at[:, missed]
         if not len(left):
             break
@@ -162,18 +170,29 @@ def _nodes(counts: Sequence[int], latitude: float, sun: Floats) -> Nodes:
 
 def _checked(scene: Scene, block: NDArray[np.int64], sun: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Instants at which each mirror is checked, and the mirrors that turn fast."""
-    parts = np.linspace(0, len(sun), PARTS + 1).astype(np.int64)
-    checks, turns = np.empty((len(block), 3, PARTS), np.int64), np.zeros(len(block), np.bool_)
     may_turn = scene.tracking == AZIMUTH_ELEVATION and not len(scene.mounts)  # their errors turn normals by the frame
-    checks[:, 2] = (parts[:-1] + parts[1:]) // 2
-    for i, aim in enumerate(_aims(scene.some(block))):
-        x, y, z = sun.T + aim[:, np.newaxis]
-        square = x * x + y * y + z * z
-        level = (x * x + y * y) / square
-        turns[i] = may_turn and level.min() < STEEP**2
-        for part, (first, last) in enumerate(itertools.pairwise(parts)):
-            checks[i, :2, part] = first + np.argmin(square[first:last]), first + np.argmin(level[first:last])
+    checks, turns = np.empty((len(block), 3, PARTS), np.int64), np.zeros(len(block), np.bool_)
+    _check(_aims(scene.some(block)), sun, STEEP**2 if may_turn else -1.0, checks, turns)
     return checks.reshape(len(block), -1), turns
+
+
+@kernel
+def _check(aims, sun, steep, checks, turns):
+    """Write the instants of the checks of each mirror, and whether its normal comes as near the zenith as `steep`."""
+    count = sun.shape[0]
+    for i in range(aims.shape[0]):
+        for part in range(PARTS):
+            first, last = part * count // PARTS, (part + 1) * count // PARTS
+            oblique, steepest, least, lowest = first, first, math.inf, math.inf
+            for t in range(first, last):
+                x, y, z = sun[t, 0] + aims[i, 0], sun[t, 1] + aims[i, 1], sun[t, 2] + aims[i, 2]
+                square, level = x * x + y * y + z * z, x * x + y * y
+                if square < least:
+                    least, oblique = square, t
+                if level < lowest * square:
+                    lowest, steepest = level / square, t
+            checks[i, 0, part], checks[i, 1, part], checks[i, 2, part] = oblique, steepest, (first + last) // 2
+            turns[i] = turns[i] or lowest < steep
 
 
 def _place(sun: Floats, latitude: float) -> tuple[Floats, Floats]:
@@ -204,35 +223,37 @@ def _chebyshev(values: Floats, count: int) -> tuple[Floats, Floats]:
     order, ends = np.arange(count), np.where(np.arange(count) % (count - 1), 1.0, 0.5)
     angle = math.pi * order / (count - 1)
     terms = ends[:, np.newaxis] * np.cos(order[:, np.newaxis] * angle) * ends * 2.0 / (count - 1)
-    along = np.arccos(np.clip((values - middle) / half, -1.0, 1.0))
-    weights = np.zeros((count, len(values)))
+    along = np.clip((values - middle) / half, -1.0, 1.0)
+    weights, now, older = np.zeros((count, len(values))), np.ones(len(values)), along
     for n in range(count):
-        weights += terms[n][:, np.newaxis] * np.cos(n * along)
+        weights += terms[n][:, np.newaxis] * now
+        now, older = 2.0 * along * now - older if n else along, now
     return middle + half * np.cos(angle), weights
 
 
 @kernel
-def _interpolate(at_nodes, weights_s, weights_h, aims, sun, tracking, multiple, values):
+def _interpolate(at_nodes, weights_s, weights_h, aims, sun, multiple, values):
     """Write the values of each mirror at each instant from terms of Fourier at the nodes, in lanes of instants."""
     terms, hours = at_nodes.shape[1], weights_h.shape[0]
     part, total, basis = np.zeros(PACKET), np.zeros(PACKET), np.ones((terms, PACKET))
+    cosine, sine = np.zeros(PACKET), np.zeros(PACKET)
     for i in range(values.shape[0]):
         aim = (aims[i, 0], aims[i, 1], aims[i, 2])
         for start in range(0, values.shape[1], PACKET):
             lanes = min(PACKET, values.shape[1] - start)
             for k in range(lanes):
                 total[k] = 0.0
-                if terms > 1:
-                    to_sun = (sun[start + k, 0], sun[start + k, 1], sun[start + k, 2])
-                    u, held = frame_of(to_sun, aim, tracking, 0.0).u, frame_of(to_sun, aim, ROLLED, 0.0)
-                    one = complex(dot(u, held.u), dot(u, held.v))
-                    step = one
-                    for _ in range(1, multiple):
-                        step *= one
-                    turned = step
-                    for n in range(1, terms, 2):
-                        basis[n, k], basis[n + 1, k] = turned.real, turned.imag
-                        turned *= step
+            if terms > 1:
+                _turn(aim, sun, start, lanes, cosine, sine)
+                for _ in range(multiple // 2):  # 1, 2 or 4
+                    for k in range(lanes):
+                        east, north = cosine[k], sine[k]
+                        cosine[k], sine[k] = east * east - north * north, 2.0 * east * north
+                for n in range(1, terms, 2):
+                    for k in range(lanes):
+                        east, north = (basis[n - 2, k], basis[n - 1, k]) if n > 1 else (1.0, 0.0)
+                        basis[n, k] = east * cosine[k] - north * sine[k]
+                        basis[n + 1, k] = east * sine[k] + north * cosine[k]
             for n in range(terms):
                 for s in range(weights_s.shape[0]):
                     for k in range(lanes):
@@ -245,3 +266,23 @@ def _interpolate(at_nodes, weights_s, weights_h, aims, sun, tracking, multiple, 
                         total[k] += basis[n, k] * weights_s[s, start + k] * part[k]
             for k in range(lanes):
                 values[i, start + k] = total[k]
+
+
+@inline
+def _turn(aim, sun, start, lanes, cosine, sine):
+    """Write cosine and sine of the turn of a mirror with a vertical first axis, from the axes of `ROLLED`."""
+    frame = frame_of(aim, aim, ROLLED, 0.0)
+    for k in range(lanes):
+        x, y, z = aim[0] + sun[start + k, 0], aim[1] + sun[start + k, 1], aim[2] + sun[start + k, 2]
+        scale = 1.0 / math.sqrt(x * x + y * y + z * z)
+        x, y, z = scale * x, scale * y, scale * z
+        share = (frame.e1[0] * x + frame.e1[1] * y + frame.e1[2] * z) / (1.0 + aim[0] * x + aim[1] * y + aim[2] * z)
+        a, b, c = (
+            frame.e1[0] - share * (aim[0] + x),
+            frame.e1[1] - share * (aim[1] + y),
+            frame.e1[2] - share * (aim[2] + z),
+        )
+        level = math.sqrt(x * x + y * y)
+        steep = level < 1e-15
+        east, north = 1.0 if steep else -y / level, 0.0 if steep else x / level
+        cosine[k], sine[k] = east * a + north * b, east * (y * c - z * b) + north * (z * a - x * c)

@@ -2,14 +2,8 @@
 
 About the reflected ray of each point of a mirror the sun shape B and errors N(0, S) spread light, as the density
 B * N(0, S) over gnomonic coordinates. The receiver's outline in them bounds what is counted; the intercept is the mean
-over Gauss nodes of the mirror, every part of which counts the same. S is that of the mirror's centre.
-
-Rectangle: 1, less the light beyond each edge, plus the light beyond both edges at each corner. Beyond an edge the
-problem has one dimension, with the variance m'Sm for its normal m as the centre sees it, and a little more or less as
-the point does. At a corner, and for a cylinder, an outline is integrated (`outline`), in two steps. The first takes
-the light as round in coordinates that are stretched to make its covariance round: its slopes then are exact, its sun a
-little off. The second adds what is exact beyond that, at fewer nodes: light with the smaller variance of S, shifted by
-the excess of the larger, in a sum of Gauss and Hermite.
+over Gauss nodes of the mirror, every part of which counts the same. S is that of the mirror's centre. Coordinates are
+stretched along its axes, so that the light is nearly round; what it is not, the harmonics of `tables` tell.
 """
 
 from __future__ import annotations
@@ -21,30 +15,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.mirror import Errors, Facets, axes_of, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
 from heliosweep.kernels.intercept.receivers import (
-    CYLINDER,
-    LEAST_EFFORT,
     LEAST_ERROR,
-    LITTLE,
     MOST,
-    MOST_SHIFTS,
     PANELS,
-    RECTANGLE,
     Receiver,
-    along_rim,
+    behind,
+    corners_of,
     distance,
-    edge_tables,
-    on_cylinder,
-    on_rectangle,
+    nearest,
     order_of,
-    well_inside,
+    outline_of,
     window_of,
+    within,
 )
 from heliosweep.kernels.intercept.sunshapes import SunShape
-from heliosweep.kernels.intercept.tables import TAIL, Light, Tables, collapse, tables
+from heliosweep.kernels.intercept.tables import (
+    LEAST_HARMONIC,
+    Light,
+    Tables,
+    collapse,
+    extent,
+    look_up,
+    stretched,
+    tables,
+    weigh,
+)
 from heliosweep.kernels.mounts.kinematics import stand_terms
 from heliosweep.kernels.vectors import dot, mixed, unit
 
@@ -102,8 +101,6 @@ class Rules(NamedTuple):
 
     mirror: Floats
     """Legendre on -1 to 1, weights with the sum 1, shape (orders, 2, orders)."""
-    spread: Floats
-    """Hermite, of a standard normal, shape (orders, 2, orders)."""
     line: Floats
     """Legendre on 0 to 1, shape (orders, 2, orders)."""
     fine: float
@@ -111,66 +108,49 @@ class Rules(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Room of one heliostat and instant: tables of the light beyond each edge and in a circle, nodes along rims.
+    """Room of one heliostat and instant."""
 
-    Of each edge step, reach, 0 for one that needs no table, and variance are known. Of `arcs` the first has nodes along
-    a rim, as they are at the cylinder; the others have them along both rims, as they are seen.
-    """
-
-    edges: Floats
-    known: Floats
-    circle: Floats
-    arcs: Floats
-
-
-class View(NamedTuple):
-    """How light is spread about the rays of a heliostat at an instant."""
-
-    small: Light
-    """Light with the smaller variance, that shifts along the axis of the larger spread."""
-    round: Light
-    """Light that is about round in coordinates stretched along the axis."""
-    axis: tuple[float, float]
-    """Axis of the larger variance."""
-    excess: float
-    """Standard deviation of the shifts. [rad]"""
-    wanted: float
-    """Wanted number of the shifts."""
-    stretch: tuple[float, float, float]
-    """Symmetric matrix xx, xy, yy that makes the coordinates of the round light."""
+    weights: Floats
+    """Weights of the nodes of the tables; see `tables.weigh`."""
+    light: Floats
+    """Table of light, shape (harmonics, 4 * steps), and what is beyond it."""
+    far: Floats
+    rim: Floats
+    """Corners of a rectangle, or nodes along a rim, shape (3, nodes); see `receivers.corners_of`."""
+    turn: Floats
+    """What turns nodes of rims to coordinates; see `receivers.outline_of`."""
+    seen: Floats
+    """Coordinates of the corners of the outline that a point sees, shape (2, corners). [rad]"""
 
 
 @functools.lru_cache(8)
 def gauss_rules(fine: float) -> Rules:
     """Rules for a factor on the numbers of nodes."""
     mirror, line = np.zeros((2, MOST + 1, 2, MOST))
-    spread = np.zeros((MOST_SHIFTS + 1, 2, MOST_SHIFTS))
     for order in range(1, MOST + 1):
         place, weight = np.polynomial.legendre.leggauss(order)
         mirror[order, :, :order] = place, weight / 2
         line[order, :, :order] = (1.0 + place) / 2, weight / 2
-    for order in range(1, MOST_SHIFTS + 1):
-        place, weight = np.polynomial.hermite_e.hermegauss(order)
-        spread[order, :, :order] = place, weight / math.sqrt(2.0 * math.pi)
-    return Rules(mirror, spread, line, fine)
+    return Rules(mirror, line, fine)
 
 
 def sun_tables(sun: SunShape, errors: Errors) -> tuple[Tables, Errors]:
     """Tables of a sun for any heliostat with these errors, and the errors with the Gaussian part of the sun."""
     even = math.sqrt(errors.specularity**2 + sun.variance)
-    least = even**2 + (2.0 * LEAST_COSINE * min(errors.slope_u, errors.slope_v)) ** 2
-    most = even**2 + (2.0 * max(errors.slope_u, errors.slope_v)) ** 2
-    least = max(least, LEAST_ERROR**2)
-    return tables(sun, 0.999 * least, 1.001 * max(most, least)), errors._replace(specularity=even)
+    slopes = sorted((errors.slope_u, errors.slope_v))
+    least, low, high = (
+        max(even**2 + (2.0 * slope) ** 2, LEAST_ERROR**2) for slope in (LEAST_COSINE * slopes[0], *slopes)
+    )
+    return tables(sun, (0.999 * least, 1.001 * high), (low, high)), errors._replace(specularity=even)
 
 
 @kernel
 def _sweep(scene, rules, sun, start, stop, roll, wanted, out):
     """Write the intercept of mirrors start..stop at all instants that are wanted in `out`."""
-    columns = scene.tables.beyond.shape[2]
+    light, far = scene.tables.light.shape[2:], scene.tables.far.shape[2]
     room = Room(
-        np.zeros((4, columns)), np.zeros((4, 3)), np.zeros((2, columns)),
-        np.zeros((3, 4, (PANELS + 1) * (MOST + 1))),
+        np.zeros(scene.tables.reach.shape[1]), np.zeros(light), np.zeros(far), np.zeros((3, PANELS * (MOST + 1) + 4)),
+        np.zeros(12), np.zeros((2, 2 * PANELS + 2)),
     )  # fmt: skip
     terms, has_errors, lean = np.empty(TERMS), scene.mounts.shape[0] > 0, 0.0
     for row in range(scene.slopes.shape[0]):
@@ -218,72 +198,55 @@ def _intercept(
     last_u, last_v = 0.5 * (sides[0] - width), 0.5 * (sides[1] - height)
     moved = image_shift(frame, sun, last_u, 0.0, 0.5 * width, 0.0, cant, curve, far)
     moved = 1.1 * (moved + image_shift(frame, sun, 0.0, last_v, 0.0, 0.5 * height, cant, curve, far)) + 2.2 * lean
-    most, spread = 1.0, (xx, yy, xy)
-    if receiver.kind == RECTANGLE:
-        lost, most = edge_tables(place, r, e1, e2, spread, moved, receiver, window, tables, room)
-        if most < LITTLE:
-            return max(0.0, 1.0 - lost)
-    else:
-        near = moved + tables.edge
-        if well_inside(place, near + TAIL * math.sqrt(large), r, e1, e2, receiver, window):
-            return 1.0
-        if well_inside(place, near + 3.0 * math.sqrt(large), r, e1, e2, receiver, window):
-            most = 3e-3
-    first, second = large + tables.core, small + tables.core
-    even = math.sqrt(first * second)
-    exact = tables.core > 0.0 and first > 1.001 * second
-    step, reach, sigma = collapse(tables.within, tables, even - tables.core, room.circle[0])
-    about = Light(room.circle[0], step, reach, sigma)
-    if exact:
-        step, reach, sigma = collapse(tables.within, tables, small, room.circle[1])
-    along, across = math.sqrt(even / first), math.sqrt(even / second)
-    stretch = (
-        along * axis_x * axis_x + across * axis_y * axis_y, (along - across) * axis_x * axis_y,
-        along * axis_y * axis_y + across * axis_x * axis_x,
-    )  # fmt: skip
-    excess, apart = math.sqrt(large - small), math.sqrt((large - small) / (small + 0.5 * tables.core))
-    view = View(
-        Light(room.circle[1], step, reach, sigma), about, (axis_x, axis_y), excess,
-        1.8 + apart * (2.8 + apart * (1.5 + apart)), stretch,
-    )  # fmt: skip
-    scale = min(1.0, 1.15 * most**0.08) / math.sqrt(small + 0.1 * tables.core)
+    along, across, _, sigma = stretched(small, large, tables.core)
+    panels, order = corners_of(place, receiver, window, rules, smooth(small, 0.5 * tables.core, 1.7), room)
+    axis_x, axis_y, other_x, other_y = along * axis_x, along * axis_y, -across * axis_y, across * axis_x
+    count = outline_of(
+        place, r, mixed(axis_x, e1, axis_y, e2), mixed(other_x, e1, other_y, e2), receiver, panels, order, window, room
+    )
+    apart, inside = nearest(count, panels, room)
+    apart -= moved * max(along, across)
+    band = weigh(tables, small, large, room.weights)
+    reach, harmonics = extent(tables, band, room.weights, LEAST_HARMONIC / rules.fine**2)
+    if apart > reach:
+        return 1.0 if inside else 0.0
+    inverse = 1.0 / collapse(tables, band, room.weights, reach, harmonics, room.light, room.far)
+    changing = smooth(sigma * sigma, 0.5 * tables.core, 1.7)
+    light, most = Light(room.light, room.far, harmonics, inverse, reach, changing), 1.0
+    if apart > 0.0:
+        about = Light(room.light, room.far, 1, inverse, reach, changing)
+        most = min(1.0, max(1e-6, 1.0 - apart * apart * look_up(about, apart, 0.0)))
+    scale = min(1.0, 1.15 * most**0.08) / smooth(small, tables.core, 2.5)
     side_u = scale * image_shift(frame, sun, 0.0, 0.0, 0.5 * width, 0.0, 0.0, curve, far)
     side_v = scale * image_shift(frame, sun, 0.0, 0.0, 0.0, 0.5 * height, 0.0, curve, far)
-    total, panels, order, pieces = 0.0, 0, 0, facets.columns * facets.rows
-    mapped = slopes.shape[0] > 0
-    if receiver.kind == CYLINDER:
-        panels, order = along_rim(place, receiver, math.sqrt(small), rules, room.arcs[0])
-    for level in range(2 if exact else 1):
-        first, more, effort = 1.5, 1.8, 1.0
-        if level == 1:  # what is small needs fewer digits
-            split = min(total, pieces - total) / pieces
-            if not mapped and split < 10.0 * LITTLE:
-                break
-            effort = min(1.0, max(LEAST_EFFORT, 1.0 + 0.15 * math.log10(max(2.0 * split, LITTLE))))
-            first, more = 0.75, 1.25 * effort
-        nodes_u = order_of(rules.fine * (first + more * side_u))
-        nodes_v = order_of(rules.fine * (first + more * side_v))
-        if mapped:
-            nodes_u, nodes_v = slopes.shape[1] // facets.columns, slopes.shape[0] // facets.rows
-        for facet in range(pieces):
-            a0 = (facet % facets.columns - 0.5 * (facets.columns - 1)) * (width + facets.gap)
-            b0 = (facet // facets.columns - 0.5 * (facets.rows - 1)) * (height + facets.gap)
-            for j in range(nodes_u):
-                for k in range(nodes_v):
-                    a, b = 0.5 * width * rules.mirror[nodes_u, 0, j], 0.5 * height * rules.mirror[nodes_v, 0, k]
-                    here = turn_at(turn, slopes, facets, facet, nodes_u, nodes_v, j, k)
-                    offset, r, e1, e2 = ray_from(frame, sun, here, a0, b0, a, b, cant, curve)
-                    point = mixed(1.0, place, 1.0, offset)
-                    if receiver.kind == RECTANGLE:
-                        part = on_rectangle(
-                            point, r, e1, e2, receiver, window, spread, room.edges, room.known, view, level, rules
-                        )
-                    else:
-                        part = on_cylinder(
-                            point, r, e1, e2, receiver, window, room.arcs, panels, order, view, level, effort, rules
-                        )
-                    total += rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k] * part
+    nodes_u, nodes_v = order_of(rules.fine * (1.5 + 1.8 * side_u)), order_of(rules.fine * (1.5 + 1.8 * side_v))
+    if slopes.shape[0] > 0:
+        nodes_u, nodes_v = slopes.shape[1] // facets.columns, slopes.shape[0] // facets.rows
+    total, pieces = 0.0, facets.columns * facets.rows
+    for facet in range(pieces):
+        a0 = (facet % facets.columns - 0.5 * (facets.columns - 1)) * (width + facets.gap)
+        b0 = (facet // facets.columns - 0.5 * (facets.rows - 1)) * (height + facets.gap)
+        for j in range(nodes_u):
+            for k in range(nodes_v):
+                a, b = 0.5 * width * rules.mirror[nodes_u, 0, j], 0.5 * height * rules.mirror[nodes_v, 0, k]
+                here = turn_at(turn, slopes, facets, facet, nodes_u, nodes_v, j, k)
+                offset, r, e1, e2 = ray_from(frame, sun, here, a0, b0, a, b, cant, curve)
+                point = mixed(1.0, place, 1.0, offset)
+                if behind(point, receiver):
+                    continue
+                count = outline_of(
+                    point, r, mixed(axis_x, e1, axis_y, e2), mixed(other_x, e1, other_y, e2), receiver, panels, order,
+                    window, room,
+                )  # fmt: skip
+                part = within(count, panels, order, room, light, rules)
+                total += rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k] * part
     return min(1.0, max(0.0, total / pieces))
+
+
+@inline
+def smooth(blur, core, most):
+    """Length over which light changes, from the variances of blur and disc; at most so many deviations of the blur."""
+    return min(math.sqrt(blur + core), most * math.sqrt(blur))
 
 
 @inner

@@ -19,7 +19,7 @@ from heliosweep.kernels.intercept.efficiency import Rules, Scene, gauss_rules, i
 from heliosweep.kernels.intercept.mirror import axes_of, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
 from heliosweep.kernels.intercept.receivers import LEAST_ERROR, RECTANGLE, apart_of, distance, order_of, window_of
-from heliosweep.kernels.intercept.tables import collapse, look_up
+from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Light, collapse, extent, look_up, stretched, weigh
 from heliosweep.kernels.mounts.kinematics import stand_terms
 from heliosweep.kernels.vectors import dot, mixed, unit
 
@@ -32,8 +32,10 @@ PANEL = 3
 class Room(NamedTuple):
     """Room of one mirror and instant."""
 
-    circle: Floats
-    """Table of the light within a circle."""
+    weights: Floats
+    """Weights of the nodes of the tables, the table of light, and what is beyond it; see `tables.Light`."""
+    light: Floats
+    far: Floats
     cells: Floats
     """Light in each cell, shape (rows, columns)."""
     column: NDArray[np.int64]
@@ -47,19 +49,6 @@ class Room(NamedTuple):
     """The same of nodes between them, strip by strip, with their movement along the strip times the weight."""
 
 
-class Light(NamedTuple):
-    """Light about a ray: a round part, moved along an axis by each Hermite node."""
-
-    shifts: Floats
-    """Hermite nodes and weights, shape (2, orders)."""
-    order: int
-    excess: float
-    axis_x: float
-    axis_y: float
-    step: float
-    reach: float
-
-
 @kernel
 def _sweep(
     scene: Scene, rules: Rules, sun: Floats, sent: Floats, intercept: Floats, scaled: bool, nodes: int, out: Floats
@@ -67,7 +56,8 @@ def _sweep(
     """Add the light on each cell to `out`, shape (rows, columns)."""
     rows, columns = out.shape
     room = Room(
-        np.zeros(scene.tables.within.shape[2]), np.zeros((rows, columns)), np.zeros(columns + 2, np.int64),
+        np.zeros(scene.tables.reach.shape[1]), np.zeros(scene.tables.light.shape[2:]),
+        np.zeros(scene.tables.far.shape[2]), np.zeros((rows, columns)), np.zeros(columns + 2, np.int64),
         np.zeros(columns + 3), np.zeros(rows + 1), np.zeros((columns + 3, 3)), np.zeros((columns + 2, nodes, 6)),
     )  # fmt: skip
     terms, has_errors = np.empty(TERMS), scene.mounts.shape[0] > 0
@@ -112,11 +102,14 @@ def _mirror(place, target, sides, curve, cant, turn, sun, scene, rules, room):
     xx, yy, xy = spread_of(frame, sun, scene.errors)
     small, large, axis_x, axis_y = axes_of(xx, yy, xy)
     small = max(small, LEAST_ERROR * LEAST_ERROR)
-    excess = math.sqrt(max(0.0, large - small))
-    step, reach, _ = collapse(tables.within, tables, small, room.circle)
+    large = max(large, small)
+    band = weigh(tables, small, large, room.weights)
+    reach, harmonics = extent(tables, band, room.weights, LEAST_HARMONIC / rules.fine**2)
+    step = collapse(tables, band, room.weights, reach, harmonics, room.light, room.far)
     sigma, far = math.sqrt(small), distance(place, receiver)
-    count = order_of(1.0 + rules.fine * (1.0 + 6.0 * excess / sigma))
-    light = Light(rules.spread[count], count, excess, axis_x, axis_y, step, reach)
+    light = Light(room.light, room.far, harmonics, 1.0 / step, reach, sigma)
+    along, across, _, _ = stretched(small, large, tables.core)
+    axes = (along * axis_x, along * axis_y, -across * axis_y, across * axis_x)
     rows, columns = room.cells.shape
     finest = rules.fine / (far * max(sigma, math.exp(0.5 * tables.logs[0])))
     around = 2.0 * receiver.half_width if receiver.kind == RECTANGLE else 2.0 * math.pi * receiver.half_width
@@ -142,8 +135,8 @@ def _mirror(place, target, sides, curve, cant, turn, sun, scene, rules, room):
                 offset, r, e1, e2 = ray_from(frame, sun, lean, a0, b0, a, b, cant, curve)
                 weight = rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k] / (facets.columns * facets.rows)
                 _point(
-                    mixed(1.0, place, 1.0, offset), r, e1, e2, receiver, window, panels, light, rules, room,
-                    weight / (2.0 * math.pi),
+                    mixed(1.0, place, 1.0, offset), r, mixed(axes[0], e1, axes[1], e2), mixed(axes[2], e1, axes[3], e2),
+                    receiver, window, panels, light, rules, room, weight / (2.0 * math.pi),
                 )  # fmt: skip
 
 
@@ -204,7 +197,7 @@ def _point(point, r, e1, e2, receiver, window, panels, light, rules, room, weigh
     for i in range(strips + 1):
         d, _ = _at(room.lines[i], receiver, point)
         room.ends[i, 0], room.ends[i, 1], room.ends[i, 2] = dot(d, r), dot(d, e1), dot(d, e2)
-    away = light.reach + light.excess * abs(light.shifts[0, 0])
+    away = light.reach
     left, right = _lit_strips(strips, room, up, away)
     low, high = _lit_rows(left, right, room, up, away, receiver.kind != RECTANGLE)
     for i in range(left, right):
@@ -217,16 +210,14 @@ def _point(point, r, e1, e2, receiver, window, panels, light, rules, room, weigh
             node[3], node[4], node[5] = part * dot(onward, r), part * dot(onward, e1), part * dot(onward, e2)
     for i in range(left, right):
         for j in range(low, high + 1):
-            turned = weight * _level(room.between[i], room.heights[j], up, PANEL * panels[0], light, room.circle)
+            turned = weight * _level(room.between[i], room.heights[j], up, PANEL * panels[0], light)
             if j > low:
                 room.cells[j - 1, room.column[i]] += turned
             if j < high:
                 room.cells[j, room.column[i]] -= turned
     for i in range(left, right + 1):
         for j in range(low, high):
-            turned = weight * _upright(
-                room.ends[i], room.heights[j], room.heights[j + 1], up, panels[1], rules, light, room.circle
-            )
+            turned = weight * _upright(room.ends[i], room.heights[j], room.heights[j + 1], up, panels[1], rules, light)
             if i > left:
                 room.cells[j, room.column[i - 1]] -= turned
             if i < right:
@@ -272,19 +263,20 @@ def _lit_rows(left, right, room, up, away, bent):
 
 
 @inner
-def _level(nodes, z, up, count, light, circle):
+def _level(nodes, z, up, count, light):
     """Integral of F dphi along a level line over one strip, to the right. [rad]"""
     total = 0.0
     for k in range(count):
         along = nodes[k, 0] + z * up[0]
         x, y = (nodes[k, 1] + z * up[1]) / along, (nodes[k, 2] + z * up[2]) / along
         slope = nodes[k, 3] / along
-        total += _turned(x, y, nodes[k, 4] / along - x * slope, nodes[k, 5] / along - y * slope, light, circle)
+        dx, dy = nodes[k, 4] / along - x * slope, nodes[k, 5] / along - y * slope
+        total += (x * dy - y * dx) * look_up(light, x, y)
     return total
 
 
 @inner
-def _upright(end, low, high, up, panels, rules, light, circle):
+def _upright(end, low, high, up, panels, rules, light):
     """Integral of F dphi along an upright line between two heights, upwards. [rad]"""
     total, step = 0.0, (high - low) / panels
     for k in range(PANEL * panels):
@@ -293,20 +285,8 @@ def _upright(end, low, high, up, panels, rules, light, circle):
         along = end[0] + z * up[0]
         x, y = (end[1] + z * up[1]) / along, (end[2] + z * up[2]) / along
         slope = up[0] / along
-        total += part * _turned(x, y, up[1] / along - x * slope, up[2] / along - y * slope, light, circle)
-    return total
-
-
-@inline
-def _turned(x, y, dx, dy, light, circle):
-    """Angle times light within the radius, F dphi = H(r) (x dy - y dx), about each place that light is moved to."""
-    total = 0.0
-    for h in range(light.order):
-        shift = light.excess * light.shifts[0, h]
-        u, v = x - shift * light.axis_x, y - shift * light.axis_y
-        square = u * u + v * v
-        within = look_up(circle, math.sqrt(square) / light.step) if square < light.reach * light.reach else 1.0 / square
-        total += light.shifts[1, h] * (u * dy - v * dx) * within
+        dx, dy = up[1] / along - x * slope, up[2] / along - y * slope
+        total += part * (x * dy - y * dx) * look_up(light, x, y)
     return total
 
 

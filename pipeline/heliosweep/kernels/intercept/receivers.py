@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.intercept.outline import PANEL, SECTORS, along_arc, along_segment, beyond_corner
-from heliosweep.kernels.intercept.tables import TAIL, beyond, collapse
+from heliosweep.kernels.intercept.outline import BENT, along_edge, beyond, crosses, far_from, gap
+from heliosweep.kernels.intercept.tables import look_up
 from heliosweep.kernels.vectors import cross, dot, mixed
 
 RECTANGLE, CYLINDER = 0, 1
@@ -13,12 +13,10 @@ RECTANGLE, CYLINDER = 0, 1
 
 LEAST_ERROR = 0.1e-3
 """Least blur that is computed with. [rad] A sharper image is blurred by so much, which moves no edge."""
-LITTLE = 1e-6
-"""Light beyond an edge or corner that makes no difference. [1]"""
-LEAST_EFFORT = 0.6
-"""Least part of the usual numbers of nodes, for light that is nearly all within a receiver, or beyond it."""
-MOST, MOST_SHIFTS, PANELS = 32, 64, 16 * SECTORS
-"""Most nodes of a rule, most shifts of light, and most panels of an arc."""
+SECTORS, PANEL = 4, 7.0
+"""Least panels of an arc, and their length in that over which light changes, `Light.smooth`."""
+MOST, PANELS = 32, 64
+"""Most nodes of a rule, and most panels of an arc."""
 
 
 class Receiver(NamedTuple):
@@ -56,12 +54,6 @@ def cylinder(centre: tuple[float, float, float], radius: float, height: float) -
 def order_of(wanted):
     """Order of a rule, at most the highest there is."""
     return min(MOST, math.ceil(wanted))
-
-
-@inline
-def _shifts(effort, view, rules):
-    """Number of shifts of light, at most the most there are."""
-    return min(MOST_SHIFTS, math.ceil(1.0 + rules.fine * effort * view.wanted))
 
 
 @inline
@@ -106,212 +98,124 @@ def _vertex(k, receiver, window):
 
 
 @inline
-def _seen(vertex, point, r, e1, e2):
-    """Gnomonic coordinates of a vertex seen from a point. [rad]"""
-    d = mixed(1.0, vertex, -1.0, point)
-    scale = 1.0 / dot(d, r)
-    return scale * dot(d, e1), scale * dot(d, e2)
-
-
-@inline
-def _corners(point, r, e1, e2, receiver, window):
-    """Gnomonic coordinates x, y of the corners of a rectangle seen from a point. [rad]"""
-    x0, y0 = _seen(_vertex(0, receiver, window), point, r, e1, e2)
-    x1, y1 = _seen(_vertex(1, receiver, window), point, r, e1, e2)
-    x2, y2 = _seen(_vertex(2, receiver, window), point, r, e1, e2)
-    x3, y3 = _seen(_vertex(3, receiver, window), point, r, e1, e2)
-    return (x0, x1, x2, x3), (y0, y1, y2, y3)
+def behind(point, receiver):
+    """True for a part of a mirror that is behind the face of a rectangle."""
+    if receiver.kind != RECTANGLE:
+        return False
+    return not dot(mixed(1.0, point, -1.0, receiver.centre), cross(receiver.across, receiver.upward)) > 0.0
 
 
 @inner
-def edge_tables(place, r, e1, e2, spread, moved, receiver, window, tables, room):
-    """Make the table of each edge that light comes near, with the variance across it as the mirror's centre sees it.
+def corners_of(place, receiver, window, rules, smooth, room):
+    """Write the corners of a receiver's outline as a mirror at a place faces it; returns panels and order of an arc.
 
-    Returns the light that is lost beyond the other edges, and the most that any point of the mirror may lose at an edge
-    with a table.
+    Of a rectangle they are places in space. Of a cylinder they are cosine and sine, times the radius, of the angle from
+    the direction of the mirror: of the ends of the panels of its near half, and of nodes, with their weights; the first
+    end of a panel stands before its nodes. Nodes are those of the tangent of half the angle.
     """
-    xs, ys = _corners(place, r, e1, e2, receiver, window)
-    lost, most = 0.0, 0.0
-    for k in range(4):
-        apart, variance = _edge(k, xs, ys, spread)
-        room.known[k, 1] = 0.0
-        if apart - moved < tables.edge + TAIL * math.sqrt(variance):
-            step, reach, _ = collapse(tables.beyond, tables, variance, room.edges[k])
-            highest = beyond(room.edges[k], step, reach, apart - moved)
-            most = max(most, highest)
-            if highest < LITTLE:
-                lost += beyond(room.edges[k], step, reach, apart)
-            else:
-                room.known[k, 0], room.known[k, 1], room.known[k, 2] = step, reach, variance
-            if beyond(room.edges[k], step, reach, apart + moved) > 1.0 - LITTLE:
-                return 1.0, 0.0
-    return lost, most
+    if receiver.kind == RECTANGLE:
+        for k in range(4):
+            corner = _vertex(k, receiver, window)
+            room.rim[0, k], room.rim[1, k], room.rim[2, k] = corner
+        return 0, 0
+    px, py = place[0] - receiver.centre[0], place[1] - receiver.centre[1]
+    part = receiver.half_width / math.sqrt(px * px + py * py)
+    widest = math.sqrt((1.0 - part) / (1.0 + part))
+    length = 2.0 * part / SECTORS / smooth
+    parts = max(1, math.ceil(length / PANEL))
+    panels = min(PANELS, SECTORS * parts)
+    order = order_of(rules.fine * (2.5 + length / parts))
+    for m in range(panels * (order + 1) + 1):
+        p, k = m // (order + 1), m % (order + 1)
+        turn = widest * (2.0 * (p + (rules.line[order, 0, k - 1] if k > 0 else 0.0)) / panels - 1.0)
+        scale = 1.0 / (1.0 + turn * turn)
+        room.rim[0, m] = receiver.half_width * scale * (1.0 - turn * turn)
+        room.rim[1, m] = 2.0 * receiver.half_width * scale * turn
+        room.rim[2, m] = 4.0 * widest / panels * scale * (rules.line[order, 1, k - 1] if k > 0 else 0.0)
+    return panels, order
 
 
 @inline
-def _edge(k, xs, ys, spread):
-    """Distance of an edge, positive with the ray to its left [rad], and the variance across it, at least the least."""
-    n = (k + 1) % 4
-    tx, ty = xs[n] - xs[k], ys[n] - ys[k]
-    scale = 1.0 / (tx * tx + ty * ty)
-    variance = scale * (ty * ty * spread[0] + tx * tx * spread[1] - 2.0 * tx * ty * spread[2])
-    return (xs[k] * ty - ys[k] * tx) * math.sqrt(scale), max(variance, LEAST_ERROR * LEAST_ERROR)
+def outline_of(point, r, x, y, receiver, panels, order, window, room):
+    """Write the corners of the outline that a point sees, in coordinates along x and y; returns their number, rims.
 
-
-@inline
-def on_rectangle(point, r, e1, e2, receiver, window, spread, edges, known, view, level, rules):
-    """Part of the light of one point that meets a rectangle: with round corners, or what is exact beyond these."""
-    if not dot(mixed(1.0, point, -1.0, receiver.centre), cross(receiver.across, receiver.upward)) > 0.0:
-        return 0.0  # a part of the mirror that is behind the face
-    xs, ys = _corners(point, r, e1, e2, receiver, window)
-    a, b, c = view.stretch
-    us = (a * xs[0] + b * ys[0], a * xs[1] + b * ys[1], a * xs[2] + b * ys[2], a * xs[3] + b * ys[3])
-    vs = (b * xs[0] + c * ys[0], b * xs[1] + c * ys[1], b * xs[2] + c * ys[2], b * xs[3] + c * ys[3])
-    total, lost = 1.0 - level, (1.0, 1.0, 1.0, 1.0)
-    if level == 0:
-        lost = (
-            _beyond_edge(0, xs, ys, spread, edges, known), _beyond_edge(1, xs, ys, spread, edges, known),
-            _beyond_edge(2, xs, ys, spread, edges, known), _beyond_edge(3, xs, ys, spread, edges, known),
-        )  # fmt: skip
-        total = 1.0 - lost[0] - lost[1] - lost[2] - lost[3]
-    for k in range(4):
-        before = (k + 3) % 4
-        if not (known[k, 1] > 0.0 and known[before, 1] > 0.0 and min(lost[k], lost[before]) > LITTLE):
-            continue
-        about = _beyond_corner(k, us, vs, 0.0, 0.0, view.round, rules)
-        if level == 0:
-            total += about
-        elif about > LITTLE:
-            total -= about
-            count = _shifts(1.0 if about > 1e-3 else 0.8, view, rules)
-            for h in range(count):
-                shift = view.excess * rules.spread[count, 0, h]
-                part = _beyond_corner(k, xs, ys, shift * view.axis[0], shift * view.axis[1], view.small, rules)
-                total += rules.spread[count, 1, h] * part
-    return total
-
-
-@inline
-def _beyond_edge(k, xs, ys, spread, edges, known):
-    """Light beyond an edge, 0 for one without a table."""
-    if known[k, 1] == 0.0:
-        return 0.0
-    apart, variance = _edge(k, xs, ys, spread)
-    return beyond(edges[k], known[k, 0], known[k, 1], apart, variance - known[k, 2])
-
-
-@inner
-def _beyond_corner(k, xs, ys, shift_x, shift_y, light, rules):
-    """Light beyond both edges at a corner; it is centred at the shift."""
-    before, n = (k + 3) % 4, (k + 1) % 4
-    ix, iy, ox, oy = xs[k] - xs[before], ys[k] - ys[before], xs[n] - xs[k], ys[n] - ys[k]
-    first, second = 1.0 / math.sqrt(ix * ix + iy * iy), 1.0 / math.sqrt(ox * ox + oy * oy)
-    return beyond_corner(
-        xs[k] - shift_x, ys[k] - shift_y, first * ix, first * iy, second * ox, second * oy, light, rules
-    )
-
-
-@inner
-def well_inside(point, away, r, e1, e2, receiver, window):
-    """True where a cylinder, seen from below, has all light: its outline is farther than `away` from the ray. [rad]
-
-    Bounds within the outline are both edges, the chord of the upper rim, and the tangent of the lower rim in front.
+    They turn left about a ray inside. Of a cylinder they go along the upper rim, and back along the lower one; of each
+    rim three vectors make its coordinates: those of the axis's point at its height, of the cosine and of the sine.
     """
+    if receiver.kind == RECTANGLE:
+        for k in range(4):
+            d = mixed(1.0, (room.rim[0, k], room.rim[1, k], room.rim[2, k]), -1.0, point)
+            scale = 1.0 / dot(d, r)
+            room.seen[0, k], room.seen[1, k] = scale * dot(d, x), scale * dot(d, y)
+        return 4
     px, py = point[0] - receiver.centre[0], point[1] - receiver.centre[1]
     far = math.sqrt(px * px + py * py)
-    low, high = receiver.centre[2] + window[2], receiver.centre[2] + window[3]
-    if point[2] >= low:
-        return False
     px, py = px / far, py / far
-    cosine = receiver.half_width * receiver.half_width / far
-    sine = receiver.half_width * math.sqrt(1.0 - (receiver.half_width / far) ** 2)
-    x, y = receiver.centre[0] + cosine * px, receiver.centre[1] + cosine * py
-    front = receiver.half_width - cosine
-    aside_x, aside_y = -sine * py, sine * px
-    ax, ay = _seen((x + front * px - aside_x, y + front * py - aside_y, low), point, r, e1, e2)
-    bx, by = _seen((x + front * px + aside_x, y + front * py + aside_y, low), point, r, e1, e2)
-    if not apart_of(ax, ay, bx, by) < -away:
-        return False
-    ax, ay = _seen((x - aside_x, y - aside_y, low), point, r, e1, e2)
-    bx, by = _seen((x + aside_x, y + aside_y, low), point, r, e1, e2)
-    cx, cy = _seen((x + aside_x, y + aside_y, high), point, r, e1, e2)
-    dx, dy = _seen((x - aside_x, y - aside_y, high), point, r, e1, e2)
-    return apart_of(bx, by, cx, cy) < -away and apart_of(cx, cy, dx, dy) < -away and apart_of(dx, dy, ax, ay) < -away
+    room.turn[0], room.turn[1], room.turn[2] = px * r[0] + py * r[1], px * x[0] + py * x[1], px * y[0] + py * y[1]
+    room.turn[3], room.turn[4], room.turn[5] = px * r[1] - py * r[0], px * x[1] - py * x[0], px * y[1] - py * y[0]
+    for side in range(2):
+        z = receiver.centre[2] + window[3 - side] - point[2]
+        for axis, a in enumerate((r, x, y)):
+            room.turn[6 + 3 * side + axis] = z * a[2] - far * room.turn[axis]
+        for p in range(panels + 1):
+            m = (panels - p if side else p) * (order + 1)
+            sx, sy, _, _ = _on_rim(room, side, m)
+            room.seen[0, p + side * (panels + 1)], room.seen[1, p + side * (panels + 1)] = sx, sy
+    return 2 * (panels + 1)
+
+
+@inline
+def _on_rim(room, side, m):
+    """Coordinates of a node of a rim, and how they move with the angle."""
+    c, s, t = room.rim[0, m], room.rim[1, m], room.turn
+    along = 1.0 / (c * t[0] + s * t[3] + t[6 + 3 * side])
+    x, y = along * (c * t[1] + s * t[4] + t[7 + 3 * side]), along * (c * t[2] + s * t[5] + t[8 + 3 * side])
+    slope = c * t[3] - s * t[0]
+    return x, y, along * (c * t[4] - s * t[1] - x * slope), along * (c * t[5] - s * t[2] - y * slope)
+
+
+@inline
+def _bent(k, panels):
+    """True for a piece of an outline, from its corner k to the next, that is an arc."""
+    return panels > 0 and k != panels and k != 2 * panels + 1
+
+
+@inner
+def nearest(count, panels, room):
+    """Distance of an outline from the ray, at most; and whether the ray is inside. [rad]"""
+    least, inside = math.inf, False
+    for k in range(count):
+        n = k + 1 if k + 1 < count else 0
+        ax, ay, bx, by = room.seen[0, k], room.seen[1, k], room.seen[0, n], room.seen[1, n]
+        apart = gap(ax, ay, bx, by)
+        if _bent(k, panels):
+            apart -= BENT * math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        least, inside = min(least, apart), inside != crosses(ax, ay, bx, by)
+    return least, inside
+
+
+@inline
+def within(count, panels, order, room, light, rules):
+    """Part of the light of one point that is within the outline."""
+    total, inside = 0.0, False
+    for k in range(count):
+        n = k + 1 if k + 1 < count else 0
+        ax, ay, bx, by = room.seen[0, k], room.seen[1, k], room.seen[0, n], room.seen[1, n]
+        inside = inside != crosses(ax, ay, bx, by)
+        if not _bent(k, panels):
+            total += along_edge(ax, ay, bx, by, light, rules)
+        elif not far_from(ax, ay, bx, by, light.reach + BENT * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)):
+            side = 1 if k > panels else 0
+            p = 2 * panels - k if side else k
+            part = 0.0
+            for m in range(p * (order + 1) + 1, (p + 1) * (order + 1)):
+                x, y, dx, dy = _on_rim(room, side, m)
+                part += room.rim[2, m] * (x * dy - y * dx) * look_up(light, x, y)
+            total += (part if side == 0 else -part) - beyond(ax, ay, bx, by, light)
+    return total / (2.0 * math.pi) + (1.0 if inside else 0.0)
 
 
 @inline
 def apart_of(ax, ay, bx, by):
     """Distance of the line from a to b, positive with the ray to its left. [rad]"""
     return (ax * by - ay * bx) / math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-
-
-@inner
-def along_rim(place, receiver, sigma, rules, rim):
-    """Write nodes along the near arc of a rim: cosine and sine times the radius, weight; returns panels and order.
-
-    The angle is from the direction of the mirror. Nodes are those of the tangent of its half.
-    """
-    px, py = place[0] - receiver.centre[0], place[1] - receiver.centre[1]
-    part = receiver.half_width / math.sqrt(px * px + py * py)
-    widest = math.sqrt((1.0 - part) / (1.0 + part))
-    length = 2.0 * part / SECTORS / sigma
-    parts = max(1, math.ceil(length / PANEL))
-    panels = min(PANELS, SECTORS * parts)
-    order = order_of(rules.fine * (2.5 + length / parts))
-    for m in range(panels * (order + 1) + order + 1):
-        p, k = m // (order + 1), m % (order + 1)
-        turn = widest * (2.0 * (p + (rules.line[order, 0, k] if k < order else 0.0)) / panels - 1.0)
-        scale = 1.0 / (1.0 + turn * turn)
-        rim[0, m] = receiver.half_width * scale * (1.0 - turn * turn)
-        rim[1, m] = 2.0 * receiver.half_width * scale * turn
-        rim[2, m] = 4.0 * widest / panels * scale * (rules.line[order, 1, k] if k < order else 0.0)
-    return panels, order
-
-
-@inner
-def on_cylinder(point, r, e1, e2, receiver, window, arcs, panels, order, view, level, effort, rules):
-    """Part of the light of one point that meets the outside of a cylinder: round light, or what is exact beyond it."""
-    a, b, c = view.stretch
-    _see_rims(point, r, mixed(a, e1, b, e2), mixed(b, e1, c, e2), receiver, window, arcs, panels, order)
-    total = _in_outline(arcs, panels, order, 0.0, 0.0, view.round, rules)
-    if level == 0:
-        return total
-    total = -total
-    count = _shifts(max(effort, min(1.0, view.wanted / 6.0)), view, rules)
-    _see_rims(point, r, e1, e2, receiver, window, arcs, panels, order)
-    for h in range(count):
-        shift = view.excess * rules.spread[count, 0, h]
-        x, y = shift * view.axis[0], shift * view.axis[1]
-        total += rules.spread[count, 1, h] * _in_outline(arcs, panels, order, x, y, view.small, rules)
-    return total
-
-
-@inner
-def _see_rims(point, r, e1, e2, receiver, window, arcs, panels, order):
-    """Write nodes along the near arcs of the lower and of the upper rim as a point sees them, with slopes. [rad]"""
-    px, py = point[0] - receiver.centre[0], point[1] - receiver.centre[1]
-    far = math.sqrt(px * px + py * py)
-    px, py = px / far, py / far
-    pr, p1, p2 = px * r[0] + py * r[1], px * e1[0] + py * e1[1], px * e2[0] + py * e2[1]
-    qr, q1, q2 = px * r[1] - py * r[0], px * e1[1] - py * e1[0], px * e2[1] - py * e2[0]
-    for side in range(1, 3):
-        z = receiver.centre[2] + window[1 + side] - point[2]
-        zr, z1, z2 = z * r[2] - far * pr, z * e1[2] - far * p1, z * e2[2] - far * p2
-        for m in range(panels * (order + 1) + order + 1):
-            c, s = arcs[0, 0, m], arcs[0, 1, m]
-            along = 1.0 / (c * pr + s * qr + zr)
-            x, y, weight = along * (c * p1 + s * q1 + z1), along * (c * p2 + s * q2 + z2), along * arcs[0, 2, m]
-            slope = c * qr - s * pr
-            arcs[side, 0, m], arcs[side, 1, m] = x, y
-            arcs[side, 2, m] = weight * (c * q1 - s * p1 - x * slope)
-            arcs[side, 3, m] = weight * (c * q2 - s * p2 - y * slope)
-
-
-@inner
-def _in_outline(arcs, panels, order, x, y, light, rules):
-    """Light, centred at (x, y), within the near arcs of both rims and the two lines between their ends."""
-    low, high, last = arcs[1], arcs[2], panels * (order + 1) + order
-    total = along_arc(high, panels, order, x, y, light) - along_arc(low, panels, order, x, y, light)
-    for m, sign in ((order, 1.0), (last, -1.0)):
-        total += sign * along_segment(low[0, m] - x, low[1, m] - y, high[0, m] - x, high[1, m] - y, light, rules)
-    return total / (2.0 * math.pi)
