@@ -28,10 +28,16 @@ def whole(count: int, unit: int = GROUP) -> int:
 
 @kernel
 def rows(count: int) -> NDArray[np.float64]:
-    """Room for rows of lanes, one after the other, from the start of a cache line: a load across two costs double."""
-    room = np.empty(count * ROW + 8)
+    """Room for rows of lanes, one after the other."""
+    return aligned(count * ROW)
+
+
+@kernel
+def aligned(count: int) -> NDArray[np.float64]:
+    """Room for so many numbers, from the start of a cache line: a load across two costs double."""
+    room = np.empty(count + 8)
     skip = -(room.ctypes.data >> 3) & 7
-    return room[skip : skip + count * ROW]
+    return room[skip : skip + count]
 
 
 @inline

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.field.hidden import take_out_hidden
 from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
 from heliosweep.kernels.field.neighbours import (
     Candidates,
@@ -26,7 +27,6 @@ from heliosweep.kernels.field.neighbours import (
     search_all,
     sift_all,
 )
-from heliosweep.kernels.field.overlaps import take_out_hidden
 from heliosweep.kernels.field.packets import (
     AZIMUTH_ELEVATION,
     COSINE,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.polygons import CORNERS, edge_term, slopes, square_area
+from heliosweep.kernels.field.polygons import CORNERS, edge_term, larger, slopes, square_area
 from heliosweep.kernels.vectors import ROW, rows
 
 AXES_ROWS = 6
@@ -156,12 +156,6 @@ def _some_area(images, o, lanes):
     for k in range(lanes):
         found |= np.int64(images[area + k] > 0.0) << k
     return found
-
-
-@inline
-def larger(a: float, b: float) -> float:
-    """Larger of two numbers, in the form that becomes one vector instruction."""
-    return a if a > b else b
 
 
 @inner

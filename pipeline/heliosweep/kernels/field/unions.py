@@ -1,8 +1,8 @@
 """Exact areas of unions of images, for all lanes of a packet.
 
-Images are added up by inclusion and exclusion while no four of a lane overlap one another: the sum of the areas, less
-the overlaps of pairs, plus the overlaps of triples. Shade, block and both together share all terms. The other lanes,
-few, subtract their images from the square one by one.
+Where no two images of a lane overlap, the union is the sum of their areas. Lanes where some do are packed in groups,
+with the images that overlap another, for `boundaries`. Few lanes, those where edges tie, a mirror straddles the plane
+of the test mirror, or a crowd overlaps, subtract their images from the square one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
 the order of the search, outward from the test mirror: the bits of a lane do not depend on its packet.
@@ -13,22 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, larger, outline, straddles
-from heliosweep.kernels.field.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_three, shared_by_two
-from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps
-from heliosweep.kernels.vectors import PACKET, ROW, rows
-
-_FEW = 5
-"""Images in one lane up to which pairs are tried before the general way."""
-_PAIRS = PACKET * _FEW * (_FEW - 1) // 2
-"""Most pairs that overlap in some lane that has so few images."""
-
-_SPREAD = OVERLAP_ROWS * ROW
-"""Row of room, behind what the overlaps need, for what a pair or a triple shares in the lanes of the packet."""
+from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.field.boundaries import ENDS, MOST, PAIRS, SLOT, SLOTS, WIDTH, cover, fill, prepare, union_areas
+from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, outline, straddles
+from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps, larger, smaller
+from heliosweep.kernels.vectors import PACKET, ROW, aligned, whole
 
 _NOTHING = 1e-14
-"""Area of an image that the general way leaves out: no wider than rounding, its corners may be in disorder."""
+"""Area of an image that is not put together with others: no wider than rounding, its corners may be in disorder."""
 
 _BLOCK, _BOTH = ROW, 2 * ROW
 """Rows of the totals, after that of shade."""
@@ -40,15 +32,14 @@ Integers = NDArray[np.int64]
 class Room(NamedTuple):
     """Scratch for the unions of so many images."""
 
-    overlaps: Floats
-    """Rows of lanes."""
+    meeting: Integers
+    """Lanes in which each image overlaps another."""
     lanes: Integers
     """Names of lanes that are packed."""
-    first: Integers
-    """Place of the first pair of each image, whose earlier image is `partner`, in rising order."""
-    partner: Integers
-    meeting: Integers
-    """Lanes in which the two images of each pair overlap."""
+    slots: Floats
+    """Of a group of packed lanes: images, their pairs, and areas with ends of edges, as `boundaries` keeps them."""
+    pairs: Floats
+    ends: Floats
     areas: Floats
     """Of one lane, image by image: areas, names, numbers of corners, and corners."""
     names: Integers
@@ -63,11 +54,11 @@ class Room(NamedTuple):
 def room_for(count: int) -> Room:
     """Scratch for so many images."""
     return Room(
-        rows(OVERLAP_ROWS + 1),
+        np.zeros(count, np.int64),
         np.empty(PACKET, np.int64),
-        np.zeros(count + 1, np.int64),
-        np.empty(_PAIRS, np.int64),
-        np.empty(_PAIRS, np.int64),
+        aligned(SLOTS),
+        aligned(PAIRS),
+        aligned(ENDS),
         np.empty(count),
         np.empty(count, np.int64),
         np.empty(count, np.int64),
@@ -83,38 +74,31 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
 
     Of `count` images the first ones, `shading` of them, shade. Written to the rows of `total`, shape (3 * ROW,), are
     the areas shaded, blocked, and shaded or blocked. `room` is scratch for at least so many images, and `lanes` a
-    multiple of `packets.GROUP`.
+    multiple of `vectors.GROUP`.
 
     Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
     radian before grazing incidence makes them: to 2e-12.
     """
-    several, crowded = _counted(images.present, count)
-    general = np.int64(0)
+    _add_areas(images.rows, shading, count, total, lanes)
+    several = _several(images.present, count)
     if several != 0:
         general = _straddling(images, count, several, lanes)
-        general |= crowded
-    _add_areas(images.rows, shading, count, total, lanes)
-    if several & ~general != 0:
-        _meetings(images, several & ~general, count, room, lanes)
-        general |= _cliques(count, room)
-        _subtract_overlaps(images.rows, shading, count, ~general, total, room, lanes)
-    if general != 0:
-        for k in range(lanes):
+        meeting = _meetings(images, several & ~general, count, room.meeting, lanes)
+        if meeting != 0:
+            general |= _put_together(images.rows, meeting, shading, count, total, room, lanes)
+        for k in range(lanes if general != 0 else 0):
             if general >> k & 1 and not _general(images, shading, count, k, total, room, room.stack, room.pieces):
                 _general_with_more_room(images, shading, count, k, total, room)
 
 
 @inner
-def _counted(present, count):
-    """Lanes that have several images, and those that have more than `_FEW`, 5 = 101 in binary digits."""
-    one = two = four = several = crowded = np.int64(0)
+def _several(present, count):
+    """Lanes that have several images."""
+    one = several = np.int64(0)
     for m in range(count):
-        carry, one = one & present[m], one ^ present[m]
-        several |= carry
-        carry, two = two & carry, two ^ carry
-        carry, four = four & carry, four ^ carry
-        crowded |= carry
-    return several, crowded | (four & two)
+        several |= one & present[m]
+        one |= present[m]
+    return several
 
 
 @inner
@@ -144,24 +128,38 @@ def _add_areas(images, shading, count, total, lanes):
 
 
 @inner
-def _meetings(images, some, count, room, lanes):
-    """List the pairs of images that overlap, and in which of the lanes."""
-    pairs = np.int64(0)
+def _add_areas(images, shading, count, total, lanes):
+    """Write the sums of the areas."""
+    for k in range(lanes):
+        total[k] = total[_BLOCK + k] = 0.0
     for m in range(count):
+        area, row = m * IMAGE_ROWS * ROW + AREA, _BLOCK if m >= shading else 0
+        for k in range(lanes):
+            total[row + k] += images[area + k]
+    for k in range(lanes):
+        total[_BOTH + k] = total[k] + total[_BLOCK + k]
+
+
+@inner
+def _meetings(images, some, count, meeting, lanes):
+    """List in which of some lanes each image overlaps another; returns the lanes where any do."""
+    found = np.int64(0)
+    for m in range(count):
+        meeting[m] = 0
         here = images.present[m] & some
         for n in range(m if here != 0 else 0):
-            both = images.present[n] & here
+            both = images.present[n] & here & ~(meeting[n] & meeting[m])
             if both != 0:
-                both &= _overlapping(images.rows, n, m, lanes)
-            if both != 0:
-                room.partner[pairs], room.meeting[pairs] = n, both
-                pairs += 1
-        room.first[m + 1] = pairs
+                both = both & _overlapping(images.rows, n, m, lanes)
+                meeting[n] |= both
+                meeting[m] |= both
+                found |= both
+    return found
 
 
 @inner
 def _overlapping(images, n, m, lanes):
-    """Lanes where the parallelograms n and m overlap, by the separating axes."""
+    """Lanes where the parallelograms n and m overlap, by the separating axes, and neither has next to no area."""
     n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
     one, other = n * IMAGE_ROWS * ROW, m * IMAGE_ROWS * ROW
     found = np.int64(0)
@@ -177,95 +175,86 @@ def _overlapping(images, n, m, lanes):
         gap = larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
         gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
         gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
-        found |= np.int64((gap < 0.0) & (pq > 0.0)) << k  # m is to have coordinates; n need not
+        area = smaller(images[one + AREA + k], images[other + AREA + k])
+        found |= np.int64((gap < 0.0) & (area > _NOTHING)) << k
     return found
 
 
 @inner
-def _cliques(count, room):
-    """Lanes where four images overlap one another: there the inclusions would go on."""
-    first, partner, meeting = room.first, room.partner, room.meeting
-    found = np.int64(0)
-    for m in range(count):
-        for d in range(first[m], first[m + 1]):
-            for e in range(first[m], d):
-                three = meeting[d] & meeting[e] & _meeting_of(room, partner[e], partner[d])
-                for f in range(first[m], e if three & ~found != 0 else first[m]):
-                    fourth = three & meeting[f] & _meeting_of(room, partner[f], partner[d])
-                    found |= fourth & _meeting_of(room, partner[f], partner[e])
-    return found
-
-
-@inline
-def _meeting_of(room, n, m):
-    """Lanes where the images n < m overlap."""
-    found = np.int64(0)
-    for e in range(room.first[m], room.first[m + 1]):
-        if room.partner[e] == n:
-            found = room.meeting[e]
-    return found
-
-
-@inner
-def _subtract_overlaps(images, shading, count, some, total, room, lanes):
-    """Subtract what pairs of images share in some lanes, and add what triples share."""
-    first, partner, meeting = room.first, room.partner, room.meeting
-    for m in range(count):
-        for d in range(first[m], first[m + 1]):
-            n = partner[d]
-            both = meeting[d] & some
-            if both != 0:
-                both = _shared(images, np.int64(-1), n, m, both, room, lanes)
-                _add(-1.0, room.overlaps, total, m < shading, n >= shading, lanes)
-            meeting[d] = both
-            for e in range(first[m], d if both != 0 else first[m]):
-                three = both & meeting[e] & _meeting_of(room, partner[e], n)
-                if three != 0:
-                    _shared(images, partner[e], n, m, three, room, lanes)
-                    _add(1.0, room.overlaps, total, m < shading, partner[e] >= shading, lanes)
-
-
-@inner
-def _shared(images, o, n, m, some, room, lanes):
-    """Write the areas that n, m and, unless it is negative, o share in some lanes, and 0 in the others.
-
-    Returns the lanes that have any.
-    """
-    active = np.int64(0)
+def _put_together(images, meeting, shading, count, total, room, lanes):
+    """Put the images that overlap together, in all lanes where some do; returns the lanes to be done otherwise."""
+    names, packed, general = room.lanes, np.int64(0), np.int64(0)
     for k in range(lanes):
-        room.lanes[active] = k
-        active += some >> k & 1
-    filled = pack(images, n * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(0))
-    pack(images, m * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(1))
-    if o < 0:
-        shared_by_two(room.overlaps, filled)
-    else:
-        pack(images, o * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(2))
-        shared_by_three(room.overlaps, filled)
-    return _spread(room.overlaps, room.lanes, active, lanes)
+        if meeting >> k & 1:
+            shades = _count(room.meeting, np.int64(0), shading, k)
+            if max(shades, _count(room.meeting, shading, count, k) - shades) > MOST:
+                general |= np.int64(1) << k
+            else:
+                names[packed] = k
+                packed += 1
+    for begin in range(0, packed, WIDTH):
+        some = names[begin : min(begin + WIDTH, packed)]
+        filled = whole(some.shape[0])
+        shades = _pack(images, np.int64(0), shading, some, room, np.int64(0))
+        both = _pack(images, shading, count, some, room, shades)
+        prepare(room.slots, both, filled)
+        tied = cover(room.slots, both, room.pairs, filled)
+        if shades > 1:
+            union_areas(room.slots, room.pairs, np.int64(0), shades, room.ends, filled)
+            _write(images, np.int64(0), shading, some, room, total, np.int64(0))
+        if both - shades > 1:
+            union_areas(room.slots, room.pairs, shades, both, room.ends, filled)
+            _write(images, shading, count, some, room, total, _BLOCK)
+        if 0 < shades < both:
+            union_areas(room.slots, room.pairs, np.int64(0), both, room.ends, filled)
+            _write(images, np.int64(0), count, some, room, total, _BOTH)
+        else:
+            for k in some:
+                total[_BOTH + k] = total[k] + total[_BLOCK + k]
+        for g in range(some.shape[0]):
+            general |= (tied >> g & 1) << some[g]
+    return general
 
 
 @inner
-def _spread(overlaps, names, active, lanes):
-    """Put what the packed lanes share where these lanes are, and 0 elsewhere; returns the lanes that have any."""
+def _count(meeting, first, last, k):
+    """Number of images first..last of a lane that overlap another."""
     found = np.int64(0)
-    for k in range(lanes):
-        overlaps[_SPREAD + k] = 0.0
-    for k in range(active):
-        overlaps[_SPREAD + names[k]] = overlaps[SHARED + k]
-        found |= np.int64(overlaps[SHARED + k] > 0.0) << names[k]
+    for m in range(first, last):
+        found += meeting[m] >> k & 1
     return found
 
 
-@inline
-def _add(sign, overlaps, total, shade, block, lanes):
-    """Add what images share: to all, and to shade or block where all of them are of that kind."""
-    row = _BLOCK if block else 0
-    if shade or block:
-        for k in range(lanes):
-            total[row + k] += sign * overlaps[_SPREAD + k]
-    for k in range(lanes):
-        total[_BOTH + k] += sign * overlaps[_SPREAD + k]
+@inner
+def _pack(images, first, last, names, room, begin):
+    """Copy images first..last of some lanes that overlap others, from slot `begin` on; returns where slots end."""
+    end = begin
+    for g in range(names.shape[0]):
+        end = max(end, begin + _count(room.meeting, first, last, names[g]))
+    for g in range(whole(names.shape[0])):
+        at = begin
+        if g < names.shape[0]:
+            k = names[g]
+            for m in range(first, last):
+                if room.meeting[m] >> k & 1:
+                    for row in range(6):
+                        room.slots[at * SLOT + row * WIDTH + g] = images[(m * IMAGE_ROWS + row) * ROW + k]
+                    at += 1
+        for empty in range(at, end):
+            fill(room.slots, empty, g)
+    return end
+
+
+@inner
+def _write(images, first, last, names, room, total, row):
+    """Write the areas of images first..last, of which those that overlap stand together in the ends."""
+    for g in range(names.shape[0]):
+        k = names[g]
+        if _count(room.meeting, first, last, k) > 1:
+            area = room.ends[g]
+            for m in range(first, last):
+                area += 0.0 if room.meeting[m] >> k & 1 else images[m * IMAGE_ROWS * ROW + AREA + k]
+            total[row + k] = area
 
 
 @inner

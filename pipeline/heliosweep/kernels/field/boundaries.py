@@ -1,0 +1,328 @@
+"""Areas of unions of images that overlap, by what is visible of their edges; for groups of packed lanes.
+
+The boundary of a union is what is left of the edges of each image outside all others. Along an edge c + t d, t from -1
+to 1, another image covers an interval: between its two pairs of sides, each of which the edge's line crosses. Intervals
+are put together, and by Green's theorem the integral of (y + 1) dx along what they leave is the area, where y is
+clamped to the square and x too.
+
+Where two edges nearly coincide, their crossing is ill defined, and the two must not both be taken as hidden, or both
+as visible. So each crossing is computed once, on the line of one edge, and put on the other as the nearest point: it
+may be misplaced along the edges, where they are as good as one. Three such edges could still be seen to hide one
+another in turn: lanes where two edges coincide within some 1e-8 are left to another way.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, inner
+from heliosweep.kernels.field.polygons import edge_term, larger, slopes, smaller, unit
+from heliosweep.kernels.vectors import GROUP
+
+Floats = NDArray[np.float64]
+
+MOST = 16
+"""Most images of a lane that shade, and that block."""
+_ALL = 2 * MOST
+
+WIDTH = 2 * GROUP
+"""Most lanes of a group. What is filled of it is a variable: a short loop of known length would not become vector code
+that first tests whether the places that it reads and writes overlap."""
+_LANES = (1 << WIDTH) - 1
+"""All lanes of a group, a bit for each."""
+
+_A, _B, _SLOPES, _TURN, _COUNTS = 2 * WIDTH, 4 * WIDTH, 6 * WIDTH, 10 * WIDTH, 11 * WIDTH
+SLOT = 19 * WIDTH
+"""Numbers of an image in a group of lanes: centre, half edges a and b (x, y of each); the slopes of a and b; their
+vector product; and for each edge, at -b and b along a, at -a and a along b, from where to where it counts."""
+_PAIR = 8 * WIDTH
+"""Numbers of an ordered pair of images: from where to where the other covers each edge of the one."""
+_OPEN, _INTERVALS = WIDTH, WIDTH + _PAIR
+"""Rows of ends, behind the areas: what is open of each edge of an image; what is covered between the ends of one."""
+SLOTS, PAIRS, ENDS = _ALL * SLOT, _ALL * _ALL * 2 * _PAIR, _INTERVALS + 2 * _ALL * WIDTH
+"""Numbers of all images, of their pairs, and of the ends."""
+
+_PARALLEL = 1e-8
+"""Sine of an angle below which edges are as good as parallel, and the crossings of their lines no points of theirs."""
+_BEYOND = 4.0
+"""Crossings of such lines further from the middle of an edge, in half edges, are no tie."""
+
+
+@inline
+def fill(slots: Floats, slot: int, g: int) -> None:
+    """Put an image that is nowhere, and has no area, into one lane of a group."""
+    for row in range(6):
+        slots[slot * SLOT + row * WIDTH + g] = 8.0 if row < 2 else (1.0 if row % 2 == 0 else 0.0)
+
+
+@inner
+def prepare(slots: Floats, count: int, lanes: int) -> None:
+    """Complete the first `count` images of a group, whose centres and half edges have been written."""
+    for i in range(count):
+        o = i * SLOT
+        for k in range(lanes):
+            cx, cy = slots[o + k], slots[o + WIDTH + k]
+            ax, ay, bx, by = slots[o + _A + k], slots[o + _A + WIDTH + k], slots[o + _B + k], slots[o + _B + WIDTH + k]
+            slots[o + _SLOPES + k], slots[o + _SLOPES + WIDTH + k] = slopes(ax, ay)
+            slots[o + _SLOPES + 2 * WIDTH + k], slots[o + _SLOPES + 3 * WIDTH + k] = slopes(bx, by)
+            slots[o + _TURN + k] = ax * by - ay * bx
+            rx, ry, sx, sy = _inverse(ax), _inverse(ay), _inverse(bx), _inverse(by)
+            w = o + _COUNTS + k
+            slots[w], slots[w + WIDTH] = _counting(cx - bx, cy - by, rx, ry)
+            slots[w + 2 * WIDTH], slots[w + 3 * WIDTH] = _counting(cx + bx, cy + by, rx, ry)
+            slots[w + 4 * WIDTH], slots[w + 5 * WIDTH] = _counting(cx - ax, cy - ay, sx, sy)
+            slots[w + 6 * WIDTH], slots[w + 7 * WIDTH] = _counting(cx + ax, cy + ay, sx, sy)
+
+
+@inline
+def _inverse(value):
+    """Reciprocal of a component of an edge, never infinite: an edge along an axis is taken as turned a little."""
+    return 1.0 / (value if abs(value) > 1e-290 else 1e-290)
+
+
+@inline
+def _counting(mx, my, rx, ry):
+    """Where the edge m + t d counts, for the reciprocals of d: with x in the square, and y above its lower side."""
+    one, other, level = (-1.0 - mx) * rx, (1.0 - mx) * rx, (-1.0 - my) * ry
+    low, high = larger(smaller(one, other), -1.0), smaller(larger(one, other), 1.0)
+    low = larger(low, level) if ry > 0.0 else low
+    high = high if ry > 0.0 else smaller(high, level)
+    return low, larger(high, low)
+
+
+@inner
+def cover(slots: Floats, count: int, pairs: Floats, lanes: int) -> np.int64:
+    """Write what each of `count` images covers of the edges of each other; returns the lanes in which two edges tie."""
+    tied = np.int64(0)
+    for i in range(count):
+        for j in range(i + 1, count):
+            tied |= _cover(slots, i * SLOT, j * SLOT, pairs, _block(i, j), lanes)
+    return tied
+
+
+@inline
+def _block(i, j):
+    """Start of what image j covers of image i: of both together, for that they are found together."""
+    return (i * _ALL + j) * 2 * _PAIR if i < j else (j * _ALL + i) * 2 * _PAIR + _PAIR
+
+
+@inner
+def _cover(slots, i, j, pairs, ij, lanes):
+    """Write the intervals of two images; returns the lanes in which edges of theirs tie.
+
+    With c from the first centre to the second, the line s g + t e meets c + s' h + t' f, s and s' -1 or 1, at
+
+        t = (c x f + s' h x f - s g x f) / (e x f),
+
+    and t' is that of the nearest point of the second. The rule for four directions.
+    """
+    i, j, ij = max(i, 0), max(j, 0), max(ij, 0)
+    ji = ij + _PAIR
+    tied = np.int64(0)
+    for k in range(lanes):
+        cx, cy = slots[j + k] - slots[i + k], slots[j + WIDTH + k] - slots[i + WIDTH + k]
+        ax, ay, bx, by = slots[i + _A + k], slots[i + _A + WIDTH + k], slots[i + _B + k], slots[i + _B + WIDTH + k]
+        px, py, qx, qy = slots[j + _A + k], slots[j + _A + WIDTH + k], slots[j + _B + k], slots[j + _B + WIDTH + k]
+        turn = slots[j + _TURN + k]
+        ap, aq, bp, bq = ax * py - ay * px, ax * qy - ay * qx, bx * py - by * px, bx * qy - by * qx
+        cp, cq = cx * py - cy * px, cx * qy - cy * qx
+        a, b = abs(ax) + abs(ay), abs(bx) + abs(by)
+        p, q = abs(px) + abs(py), abs(qx) + abs(qy)
+        # Of the edges at g and at -g, with those of the other at h and at -h.
+        ap_pp, ap_pm, ap_mp, ap_mm, tie_ap = _crossings(cp, -turn, bp, ap, a * p)
+        bp_pp, bp_pm, bp_mp, bp_mm, tie_bp = _crossings(cp, -turn, ap, bp, b * p)
+        aq_pp, aq_pm, aq_mp, aq_mm, tie_aq = _crossings(cq, turn, bq, aq, a * q)
+        bq_pp, bq_pm, bq_mp, bq_mm, tie_bq = _crossings(cq, turn, aq, bq, b * q)
+        _put(pairs, ij + k, ap_mm, ap_mp, aq_mm, aq_mp)
+        _put(pairs, ij + 2 * WIDTH + k, ap_pm, ap_pp, aq_pm, aq_pp)
+        _put(pairs, ij + 4 * WIDTH + k, bp_mm, bp_mp, bq_mm, bq_mp)
+        _put(pairs, ij + 6 * WIDTH + k, bp_pm, bp_pp, bq_pm, bq_pp)
+        # The same points along the edges of the other, from their middles.
+        scale = 1.0 / (px * px + py * py)
+        e, f, g = (ax * px + ay * py) * scale, (bx * px + by * py) * scale, (qx * px + qy * py) * scale
+        middle = (cx * px + cy * py) * scale
+        m = g - middle
+        _put(pairs, ji + k, m - f + ap_mm * e, m + f + ap_pm * e, m - e + bp_mm * f, m + e + bp_pm * f)
+        m = -g - middle
+        _put(pairs, ji + 2 * WIDTH + k, m - f + ap_mp * e, m + f + ap_pp * e, m - e + bp_mp * f, m + e + bp_pp * f)
+        scale = 1.0 / (qx * qx + qy * qy)
+        e, f, g = (ax * qx + ay * qy) * scale, (bx * qx + by * qy) * scale, (qx * px + qy * py) * scale
+        middle = (cx * qx + cy * qy) * scale
+        m = g - middle
+        _put(pairs, ji + 4 * WIDTH + k, m - f + aq_mm * e, m + f + aq_pm * e, m - e + bq_mm * f, m + e + bq_pm * f)
+        m = -g - middle
+        _put(pairs, ji + 6 * WIDTH + k, m - f + aq_mp * e, m + f + aq_pp * e, m - e + bq_mp * f, m + e + bq_pp * f)
+        real = (turn != 0.0) & (slots[i + _TURN + k] != 0.0)
+        tied |= np.int64((tie_ap | tie_aq | tie_bp | tie_bq) & real) << k
+    return tied
+
+
+@inline
+def _crossings(cf, hf, gf, ef, size):
+    """Crossings t for (s, s') = (1, 1), (1, -1), (-1, 1), (-1, -1), from c x f, h x f, g x f, e x f; and any tie.
+
+    `size` is a bound of |e| |f|.
+    """
+    least = _PARALLEL * size
+    parallel = abs(ef) < least
+    inverse = 1.0 / (least if parallel else ef)
+    middle, above, aside = cf * inverse, hf * inverse, gf * inverse
+    one, other = middle - aside, middle + aside
+    near = smaller(abs(abs(one) - abs(above)), abs(abs(other) - abs(above)))
+    return one + above, one - above, other + above, other - above, parallel & (near < _BEYOND)
+
+
+@inline
+def _put(pairs, at, one, other, third, fourth):
+    """Write the interval between two crossings and between two others."""
+    pairs[at] = larger(smaller(one, other), smaller(third, fourth))
+    pairs[at + WIDTH] = smaller(larger(one, other), larger(third, fourth))
+
+
+@inner
+def union_areas(slots: Floats, pairs: Floats, first: int, last: int, ends: Floats, lanes: int) -> None:
+    """Write the areas that the images first..last cover of the square together to the first row of `ends`."""
+    for k in range(lanes):
+        ends[k] = 0.0
+    for i in range(first, last):
+        _begin(slots, i * SLOT, ends, lanes)
+        for j in range(first, last):
+            if j != i:
+                _shorten(pairs, _block(i, j), ends, lanes)
+        left = np.int64(0)
+        for j in range(first, last):
+            if j != i:
+                left |= _between(pairs, _block(i, j), ends, lanes)
+        _add_open(slots, i * SLOT, ends, lanes)
+        for e in range(4):
+            if left >> WIDTH * e & _LANES != 0:
+                _take_out_covered(slots, pairs, i, e, first, last, ends, lanes)
+
+
+@inner
+def _begin(slots, i, ends, lanes):
+    """Begin with all that counts of the edges of an image."""
+    i = max(i, 0)
+    for row in range(0, _PAIR, WIDTH):
+        for k in range(row, row + lanes):
+            ends[_OPEN + k] = slots[i + _COUNTS + k]
+
+
+@inner
+def _shorten(pairs, ij, ends, lanes):
+    """Take from either end of each edge what another image covers."""
+    ij = max(ij, 0)
+    for k in range(lanes):
+        _shorten_one(pairs, ij + k, ends, _OPEN + k)
+        _shorten_one(pairs, ij + 2 * WIDTH + k, ends, _OPEN + 2 * WIDTH + k)
+        _shorten_one(pairs, ij + 4 * WIDTH + k, ends, _OPEN + 4 * WIDTH + k)
+        _shorten_one(pairs, ij + 6 * WIDTH + k, ends, _OPEN + 6 * WIDTH + k)
+
+
+@inline
+def _shorten_one(pairs, at, ends, to):
+    """The same for one edge."""
+    low, high = pairs[at], pairs[at + WIDTH]
+    begin, end = ends[to], ends[to + WIDTH]
+    ends[to] = high if (low <= begin) & (high > begin) else begin
+    ends[to + WIDTH] = low if (high >= end) & (low < end) else end
+
+
+@inner
+def _between(pairs, ij, ends, lanes):
+    """Lanes in which another image covers something between the ends: of the first edge, then of the second and on."""
+    ij, found = max(ij, 0), np.int64(0)
+    for k in range(lanes):
+        one, other = _covers(pairs, ij + k, ends, 0, k), _covers(pairs, ij + 2 * WIDTH + k, ends, 2, k)
+        third, fourth = _covers(pairs, ij + 4 * WIDTH + k, ends, 4, k), _covers(pairs, ij + 6 * WIDTH + k, ends, 6, k)
+        found |= (one | other << WIDTH | third << 2 * WIDTH | fourth << 3 * WIDTH) << k
+    return found
+
+
+@inline
+def _covers(pairs, at, ends, row, k):
+    """Whether an interval has something in common with what is open of an edge."""
+    begin, end = ends[_OPEN + row * WIDTH + k], ends[_OPEN + (row + 1) * WIDTH + k]
+    return np.int64(larger(pairs[at], begin) < smaller(pairs[at + WIDTH], end))
+
+
+@inner
+def _add_open(slots, i, ends, lanes):
+    """Add the area under what is open of the edges of an image, as if nothing were covered between the ends."""
+    i = max(i, 0)
+    for k in range(lanes):
+        ax, ay, bx, by = slots[i + _A + k], slots[i + _A + WIDTH + k], slots[i + _B + k], slots[i + _B + WIDTH + k]
+        cx, cy = slots[i + k], slots[i + WIDTH + k]
+        a_rise, a_run = slots[i + _SLOPES + k], slots[i + _SLOPES + WIDTH + k]
+        b_rise, b_run = slots[i + _SLOPES + 2 * WIDTH + k], slots[i + _SLOPES + 3 * WIDTH + k]
+        total = (
+            _under(cx + bx, cy + by, ax, ay, a_rise, a_run, ends[_OPEN + 2 * WIDTH + k], ends[_OPEN + 3 * WIDTH + k])
+            - _under(cx - bx, cy - by, ax, ay, a_rise, a_run, ends[_OPEN + k], ends[_OPEN + WIDTH + k])
+        ) + (
+            _under(cx - ax, cy - ay, bx, by, b_rise, b_run, ends[_OPEN + 4 * WIDTH + k], ends[_OPEN + 5 * WIDTH + k])
+            - _under(cx + ax, cy + ay, bx, by, b_rise, b_run, ends[_OPEN + 6 * WIDTH + k], ends[_OPEN + 7 * WIDTH + k])
+        )
+        ends[k] += total if slots[i + _TURN + k] > 0.0 else -total
+
+
+@inline
+def _under(mx, my, dx, dy, rise, run, low, high):
+    """Integral of (y + 1) dx along the edge m + t d from one t to another, nothing if the other comes first."""
+    high = larger(high, low)
+    px, py, qx, qy = mx + low * dx, my + low * dy, mx + high * dx, my + high * dy
+    return edge_term(px, py, qx, qy, rise, run) + (unit(qx) - unit(px))
+
+
+@inner
+def _take_out_covered(slots, pairs, i, e, first, last, ends, lanes):
+    """Take out what is covered between the ends of one edge of an image: intervals in rising order, each once."""
+    count, at = np.int64(0), _OPEN + 2 * e * WIDTH
+    for j in range(first, last):
+        interval = _INTERVALS + 2 * count * WIDTH
+        if j != i and _put_between(pairs, _block(i, j) + 2 * e * WIDTH, ends, at, interval, lanes):
+            for m in range(count, 0, -1):
+                _in_order(ends, _INTERVALS + 2 * m * WIDTH, lanes)
+            count += 1
+    image, half, side = i * SLOT, _A if e < 2 else _B, -1.0 if e % 2 == 0 else 1.0
+    other, slope_row, sign = _A + _B - half, _SLOPES + (0 if e < 2 else 2 * WIDTH), 1.0 if e == 0 or e == 3 else -1.0
+    for m in range(count):
+        _take_out(slots, image, half, other, slope_row, side, sign, ends, at, _INTERVALS + 2 * m * WIDTH, lanes)
+
+
+@inner
+def _put_between(pairs, ij, ends, at, to, lanes):
+    """Write the part of an interval between the ends of an edge; at its begin nothing where there is none."""
+    ij, at, to, found = max(ij, 0), max(at, 0), max(to, 0), np.int64(0)
+    for k in range(lanes):
+        begin = ends[at + k]
+        low, high = larger(pairs[ij + k], begin), smaller(pairs[ij + WIDTH + k], ends[at + WIDTH + k])
+        some = low < high
+        ends[to + k], ends[to + WIDTH + k] = (low, high) if some else (begin, begin)
+        found |= np.int64(some) << k
+    return found != 0
+
+
+@inner
+def _in_order(ends, at, lanes):
+    """Swap an interval with the one before it where it begins earlier."""
+    at = max(at, 2 * WIDTH)
+    for k in range(lanes):
+        low, high = ends[at - 2 * WIDTH + k], ends[at - WIDTH + k]
+        then, there = ends[at + k], ends[at + WIDTH + k]
+        swap = then < low
+        ends[at - 2 * WIDTH + k], ends[at - WIDTH + k] = (then, there) if swap else (low, high)
+        ends[at + k], ends[at + WIDTH + k] = (low, high) if swap else (then, there)
+
+
+@inner
+def _take_out(slots, i, half, other, slope_row, side, sign, ends, at, interval, lanes):
+    """Take out one interval of an edge; what is left of the edge begins behind it."""
+    i, half, other, slope_row = max(i, 0), max(half, 0), max(other, 0), max(slope_row, 0)
+    at, interval = max(at, 0), max(interval, 0)
+    for k in range(lanes):
+        dx, dy = slots[i + half + k], slots[i + half + WIDTH + k]
+        mx, my = slots[i + k] + side * slots[i + other + k], slots[i + WIDTH + k] + side * slots[i + other + WIDTH + k]
+        low = larger(ends[at + k], ends[interval + k])
+        high = larger(low, ends[interval + WIDTH + k])
+        area = sign * _under(mx, my, dx, dy, slots[i + slope_row + k], slots[i + slope_row + WIDTH + k], low, high)
+        ends[k] += area if slots[i + _TURN + k] > 0.0 else -area
+        ends[at + k] = high
