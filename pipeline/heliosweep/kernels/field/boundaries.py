@@ -19,6 +19,7 @@ from heliosweep.kernels.field.polygons import edge_term, larger, slopes, smaller
 from heliosweep.kernels.vectors import GROUP
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 MOST = 16
 """Most images of a lane that shade, and that block."""
@@ -90,34 +91,67 @@ def _counting(mx, my, rx, ry):
 
 
 @inner
-def cover(slots: Floats, count: int, pairs: Floats, lanes: int) -> np.int64:
-    """Write what each of `count` images covers of the edges of each other; returns the lanes in which two edges tie."""
+def union_areas(
+    slots: Floats, first: int, middle: int, last: int, pairs: Floats, ends: Floats, inside: Integers, lanes: int
+) -> np.int64:
+    """Write the areas that images first..last of a group cover of the square together to the first row of `ends`.
+
+    Where `middle` is not `first`, this has been called for the images up to there, and for those from there on. Returns
+    the lanes in which two edges tie.
+    """
     tied = np.int64(0)
-    for i in range(count):
-        for j in range(i + 1, count):
-            tied |= _cover(slots, i * SLOT, j * SLOT, pairs, _block(i, j), lanes)
+    for k in range(lanes):
+        ends[k] = 0.0
+    for i in range(first, last):
+        o = i * SLOT
+        inside[i] = 0 if middle == first else inside[i]
+        _copy(slots, o + _COUNTS, ends, _OPEN, lanes)
+        for j in range(first if i >= middle else i, i if middle == first else min(i, middle)):
+            inside[i] |= np.int64(_shorten(pairs, _block(i, j), ends, lanes) != 0) << j
+        for j in range(max(i + 1, middle), last if middle == first or i < middle else i):
+            near, between = _cover(slots, o, j * SLOT, pairs, _block(i, j), ends, lanes)
+            tied |= near
+            inside[i] |= np.int64(between != 0) << j
+        _copy(ends, _OPEN, slots, o + _COUNTS, lanes)
+        _add_open(slots, o, ends, lanes)
+        for e in range(4 if inside[i] != 0 else 0):
+            _take_out_inside(slots, pairs, i, e, first, last, ends, inside[i], lanes)
     return tied
 
 
 @inline
 def _block(i, j):
-    """Start of what image j covers of image i: of both together, for that they are found together."""
+    """Start of what image j covers of image i: of both together, for they are found together."""
     return (i * _ALL + j) * 2 * _PAIR if i < j else (j * _ALL + i) * 2 * _PAIR + _PAIR
 
 
 @inner
-def _cover(slots, i, j, pairs, ij, lanes):
-    """Write the intervals of two images; returns the lanes in which edges of theirs tie.
+def _copy(one, at, other, to, lanes):
+    """Copy what is open of the four edges of an image."""
+    at, to = max(at, 0), max(to, 0)
+    for k in range(lanes):
+        other[to + k], other[to + WIDTH + k] = one[at + k], one[at + WIDTH + k]
+        other[to + 2 * WIDTH + k], other[to + 3 * WIDTH + k] = one[at + 2 * WIDTH + k], one[at + 3 * WIDTH + k]
+        other[to + 4 * WIDTH + k], other[to + 5 * WIDTH + k] = one[at + 4 * WIDTH + k], one[at + 5 * WIDTH + k]
+        other[to + 6 * WIDTH + k], other[to + 7 * WIDTH + k] = one[at + 6 * WIDTH + k], one[at + 7 * WIDTH + k]
+
+
+@inner
+def _cover(slots, i, j, pairs, ij, ends, lanes):
+    """Write the intervals of two images, and shorten what is open of the edges of the one.
+
+    Returns the lanes in which edges of theirs tie, and those in which the other covers something between the ends.
 
     With c from the first centre to the second, the line s g + t e meets c + s' h + t' f, s and s' -1 or 1, at
 
         t = (c x f + s' h x f - s g x f) / (e x f),
 
-    and t' is that of the nearest point of the second. The rule for four directions.
+    and t' is that of the nearest point of the second. Here e and g are a and b of the one, f and h are p and q of the
+    other, and the reverse.
     """
     i, j, ij = max(i, 0), max(j, 0), max(ij, 0)
     ji = ij + _PAIR
-    tied = np.int64(0)
+    tied = between = np.int64(0)
     for k in range(lanes):
         cx, cy = slots[j + k] - slots[i + k], slots[j + WIDTH + k] - slots[i + WIDTH + k]
         ax, ay, bx, by = slots[i + _A + k], slots[i + _A + WIDTH + k], slots[i + _B + k], slots[i + _B + WIDTH + k]
@@ -132,28 +166,29 @@ def _cover(slots, i, j, pairs, ij, lanes):
         bp_pp, bp_pm, bp_mp, bp_mm, tie_bp = _crossings(cp, -turn, ap, bp, b * p)
         aq_pp, aq_pm, aq_mp, aq_mm, tie_aq = _crossings(cq, turn, bq, aq, a * q)
         bq_pp, bq_pm, bq_mp, bq_mm, tie_bq = _crossings(cq, turn, aq, bq, b * q)
-        _put(pairs, ij + k, ap_mm, ap_mp, aq_mm, aq_mp)
-        _put(pairs, ij + 2 * WIDTH + k, ap_pm, ap_pp, aq_pm, aq_pp)
-        _put(pairs, ij + 4 * WIDTH + k, bp_mm, bp_mp, bq_mm, bq_mp)
-        _put(pairs, ij + 6 * WIDTH + k, bp_pm, bp_pp, bq_pm, bq_pp)
+        one = _put(pairs, ij + k, ap_mm, ap_mp, aq_mm, aq_mp, ends, 0, k)
+        two = _put(pairs, ij + 2 * WIDTH + k, ap_pm, ap_pp, aq_pm, aq_pp, ends, 2, k)
+        three = _put(pairs, ij + 4 * WIDTH + k, bp_mm, bp_mp, bq_mm, bq_mp, ends, 4, k)
+        four = _put(pairs, ij + 6 * WIDTH + k, bp_pm, bp_pp, bq_pm, bq_pp, ends, 6, k)
         # The same points along the edges of the other, from their middles.
         scale = 1.0 / (px * px + py * py)
         e, f, g = (ax * px + ay * py) * scale, (bx * px + by * py) * scale, (qx * px + qy * py) * scale
         middle = (cx * px + cy * py) * scale
         m = g - middle
-        _put(pairs, ji + k, m - f + ap_mm * e, m + f + ap_pm * e, m - e + bp_mm * f, m + e + bp_pm * f)
+        _write(pairs, ji + k, m - f + ap_mm * e, m + f + ap_pm * e, m - e + bp_mm * f, m + e + bp_pm * f)
         m = -g - middle
-        _put(pairs, ji + 2 * WIDTH + k, m - f + ap_mp * e, m + f + ap_pp * e, m - e + bp_mp * f, m + e + bp_pp * f)
+        _write(pairs, ji + 2 * WIDTH + k, m - f + ap_mp * e, m + f + ap_pp * e, m - e + bp_mp * f, m + e + bp_pp * f)
         scale = 1.0 / (qx * qx + qy * qy)
         e, f, g = (ax * qx + ay * qy) * scale, (bx * qx + by * qy) * scale, (qx * px + qy * py) * scale
         middle = (cx * qx + cy * qy) * scale
         m = g - middle
-        _put(pairs, ji + 4 * WIDTH + k, m - f + aq_mm * e, m + f + aq_pm * e, m - e + bq_mm * f, m + e + bq_pm * f)
+        _write(pairs, ji + 4 * WIDTH + k, m - f + aq_mm * e, m + f + aq_pm * e, m - e + bq_mm * f, m + e + bq_pm * f)
         m = -g - middle
-        _put(pairs, ji + 6 * WIDTH + k, m - f + aq_mp * e, m + f + aq_pp * e, m - e + bq_mp * f, m + e + bq_pp * f)
+        _write(pairs, ji + 6 * WIDTH + k, m - f + aq_mp * e, m + f + aq_pp * e, m - e + bq_mp * f, m + e + bq_pp * f)
         real = (turn != 0.0) & (slots[i + _TURN + k] != 0.0)
         tied |= np.int64((tie_ap | tie_aq | tie_bp | tie_bq) & real) << k
-    return tied
+        between |= np.int64(one | two | three | four) << k
+    return tied, between
 
 
 @inline
@@ -172,77 +207,42 @@ def _crossings(cf, hf, gf, ef, size):
 
 
 @inline
-def _put(pairs, at, one, other, third, fourth):
+def _write(pairs, at, one, other, third, fourth):
     """Write the interval between two crossings and between two others."""
-    pairs[at] = larger(smaller(one, other), smaller(third, fourth))
-    pairs[at + WIDTH] = smaller(larger(one, other), larger(third, fourth))
+    low = larger(smaller(one, other), smaller(third, fourth))
+    high = smaller(larger(one, other), larger(third, fourth))
+    pairs[at], pairs[at + WIDTH] = low, high
+    return low, high
 
 
-@inner
-def union_areas(slots: Floats, pairs: Floats, first: int, last: int, ends: Floats, lanes: int) -> None:
-    """Write the areas that the images first..last cover of the square together to the first row of `ends`."""
-    for k in range(lanes):
-        ends[k] = 0.0
-    for i in range(first, last):
-        _begin(slots, i * SLOT, ends, lanes)
-        for j in range(first, last):
-            if j != i:
-                _shorten(pairs, _block(i, j), ends, lanes)
-        left = np.int64(0)
-        for j in range(first, last):
-            if j != i:
-                left |= _between(pairs, _block(i, j), ends, lanes)
-        _add_open(slots, i * SLOT, ends, lanes)
-        for e in range(4):
-            if left >> WIDTH * e & _LANES != 0:
-                _take_out_covered(slots, pairs, i, e, first, last, ends, lanes)
+@inline
+def _put(pairs, at, one, other, third, fourth, ends, row, k):
+    """The same, and shorten what is open of the edge."""
+    low, high = _write(pairs, at, one, other, third, fourth)
+    return _shorten_one(low, high, ends, row, k)
 
 
-@inner
-def _begin(slots, i, ends, lanes):
-    """Begin with all that counts of the edges of an image."""
-    i = max(i, 0)
-    for row in range(0, _PAIR, WIDTH):
-        for k in range(row, row + lanes):
-            ends[_OPEN + k] = slots[i + _COUNTS + k]
+@inline
+def _shorten_one(low, high, ends, row, k):
+    """Take an interval from what is open of an edge if it holds an end; returns whether it is between the ends."""
+    begin, end = ends[_OPEN + row * WIDTH + k], ends[_OPEN + (row + 1) * WIDTH + k]
+    first, last = low <= begin, high >= end
+    ends[_OPEN + row * WIDTH + k] = larger(high, begin) if first else begin
+    ends[_OPEN + (row + 1) * WIDTH + k] = smaller(low, end) if last else end
+    return (low < high) & ~(first | last)
 
 
 @inner
 def _shorten(pairs, ij, ends, lanes):
-    """Take from either end of each edge what another image covers."""
-    ij = max(ij, 0)
+    """Take what another image covers from the ends of edges; returns the lanes where it is between the ends."""
+    ij, between = max(ij, 0), np.int64(0)
     for k in range(lanes):
-        _shorten_one(pairs, ij + k, ends, _OPEN + k)
-        _shorten_one(pairs, ij + 2 * WIDTH + k, ends, _OPEN + 2 * WIDTH + k)
-        _shorten_one(pairs, ij + 4 * WIDTH + k, ends, _OPEN + 4 * WIDTH + k)
-        _shorten_one(pairs, ij + 6 * WIDTH + k, ends, _OPEN + 6 * WIDTH + k)
-
-
-@inline
-def _shorten_one(pairs, at, ends, to):
-    """The same for one edge."""
-    low, high = pairs[at], pairs[at + WIDTH]
-    begin, end = ends[to], ends[to + WIDTH]
-    ends[to] = high if (low <= begin) & (high > begin) else begin
-    ends[to + WIDTH] = low if (high >= end) & (low < end) else end
-
-
-@inner
-def _between(pairs, ij, ends, lanes):
-    """Lanes in which another image covers something between the ends: of the first edge, then of the second and on."""
-    ij, found = max(ij, 0), np.int64(0)
-    for k in range(lanes):
-        one, other = _covers(pairs, ij + k, ends, 0, k), _covers(pairs, ij + 2 * WIDTH + k, ends, 2, k)
-        third, fourth = _covers(pairs, ij + 4 * WIDTH + k, ends, 4, k), _covers(pairs, ij + 6 * WIDTH + k, ends, 6, k)
-        found |= (one | other << WIDTH | third << 2 * WIDTH | fourth << 3 * WIDTH) << k
-    return found
-
-
-@inline
-def _covers(pairs, at, ends, row, k):
-    """Whether an interval has something in common with what is open of an edge."""
-    begin, end = ends[_OPEN + row * WIDTH + k], ends[_OPEN + (row + 1) * WIDTH + k]
-    return np.int64(larger(pairs[at], begin) < smaller(pairs[at + WIDTH], end))
+        one = _shorten_one(pairs[ij + k], pairs[ij + WIDTH + k], ends, 0, k)
+        two = _shorten_one(pairs[ij + 2 * WIDTH + k], pairs[ij + 3 * WIDTH + k], ends, 2, k)
+        three = _shorten_one(pairs[ij + 4 * WIDTH + k], pairs[ij + 5 * WIDTH + k], ends, 4, k)
+        four = _shorten_one(pairs[ij + 6 * WIDTH + k], pairs[ij + 7 * WIDTH + k], ends, 6, k)
+        between |= np.int64(one | two | three | four) << k
+    return between
 
 
 @inner
@@ -273,12 +273,12 @@ def _under(mx, my, dx, dy, rise, run, low, high):
 
 
 @inner
-def _take_out_covered(slots, pairs, i, e, first, last, ends, lanes):
-    """Take out what is covered between the ends of one edge of an image: intervals in rising order, each once."""
+def _take_out_inside(slots, pairs, i, e, first, last, ends, inside, lanes):
+    """Take out what images of a set cover between the ends of one edge: intervals in rising order, each once."""
     count, at = np.int64(0), _OPEN + 2 * e * WIDTH
     for j in range(first, last):
         interval = _INTERVALS + 2 * count * WIDTH
-        if j != i and _put_between(pairs, _block(i, j) + 2 * e * WIDTH, ends, at, interval, lanes):
+        if inside >> j & 1 and _put_between(pairs, _block(i, j) + 2 * e * WIDTH, ends, at, interval, lanes):
             for m in range(count, 0, -1):
                 _in_order(ends, _INTERVALS + 2 * m * WIDTH, lanes)
             count += 1

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inner, kernel
-from heliosweep.kernels.field.boundaries import ENDS, MOST, PAIRS, SLOT, SLOTS, WIDTH, cover, fill, prepare, union_areas
+from heliosweep.kernels.field.boundaries import ENDS, MOST, PAIRS, SLOT, SLOTS, WIDTH, fill, prepare, union_areas
 from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, outline, straddles
 from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps, larger, smaller
 from heliosweep.kernels.vectors import PACKET, ROW, aligned, whole
@@ -36,10 +36,15 @@ class Room(NamedTuple):
     """Lanes in which each image overlaps another."""
     lanes: Integers
     """Names of lanes that are packed."""
+    named: Integers
+    """Images of each lane of a group that overlap others, and their number."""
+    found: Integers
     slots: Floats
     """Of a group of packed lanes: images, their pairs, and areas with ends of edges, as `boundaries` keeps them."""
     pairs: Floats
     ends: Floats
+    inside: Integers
+    """Images that cover something between the ends of edges of each, a bit for each."""
     areas: Floats
     """Of one lane, image by image: areas, names, numbers of corners, and corners."""
     names: Integers
@@ -56,9 +61,12 @@ def room_for(count: int) -> Room:
     return Room(
         np.zeros(count, np.int64),
         np.empty(PACKET, np.int64),
+        np.empty(WIDTH * MOST, np.int64),
+        np.empty(WIDTH, np.int64),
         aligned(SLOTS),
         aligned(PAIRS),
         aligned(ENDS),
+        np.zeros(2 * MOST, np.int64),
         np.empty(count),
         np.empty(count, np.int64),
         np.empty(count, np.int64),
@@ -79,16 +87,16 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
     radian before grazing incidence makes them: to 2e-12.
     """
-    _add_areas(images.rows, shading, count, total, lanes)
-    several = _several(images.present, count)
+    several, general, meeting = _several(images.present, count), np.int64(0), np.int64(0)
     if several != 0:
         general = _straddling(images, count, several, lanes)
         meeting = _meetings(images, several & ~general, count, room.meeting, lanes)
-        if meeting != 0:
-            general |= _put_together(images.rows, meeting, shading, count, total, room, lanes)
-        for k in range(lanes if general != 0 else 0):
-            if general >> k & 1 and not _general(images, shading, count, k, total, room, room.stack, room.pieces):
-                _general_with_more_room(images, shading, count, k, total, room)
+    _add_areas(images.rows, shading, count, meeting, total, room.meeting, lanes)
+    if meeting != 0:
+        general |= _put_together(images.rows, meeting, shading, count, total, room, lanes)
+    for k in range(lanes if general != 0 else 0):
+        if general >> k & 1 and not _general(images, shading, count, k, total, room, room.stack, room.pieces):
+            _general_with_more_room(images, shading, count, k, total, room)
 
 
 @inner
@@ -115,27 +123,19 @@ def _straddling(images, count, several, lanes):
 
 
 @inner
-def _add_areas(images, shading, count, total, lanes):
-    """Write the sums of the areas."""
+def _add_areas(images, shading, count, some, total, meeting, lanes):
+    """Write the sums of the areas of images that overlap none."""
     for k in range(lanes):
         total[k] = total[_BLOCK + k] = 0.0
     for m in range(count):
         area, row = m * IMAGE_ROWS * ROW + AREA, _BLOCK if m >= shading else 0
-        for k in range(lanes):
-            total[row + k] += images[area + k]
-    for k in range(lanes):
-        total[_BOTH + k] = total[k] + total[_BLOCK + k]
-
-
-@inner
-def _add_areas(images, shading, count, total, lanes):
-    """Write the sums of the areas."""
-    for k in range(lanes):
-        total[k] = total[_BLOCK + k] = 0.0
-    for m in range(count):
-        area, row = m * IMAGE_ROWS * ROW + AREA, _BLOCK if m >= shading else 0
-        for k in range(lanes):
-            total[row + k] += images[area + k]
+        here = meeting[m] & some
+        if here == 0:
+            for k in range(lanes):
+                total[row + k] += images[area + k]
+        else:
+            for k in range(lanes):
+                total[row + k] += 0.0 if here >> k & 1 else images[area + k]
     for k in range(lanes):
         total[_BOTH + k] = total[k] + total[_BLOCK + k]
 
@@ -182,79 +182,72 @@ def _overlapping(images, n, m, lanes):
 
 @inner
 def _put_together(images, meeting, shading, count, total, room, lanes):
-    """Put the images that overlap together, in all lanes where some do; returns the lanes to be done otherwise."""
+    """Add what images that overlap cover together, in lanes where some do; returns the lanes to be done otherwise."""
     names, packed, general = room.lanes, np.int64(0), np.int64(0)
     for k in range(lanes):
-        if meeting >> k & 1:
-            shades = _count(room.meeting, np.int64(0), shading, k)
-            if max(shades, _count(room.meeting, shading, count, k) - shades) > MOST:
-                general |= np.int64(1) << k
-            else:
-                names[packed] = k
-                packed += 1
+        names[packed] = k
+        packed += meeting >> k & 1
     for begin in range(0, packed, WIDTH):
-        some = names[begin : min(begin + WIDTH, packed)]
-        filled = whole(some.shape[0])
-        shades = _pack(images, np.int64(0), shading, some, room, np.int64(0))
-        both = _pack(images, shading, count, some, room, shades)
+        size = min(packed - begin, WIDTH)
+        filled = whole(size)
+        shades, crowd = _pack(images, np.int64(0), shading, begin, size, room, np.int64(0))
+        general |= crowd
+        both, crowd = _pack(images, shading, count, begin, size, room, shades)
+        general |= crowd
         prepare(room.slots, both, filled)
-        tied = cover(room.slots, both, room.pairs, filled)
-        if shades > 1:
-            union_areas(room.slots, room.pairs, np.int64(0), shades, room.ends, filled)
-            _write(images, np.int64(0), shading, some, room, total, np.int64(0))
-        if both - shades > 1:
-            union_areas(room.slots, room.pairs, shades, both, room.ends, filled)
-            _write(images, shading, count, some, room, total, _BLOCK)
+        tied = _add_union(np.int64(0), np.int64(0), shades, begin, size, room, total, np.int64(0))
+        tied |= _add_union(shades, shades, both, begin, size, room, total, _BLOCK)
         if 0 < shades < both:
-            union_areas(room.slots, room.pairs, np.int64(0), both, room.ends, filled)
-            _write(images, np.int64(0), count, some, room, total, _BOTH)
+            tied |= _add_union(np.int64(0), shades, both, begin, size, room, total, _BOTH)
         else:
-            for k in some:
-                total[_BOTH + k] = total[k] + total[_BLOCK + k]
-        for g in range(some.shape[0]):
-            general |= (tied >> g & 1) << some[g]
+            _add_ends(begin, size, room, total, _BOTH)
+        for g in range(size):
+            general |= (tied >> g & 1) << names[begin + g]
     return general
 
 
 @inner
-def _count(meeting, first, last, k):
-    """Number of images first..last of a lane that overlap another."""
-    found = np.int64(0)
-    for m in range(first, last):
-        found += meeting[m] >> k & 1
-    return found
+def _pack(images, first, last, begin, size, room, slot):
+    """Copy images first..last of some lanes that overlap others, from a slot on.
+
+    Returns where slots end, and the lanes that have too many.
+    """
+    end, crowd, named = slot, np.int64(0), room.named
+    for g in range(size):
+        k, found = room.lanes[begin + g], np.int64(0)
+        for m in range(first, last):
+            named[g * MOST + found] = m
+            found += room.meeting[m] >> k & 1
+            if found == MOST:
+                crowd |= np.int64(1) << k
+                found -= 1
+        for s in range(found):
+            lane, at = named[g * MOST + s] * IMAGE_ROWS * ROW + k, (slot + s) * SLOT + g
+            for row in range(6):
+                room.slots[at + row * WIDTH] = images[lane + row * ROW]
+        room.found[g] = found
+        end = max(end, slot + found)
+    for g in range(whole(size)):
+        for s in range(slot + (room.found[g] if g < size else 0), end):
+            fill(room.slots, s, g)
+    return end, crowd
 
 
 @inner
-def _pack(images, first, last, names, room, begin):
-    """Copy images first..last of some lanes that overlap others, from slot `begin` on; returns where slots end."""
-    end = begin
-    for g in range(names.shape[0]):
-        end = max(end, begin + _count(room.meeting, first, last, names[g]))
-    for g in range(whole(names.shape[0])):
-        at = begin
-        if g < names.shape[0]:
-            k = names[g]
-            for m in range(first, last):
-                if room.meeting[m] >> k & 1:
-                    for row in range(6):
-                        room.slots[at * SLOT + row * WIDTH + g] = images[(m * IMAGE_ROWS + row) * ROW + k]
-                    at += 1
-        for empty in range(at, end):
-            fill(room.slots, empty, g)
-    return end
+def _add_union(first, middle, last, begin, size, room, total, row):
+    """Add the union of some slots to a row of totals; returns the lanes of the group where edges tie."""
+    if first == last:
+        return np.int64(0)
+    tied = union_areas(room.slots, first, middle, last, room.pairs, room.ends, room.inside, whole(size))
+    _add_ends(begin, size, room, total, row)
+    return tied
 
 
 @inner
-def _write(images, first, last, names, room, total, row):
-    """Write the areas of images first..last, of which those that overlap stand together in the ends."""
-    for g in range(names.shape[0]):
-        k = names[g]
-        if _count(room.meeting, first, last, k) > 1:
-            area = room.ends[g]
-            for m in range(first, last):
-                area += 0.0 if room.meeting[m] >> k & 1 else images[m * IMAGE_ROWS * ROW + AREA + k]
-            total[row + k] = area
+def _add_ends(begin, size, room, total, row):
+    """Add the areas of a group to the lanes that they are of."""
+    for g in range(size):
+        total[row + room.lanes[begin + g]] += room.ends[g]
 
 
 @inner
