@@ -11,25 +11,24 @@ may be misplaced along the edges, where they are as good as one. Three such edge
 another in turn: lanes where two edges coincide within some 1e-8 are left to another way.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, inner
+from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.polygons import edge_term, larger, slopes, smaller, unit
-from heliosweep.kernels.vectors import GROUP
+from heliosweep.kernels.vectors import GROUP, ROW, aligned
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-MOST = 16
-"""Most images of a lane that shade, and that block."""
-_ALL = 2 * MOST
+SLOTS = 40
+"""Most images of a group of lanes."""
 
-WIDTH = 2 * GROUP
-"""Most lanes of a group. What is filled of it is a variable: a short loop of known length would not become vector code
-that first tests whether the places that it reads and writes overlap."""
-_LANES = (1 << WIDTH) - 1
-"""All lanes of a group, a bit for each."""
+WIDTH = GROUP
+"""Lanes of a group. How many are filled is a variable: a short loop of known length would not become vector code that
+first tests whether the places that it reads and writes overlap."""
 
 _A, _B, _SLOPES, _TURN, _COUNTS = 2 * WIDTH, 4 * WIDTH, 6 * WIDTH, 10 * WIDTH, 11 * WIDTH
 SLOT = 19 * WIDTH
@@ -39,8 +38,6 @@ _PAIR = 8 * WIDTH
 """Numbers of an ordered pair of images: from where to where the other covers each edge of the one."""
 _OPEN, _INTERVALS = WIDTH, WIDTH + _PAIR
 """Rows of ends, behind the areas: what is open of each edge of an image; what is covered between the ends of one."""
-SLOTS, PAIRS, ENDS = _ALL * SLOT, _ALL * _ALL * 2 * _PAIR, _INTERVALS + 2 * _ALL * WIDTH
-"""Numbers of all images, of their pairs, and of the ends."""
 
 _PARALLEL = 1e-8
 """Sine of an angle below which edges are as good as parallel, and the crossings of their lines no points of theirs."""
@@ -48,30 +45,56 @@ _BEYOND = 4.0
 """Crossings of such lines further from the middle of an edge, in half edges, are no tie."""
 
 
-@inline
-def fill(slots: Floats, slot: int, g: int) -> None:
-    """Put an image that is nowhere, and has no area, into one lane of a group."""
-    for row in range(6):
-        slots[slot * SLOT + row * WIDTH + g] = 8.0 if row < 2 else (1.0 if row % 2 == 0 else 0.0)
+class Group(NamedTuple):
+    """Images of a group of lanes."""
+
+    slots: Floats
+    """`SLOT` numbers of each image."""
+    masks: Integers
+    """Lanes in which each is, a bit for each lane."""
+    inside: Integers
+    """Images that cover something between the ends of edges of each, a bit for each."""
+    pairs: Floats
+    ends: Floats
+    """Areas, and ends of what is open of edges."""
+
+
+@kernel
+def group_of_lanes() -> Group:
+    """Room for a group of lanes."""
+    return Group(
+        aligned(SLOTS * SLOT),
+        np.empty(SLOTS, np.int64),
+        np.zeros(SLOTS, np.int64),
+        aligned(SLOTS * SLOTS * 2 * _PAIR),
+        aligned(_INTERVALS + 2 * SLOTS * WIDTH),
+    )
 
 
 @inner
-def prepare(slots: Floats, count: int, lanes: int) -> None:
-    """Complete the first `count` images of a group, whose centres and half edges have been written."""
-    for i in range(count):
-        o = i * SLOT
-        for k in range(lanes):
-            cx, cy = slots[o + k], slots[o + WIDTH + k]
-            ax, ay, bx, by = slots[o + _A + k], slots[o + _A + WIDTH + k], slots[o + _B + k], slots[o + _B + WIDTH + k]
-            slots[o + _SLOPES + k], slots[o + _SLOPES + WIDTH + k] = slopes(ax, ay)
-            slots[o + _SLOPES + 2 * WIDTH + k], slots[o + _SLOPES + 3 * WIDTH + k] = slopes(bx, by)
-            slots[o + _TURN + k] = ax * by - ay * bx
-            rx, ry, sx, sy = _inverse(ax), _inverse(ay), _inverse(bx), _inverse(by)
-            w = o + _COUNTS + k
-            slots[w], slots[w + WIDTH] = _counting(cx - bx, cy - by, rx, ry)
-            slots[w + 2 * WIDTH], slots[w + 3 * WIDTH] = _counting(cx + bx, cy + by, rx, ry)
-            slots[w + 4 * WIDTH], slots[w + 5 * WIDTH] = _counting(cx - ax, cy - ay, sx, sy)
-            slots[w + 6 * WIDTH], slots[w + 7 * WIDTH] = _counting(cx + ax, cy + ay, sx, sy)
+def prepare(images: Floats, image: int, some: int, slots: Floats, o: int, lanes: int) -> None:
+    """Write an image in some lanes to a slot that begins at `o`, and an image that is nowhere to the others.
+
+    The image begins at `image` in `images`.
+    """
+    image, o = max(image, 0), max(o, 0)
+    for k in range(lanes):
+        here = some >> k & 1 == 1
+        cx, cy = images[image + k] if here else 8.0, images[image + ROW + k] if here else 8.0
+        ax, ay = images[image + 2 * ROW + k] if here else 1.0, images[image + 3 * ROW + k] if here else 0.0
+        bx, by = images[image + 4 * ROW + k] if here else 1.0, images[image + 5 * ROW + k] if here else 0.0
+        slots[o + k], slots[o + WIDTH + k] = cx, cy
+        slots[o + _A + k], slots[o + _A + WIDTH + k] = ax, ay
+        slots[o + _B + k], slots[o + _B + WIDTH + k] = bx, by
+        slots[o + _SLOPES + k], slots[o + _SLOPES + WIDTH + k] = slopes(ax, ay)
+        slots[o + _SLOPES + 2 * WIDTH + k], slots[o + _SLOPES + 3 * WIDTH + k] = slopes(bx, by)
+        slots[o + _TURN + k] = ax * by - ay * bx
+        rx, ry, sx, sy = _inverse(ax), _inverse(ay), _inverse(bx), _inverse(by)
+        w = o + _COUNTS + k
+        slots[w], slots[w + WIDTH] = _counting(cx - bx, cy - by, rx, ry)
+        slots[w + 2 * WIDTH], slots[w + 3 * WIDTH] = _counting(cx + bx, cy + by, rx, ry)
+        slots[w + 4 * WIDTH], slots[w + 5 * WIDTH] = _counting(cx - ax, cy - ay, sx, sy)
+        slots[w + 6 * WIDTH], slots[w + 7 * WIDTH] = _counting(cx + ax, cy + ay, sx, sy)
 
 
 @inline
@@ -91,38 +114,39 @@ def _counting(mx, my, rx, ry):
 
 
 @inner
-def union_areas(
-    slots: Floats, first: int, middle: int, last: int, pairs: Floats, ends: Floats, inside: Integers, lanes: int
-) -> np.int64:
-    """Write the areas that images first..last of a group cover of the square together to the first row of `ends`.
+def union_areas(group: Group, first: int, middle: int, last: int, lanes: int) -> np.int64:
+    """Write the areas that images first..last of a group cover of the square together to the first row of its ends.
 
     Where `middle` is not `first`, this has been called for the images up to there, and for those from there on. Returns
     the lanes in which two edges tie.
     """
+    slots, pairs, ends, masks = group.slots, group.pairs, group.ends, group.masks
     tied = np.int64(0)
     for k in range(lanes):
         ends[k] = 0.0
     for i in range(first, last):
-        o = i * SLOT
-        inside[i] = 0 if middle == first else inside[i]
+        o, inside = i * SLOT, np.int64(0) if middle == first else group.inside[i]
         _copy(slots, o + _COUNTS, ends, _OPEN, lanes)
         for j in range(first if i >= middle else i, i if middle == first else min(i, middle)):
-            inside[i] |= np.int64(_shorten(pairs, _block(i, j), ends, lanes) != 0) << j
+            if masks[i] & masks[j] != 0:
+                inside |= np.int64(_shorten(pairs, _block(i, j), ends, lanes) != 0) << j
         for j in range(max(i + 1, middle), last if middle == first or i < middle else i):
-            near, between = _cover(slots, o, j * SLOT, pairs, _block(i, j), ends, lanes)
-            tied |= near
-            inside[i] |= np.int64(between != 0) << j
+            if masks[i] & masks[j] != 0:
+                near, between = _cover(slots, o, j * SLOT, pairs, _block(i, j), ends, lanes)
+                tied |= near & masks[i] & masks[j]
+                inside |= np.int64(between != 0) << j
+        group.inside[i] = inside
         _copy(ends, _OPEN, slots, o + _COUNTS, lanes)
         _add_open(slots, o, ends, lanes)
-        for e in range(4 if inside[i] != 0 else 0):
-            _take_out_inside(slots, pairs, i, e, first, last, ends, inside[i], lanes)
+        for e in range(4 if inside != 0 else 0):
+            _take_out_inside(slots, pairs, i, e, first, last, ends, inside, lanes)
     return tied
 
 
 @inline
 def _block(i, j):
     """Start of what image j covers of image i: of both together, for they are found together."""
-    return (i * _ALL + j) * 2 * _PAIR if i < j else (j * _ALL + i) * 2 * _PAIR + _PAIR
+    return (i * SLOTS + j) * 2 * _PAIR if i < j else (j * SLOTS + i) * 2 * _PAIR + _PAIR
 
 
 @inner
@@ -185,8 +209,7 @@ def _cover(slots, i, j, pairs, ij, ends, lanes):
         _write(pairs, ji + 4 * WIDTH + k, m - f + aq_mm * e, m + f + aq_pm * e, m - e + bq_mm * f, m + e + bq_pm * f)
         m = -g - middle
         _write(pairs, ji + 6 * WIDTH + k, m - f + aq_mp * e, m + f + aq_pp * e, m - e + bq_mp * f, m + e + bq_pp * f)
-        real = (turn != 0.0) & (slots[i + _TURN + k] != 0.0)
-        tied |= np.int64((tie_ap | tie_aq | tie_bp | tie_bq) & real) << k
+        tied |= np.int64(tie_ap | tie_aq | tie_bp | tie_bq) << k
         between |= np.int64(one | two | three | four) << k
     return tied, between
 

@@ -1,8 +1,8 @@
 """Exact areas of unions of images, for all lanes of a packet.
 
-Where no two images of a lane overlap, the union is the sum of their areas. Lanes where some do are packed in groups,
-with the images that overlap another, for `boundaries`. Few lanes, those where edges tie, a mirror straddles the plane
-of the test mirror, or a crowd overlaps, subtract their images from the square one by one.
+Where no two images of a lane overlap, the union is the sum of their areas. Images that overlap others are put together
+by `boundaries`, group by group of lanes. Few lanes, those where edges tie, a mirror straddles the plane of the test
+mirror, or a crowd overlaps, subtract their images from the square one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
 the order of the search, outward from the test mirror: the bits of a lane do not depend on its packet.
@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inner, kernel
-from heliosweep.kernels.field.boundaries import ENDS, MOST, PAIRS, SLOT, SLOTS, WIDTH, fill, prepare, union_areas
+from heliosweep.kernels.field.boundaries import SLOT, SLOTS, WIDTH, Group, group_of_lanes, prepare, union_areas
 from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, outline, straddles
 from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps, larger, smaller
-from heliosweep.kernels.vectors import PACKET, ROW, aligned, whole
+from heliosweep.kernels.vectors import ROW
 
 _NOTHING = 1e-14
 """Area of an image that is not put together with others: no wider than rounding, its corners may be in disorder."""
 
+_MOST = 12
+"""Images of a lane that overlap others up to which they are put together."""
 _BLOCK, _BOTH = ROW, 2 * ROW
 """Rows of the totals, after that of shade."""
 
@@ -34,17 +36,8 @@ class Room(NamedTuple):
 
     meeting: Integers
     """Lanes in which each image overlaps another."""
-    lanes: Integers
-    """Names of lanes that are packed."""
-    named: Integers
-    """Images of each lane of a group that overlap others, and their number."""
-    found: Integers
-    slots: Floats
-    """Of a group of packed lanes: images, their pairs, and areas with ends of edges, as `boundaries` keeps them."""
-    pairs: Floats
-    ends: Floats
-    inside: Integers
-    """Images that cover something between the ends of edges of each, a bit for each."""
+    group: Group
+    """Of a group of lanes."""
     areas: Floats
     """Of one lane, image by image: areas, names, numbers of corners, and corners."""
     names: Integers
@@ -60,13 +53,7 @@ def room_for(count: int) -> Room:
     """Scratch for so many images."""
     return Room(
         np.zeros(count, np.int64),
-        np.empty(PACKET, np.int64),
-        np.empty(WIDTH * MOST, np.int64),
-        np.empty(WIDTH, np.int64),
-        aligned(SLOTS),
-        aligned(PAIRS),
-        aligned(ENDS),
-        np.zeros(2 * MOST, np.int64),
+        group_of_lanes(),
         np.empty(count),
         np.empty(count, np.int64),
         np.empty(count, np.int64),
@@ -91,6 +78,9 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     if several != 0:
         general = _straddling(images, count, several, lanes)
         meeting = _meetings(images, several & ~general, count, room.meeting, lanes)
+        if meeting != 0:
+            crowded = _crowded(room.meeting, count, lanes)
+            general, meeting = general | crowded, meeting & ~crowded
     _add_areas(images.rows, shading, count, meeting, total, room.meeting, lanes)
     if meeting != 0:
         general |= _put_together(images.rows, meeting, shading, count, total, room, lanes)
@@ -181,73 +171,75 @@ def _overlapping(images, n, m, lanes):
 
 
 @inner
-def _put_together(images, meeting, shading, count, total, room, lanes):
-    """Add what images that overlap cover together, in lanes where some do; returns the lanes to be done otherwise."""
-    names, packed, general = room.lanes, np.int64(0), np.int64(0)
-    for k in range(lanes):
-        names[packed] = k
-        packed += meeting >> k & 1
-    for begin in range(0, packed, WIDTH):
-        size = min(packed - begin, WIDTH)
-        filled = whole(size)
-        shades, crowd = _pack(images, np.int64(0), shading, begin, size, room, np.int64(0))
-        general |= crowd
-        both, crowd = _pack(images, shading, count, begin, size, room, shades)
-        general |= crowd
-        prepare(room.slots, both, filled)
-        tied = _add_union(np.int64(0), np.int64(0), shades, begin, size, room, total, np.int64(0))
-        tied |= _add_union(shades, shades, both, begin, size, room, total, _BLOCK)
-        if 0 < shades < both:
-            tied |= _add_union(np.int64(0), shades, both, begin, size, room, total, _BOTH)
-        else:
-            _add_ends(begin, size, room, total, _BOTH)
-        for g in range(size):
-            general |= (tied >> g & 1) << names[begin + g]
-    return general
+def _crowded(meeting, count, lanes):
+    """Lanes in which more than `_MOST` images overlap others."""
+    crowded = np.int64(0)
+    for k in range(lanes if count > _MOST else 0):
+        found = np.int64(0)
+        for m in range(count):
+            found += meeting[m] >> k & 1
+        crowded |= np.int64(found > _MOST) << k
+    return crowded
 
 
 @inner
-def _pack(images, first, last, begin, size, room, slot):
-    """Copy images first..last of some lanes that overlap others, from a slot on.
-
-    Returns where slots end, and the lanes that have too many.
-    """
-    end, crowd, named = slot, np.int64(0), room.named
-    for g in range(size):
-        k, found = room.lanes[begin + g], np.int64(0)
-        for m in range(first, last):
-            named[g * MOST + found] = m
-            found += room.meeting[m] >> k & 1
-            if found == MOST:
-                crowd |= np.int64(1) << k
-                found -= 1
-        for s in range(found):
-            lane, at = named[g * MOST + s] * IMAGE_ROWS * ROW + k, (slot + s) * SLOT + g
-            for row in range(6):
-                room.slots[at + row * WIDTH] = images[lane + row * ROW]
-        room.found[g] = found
-        end = max(end, slot + found)
-    for g in range(whole(size)):
-        for s in range(slot + (room.found[g] if g < size else 0), end):
-            fill(room.slots, s, g)
-    return end, crowd
-
-
-@inner
-def _add_union(first, middle, last, begin, size, room, total, row):
-    """Add the union of some slots to a row of totals; returns the lanes of the group where edges tie."""
-    if first == last:
-        return np.int64(0)
-    tied = union_areas(room.slots, first, middle, last, room.pairs, room.ends, room.inside, whole(size))
-    _add_ends(begin, size, room, total, row)
+def _put_together(images, some, shading, count, total, room, lanes):
+    """Add what images that overlap cover together, in some lanes; returns the lanes where edges tie."""
+    tied, start = np.int64(0), np.int64(0)
+    while start < lanes:
+        filled = min(lanes - start, WIDTH)
+        here = some >> start & (1 << filled) - 1
+        if here != 0:
+            if _fits(room.meeting, here << start, count):
+                tied |= _put_group_together(images, here, shading, count, total, room, start, filled) << start
+            else:
+                for k in range(filled):
+                    one = here & np.int64(1) << k
+                    if one != 0:
+                        tied |= _put_group_together(images, one, shading, count, total, room, start, filled) << start
+        start += filled
     return tied
 
 
 @inner
-def _add_ends(begin, size, room, total, row):
-    """Add the areas of a group to the lanes that they are of."""
-    for g in range(size):
-        total[row + room.lanes[begin + g]] += room.ends[g]
+def _fits(meeting, here, count):
+    """Whether there is room for all images that overlap others in some lanes."""
+    found = np.int64(0)
+    for m in range(count):
+        found += np.int64(meeting[m] & here != 0)
+    return found <= SLOTS
+
+
+@inner
+def _put_group_together(images, here, shading, count, total, room, start, lanes):
+    """The same in some of the lanes of one group."""
+    shades = slots = np.int64(0)
+    for m in range(count):
+        mask = room.meeting[m] >> start & here
+        if mask != 0:
+            prepare(images, m * IMAGE_ROWS * ROW + start, mask, room.group.slots, slots * SLOT, lanes)
+            room.group.masks[slots] = mask
+            slots += 1
+            shades += np.int64(m < shading)
+    tied = np.int64(0)
+    if shades > 0:
+        tied |= union_areas(room.group, np.int64(0), np.int64(0), shades, lanes)
+        _add_ends(room.group.ends, total, start, lanes)
+    if slots > shades:
+        tied |= union_areas(room.group, shades, shades, slots, lanes)
+        _add_ends(room.group.ends, total, _BLOCK + start, lanes)
+    if 0 < shades < slots:
+        tied |= union_areas(room.group, np.int64(0), shades, slots, lanes)
+    _add_ends(room.group.ends, total, _BOTH + start, lanes)
+    return tied
+
+
+@inner
+def _add_ends(ends, total, row, lanes):
+    """Add the areas of a group."""
+    row = max(row, 0)
+    for k in range(lanes):
+        total[row + k] += ends[k]
 
 
 @inner
