@@ -32,6 +32,7 @@ def take_out_hidden(images: Images, first: int, m: int, some: np.int64, lanes: i
         if both != 0 and images.apart[n]:
             hidden |= both & _contains(images.rows, n, m, lanes)
     _take_out(images.rows, m, hidden, lanes)
+    images.present[m] &= ~hidden
     for n in range(first, m if images.apart[m] else first):
         both = images.present[n] & some & ~hidden
         if both != 0:
