@@ -15,6 +15,9 @@ PACKET = 64
 GROUP = 8
 """Packets are filled up to a multiple of so many lanes, the vector of the widest processors: no loop leaves a rest."""
 
+LANES = (1 << GROUP) - 1
+"""The lanes of the first group, a bit for each."""
+
 ROW = PACKET + GROUP
 """Numbers from the start of a row of lanes to that of the next. With as many as a packet has lanes, a power of two, the
 rows of short packets, as a low sun makes them, would crowd into an eighth of the places of the processor's cache."""

@@ -23,12 +23,11 @@ from heliosweep.kernels.vectors import GROUP, ROW, aligned
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SLOTS = 40
+SLOTS = 32
 """Most images of a group of lanes."""
 
 WIDTH = GROUP
-"""Lanes of a group. How many are filled is a variable: a short loop of known length would not become vector code that
-first tests whether the places that it reads and writes overlap."""
+"""Most lanes that are done together."""
 
 _A, _B, _SLOPES, _TURN, _COUNTS = 2 * WIDTH, 4 * WIDTH, 6 * WIDTH, 10 * WIDTH, 11 * WIDTH
 SLOT = 19 * WIDTH

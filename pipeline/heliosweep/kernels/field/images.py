@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.polygons import CORNERS, edge_term, larger, slopes, square_area
-from heliosweep.kernels.vectors import GROUP, ROW, rows
+from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 AXES_ROWS = 6
 """Rows of the axes of projection: U and V, components x, y, z of each."""
@@ -25,8 +25,6 @@ mirrors that may straddle the plane of the test mirror, the heights over it: of 
 AREA = 6 * ROW
 """Start of the row of areas."""
 _HEIGHT = 7 * ROW
-_GROUP = (1 << GROUP) - 1
-"""All lanes of a group, a bit for each."""
 
 Floats = NDArray[np.float64]
 
@@ -141,7 +139,7 @@ def _areas(images, o, some, lanes):
     start = np.int64(0)
     while start < lanes:
         stop = start
-        while stop < lanes and some >> stop & _GROUP != 0:
+        while stop < lanes and some >> stop & LANES != 0:
             stop += GROUP
         if stop > start:
             _areas_of(images, o + start, stop - start)

@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.boundaries import SLOT, SLOTS, WIDTH, Group, group_of_lanes, prepare, union_areas
 from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, outline, straddles
+from heliosweep.kernels.field.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_two
 from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps, larger, smaller
-from heliosweep.kernels.vectors import ROW
+from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 _NOTHING = 1e-14
 """Area of an image that is not put together with others: no wider than rounding, its corners may be in disorder."""
@@ -36,6 +37,10 @@ class Room(NamedTuple):
 
     meeting: Integers
     """Lanes in which each image overlaps another."""
+    lanes: Integers
+    """Names of lanes that are packed."""
+    overlaps: Floats
+    """Rows of packed lanes."""
     group: Group
     """Of a group of lanes."""
     areas: Floats
@@ -53,6 +58,8 @@ def room_for(count: int) -> Room:
     """Scratch for so many images."""
     return Room(
         np.zeros(count, np.int64),
+        np.empty(ROW, np.int64),
+        rows(OVERLAP_ROWS),
         group_of_lanes(),
         np.empty(count),
         np.empty(count, np.int64),
@@ -74,16 +81,20 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
     radian before grazing incidence makes them: to 2e-12.
     """
-    several, general, meeting = _several(images.present, count), np.int64(0), np.int64(0)
+    several, general, many = _several(images.present, count), np.int64(0), np.int64(0)
+    two = np.int64(0)
     if several != 0:
         general = _straddling(images, count, several, lanes)
         meeting = _meetings(images, several & ~general, count, room.meeting, lanes)
         if meeting != 0:
-            crowded = _crowded(room.meeting, count, lanes)
-            general, meeting = general | crowded, meeting & ~crowded
-    _add_areas(images.rows, shading, count, meeting, total, room.meeting, lanes)
-    if meeting != 0:
-        general |= _put_together(images.rows, meeting, shading, count, total, room, lanes)
+            many = _more_than_two(room.meeting, count)
+            two, crowded = meeting & ~many, _crowded(room.meeting, count, lanes)
+            general, many = general | crowded, many & ~crowded
+    _add_areas(images.rows, shading, count, many, total, room.meeting, lanes)
+    if two != 0:
+        _subtract_overlaps(images.rows, two, shading, count, total, room, lanes)
+    if many != 0:
+        general |= _put_together(images.rows, many, shading, count, total, room, lanes)
     for k in range(lanes if general != 0 else 0):
         if general >> k & 1 and not _general(images, shading, count, k, total, room, room.stack, room.pieces):
             _general_with_more_room(images, shading, count, k, total, room)
@@ -171,6 +182,39 @@ def _overlapping(images, n, m, lanes):
 
 
 @inner
+def _more_than_two(meeting, count):
+    """Lanes in which more than two images overlap others."""
+    one = two = many = np.int64(0)
+    for m in range(count):
+        many |= two & meeting[m]
+        two |= one & meeting[m]
+        one |= meeting[m]
+    return many
+
+
+@inner
+def _subtract_overlaps(images, some, shading, count, total, room, lanes):
+    """Subtract what two images share in lanes where only two overlap."""
+    for m in range(count):
+        for n in range(m if room.meeting[m] & some != 0 else 0):
+            both = room.meeting[n] & room.meeting[m] & some
+            if both != 0:
+                active = np.int64(0)
+                for k in range(lanes):
+                    room.lanes[active] = k
+                    active += both >> k & 1
+                filled = pack(images, n * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(0))
+                pack(images, m * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(1))
+                shared_by_two(room.overlaps, filled)
+                kind = _BLOCK if n >= shading else np.int64(0)
+                for g in range(active):
+                    k, shared = room.lanes[g], room.overlaps[SHARED + g]
+                    total[_BOTH + k] -= shared
+                    if m < shading or n >= shading:
+                        total[kind + k] -= shared
+
+
+@inner
 def _crowded(meeting, count, lanes):
     """Lanes in which more than `_MOST` images overlap others."""
     crowded = np.int64(0)
@@ -187,18 +231,26 @@ def _put_together(images, some, shading, count, total, room, lanes):
     """Add what images that overlap cover together, in some lanes; returns the lanes where edges tie."""
     tied, start = np.int64(0), np.int64(0)
     while start < lanes:
-        filled = min(lanes - start, WIDTH)
-        here = some >> start & (1 << filled) - 1
-        if here != 0:
-            if _fits(room.meeting, here << start, count):
-                tied |= _put_group_together(images, here, shading, count, total, room, start, filled) << start
+        filled = GROUP
+        if some >> start & LANES != 0:
+            while filled < WIDTH and start + filled < lanes and some >> start + filled & LANES != 0:
+                filled += GROUP
+            if not _fits(room.meeting, some & _lanes(start, filled), count):
+                filled = GROUP
+            here = some & _lanes(start, filled)
+            if _fits(room.meeting, here, count):
+                tied |= _put_group_together(images, here, shading, count, total, room, start, filled)
             else:
-                for k in range(filled):
-                    one = here & np.int64(1) << k
-                    if one != 0:
-                        tied |= _put_group_together(images, one, shading, count, total, room, start, filled) << start
+                for k in range(start, start + filled):
+                    tied |= _put_group_together(images, here & 1 << k, shading, count, total, room, start, filled)
         start += filled
     return tied
+
+
+@inline
+def _lanes(start, count):
+    """Some lanes, a bit for each."""
+    return (np.int64(1) << count) - 1 << start
 
 
 @inner
@@ -215,7 +267,7 @@ def _put_group_together(images, here, shading, count, total, room, start, lanes)
     """The same in some of the lanes of one group."""
     shades = slots = np.int64(0)
     for m in range(count):
-        mask = room.meeting[m] >> start & here
+        mask = (room.meeting[m] & here) >> start
         if mask != 0:
             prepare(images, m * IMAGE_ROWS * ROW + start, mask, room.group.slots, slots * SLOT, lanes)
             room.group.masks[slots] = mask
@@ -230,8 +282,9 @@ def _put_group_together(images, here, shading, count, total, room, start, lanes)
         _add_ends(room.group.ends, total, _BLOCK + start, lanes)
     if 0 < shades < slots:
         tied |= union_areas(room.group, np.int64(0), shades, slots, lanes)
-    _add_ends(room.group.ends, total, _BOTH + start, lanes)
-    return tied
+    if slots > 0:
+        _add_ends(room.group.ends, total, _BOTH + start, lanes)
+    return tied << start
 
 
 @inner
