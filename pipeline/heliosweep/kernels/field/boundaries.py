@@ -65,7 +65,7 @@ def group_of_lanes() -> Group:
         aligned(SLOTS * SLOT),
         np.empty(SLOTS, np.int64),
         np.zeros(SLOTS, np.int64),
-        aligned(SLOTS * SLOTS * 2 * _PAIR),
+        aligned(SLOTS * (SLOTS - 1) * _PAIR),
         aligned(_INTERVALS + 2 * SLOTS * WIDTH),
     )
 
@@ -145,7 +145,8 @@ def union_areas(group: Group, first: int, middle: int, last: int, lanes: int) ->
 @inline
 def _block(i, j):
     """Start of what image j covers of image i: of both together, for they are found together."""
-    return (i * SLOTS + j) * 2 * _PAIR if i < j else (j * SLOTS + i) * 2 * _PAIR + _PAIR
+    low, high = min(i, j), max(i, j)
+    return (high * (high - 1) + 2 * low) * _PAIR + (0 if i < j else _PAIR)
 
 
 @inner
