@@ -23,7 +23,7 @@ from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 _NOTHING = 1e-14
 """Area of an image that is not put together with others: no wider than rounding, its corners may be in disorder."""
 
-_MOST = 12
+_MOST = 24
 """Images of a lane that overlap others up to which they are put together."""
 _BLOCK, _BOTH = ROW, 2 * ROW
 """Rows of the totals, after that of shade."""
