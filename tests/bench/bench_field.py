@@ -94,10 +94,10 @@ def shapely_twin(field: Field, tracking: int, sun: Floats) -> float:
 
 
 def straightforward(field: Field, tracking: int, sun: Floats) -> float:
-    """Seconds of the straightforward kernel for each heliostat-instant, by every fifth instant."""
-    some, count = sun[::5], len(field[0])
-    work = partial(straightforward_series, *field, tracking, some, 0, count, float(sun[:, 2].min()))
-    return best(work, 3) / (count * len(some))
+    """Seconds of the straightforward kernel for each heliostat-instant."""
+    return best(partial(straightforward_series, *field, tracking, sun, 0, len(field[0])), 3) / (
+        len(field[0]) * len(sun)
+    )
 
 
 def pysam(field: Field) -> dict[str, float]:
