@@ -187,7 +187,7 @@ def test_the_plan_foresees_low_suns_and_low_targets(small):
 
     def each(heliostats: int, height: float, elevation: float) -> float:
         """Seconds for one heliostat and direction of the sun."""
-        time = {"azimuth": 100, "elevation": elevation}
+        time = {"clock": "sun", "azimuth": 100, "elevation": elevation}
         layout = {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}}
         heliostat = {"width": 11, "height": 11, "pivot_height": 7}
         blocks = {"time": time, "layout": layout, "heliostat": heliostat, "receiver": {"height": height}}
