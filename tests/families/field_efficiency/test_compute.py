@@ -194,6 +194,6 @@ def test_the_plan_foresees_low_suns_and_low_targets(small):
         study = small(site=None, tracking="spinning_elevation", **blocks)
         return float(compute.workload(study).seconds)
 
-    for measured, *given in ((1.9e-8, 317, 95.0, 75.0), (1.08e-7, 317, 95.0, 16.0), (9e-7, 317, 95.0, 1.0)):
-        assert 1 / 1.5 < each(*given) / measured < 1.5
+    for elevation, measured in ((75.0, 1.9e-8), (16.0, 1.08e-7), (1.0, 9e-7)):
+        assert 1 / 1.5 < each(317, 95.0, elevation) / measured < 1.5
     assert 1 / 1.5 < each(100_000, 300.0, 70.0) / 2.3e-7 < 1.5

@@ -1,4 +1,4 @@
-"""Areas of unions of images that overlap, by what is visible of their edges; for groups of packed lanes.
+"""Areas of unions of images that overlap, by what is visible of their edges.
 
 The boundary of a union is what is left of the edges of each image outside all others. Along an edge c + t d, t from -1
 to 1, another image covers an interval: between its two pairs of sides, each of which the edge's line crosses. Intervals
@@ -24,10 +24,11 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SLOTS = 32
-"""Most images of a group of lanes."""
+"""Most images of a group of lanes, each a bit of an integer."""
 
 WIDTH = GROUP
-"""Most lanes that are done together."""
+"""Most lanes that are done together. How many are is a variable, though it is always this: a loop of known short length
+would not become vector code that first tests whether the places that it reads and writes overlap."""
 
 _A, _B, _SLOPES, _TURN, _COUNTS = 2 * WIDTH, 4 * WIDTH, 6 * WIDTH, 10 * WIDTH, 11 * WIDTH
 SLOT = 19 * WIDTH
