@@ -118,15 +118,32 @@ def test_page_is_complete_and_well_formed(whole):
     page = Page(text)
     assert page.all("html") == [{"lang": "en"}]
     assert len(page.all("h1")) == 1
-    assert len(page.all("h2")) == 7
-    headings = ("Results", "Computed and published", "Explore", "Figures", "What was asked", "How it was made")
+    assert len(page.all("h2")) == 8
+    headings = (
+        "Results",
+        "Ranking",
+        "Computed and published",
+        "Explore",
+        "Figures",
+        "What was asked",
+        "How it was made",
+    )
     for words in (*headings, "References", f"{(folder / 'result.nc').stat().st_size:,} bytes", "numpy 2.0"):
         assert words in page.text
     images = page.all("img")
     assert len(images) == len(list((folder / "figures").glob("[!.]*"))) == 2
     assert all(image["alt"].startswith("Figure ") for image in images)
     # References are listed once.
-    assert page.all("a") == [{"href": "https://doi.org/10.1155/2012/908364"}]
+    links = [link["href"] for link in page.all("a")]
+    assert links.count("https://doi.org/10.1155/2012/908364") == 1
+    # The contents lead to every section, and to the files beside the page.
+    sections = [section["id"] for section in page.all("section")]
+    assert [link[1:] for link in links if link.startswith("#")] == [
+        *(one for one in sections if one != "how-it-was-made"), "how-it-was-made",
+    ]  # fmt: skip
+    beside = [link for link in links if not link.startswith(("#", "https:"))]
+    assert beside == ["result.nc", "figures/", "study.resolved.yaml"]
+    assert all((folder / link).exists() for link in beside)
     assert len(page.all("li")) == 1
 
 
@@ -218,7 +235,9 @@ def test_long_sweeps_are_cut_with_a_word(tmp_path):
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
     assert "The first 60 of 100 points" in page.text
-    assert len(page.all("tr")) == 61
+    ends, steps, points = 1 + 5, 1 + 2, 2 + 100  # of the ranking, with headings and a row of filters
+    inputs, ranges = 2, 5  # the number of heliostats, and four variables, with headings
+    assert len(page.all("tr")) == 61 + ends + steps + points + inputs + ranges
 
 
 def test_a_folder_without_result(tmp_path):
@@ -249,7 +268,7 @@ def test_remarks_of_the_run_stand_before_the_results(folder):
     (folder / "manifest.json").write_text(json.dumps({**manifest, "remarks": [f"2 of 3 {EVIL}"]}), encoding="utf-8")
     page = Page(write_report(folder).read_text(encoding="utf-8"))
     assert not any(EVIL in script for script in page.scripts)
-    assert page.text.index("Please note") < page.text.index(f"2 of 3 {EVIL}") < page.text.index("Results")
+    assert page.text.index("Please note") < page.text.index(f"2 of 3 {EVIL}") < page.text.rindex("Results")
     assert {"class": "remarks", "role": "note"} in page.all("aside")
 
 
@@ -272,8 +291,9 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
     family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: (), headlines=())
     shown = Page(write_report(tmp_path, known={"new": family}).read_text(encoding="utf-8"))
     assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
-    assert shown.scripts == []
-    assert len(shown.all("table")) == 1
+    assert len(shown.scripts) == 1  # of the ranking
+    assert "Bokeh" not in shown.scripts[0]
+    assert len(shown.all("table")) == 4  # with those of the ranking
     assert "part" in Page(write_report(tmp_path, known={}).read_text(encoding="utf-8")).text
 
 

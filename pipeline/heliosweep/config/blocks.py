@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
 from heliosweep.config.block import Block
 from heliosweep.config.execution import Execution
-from heliosweep.config.faults import Fault, Invalid, nearest, to_pydantic
+from heliosweep.config.faults import Fault, to_pydantic
+from heliosweep.config.layouts import Layout
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime, Time, TimeZone
-from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text, free_text, pattern
+from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text
 
 __all__ = [
-    "OWN", "Block", "CivilTime", "Creator", "Dataset", "Execution", "Heliostat", "Layout", "NamedSite", "Output",
-    "RadialStagger", "Receiver", "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "Zone", "licence",
+    "Block", "CivilTime", "Execution", "Heliostat", "Layout", "NamedSite", "Output", "Receiver", "Report", "Site",
+    "SiteFile", "Sites", "SolarTime", "Time",
 ]  # fmt: skip
 
 _LATITUDE = Quantity(
@@ -166,66 +166,11 @@ class Heliostat(Block):
     ]
 
 
-class Zone(Block):
-    """Rings of a field that share one angular pitch."""
-
-    start: Annotated[float, Quantity("Radius of the first ring", "m", gt=0, sweep=False)]
-    rings: Annotated[int, Quantity("Number of rings", "1", ge=1, integer=True, sweep=False)]
-    pitch: Annotated[
-        float | None,
-        Quantity(
-            "Angle between neighbours of a ring; by default the one that puts them one clearance apart",
-            "deg", gt=0, le=180, sweep=False,
-        ),
-    ] = None  # fmt: skip
-
-
-class RadialStagger(Block):
-    """A field of rings about the tower, each turned by half a pitch against the one before."""
-
-    clearance: Annotated[
-        float | Sweep, Quantity("Least distance between heliostat centres", "m", gt=0, title="clearance")
-    ]
-    inner_radius: Annotated[
-        float | Sweep | None,
-        Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
-    ] = None
-    rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
-    heliostats: Annotated[
-        int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
-    ] = None
-    zones: Annotated[
-        tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
-    ] = None  # fmt: skip
-
-    def rules(self) -> Iterable[Fault]:
-        """Check that exactly one key says how far the field goes."""
-        given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
-        if len(given) != 1:
-            yield Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)
-        if self.inner_radius is None and self.zones is None:
-            yield Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)
-
-
-class Layout(Block):
-    """Places of the heliostats: a table, or a generator with its parameters."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["radial_stagger"]}]})
-
-    file: Annotated[
-        str | Sweep | None,
-        FileName("CSV table of heliostats, columns x and y and optional z, in m, any others kept", dimension="layout"),
-    ] = None
-    radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
-
-    def rules(self) -> Iterable[Fault]:
-        """Check that there is a table or a generator, not both."""
-        if (self.file is None) == (self.radial_stagger is None):
-            yield Fault("give exactly one of 'file' and 'radial_stagger'", show_value=False)
-
-
 class Output(Block):
     """Stored variables and their format; not part of the study's identity."""
+
+    OF_POINTS: ClassVar[tuple[str, ...]] = ()
+    """Flags that add results of one number for each point; a search sets them."""
 
     time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
     format: Annotated[
@@ -271,72 +216,3 @@ class Report(Block):
     """Additions of the report to the figures of the result."""
 
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
-
-
-_CC = ("CC-BY", "CC-BY-SA", "CC-BY-NC", "CC-BY-ND", "CC-BY-NC-SA", "CC-BY-NC-ND")
-_GNU = ("GPL-2.0", "GPL-3.0", "LGPL-2.1", "LGPL-3.0", "AGPL-3.0", "GFDL-1.3")
-#: SPDX identifiers of the licences that data sets usually have.
-LICENCES = (
-    "CC0-1.0", *(f"{name}-{version}" for name in _CC for version in ("1.0", "2.0", "2.5", "3.0", "4.0")),
-    "ODbL-1.0", "ODC-By-1.0", "PDDL-1.0", "CDLA-Permissive-1.0", "CDLA-Permissive-2.0", "CDLA-Sharing-1.0",
-    "C-UDA-1.0", "O-UDA-1.0", "DL-DE-BY-2.0", "DL-DE-ZERO-2.0", "etalab-2.0", "NLOD-2.0", "OGL-Canada-2.0",
-    "OGL-UK-3.0", "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD-3-Clause-Clear", "BSL-1.0", "CECILL-2.1",
-    "EUPL-1.1", "EUPL-1.2", "ISC", "MIT", "MIT-0", "MPL-2.0", "Unlicense", "Zlib",
-    *(f"{name}-{which}" for name in _GNU for which in ("only", "or-later")),
-)  # fmt: skip
-#: Begins the name of a licence that SPDX does not list.
-OWN = "LicenseRef-"
-
-_OWN = r"LicenseRef-[A-Za-z0-9.-]+"
-_DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
-
-
-def licence(text: str) -> str:
-    """Return the identifier of a licence as it was given. Raises Invalid."""
-    if text in LICENCES or re.fullmatch(_OWN, text):
-        return text
-    if text.startswith(OWN):
-        raise Invalid(f"{OWN}NAME has letters, digits, '.' and '-' in its name")
-    meant = nearest(text.casefold(), by_fold := {name.casefold(): name for name in LICENCES})
-    hint = f"; did you mean '{by_fold[meant]}'?" if meant else f"; use one as CC-BY-4.0 or CC0-1.0, or {OWN}NAME"
-    raise Invalid(f"is no SPDX identifier of a usual licence{hint}")
-
-
-def _bare_doi(raw: Any) -> str:
-    """Return a DOI without the address of doi.org. Raises Invalid."""
-    found = re.fullmatch(_DOI, free_text(raw).strip())
-    if found is None:
-        raise Invalid("must be a DOI, as 10.5281/zenodo.1234567")
-    return found[1]
-
-
-class Creator(Block):
-    """A person, or a group, that made the data set."""
-
-    name: Annotated[str, Text("Name, as 'Family, Given' or as the group calls itself")]
-    orcid: Annotated[str | None, Text("ORCID iD, as 0000-0002-1825-0097")] = None
-    affiliation: Annotated[str | None, Text("Institution")] = None
-    email: Annotated[str | None, Text("Address for questions")] = None
-
-
-class Dataset(Block):
-    """Authors, licence and keywords of the result as a publication; not part of the study's identity."""
-
-    creators: Annotated[tuple[Creator, ...], Field(description="Who made it, in the order of citation")] = ()
-    license: Annotated[
-        str | None,
-        Text(
-            "Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME",
-            form=lambda raw: licence(free_text(raw)),
-            schema={"anyOf": [{"enum": list(LICENCES)}, pattern(_OWN)]},
-        ),
-    ] = None
-    doi: Annotated[
-        str | None,
-        Text(
-            "DOI of the published data set, as 10.5281/zenodo.1234567", form=_bare_doi, schema=pattern(rf"\s*{_DOI}\s*")
-        ),
-    ] = None
-    keywords: Annotated[
-        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords besides those of the family")
-    ] = ()

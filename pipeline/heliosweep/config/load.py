@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from heliosweep.config.block import UNKNOWN_KEY, blocks_at, translate
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
+from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
@@ -69,6 +70,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     study_class = _study_class(source, registry, problems)
     if study_class is not None and {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)
+    if study_class is not None:
+        source = with_search(source, study_class, problems)
     nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
     empty = [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
     study = None
@@ -85,7 +88,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (_zip_problems, _same_files, type(study).check):  # the last may rely on what the others look at
+    # The last may rely on what the others look at.
+    for find in (search_problems, _zip_problems, _same_files, type(study).check):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study

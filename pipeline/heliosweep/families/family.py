@@ -145,6 +145,11 @@ class Family:
         """
         return self.module("compute", self.mode(study)).finish(study, inputs, region, computed)
 
+    def search_of(self, result: xr.Dataset) -> Family:
+        """Who draws the figures and makes the tables of a result of a search."""
+        found: Family = import_module("heliosweep.families.searched").shown(self, result)
+        return found
+
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """What the user should be told of a finished result."""
         return _call(f"{self.room(str(result.attrs.get('mode', '')))}.compute", "remarks", result)

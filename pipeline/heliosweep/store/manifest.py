@@ -21,7 +21,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
-from heliosweep.sources import code_versions, version_of
+from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store.encoding import slab_digest, slab_rows
 from heliosweep.store.folder import MANIFEST, manifest_text, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
@@ -65,8 +65,6 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
         **dict(_people(study)),
         **dict(_where(study)),
         **dict(_when(study)),
-        "product_version": __version__,
-        "naming_authority": "heliosweep",
         "id": study.study_id,
         "study_id": study.study_id,
         "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
@@ -77,6 +75,7 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
 def _people(study: Study) -> Iterator[tuple[str, str]]:
     """Who made the data set, and how it may be used, where the study says so."""
     said = study.dataset
+    yield "product_version", said.version if said and said.version else __version__
     if said is None:
         return
     if said.creators:
@@ -91,6 +90,11 @@ def _people(study: Study) -> Iterator[tuple[str, str]]:
         yield "license", said.license
     if said.doi:
         yield "metadata_link", f"https://doi.org/{said.doi}"
+    for name, text in (("publisher_name", said.publisher), ("naming_authority", said.naming_authority)):
+        if text:
+            yield name, text
+    if said.funding:
+        yield "acknowledgement", "; ".join(", ".join(filter(None, (one.funder, one.award))) for one in said.funding)
 
 
 def _where(study: Study) -> Iterator[tuple[str, Any]]:
@@ -145,6 +149,7 @@ def _environment() -> dict[str, Any]:
         "platform": platform.platform(),
         "processors": os.cpu_count(),
         "packages": {name: version_of(name) for name in _PACKAGES},
+        "lock": installed(),
         "commit": _commit(),
     }
 
@@ -213,8 +218,8 @@ class Finished:
         return listed(self.identity.get(key), identity[key])
 
 
-def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dict[str, Any]:
-    """What the bytes of a study's result depend on, from its global attributes and the module that its numbers come
+def identity_of(study: Study, attributes: Mapping[str, Any], *modules: str) -> dict[str, Any]:
+    """What the bytes of a study's result depend on, from its global attributes and the modules that its numbers come
     from.
 
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
@@ -223,7 +228,7 @@ def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dic
     return {
         "study_id": study.study_id,
         "study": study.canonical(),
-        "code": code_versions(module),
+        "code": code_versions(*modules),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in attributes.items() if name not in _FOLLOWING},
     }
