@@ -150,7 +150,7 @@ def _seconds(parameters: Parameters) -> tuple[float, float]:
     From the sun, and with weather from the instants at which the field works, at a few points and instants.
     """
     study: Any = parameters.study
-    most, blocked = MOST_SECONDS * math.sqrt(longest(study)), _seconds_blocked(parameters)
+    most, blocked = MOST_SECONDS * longest(study) ** 0.5, _seconds_blocked(parameters)
     if instant_count(study.time) > MAX_INSTANTS:
         return 2 * SECONDS_SHADED + blocked, 1.0
     places = set(parameters.site_dims)
@@ -181,10 +181,10 @@ def _seconds_blocked(parameters: Parameters) -> float:
     assert heights is not None
     assert pivots is not None
     rise = np.unique(heights - pivots)[:, np.newaxis] - layout.z[some]
-    sine = np.maximum(rise, 0.0) / np.hypot(np.hypot(layout.x[some], layout.y[some]), rise)
-    most = MOST_SECONDS * math.sqrt(len(layout))
-    with np.errstate(divide="ignore"):
-        return float(np.minimum(SECONDS_BLOCKED * (sine**-POWER - 1.0), most).mean())
+    most = MOST_SECONDS * len(layout) ** 0.5
+    with np.errstate(divide="ignore", invalid="ignore"):  # a target no higher than the mirror, or at it
+        sine = np.maximum(rise, 0.0) / np.hypot(np.hypot(layout.x[some], layout.y[some]), rise)
+        return float(np.fmin(SECONDS_BLOCKED * (sine**-POWER - 1.0), most).mean())
 
 
 def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
