@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.field import boundaries, images, overlaps, unions
 from heliosweep.kernels.field import efficiency as field_kernels
-from heliosweep.kernels.field import images, overlaps, unions
 from heliosweep.kernels.field.efficiency import aimed, blockers_of, field_series, field_sums
 from heliosweep.kernels.field.neighbours import bin_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
@@ -41,14 +41,16 @@ def operations(latitude: int, method: str) -> float:
     """Operations for each heliostat-instant on the field of 317, one lane of each stage counted in its source.
 
     A frame, two pairs of axes, and stage by stage as often as `events` counts: projection and separating axes, area of
-    an image, separating axes and areas of overlaps. The few lanes of the general way are left out.
+    an image, separating axes and areas of overlaps, edges that images leave visible. The few lanes of the general way
+    are left out.
     """
     stages = (
         counted(images.project, loop=0),
-        counted(images._areas, loop=0),
+        counted(images._areas_of),
         counted(unions._overlapping, loop=0),
         counted(overlaps.shared_by_two, loop=0),
-        counted(overlaps.shared_by_three),
+        counted(boundaries._cover) + counted(boundaries._shorten),
+        counted(boundaries.prepare) + counted(boundaries._add_open),
     )
     frame = counted(half_sides, {"tracking == SPINNING_ELEVATION": float(method == "spinning")}, loop=0)
     times = events(chong2012(), METHODS[method], year(latitude))
@@ -92,10 +94,10 @@ def shapely_twin(field: Field, tracking: int, sun: Floats) -> float:
 
 
 def straightforward(field: Field, tracking: int, sun: Floats) -> float:
-    """Seconds of the straightforward kernel for each heliostat-instant, by every fifth instant."""
-    some, count = sun[::5], len(field[0])
-    work = partial(straightforward_series, *field, tracking, some, 0, count, float(sun[:, 2].min()))
-    return best(work, 3) / (count * len(some))
+    """Seconds of the straightforward kernel for each heliostat-instant."""
+    return best(partial(straightforward_series, *field, tracking, sun, 0, len(field[0])), 3) / (
+        len(field[0]) * len(sun)
+    )
 
 
 def pysam(field: Field) -> dict[str, float]:

@@ -18,7 +18,7 @@ from tests.kernels.field.fields import Field
 
 Floats = NDArray[np.float64]
 
-EVENTS = ("candidates", "images", "tests of pairs", "pairs", "triples")
+EVENTS = ("candidates", "images", "tests of pairs", "pairs", "covers", "outlines")
 #: Every few packets and heliostats are counted.
 PACKETS, HELIOSTATS = 2, 3
 
@@ -27,7 +27,8 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     """Mean numbers for each heliostat-instant, by the names of `EVENTS`.
 
     Candidates for shade and block, images whose area is computed, tests of two images: of all lanes of a packet, if one
-    of them has the image, or two. Areas that two images share, and three: of the lanes where they overlap.
+    of them has the image, or two. Areas that two images share: of the lanes where only two overlap; where more do,
+    pairs of images that may cover one another's edges, and images.
     """
     mirrors = aimed(*field)
     sun, order, first = _sorted(mirrors, sun, tracking, 0, len(mirrors.x))
@@ -43,52 +44,41 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
         for i in range(count):
             half_sides(frames, i * FRAME_ROWS * ROW, lines.to_sun, mirrors, i, tracking, lanes)
         for i in range(p % HELIOSTATS, count, HELIOSTATS):
-            made = shading = candidates = 0
+            made = candidates = 0
             for some, directions in ((shaders, lines.to_sun), (blockers, lines.to_target)):
                 for c in range(3):
                     lines.to_target[c * ROW : (c + 1) * ROW] = mirrors.aim[i, c]
                 axes(lines.views, frames, i * FRAME_ROWS * ROW, directions, lanes)
                 scene = mirrors, everyone, frames, directions, lines.views
                 made = int(stages._make_images(i, i, some, *scene, images, made, lanes))
-                shading = made if some is shaders else shading
                 candidates += int(some.first[i + 1] - some.first[i])
             real = -1 if instants == PACKET else (1 << int(instants)) - 1  # the lanes that are not copies of the last
             found["heliostat-instants"] += int(instants)
             found["candidates"] += candidates * int(instants)
             found["images"] += made * int(instants)
-            _overlaps(images, shading, made, lines.total, room, real, lanes, found)
+            _overlaps(images, made, room, real, lanes, found)
     return {name: found[name] / found["heliostat-instants"] for name in EVENTS}
 
 
 def _overlaps(
     images: Images,
-    shading: int,
     count: int,
-    total: Floats,
     room: unions.Room,
     real: int,
     lanes: int,
     found: Counter[str],
 ) -> None:
-    """Count tests of pairs, pairs and triples as `unions.unions` goes through them."""
-    several, crowded = (int(each) for each in unions._counted(images.present, count))
-    straddling = int(unions._straddling(images, count, several, lanes))
-    some = several & ~crowded & ~straddling
+    """Count what is done with images that overlap as `unions.unions` goes through them."""
+    several = int(unions._several(images.present, count))
+    some = several & ~int(unions._straddling(images, count, several, lanes))
     present = [int(each) & some & real for each in images.present[:count]]
     found["tests of pairs"] += _count(real) * sum(present[n] & present[m] != 0 for m in range(count) for n in range(m))
-    unions._meetings(images, some, count, room, lanes)
-    some &= ~int(unions._cliques(count, room))
-    unions._subtract_overlaps(images.rows, shading, count, some, total, room, lanes)
-    pairs = {
-        (int(room.partner[d]), m): int(room.meeting[d]) & some & real
-        for m in range(count)
-        for d in range(room.first[m], room.first[m + 1])
-    }
-    found["pairs"] += sum(_count(both) for both in pairs.values())
-    for (n, m), both in pairs.items():
-        found["triples"] += sum(
-            _count(both & pairs.get((o, n), 0) & pairs.get((o, m), 0)) for o in range(n) if (o, n) in pairs
-        )
+    meeting = int(unions._meetings(images, some, count, room.meeting, lanes)) & real
+    many = int(unions._more_than_two(room.meeting, count)) & meeting
+    listed = [int(each) & many for each in room.meeting[:count]]
+    found["pairs"] += _count(meeting & ~many)
+    found["covers"] += sum(_count(listed[n] & listed[m]) for m in range(count) for n in range(m))
+    found["outlines"] += sum(_count(each) for each in listed)
 
 
 def _count(lanes: int) -> int:

@@ -15,6 +15,9 @@ PACKET = 64
 GROUP = 8
 """Packets are filled up to a multiple of so many lanes, the vector of the widest processors: no loop leaves a rest."""
 
+LANES = (1 << GROUP) - 1
+"""The lanes of the first group, a bit for each."""
+
 ROW = PACKET + GROUP
 """Numbers from the start of a row of lanes to that of the next. With as many as a packet has lanes, a power of two, the
 rows of short packets, as a low sun makes them, would crowd into an eighth of the places of the processor's cache."""
@@ -28,10 +31,16 @@ def whole(count: int, unit: int = GROUP) -> int:
 
 @kernel
 def rows(count: int) -> NDArray[np.float64]:
-    """Room for rows of lanes, one after the other, from the start of a cache line: a load across two costs double."""
-    room = np.empty(count * ROW + 8)
+    """Room for rows of lanes, one after the other."""
+    return aligned(count * ROW)
+
+
+@kernel
+def aligned(count: int) -> NDArray[np.float64]:
+    """Room for so many numbers, from the start of a cache line: a load across two costs double."""
+    room = np.empty(count + 8)
     skip = -(room.ctypes.data >> 3) & 7
-    return room[skip : skip + count * ROW]
+    return room[skip : skip + count]
 
 
 @inline

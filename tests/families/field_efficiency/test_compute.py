@@ -9,6 +9,7 @@ import pytest
 from pvlib import solarposition
 
 from heliosweep import api
+from heliosweep.families.field_efficiency import compute
 from heliosweep.kernels.field import efficiency as field
 from heliosweep.kernels.field import packets as mounts
 from heliosweep.kernels.sun import clock as sun
@@ -179,3 +180,20 @@ def test_named_sites_are_a_dimension(small, tmp_path):
     )
     table = computed(small(site=None, sites={"file": str(tmp_path / "sites.csv")}, time=time))
     np.testing.assert_array_equal(table["field_optical_efficiency"], result["field_optical_efficiency"])
+
+
+def test_the_plan_foresees_low_suns_and_low_targets(small):
+    """Times of a field of 317 by the hour, and of 100,000 before a tower of 300 m, as measured, within a factor."""
+
+    def each(heliostats: int, height: float, elevation: float) -> float:
+        """Seconds for one heliostat and direction of the sun."""
+        time = {"clock": "sun", "azimuth": 100, "elevation": elevation}
+        layout = {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}}
+        heliostat = {"width": 11, "height": 11, "pivot_height": 7}
+        blocks = {"time": time, "layout": layout, "heliostat": heliostat, "receiver": {"height": height}}
+        study = small(site=None, tracking="spinning_elevation", **blocks)
+        return float(compute.workload(study).seconds)
+
+    for elevation, measured in ((75.0, 1.9e-8), (16.0, 1.08e-7), (1.0, 9e-7)):
+        assert 1 / 1.5 < each(317, 95.0, elevation) / measured < 1.5
+    assert 1 / 1.5 < each(100_000, 300.0, 70.0) / 2.3e-7 < 1.5

@@ -3,8 +3,8 @@
 import numpy as np
 import shapely
 
+from heliosweep.kernels.field.hidden import take_out_hidden
 from heliosweep.kernels.field.images import images_of, measure, project
-from heliosweep.kernels.field.overlaps import take_out_hidden
 from heliosweep.kernels.field.unions import room_for, unions
 from heliosweep.kernels.vectors import PACKET, ROW
 

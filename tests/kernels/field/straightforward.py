@@ -185,6 +185,8 @@ def images(i, t, others, some, x, y, z, centres, sides, radius, frames, lines, e
             edges[made] = 5
         corners, inside, spare = whole(polygons, 0), 0, 1
         for e in range(edges[made]):
+            if beside(lines, made, e):
+                continue
             corners = front(polygons, inside, corners, lines, made, e, 1.0, spare)
             inside, spare = spare, inside
             if corners < 3:
@@ -236,6 +238,8 @@ def union(start, stop, lines, edges, areas, polygons, sizes):
             for e in range(edges[m]):
                 if kept == PIECES or size > CORNERS - 2:
                     return np.nan
+                if beside(lines, m, e):
+                    continue
                 sizes[then + kept] = front(polygons, inside, size, lines, m, e, -1.0, then + kept)
                 kept += area(polygons, then + kept, sizes[then + kept]) > NOTHING
                 size = front(polygons, inside, size, lines, m, e, 1.0, spare)
@@ -253,6 +257,12 @@ def union(start, stop, lines, edges, areas, polygons, sizes):
     for piece in range(now, now + some):
         left += area(polygons, piece, sizes[piece])
     return 4.0 - left
+
+
+@inline
+def beside(lines, m, line):
+    """Whether the whole mirror is in front of a line."""
+    return lines[m, line, 2] >= abs(lines[m, line, 0]) + abs(lines[m, line, 1])
 
 
 @inline

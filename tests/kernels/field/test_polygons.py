@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from heliosweep.kernels.field import unions
 from heliosweep.kernels.field.polygons import CORNERS, gaps
-from heliosweep.kernels.vectors import PACKET
-from tests.kernels.field.parallelograms import corners, shapely_areas, union_areas
+from heliosweep.kernels.field.unions import room_for
+from heliosweep.kernels.vectors import PACKET, ROW
+from tests.kernels.field.parallelograms import corners, images_for, shapely_areas, union_areas
 
 
 def random_shapes(rng, count):
@@ -53,6 +55,25 @@ def crowd(rng, count):
 def test_unions_of_crowds_against_shapely(shading, count, hiding):
     shapes = crowd(np.random.default_rng(count), count)
     np.testing.assert_allclose(union_areas(shapes, shading, hiding), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
+
+
+def test_crowds_in_a_group_of_lanes_have_room():
+    """Each lane has few images that overlap, and all lanes together more than a group of them has room for."""
+    count = 48
+    shapes = crowd(np.random.default_rng(0), count)
+    here = (np.arange(count)[:, np.newaxis] + 5 * np.arange(PACKET)) % count < 9
+    shapes[..., :2] += np.where(here, 0.0, 9.0)[..., np.newaxis]
+    np.testing.assert_allclose(union_areas(shapes, 20), shapely_areas(shapes, 20), atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("count", [3, 4, 7])
+def test_lanes_that_overlap_do_not_tie(count):
+    """Images at random are put together by their edges, none of them by subtracting."""
+    images, room = images_for(random_shapes(np.random.default_rng(count), count)), room_for(count)
+    meeting = unions._meetings(images, np.int64(-1), count, room.meeting, PACKET)
+    total = np.zeros(3 * ROW)
+    assert unions._more_than_two(room.meeting, count) != 0
+    assert unions._put_together(images.rows, meeting, count, count, total, room, PACKET) == 0
 
 
 def subtracted(shapes, middle, size=2048):

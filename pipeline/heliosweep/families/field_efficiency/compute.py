@@ -54,9 +54,10 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
     from heliosweep.layouts.layout import Layout
 
-#: Time of one heliostat and instant on one core: with the sun in the zenith, more with the number of mirrors that
-#: stand in the way, which grows with 1 / sin^2 of its elevation, up to all of them. Measured on radial staggers. [s]
-SECONDS_AT_ZENITH, SECONDS_MORE, MOST_TIMES = 35e-9, 35e-9, 70.0
+#: Time of one heliostat and instant on one core: with the sun in the zenith, and more by a power of 1 / sine of its
+#: elevation, for more mirrors stand in the way, up to all of them, a time that grows with the root of their number; and
+#: likewise with the elevation of the target. Measured on radial staggers of 317 to 100,000 heliostats. [s, 1]
+SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS = 15e-9, 9e-9, 1.5, 45e-9
 #: Time of the intercept of one heliostat and direction of the sun, by kind of receiver, of its interpolation to an
 #: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
 SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}
@@ -149,8 +150,9 @@ def _seconds(parameters: Parameters) -> tuple[float, float]:
     From the sun, and with weather from the instants at which the field works, at a few points and instants.
     """
     study: Any = parameters.study
+    most, blocked = MOST_SECONDS * longest(study) ** 0.5, _seconds_blocked(parameters)
     if instant_count(study.time) > MAX_INSTANTS:
-        return SECONDS_AT_ZENITH + SECONDS_MORE, 1.0
+        return 2 * SECONDS_SHADED + blocked, 1.0
     places = set(parameters.site_dims)
     step = {dim: max(1, size // SAMPLED_POINTS) if dim in places else size for dim, size in parameters.sizes.items()}
     sampled = Parameters(study, {dim: slice(None, None, length) for dim, length in step.items()})
@@ -162,9 +164,27 @@ def _seconds(parameters: Parameters) -> tuple[float, float]:
         sine = np.concatenate([days.at(*point).sun[:, 2] for point in energy.points(sampled)])
     lit = sine[sine > 0]
     if not lit.size:
-        return SECONDS_AT_ZENITH, 1.0
-    each = SECONDS_AT_ZENITH + SECONDS_MORE * np.minimum(lit**-2.0 - 1.0, MOST_TIMES)
+        return SECONDS_SHADED, 1.0
+    each = np.minimum(SECONDS_SHADED * lit**-POWER, max(most, SECONDS_SHADED)) + blocked
     return float(each.sum() / sine.size), lit.size / sine.size
+
+
+def _seconds_blocked(parameters: Parameters) -> float:
+    """Estimate of the part of the time of one heliostat and instant that blocking takes [s].
+
+    From the elevation of the target seen from some heliostats, of the layout in the middle where several are swept.
+    """
+    layouts = Layouts(parameters.study)
+    layout = layouts[tuple(len(dim) // 2 for dim in layouts.dimensions)]
+    some = slice(None, None, 1 + len(layout) // SAMPLED_INSTANTS)
+    heights, pivots = (parameters.values(key) for key in ("receiver.height", "heliostat.pivot_height"))
+    assert heights is not None
+    assert pivots is not None
+    rise = np.unique(heights - pivots)[:, np.newaxis] - layout.z[some]
+    most = MOST_SECONDS * len(layout) ** 0.5
+    with np.errstate(divide="ignore", invalid="ignore"):  # a target no higher than the mirror, or at it
+        sine = np.maximum(rise, 0.0) / np.hypot(np.hypot(layout.x[some], layout.y[some]), rise)
+        return float(np.fmin(SECONDS_BLOCKED * (sine**-POWER - 1.0), most).mean())
 
 
 def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:

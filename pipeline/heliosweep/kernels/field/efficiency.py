@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.field.hidden import take_out_hidden
 from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
 from heliosweep.kernels.field.neighbours import (
     Candidates,
@@ -26,7 +27,6 @@ from heliosweep.kernels.field.neighbours import (
     search_all,
     sift_all,
 )
-from heliosweep.kernels.field.overlaps import take_out_hidden
 from heliosweep.kernels.field.packets import (
     AZIMUTH_ELEVATION,
     COSINE,
@@ -220,13 +220,19 @@ def _sweep_block(
     """Efficiencies of all test heliostats at the instants of one packet."""
     for t in range(blockers.first.shape[0] - 1):
         i, test = start + t, halo.place[start + t] * FRAME_ROWS * ROW
-        axes(lines.views, frames, test, lines.to_sun, lanes)
-        shading = _make_images(
-            i, t, shaders, mirrors, halo, frames, lines.to_sun, lines.views, images, np.int64(0), lanes
-        )
-        _aim(lines.to_target, mirrors, i, lanes)
-        axes(lines.views, frames, test, lines.to_target, lanes)
-        made = _make_images(i, t, blockers, mirrors, halo, frames, lines.to_target, lines.views, images, shading, lanes)
+        shading = np.int64(0)
+        if shaders.first[t + 1] > shaders.first[t]:
+            axes(lines.views, frames, test, lines.to_sun, lanes)
+            shading = _make_images(
+                i, t, shaders, mirrors, halo, frames, lines.to_sun, lines.views, images, shading, lanes
+            )
+        made = shading
+        if blockers.first[t + 1] > blockers.first[t]:
+            _aim(lines.to_target, mirrors, i, lanes)
+            axes(lines.views, frames, test, lines.to_target, lanes)
+            made = _make_images(
+                i, t, blockers, mirrors, halo, frames, lines.to_target, lines.views, images, made, lanes
+            )
         unions(images, shading, made, lines.total, room, lanes)
         _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
         _write(lines.result, packet, t, sums, series, part)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.polygons import CORNERS, edge_term, slopes, square_area
-from heliosweep.kernels.vectors import ROW, rows
+from heliosweep.kernels.field.polygons import CORNERS, edge_term, larger, slopes, square_area
+from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 AXES_ROWS = 6
 """Rows of the axes of projection: U and V, components x, y, z of each."""
@@ -113,6 +113,7 @@ def project(
         hit = (gap < 0.0) & (ahead > behind)
         out[o + AREA + k] = 1.0 if hit else 0.0
         found |= np.int64(hit) << k
+    images.present[m] = found
     return found
 
 
@@ -125,7 +126,7 @@ def measure(
     Arguments are those of `project`; `test` is where the frame of the test mirror begins.
     """
     o = m * IMAGE_ROWS * ROW
-    _areas(images.rows, o, lanes)
+    _areas(images.rows, o, images.present[m], lanes)
     if not images.apart[m]:
         _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
     images.present[m] = _some_area(images.rows, o, lanes)
@@ -133,8 +134,21 @@ def measure(
 
 
 @inner
-def _areas(images, o, lanes):
-    """Write the area on the square where there is a chance of one, by Green's theorem."""
+def _areas(images, o, some, lanes):
+    """Write the area on the square where there is a chance of one, for runs of groups of lanes that have some."""
+    start = np.int64(0)
+    while start < lanes:
+        stop = start
+        while stop < lanes and some >> stop & LANES != 0:
+            stop += GROUP
+        if stop > start:
+            _areas_of(images, o + start, stop - start)
+        start = stop + GROUP
+
+
+@inner
+def _areas_of(images, o, lanes):
+    """The same for all of some lanes, by Green's theorem."""
     o = max(o, 0)
     for k in range(lanes):
         cx, cy = images[o + k], images[o + ROW + k]
@@ -156,12 +170,6 @@ def _some_area(images, o, lanes):
     for k in range(lanes):
         found |= np.int64(images[area + k] > 0.0) << k
     return found
-
-
-@inline
-def larger(a: float, b: float) -> float:
-    """Larger of two numbers, in the form that becomes one vector instruction."""
-    return a if a > b else b
 
 
 @inner

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inner, kernel
-from heliosweep.kernels.vectors import PACKET, ROW
+from heliosweep.kernels.vectors import GROUP, PACKET, ROW
 
 _LIMIT = 60.0
 """Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
 
-By measurement, and flat: from 40 to 80 costs are much the same. Smaller packets repeat the search too often, wider ones
-have too many candidates. Thousands of instants fill their packets within it, but for the lowest suns.
+By measurement, and flat: from 40 to 80 costs are much the same. Smaller packets repeat the search too often, wider
+ones have too many candidates. Thousands of instants fill their packets within it, but for the lowest suns.
 """
 
 
@@ -33,20 +33,22 @@ def packet_order(sun: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[n
     number grows with the spread over the sine of the elevation. Equal values are ordered by index, so the result
     depends on nothing but the vectors.
 
-    `sun` are the vectors, shape (T, 3). [1] Returned are their indices in packet order, in rising index within a
-    packet, and where packets begin, shape (P + 1,): packet p, never empty, is ``order[first[p] : first[p + 1]]``.
+    `sun` are the vectors, shape (T, 3). [1] Returned are their indices in packet order, within a packet cut further
+    into groups of 8 similar ones in rising index, and where packets begin, shape (P + 1,): packet p, never empty, is
+    ``order[first[p] : first[p + 1]]``.
     """
     count = sun.shape[0]
     order = np.arange(count)
     value = np.empty(count)
     edges, packets = np.zeros(count + 1, np.int64), 0
-    firsts = np.empty(64, np.int64)
-    lasts = np.empty(64, np.int64)
+    firsts = np.empty(128, np.int64)
+    lasts = np.empty(128, np.int64)
+    within = np.zeros(128, np.bool_)  # parts of packets
     depth = 1 if count > 0 else 0
     firsts[0], lasts[0] = 0, count
     while depth > 0:
         depth -= 1
-        first, last = firsts[depth], lasts[depth]
+        first, last, done = firsts[depth], lasts[depth], within[depth]
         lanes = last - first
         axis, widest, lowest = 0, -1.0, np.inf
         for k in range(3):
@@ -56,18 +58,21 @@ def packet_order(sun: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[n
             if high - low > widest:
                 axis, widest = k, high - low
             lowest = low  # after the last component: of z
-        if lanes == 1 or (lanes <= PACKET and lanes * widest <= _LIMIT * lowest):
-            _sort(order, first, last)
+        if not done and (lanes == 1 or (lanes <= PACKET and lanes * widest <= _LIMIT * lowest)):
             packets += 1
             edges[packets] = last
+            done = True
+        if done and lanes <= GROUP:
+            _sort(order, first, last)
             continue
         for m in range(first, last):
             value[m] = sun[order[m], axis]
-        unit = PACKET if lanes > PACKET else 1  # full packets while there are several
+        unit = GROUP if done else (PACKET if lanes > PACKET else 1)  # full packets while there are several
         middle = first + ((lanes + unit - 1) // unit + 1) // 2 * unit
         _select(value, order, first, last - 1, middle)
         firsts[depth], lasts[depth] = middle, last
         firsts[depth + 1], lasts[depth + 1] = first, middle  # first in order, next to be cut
+        within[depth] = within[depth + 1] = done
         depth += 2
     return order, edges[: packets + 1]
 
@@ -99,7 +104,7 @@ def _select(value, order, first, last, middle):
 
 @kernel
 def _sort(order, first, last):
-    """Insertion sort of one packet."""
+    """Insertion sort of one group."""
     for m in range(first + 1, last):
         name, n = order[m], m
         while n > first and order[n - 1] > name:

@@ -37,10 +37,21 @@ def slopes(x: float, y: float) -> tuple[float, float]:
 
 
 @inline
+def larger(a: float, b: float) -> float:
+    """Larger of two numbers, in the form that becomes one vector instruction."""
+    return a if a > b else b
+
+
+@inline
+def smaller(a: float, b: float) -> float:
+    """Smaller of two numbers, in the form that becomes one vector instruction."""
+    return a if a < b else b
+
+
+@inline
 def unit(value: float) -> float:
-    """Clamp to [-1, 1], in the form that becomes two vector instructions."""
-    low = -1.0 if value < -1.0 else value
-    return 1.0 if low > 1.0 else low
+    """Clamp to [-1, 1], in the form that becomes two vector instructions: other forms become three or four."""
+    return larger(smaller(value, 1.0), -1.0)
 
 
 @inline

@@ -1,8 +1,8 @@
 """Exact areas of unions of images, for all lanes of a packet.
 
-Images are added up by inclusion and exclusion while no four of a lane overlap one another: the sum of the areas, less
-the overlaps of pairs, plus the overlaps of triples. Shade, block and both together share all terms. The other lanes,
-few, subtract their images from the square one by one.
+Where no two images of a lane overlap, the union is the sum of their areas. Images that overlap others are put together
+by `boundaries`, group by group of lanes. Few lanes, those where edges tie, a mirror straddles the plane of the test
+mirror, or a crowd overlaps, subtract their images from the square one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
 the order of the search, outward from the test mirror: the bits of a lane do not depend on its packet.
@@ -14,22 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, larger, outline, straddles
-from heliosweep.kernels.field.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_three, shared_by_two
-from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps
-from heliosweep.kernels.vectors import PACKET, ROW, rows
-
-_FEW = 5
-"""Images in one lane up to which pairs are tried before the general way."""
-_PAIRS = PACKET * _FEW * (_FEW - 1) // 2
-"""Most pairs that overlap in some lane that has so few images."""
-
-_SPREAD = OVERLAP_ROWS * ROW
-"""Row of room, behind what the overlaps need, for what a pair or a triple shares in the lanes of the packet."""
+from heliosweep.kernels.field.boundaries import SLOT, SLOTS, WIDTH, Group, group_of_lanes, prepare, union_areas
+from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, outline, straddles
+from heliosweep.kernels.field.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_two
+from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps, larger, smaller
+from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 _NOTHING = 1e-14
-"""Area of an image that the general way leaves out: no wider than rounding, its corners may be in disorder."""
+"""Area of an image that is not put together with others: no wider than rounding, its corners may be in disorder."""
 
+_MOST = 24
+"""Images of a lane that overlap others up to which they are put together."""
 _BLOCK, _BOTH = ROW, 2 * ROW
 """Rows of the totals, after that of shade."""
 
@@ -40,15 +35,14 @@ Integers = NDArray[np.int64]
 class Room(NamedTuple):
     """Scratch for the unions of so many images."""
 
-    overlaps: Floats
-    """Rows of lanes."""
+    meeting: Integers
+    """Lanes in which each image overlaps another."""
     lanes: Integers
     """Names of lanes that are packed."""
-    first: Integers
-    """Place of the first pair of each image, whose earlier image is `partner`, in rising order."""
-    partner: Integers
-    meeting: Integers
-    """Lanes in which the two images of each pair overlap."""
+    overlaps: Floats
+    """Rows of packed lanes."""
+    group: Group
+    """Of a group of lanes."""
     areas: Floats
     """Of one lane, image by image: areas, names, numbers of corners, and corners."""
     names: Integers
@@ -63,11 +57,10 @@ class Room(NamedTuple):
 def room_for(count: int) -> Room:
     """Scratch for so many images."""
     return Room(
-        rows(OVERLAP_ROWS + 1),
-        np.empty(PACKET, np.int64),
-        np.zeros(count + 1, np.int64),
-        np.empty(_PAIRS, np.int64),
-        np.empty(_PAIRS, np.int64),
+        np.zeros(count, np.int64),
+        np.empty(ROW, np.int64),
+        rows(OVERLAP_ROWS),
+        group_of_lanes(),
         np.empty(count),
         np.empty(count, np.int64),
         np.empty(count, np.int64),
@@ -83,38 +76,38 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
 
     Of `count` images the first ones, `shading` of them, shade. Written to the rows of `total`, shape (3 * ROW,), are
     the areas shaded, blocked, and shaded or blocked. `room` is scratch for at least so many images, and `lanes` a
-    multiple of `packets.GROUP`.
+    multiple of `vectors.GROUP`.
 
     Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
     radian before grazing incidence makes them: to 2e-12.
     """
-    several, crowded = _counted(images.present, count)
-    general = np.int64(0)
+    several, general, many = _several(images.present, count), np.int64(0), np.int64(0)
+    two = np.int64(0)
     if several != 0:
         general = _straddling(images, count, several, lanes)
-        general |= crowded
-    _add_areas(images.rows, shading, count, total, lanes)
-    if several & ~general != 0:
-        _meetings(images, several & ~general, count, room, lanes)
-        general |= _cliques(count, room)
-        _subtract_overlaps(images.rows, shading, count, ~general, total, room, lanes)
-    if general != 0:
-        for k in range(lanes):
-            if general >> k & 1 and not _general(images, shading, count, k, total, room, room.stack, room.pieces):
-                _general_with_more_room(images, shading, count, k, total, room)
+        meeting = _meetings(images, several & ~general, count, room.meeting, lanes)
+        if meeting != 0:
+            many = _more_than_two(room.meeting, count)
+            two, crowded = meeting & ~many, _crowded(room.meeting, count, lanes)
+            general, many = general | crowded, many & ~crowded
+    _add_areas(images.rows, shading, count, many, total, room.meeting, lanes)
+    if two != 0:
+        _subtract_overlaps(images.rows, two, shading, count, total, room, lanes)
+    if many != 0:
+        general |= _put_together(images.rows, many, shading, count, total, room, lanes)
+    for k in range(lanes if general != 0 else 0):
+        if general >> k & 1 and not _general(images, shading, count, k, total, room, room.stack, room.pieces):
+            _general_with_more_room(images, shading, count, k, total, room)
 
 
 @inner
-def _counted(present, count):
-    """Lanes that have several images, and those that have more than `_FEW`, 5 = 101 in binary digits."""
-    one = two = four = several = crowded = np.int64(0)
+def _several(present, count):
+    """Lanes that have several images."""
+    one = several = np.int64(0)
     for m in range(count):
-        carry, one = one & present[m], one ^ present[m]
-        several |= carry
-        carry, two = two & carry, two ^ carry
-        carry, four = four & carry, four ^ carry
-        crowded |= carry
-    return several, crowded | (four & two)
+        several |= one & present[m]
+        one |= present[m]
+    return several
 
 
 @inner
@@ -131,37 +124,43 @@ def _straddling(images, count, several, lanes):
 
 
 @inner
-def _add_areas(images, shading, count, total, lanes):
-    """Write the sums of the areas."""
+def _add_areas(images, shading, count, some, total, meeting, lanes):
+    """Write the sums of the areas of images that overlap none."""
     for k in range(lanes):
         total[k] = total[_BLOCK + k] = 0.0
     for m in range(count):
         area, row = m * IMAGE_ROWS * ROW + AREA, _BLOCK if m >= shading else 0
-        for k in range(lanes):
-            total[row + k] += images[area + k]
+        here = meeting[m] & some
+        if here == 0:
+            for k in range(lanes):
+                total[row + k] += images[area + k]
+        else:
+            for k in range(lanes):
+                total[row + k] += 0.0 if here >> k & 1 else images[area + k]
     for k in range(lanes):
         total[_BOTH + k] = total[k] + total[_BLOCK + k]
 
 
 @inner
-def _meetings(images, some, count, room, lanes):
-    """List the pairs of images that overlap, and in which of the lanes."""
-    pairs = np.int64(0)
+def _meetings(images, some, count, meeting, lanes):
+    """List in which of some lanes each image overlaps another; returns the lanes where any do."""
+    found = np.int64(0)
     for m in range(count):
+        meeting[m] = 0
         here = images.present[m] & some
         for n in range(m if here != 0 else 0):
-            both = images.present[n] & here
+            both = images.present[n] & here & ~(meeting[n] & meeting[m])
             if both != 0:
-                both &= _overlapping(images.rows, n, m, lanes)
-            if both != 0:
-                room.partner[pairs], room.meeting[pairs] = n, both
-                pairs += 1
-        room.first[m + 1] = pairs
+                both = both & _overlapping(images.rows, n, m, lanes)
+                meeting[n] |= both
+                meeting[m] |= both
+                found |= both
+    return found
 
 
 @inner
 def _overlapping(images, n, m, lanes):
-    """Lanes where the parallelograms n and m overlap, by the separating axes."""
+    """Lanes where the parallelograms n and m overlap, by the separating axes, and neither has next to no area."""
     n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
     one, other = n * IMAGE_ROWS * ROW, m * IMAGE_ROWS * ROW
     found = np.int64(0)
@@ -177,95 +176,123 @@ def _overlapping(images, n, m, lanes):
         gap = larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
         gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
         gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
-        found |= np.int64((gap < 0.0) & (pq > 0.0)) << k  # m is to have coordinates; n need not
+        area = smaller(images[one + AREA + k], images[other + AREA + k])
+        found |= np.int64((gap < 0.0) & (area > _NOTHING)) << k
     return found
 
 
 @inner
-def _cliques(count, room):
-    """Lanes where four images overlap one another: there the inclusions would go on."""
-    first, partner, meeting = room.first, room.partner, room.meeting
-    found = np.int64(0)
+def _more_than_two(meeting, count):
+    """Lanes in which more than two images overlap others."""
+    one = two = many = np.int64(0)
     for m in range(count):
-        for d in range(first[m], first[m + 1]):
-            for e in range(first[m], d):
-                three = meeting[d] & meeting[e] & _meeting_of(room, partner[e], partner[d])
-                for f in range(first[m], e if three & ~found != 0 else first[m]):
-                    fourth = three & meeting[f] & _meeting_of(room, partner[f], partner[d])
-                    found |= fourth & _meeting_of(room, partner[f], partner[e])
-    return found
-
-
-@inline
-def _meeting_of(room, n, m):
-    """Lanes where the images n < m overlap."""
-    found = np.int64(0)
-    for e in range(room.first[m], room.first[m + 1]):
-        if room.partner[e] == n:
-            found = room.meeting[e]
-    return found
+        many |= two & meeting[m]
+        two |= one & meeting[m]
+        one |= meeting[m]
+    return many
 
 
 @inner
-def _subtract_overlaps(images, shading, count, some, total, room, lanes):
-    """Subtract what pairs of images share in some lanes, and add what triples share."""
-    first, partner, meeting = room.first, room.partner, room.meeting
+def _subtract_overlaps(images, some, shading, count, total, room, lanes):
+    """Subtract what two images share in lanes where only two overlap."""
     for m in range(count):
-        for d in range(first[m], first[m + 1]):
-            n = partner[d]
-            both = meeting[d] & some
+        for n in range(m if room.meeting[m] & some != 0 else 0):
+            both = room.meeting[n] & room.meeting[m] & some
             if both != 0:
-                both = _shared(images, np.int64(-1), n, m, both, room, lanes)
-                _add(-1.0, room.overlaps, total, m < shading, n >= shading, lanes)
-            meeting[d] = both
-            for e in range(first[m], d if both != 0 else first[m]):
-                three = both & meeting[e] & _meeting_of(room, partner[e], n)
-                if three != 0:
-                    _shared(images, partner[e], n, m, three, room, lanes)
-                    _add(1.0, room.overlaps, total, m < shading, partner[e] >= shading, lanes)
+                active = np.int64(0)
+                for k in range(lanes):
+                    room.lanes[active] = k
+                    active += both >> k & 1
+                filled = pack(images, n * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(0))
+                pack(images, m * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(1))
+                shared_by_two(room.overlaps, filled)
+                kind = _BLOCK if n >= shading else np.int64(0)
+                for g in range(active):
+                    k, shared = room.lanes[g], room.overlaps[SHARED + g]
+                    total[_BOTH + k] -= shared
+                    if m < shading or n >= shading:
+                        total[kind + k] -= shared
 
 
 @inner
-def _shared(images, o, n, m, some, room, lanes):
-    """Write the areas that n, m and, unless it is negative, o share in some lanes, and 0 in the others.
-
-    Returns the lanes that have any.
-    """
-    active = np.int64(0)
-    for k in range(lanes):
-        room.lanes[active] = k
-        active += some >> k & 1
-    filled = pack(images, n * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(0))
-    pack(images, m * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(1))
-    if o < 0:
-        shared_by_two(room.overlaps, filled)
-    else:
-        pack(images, o * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(2))
-        shared_by_three(room.overlaps, filled)
-    return _spread(room.overlaps, room.lanes, active, lanes)
+def _crowded(meeting, count, lanes):
+    """Lanes in which more than `_MOST` images overlap others."""
+    crowded = np.int64(0)
+    for k in range(lanes if count > _MOST else 0):
+        found = np.int64(0)
+        for m in range(count):
+            found += meeting[m] >> k & 1
+        crowded |= np.int64(found > _MOST) << k
+    return crowded
 
 
 @inner
-def _spread(overlaps, names, active, lanes):
-    """Put what the packed lanes share where these lanes are, and 0 elsewhere; returns the lanes that have any."""
-    found = np.int64(0)
-    for k in range(lanes):
-        overlaps[_SPREAD + k] = 0.0
-    for k in range(active):
-        overlaps[_SPREAD + names[k]] = overlaps[SHARED + k]
-        found |= np.int64(overlaps[SHARED + k] > 0.0) << names[k]
-    return found
+def _put_together(images, some, shading, count, total, room, lanes):
+    """Add what images that overlap cover together, in some lanes; returns the lanes where edges tie."""
+    tied, start = np.int64(0), np.int64(0)
+    while start < lanes:
+        filled = GROUP
+        if some >> start & LANES != 0:
+            while filled < WIDTH and start + filled < lanes and some >> start + filled & LANES != 0:
+                filled += GROUP
+            if not _fits(room.meeting, some & _lanes(start, filled), count):
+                filled = GROUP
+            here = some & _lanes(start, filled)
+            if _fits(room.meeting, here, count):
+                tied |= _put_group_together(images, here, shading, count, total, room, start, filled)
+            else:
+                for k in range(start, start + filled):
+                    tied |= _put_group_together(images, here & 1 << k, shading, count, total, room, start, filled)
+        start += filled
+    return tied
 
 
 @inline
-def _add(sign, overlaps, total, shade, block, lanes):
-    """Add what images share: to all, and to shade or block where all of them are of that kind."""
-    row = _BLOCK if block else 0
-    if shade or block:
-        for k in range(lanes):
-            total[row + k] += sign * overlaps[_SPREAD + k]
+def _lanes(start, count):
+    """Some lanes, a bit for each."""
+    return (np.int64(1) << count) - 1 << start
+
+
+@inner
+def _fits(meeting, here, count):
+    """Whether there is room for all images that overlap others in some lanes."""
+    found = np.int64(0)
+    for m in range(count):
+        found += np.int64(meeting[m] & here != 0)
+    return found <= SLOTS
+
+
+@inner
+def _put_group_together(images, here, shading, count, total, room, start, lanes):
+    """The same in some of the lanes of one group."""
+    shades = slots = np.int64(0)
+    for m in range(count):
+        mask = (room.meeting[m] & here) >> start
+        if mask != 0:
+            prepare(images, m * IMAGE_ROWS * ROW + start, mask, room.group.slots, slots * SLOT, lanes)
+            room.group.masks[slots] = mask
+            slots += 1
+            shades += np.int64(m < shading)
+    tied = np.int64(0)
+    if shades > 0:
+        tied |= union_areas(room.group, np.int64(0), np.int64(0), shades, lanes)
+        _add_ends(room.group.ends, total, start, lanes)
+    if slots > shades:
+        tied |= union_areas(room.group, shades, shades, slots, lanes)
+        _add_ends(room.group.ends, total, _BLOCK + start, lanes)
+    if 0 < shades < slots:
+        tied |= union_areas(room.group, np.int64(0), shades, slots, lanes)
+    if slots > 0:
+        _add_ends(room.group.ends, total, _BOTH + start, lanes)
+    return tied << start
+
+
+@inner
+def _add_ends(ends, total, row, lanes):
+    """Add the areas of a group."""
+    row = max(row, 0)
     for k in range(lanes):
-        total[_BOTH + k] += sign * overlaps[_SPREAD + k]
+        total[row + k] += ends[k]
 
 
 @inner
