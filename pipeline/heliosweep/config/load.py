@@ -11,7 +11,9 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from heliosweep.config.block import UNKNOWN_KEY, blocks_at, translate
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
+from heliosweep.config.sample import bound, sample_problems
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
@@ -85,7 +87,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (_zip_problems, _same_files, type(study).check):  # the last may rely on what the others look at
+    for find in (sample_problems, _zip_problems, _same_files, bound, type(study).check):
+        # The later may rely on what the earlier look at.
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study
@@ -132,7 +135,9 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         members = []
         for j, entry in enumerate(group):
             key = entry if entry in sweeps else by_name.get(entry, "")
-            if not key:
+            if isinstance(sweeps.get(key), Drawn):
+                yield study.problem(f"zip[{i}][{j}]", f"is drawn: all drawn keys are on 'sample' (got {shown(entry)})")
+            elif not key:
                 whole = [key for key in sweeps if key.rpartition(".")[2] == entry]
                 hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
                 hint = f"; did you mean '{whole[0]}'?" if whole else hint

@@ -21,7 +21,9 @@ from pydantic_core import core_schema
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Dataset, Execution, Output, Report
 from heliosweep.config.distribution import Distribution
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import in_short
+from heliosweep.config.sample import SAMPLE, Sample
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
@@ -38,12 +40,12 @@ Rewrite = Callable[[Parameter | None, Any], Any]
 
 @dataclass(frozen=True)
 class Dimension:
-    """A dimension of the result: one swept parameter, or several that `zip` ties together.
+    """A dimension of the result: one swept parameter, several that `zip` ties together, or all that are drawn.
 
     Parameters
     ----------
     name : str
-        Name of the dimension; of tied parameters, the name of the first.
+        Name of the dimension; of tied parameters, the name of the first; ``sample`` of those that are drawn.
     sweeps : mapping of str to Sweep
         The swept values by dotted key, all of one length.
     """
@@ -72,6 +74,9 @@ class Study(Block):
         tuple[tuple[Annotated[str, Text("Key")], ...], ...],
         Field(description="Groups of swept keys that vary together on one dimension instead of as a product"),
     ] = ()
+    sample: Annotated[
+        Sample | None, Field(description="Draws of the keys that are distributions, along the dimension 'sample'")
+    ] = None
     dataset: Annotated[Dataset | None, Field(description="Who made the data set, and how it may be used")] = None
     execution: Annotated[Execution, Field(description="How the study is computed")] = Execution()
     output: Annotated[Output, Field(description="What is stored and how")] = Output()
@@ -143,17 +148,18 @@ class Study(Block):
         }
 
     def dimensions(self) -> list[Dimension]:
-        """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied."""
+        """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied; `sample` last."""
         sweeps, names = self.sweeps(), self.dimension_names()
         key_of = {name: key for key, name in names.items()} | {key: key for key in names}
         groups = [[key_of[entry] for entry in group] for group in self.zip]
         tied = {key: group for group in groups for key in group}
         dimensions: dict[str, Dimension] = {}
-        for key in sweeps:
+        drawn = {key: sweep for key, sweep in sweeps.items() if isinstance(sweep, Drawn)}
+        for key in (key for key in sweeps if key not in drawn):
             group = tied.get(key, [key])
             name = names[group[0]]
             dimensions.setdefault(name, Dimension(name, {member: sweeps[member] for member in group}))
-        return list(dimensions.values())
+        return [*dimensions.values(), *([Dimension(SAMPLE, drawn)] if drawn else [])]
 
     def files(self) -> dict[str, tuple[str, ...]]:
         """Return the names of all files that the study names, by dotted key."""
@@ -189,7 +195,7 @@ class Study(Block):
             return _even(value)
 
         matters = self.model_copy(update=dict.fromkeys(self.DOES_NOT_MATTER))
-        tied = [list(dimension.sweeps) for dimension in self.dimensions() if len(dimension.sweeps) > 1]
+        tied = [list(dim.sweeps) for dim in self.dimensions() if len(dim.sweeps) > 1 and dim.name != SAMPLE]
         return plain(matters, rewrite) | {"zip": tied}
 
     @property

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep.config.blocks import NamedSite
+from heliosweep.config.sample import SAMPLE
 from heliosweep.config.sites import site_table
 from heliosweep.config.study import Study
 from heliosweep.config.values import FileName, Parameter
@@ -131,6 +132,10 @@ class Parameters:
         if self._sites:
             names = np.array([site.name for site in self._sites[self.part("site")]], dtype=object)
             named["site"] = xr.DataArray(names, dims="site", attrs={"long_name": "name of the site"})
+        if SAMPLE in self.sizes:
+            numbers = np.arange(len(self.study.dimensions()[-1]))[self.part(SAMPLE)]
+            attrs = {"long_name": "number of the draw, from 0", "units": "1"}
+            named[SAMPLE] = xr.DataArray(numbers, dims=SAMPLE, attrs=attrs)
         for key in wanted:
             declared = self._declared.get(key)
             named[coordinate_name(declared[0], key) if declared else key.rpartition(".")[2]] = self.parameter(key)
