@@ -278,10 +278,10 @@ class HeliosweepAccessor:
     def _family(self) -> Family:
         from heliosweep.families.family import families
 
-        name = json.loads(self._result.attrs.get("study", "{}")).get("family")
-        if name not in families():
+        said = json.loads(self._result.attrs.get("study", "{}"))
+        if said.get("family") not in families():
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
-        return families()[name]
+        return families()[said["family"]].of_draws("sample" in said)
 
     @contextmanager
     def _lacking(self, family: Family, what: str) -> Iterator[None]:

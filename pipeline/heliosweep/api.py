@@ -64,7 +64,7 @@ def _loaded(study: Study | Source) -> Study:
 
 def family_of(study: Study) -> Family:
     """Family that a study belongs to."""
-    return families()[study.family]
+    return families()[study.family].of_draws(study.sample is not None)
 
 
 def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:

@@ -152,9 +152,8 @@ def sample_problems(study: Study) -> Iterator[Problem]:
         form = "write one in place of a number, as {normal: [mean, standard deviation]}, or remove 'sample'"
         yield study.problem("sample", f"there is no distribution to draw from; {form}")
         return
-    named = [
-        (f"correlation[{i}][{j}]", key) for i, (*keys, _) in enumerate(sample.correlation) for j, key in enumerate(keys)
-    ]
+    pairs = enumerate(sample.correlation)
+    named = [(f"correlation[{i}][{j}]", key) for i, (*keys, _) in pairs for j, key in enumerate(keys)]
     named += [(f"groups.{name}[{j}]", key) for name, keys in sample.groups.items() for j, key in enumerate(keys)]
     good = True
     for place, key in named:
@@ -177,9 +176,7 @@ def _correlation_problems(study: Study, keys: list[str]) -> Iterator[Problem]:
     pairs: set[frozenset[str]] = set()
     for position, (one, other, _) in enumerate(study.sample.correlation):
         if one == other:
-            yield study.problem(
-                f"sample.correlation[{position}]", f"names {one} twice; a key is correlated with another"
-            )
+            yield study.problem(f"sample.correlation[{position}]", f"names {one} twice; name two keys")
         elif frozenset((one, other)) in pairs:
             yield study.problem(f"sample.correlation[{position}]", f"{one} and {other} stand in the list already")
         pairs.add(frozenset((one, other)))
@@ -221,9 +218,8 @@ def design_of(study: Study) -> Design:
     for name, members in sample.groups.items():
         group_of |= dict.fromkeys(members, name)
     groups = tuple(names.index(group_of.get(key, key)) for key in keys)
-    return Design(
-        sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", _factor(sample, keys) or ()
-    )
+    factor = _factor(sample, keys) or ()
+    return Design(sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", factor)
 
 
 def bound(study: Study) -> Iterator[Problem]:

@@ -145,6 +145,12 @@ class Family:
         """
         return self.module("compute", self.mode(study)).finish(study, inputs, region, computed)
 
+    def of_draws(self, drawn: bool) -> Family:
+        """Return this family, for studies whose keys are drawn with statistics over the draws."""
+        from heliosweep.families.sampled import Sampled
+
+        return Sampled(self) if drawn else self
+
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """What the user should be told of a finished result."""
         return _call(f"{self.room(str(result.attrs.get('mode', '')))}.compute", "remarks", result)

@@ -131,7 +131,10 @@ def _page(
 ) -> str:
     from heliosweep.report.interactive import explore, scripts
 
-    family = families.get(json.loads(result.attrs.get("study", "{}")).get("family"))
+    said = json.loads(result.attrs.get("study", "{}"))
+    family = families.get(said.get("family"))
+    if family and "sample" in said:
+        family = family.of_draws(True)
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result

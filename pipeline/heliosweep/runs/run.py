@@ -20,7 +20,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Part, parts_by_slab
+from heliosweep.grid.regions import Part, in_result, parts_by_slab
 from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool, safe_path
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
@@ -121,7 +121,8 @@ class Run:
                 self._compute(self.store, progress)
         with self.timed("publish"):
             plan, sizes = self.plan, self.plan.workload.sizes
-            skeleton = Skeleton(sizes, self.coordinates, plan.variables, self.attributes, plan.storage, plan.cuts)
+            stored = in_result(plan.variables)
+            skeleton = Skeleton(sizes, self.coordinates, stored, self.attributes, plan.storage, plan.cuts)
             path, digests = publish(self._slabs(self.store), skeleton, self.study.output, self.folder)
         with self.timed("record"):
             self._record(path, digests)
@@ -256,7 +257,8 @@ class Run:
                 assert self._taken is not None
                 yield slab, self._taken.read(slab)
                 continue
-            yield slab, self.work.finish(slab, self.work.joined(slab, ((part, store.read(part)) for part in pieces)))
+            known = list(pieces)
+            yield slab, self.work.finish(slab, lambda known=known: ((part, store.read(part)) for part in known))
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study, for good."""
@@ -277,7 +279,7 @@ class Run:
                 "slabs": {
                     "cut": slab_rows(plan.cuts),
                     "digests": digests,
-                    "variables": list(plan.variables),
+                    "variables": list(in_result(plan.variables)),
                 },
                 "plan": {
                     "dimensions": plan.workload.sizes,

@@ -21,6 +21,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.regions import in_result
 from heliosweep.sources import code_versions, version_of
 from heliosweep.store.encoding import slab_digest, slab_rows
 from heliosweep.store.folder import MANIFEST, manifest_text, read_manifest
@@ -188,7 +189,8 @@ class Finished:
 
     def holds(self, kind: str, plan: Plan) -> bool:
         """True where it has the variables of one kind, in slabs that are cut as those of a plan."""
-        slabs, names = self.manifest["slabs"], {name for name, one in plan.variables.items() if one.kind == kind}
+        slabs, stored = self.manifest["slabs"], in_result(plan.variables)
+        names = {name for name, one in stored.items() if one.kind == kind}
         return slabs["cut"].get(kind) == slab_rows(plan.cuts)[kind] and names <= {*slabs["variables"]}
 
     def read(self, slab: Part) -> dict[str, np.ndarray]:
@@ -220,10 +222,11 @@ def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dic
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
     ``attributes``: the words that go with it.
     """
+    drawn = ("heliosweep.families.sampled",) if study.sample else ()
     return {
         "study_id": study.study_id,
         "study": study.canonical(),
-        "code": code_versions(module),
+        "code": code_versions(module, *drawn) | ({"SALib": version_of("SALib")} if drawn else {}),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in attributes.items() if name not in _FOLLOWING},
     }
