@@ -140,6 +140,15 @@ class Drawn(Sweep):
             return {DISCRETE: {"values": list(self.parts), "weights": list(self.weights)}}
         return {self.kind: list(self.parts)}
 
+    def words(self) -> str:
+        """Return the distribution in words: ``normal: mean 11, standard deviation 0.02``."""
+        if self.kind == DISCRETE:
+            return f"{DISCRETE}: " + ", ".join(
+                f"{value:g} ({weight:.3g})" for value, weight in zip(self.parts, self.weights, strict=True)
+            )
+        named = (f"{name} {value:g}" for name, value in zip(PARTS[self.kind], self.parts, strict=True))
+        return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
+
 
 def is_distribution(raw: Any) -> bool:
     """Whether what stands in a study file is a distribution, or a misspelt one."""

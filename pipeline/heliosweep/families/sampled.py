@@ -67,12 +67,9 @@ class Sampled(Family):
 
     def __init__(self, inner: Family) -> None:
         self.inner = inner
-        self.name, self.title, self.references, self.keywords = (
-            inner.name,
-            inner.title,
-            inner.references,
-            inner.keywords,
-        )
+        self.name, self.title = inner.name, inner.title
+        self.references, self.keywords = inner.references, inner.keywords
+        self.headlines = tuple(f"{name}_sample_mean" for name in inner.headlines)
 
     def room(self, mode: str) -> str:
         """As the family."""
@@ -207,13 +204,13 @@ class Sampled(Family):
         """Distributions of the results, and what they owe to each key."""
         from heliosweep.report.draws import figures
 
-        return figures(result)
+        return figures(result, self.inner.headlines)
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
         """Statistics of each result, and indices of each key."""
         from heliosweep.report.draws import tables
 
-        return tables(result)
+        return tables(result, self.inner.headlines)
 
     def views(self, result: xr.Dataset) -> Iterable[View]:
         """Those of any result."""
@@ -236,8 +233,9 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
     attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
     if "elementary" in words:
         attrs["comment"] = _EFFECT
-    if one.attrs.get("cell_methods") and not pure:
-        attrs["cell_methods"] = one.attrs["cell_methods"]
+    for name in ("cell_methods", "valid_range"):
+        if name in one.attrs and words in {known for _, known, _ in _STATISTICS.values()}:
+            attrs[name] = one.attrs[name]
     return attrs
 
 

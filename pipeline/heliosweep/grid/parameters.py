@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep.config.blocks import NamedSite
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.sample import SAMPLE
 from heliosweep.config.sites import site_table
 from heliosweep.config.study import Study
@@ -138,6 +139,11 @@ class Parameters:
             named[SAMPLE] = xr.DataArray(numbers, dims=SAMPLE, attrs=attrs)
         for key in wanted:
             declared = self._declared.get(key)
+            if declared and isinstance(declared[1], Drawn):
+                named[coordinate_name(declared[0], key)] = self.parameter(key).assign_attrs(
+                    key=key, distribution=declared[1].words()
+                )
+                continue
             named[coordinate_name(declared[0], key) if declared else key.rpartition(".")[2]] = self.parameter(key)
         return named
 

@@ -151,7 +151,8 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
     moved = np.argmax(np.abs(steps), axis=-1)  # a key of that parameter
     change = np.diff(_by_point(values, design), axis=-1) / np.take_along_axis(steps, moved[..., np.newaxis], -1)[..., 0]
     parameter = np.array(design.groups)[moved]
-    effects = np.ascontiguousarray(np.take_along_axis(change, np.argsort(parameter, axis=1), -1).swapaxes(-1, -2))
+    order = np.broadcast_to(np.argsort(parameter, axis=1), change.shape)
+    effects = np.ascontiguousarray(np.take_along_axis(change, order, -1).swapaxes(-1, -2))
     return effects.mean(axis=-1), np.abs(effects).mean(axis=-1), effects.std(axis=-1, ddof=1)
 
 
