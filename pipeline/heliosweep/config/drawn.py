@@ -33,7 +33,8 @@ _KINDS = (*PARTS, DISCRETE)
 _RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
 _DISCRETE_FORM = "it is {values: [...], weights: [...]}"
 _COUNTS = {2: "two", 3: "three", 4: "four"}
-_STANDARD = NormalDist()
+#: No draw is farther from the mean of a normal distribution: the deviate of the probability `LEAST`. [standard deviation]
+_REACH = 6.121
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Drawn(Sweep):
         """Return the least and the largest value that can be drawn."""
         if self.kind in (NORMAL, LOGNORMAL):
             first, width = self.parts
-            reach = width * -_STANDARD.inv_cdf(LEAST)
+            reach = width * _REACH
             if self.kind == NORMAL:
                 return first - reach, first + reach
             return first * math.exp(-reach), first * math.exp(reach)

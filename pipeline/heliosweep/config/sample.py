@@ -152,6 +152,9 @@ def sample_problems(study: Study) -> Iterator[Problem]:
         form = "write one in place of a number, as {normal: [mean, standard deviation]}, or remove 'sample'"
         yield study.problem("sample", f"there is no distribution to draw from; {form}")
         return
+    for key in ("time_series", "field_series"):
+        if getattr(study.output, key, False):
+            yield study.problem(f"output.{key}", "time series are not stored for draws; remove it, or 'sample'")
     pairs = enumerate(sample.correlation)
     named = [(f"correlation[{i}][{j}]", key) for i, (*keys, _) in pairs for j, key in enumerate(keys)]
     named += [(f"groups.{name}[{j}]", key) for name, keys in sample.groups.items() for j, key in enumerate(keys)]

@@ -94,9 +94,6 @@ class Sampled(Family):
             raise StudyError(
                 study.problem("sample", f"the result has a dimension {dim!r} of its own, and no room for one of draws")
             )
-        if "time" in work.inner:
-            message = "time series are not stored for draws; remove it, or 'sample'"
-            raise StudyError(study.problem("output", message))
         length = work.inner.get(work.splittable, 1)
         return replace(
             work,

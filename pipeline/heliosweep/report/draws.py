@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from heliosweep.report.contents import NamedFigure, Table
 from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, number_text, shortened, title_of, unit_of
-from heliosweep.report.layout import abreast, fit, legend, sheet
+from heliosweep.report.layout import abreast, fit, legend, sheet, tick
 from heliosweep.report.sections import number_texts
 from heliosweep.report.style import COLOURS, styled
 
@@ -299,7 +299,9 @@ def _effects(shown: Draws) -> Figure:
         axes.plot(right, up, "o", color=COLOURS[0])
         for at in _order(right)[:MOST_BARS]:
             word = shortened(shown.parameter(str(names[at])), at + 1, 24)
-            axes.annotate(word, (right[at], up[at]), (3, 3), textcoords="offset points", fontsize=6.5)
+            far = 2 * right[at] > right.max()
+            axes.annotate(word, (right[at], up[at]), (-4 if far else 4, 3), textcoords="offset points",
+                          fontsize=6.5, ha="right" if far else "left")  # fmt: skip
         axes.margins(0.18)
         axes.grid(True)
         axes.set(
@@ -325,6 +327,7 @@ def _scatter(shown: Draws) -> Figure:
     figure, axes = sheet(len(leading), len(leading), sharey=True)
     for one, name in zip(axes, leading, strict=True):
         one.plot(columns[name][:MOST_DOTS], values[:MOST_DOTS], ".", markersize=2.5, color=COLOURS[0], alpha=0.6)
+        tick(one.xaxis, shown.result[name], most=5)
         one.grid(True)
         one.set(xlabel=axis_label(shown.result[name]))
     axes[0].set_ylabel(axis_label(shown.result[shown.headline]))
