@@ -118,7 +118,12 @@ class Functions(Family):
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
         scale, x = self._inputs(study, region)
-        made = {"value": ishigami(x[..., :3]), "product": g_function(x), "total": total(x), "constant": x[..., 0] * 0 + 3}
+        made = {
+            "value": ishigami(x[..., :3]),
+            "product": g_function(x),
+            "total": total(x),
+            "constant": x[..., 0] * 0 + 3,
+        }
         return xr.Dataset({name: (tuple(Parameters(study).sizes), scale * y) for name, y in made.items()})
 
     def remarks(self, result: xr.Dataset) -> tuple[str, ...]:
