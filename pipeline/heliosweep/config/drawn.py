@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,7 @@ _KINDS = (*PARTS, DISCRETE)
 _RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
 _DISCRETE_FORM = "it is {values: [...], weights: [...]}"
 _COUNTS = {2: "two", 3: "three", 4: "four"}
-#: No draw is farther from the mean of a normal distribution: the deviate of the probability `LEAST`. [standard deviation]
+#: Standard deviations from the mean of a normal distribution beyond which no draw is: those of `LEAST`, and some more.
 _REACH = 6.121
 
 
@@ -175,7 +176,7 @@ def read_drawn(
     known = [key for key in raw if key in _KINDS]
     faults += [Fault("give one distribution, not several", (key,), show_value=False) for key in known[1:]]
     readers: dict[str, Callable[[Any], Drawn]] = {
-        kind: lambda numbers, kind=kind: _continuous(kind, numbers, number, check) for kind in PARTS
+        kind: partial(_continuous, kind, number=number, check=check) for kind in PARTS
     }
     readers[DISCRETE] = lambda inner: _discrete(inner, number, check)
     drawn = read_parts(raw, readers, faults)[known[0]]

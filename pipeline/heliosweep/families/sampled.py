@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
 #: Numbers of one draw of a variable, beyond which draws are not stored unless a study asks for them.
 MOST_NUMBERS = 100
+#: Numbers of one draw of a variable, up to which its sensitivities are found.
+MOST_INDICES = 12
 #: Width of the interval of a total index beyond which more draws are asked for.
 WIDE = 0.1
 
@@ -130,7 +132,7 @@ class Sampled(Family):
             passing = large and not sample.statistics.every_draw
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
             made = dict(statistical)
-            if design.sensitivity and set(others) <= {*work.parameters}:
+            if design.sensitivity and not large and numbers <= MOST_INDICES:
                 made |= _SENSITIVITIES[design.sensitivity]
             for ending, (dim, words, pure) in made.items():
                 attrs = _attributes(one, words, pure)

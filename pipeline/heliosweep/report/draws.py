@@ -36,18 +36,17 @@ class Draws:
         self.sensitivity = self.sample.get("sensitivity", "")
         drawn = [str(name) for name, one in result.data_vars.items() if SAMPLE in one.dims and one.dtype.kind == "f"]
         common = set.intersection(*(set(result[name].dims) for name in drawn)) if drawn else set()
-        #: Results with the fewest dimensions: numbers of a draw at each point of what is swept.
+        #: Results with the fewest dimensions: numbers of a draw at each point of what is swept; the headline first.
         self.names = [name for name in drawn if set(result[name].dims) == common]
-        known = [name for name in headlines if name in self.names]
-        self.headline = next(iter(known or self.names), "")
-        self.dims = [str(dim) for dim in result[self.headline].dims if dim != SAMPLE] if self.headline else []
+        self.headline = next((name for name in headlines if name in drawn), next(iter(self.names), ""))
+        self.names = [self.headline, *(name for name in self.names if name != self.headline)]
         self.keys = [one for one in result.coords.values() if one.dims == (SAMPLE,) and "key" in one.attrs]
 
-    @property
-    def points(self) -> list[dict[str, int]]:
-        """Points of what is swept."""
-        shape = [self.result.sizes[dim] for dim in self.dims]
-        return [dict(zip(self.dims, index, strict=True)) for index in np.ndindex(*shape)]
+    def points(self, name: str = "") -> list[dict[str, int]]:
+        """Points of a result, by default of the headline, for each of which there are draws."""
+        dims = [str(dim) for dim in self.result[name or self.headline].dims if dim != SAMPLE]
+        shape = [self.result.sizes[dim] for dim in dims]
+        return [dict(zip(dims, index, strict=True)) for index in np.ndindex(*shape)]
 
     def where(self, point: dict[str, int]) -> str:
         """A point in words."""
@@ -110,9 +109,8 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
     shown = Draws(result, headlines)
     if not shown.headline:
         return
-    names = [shown.headline, *(name for name in shown.names if name != shown.headline)]
     if f"{shown.headline}_sample_mean" in result:
-        yield _statistics(shown, names)
+        yield _statistics(shown)
     if PARAMETER in result.sizes:
         yield _parameters(shown)
     yield Table(
@@ -124,10 +122,10 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
     )
 
 
-def _statistics(shown: Draws, names: Sequence[str]) -> Table:
+def _statistics(shown: Draws) -> Table:
     result, rows = shown.result, list[list[str]]()
     percentiles = [f"{value:g} %" for value in result["sample_percentile"].to_numpy()]
-    for name, point in islice(((name, point) for name in names for point in shown.points), MOST_ROWS):
+    for name, point in islice(((one, at) for one in shown.names for at in shown.points(one)), MOST_ROWS):
         numbers = [shown.values(f"{name}_sample_{what}", point) for what in ("mean", "standard_error")]
         numbers += [shown.values(f"{name}_sample_standard_deviation", point)]
         numbers += list(shown.values(f"{name}_sample_percentile", point))
@@ -161,7 +159,7 @@ def _parameters(shown: Draws) -> Table:
         "morris": "Change as the key goes from its 12.5 to its 87.5 % quantile.",
         "local": "Change with one standard normal deviate less, and more, of the key, the others at their median.",
     }[shown.sensitivity]
-    for point in shown.points[: max(1, MOST_ROWS // result.sizes[PARAMETER])]:
+    for point in shown.points()[: max(1, MOST_ROWS // result.sizes[PARAMETER])]:
         numbers = [shown.values(f"{name}_{column}", point) for column in columns]
         for at in _order(numbers[2 if shown.sensitivity == "sobol" else 1]):
             cells = [number_text(float(column[at]), 3) for column in numbers]
@@ -192,7 +190,7 @@ def _order(values: np.ndarray) -> np.ndarray:
 
 def _panels(shown: Draws, high: bool = False) -> tuple[Figure, list[tuple[Axes, dict[str, int]]]]:
     """A panel for each of the first points."""
-    points = shown.points[:MOST_PANELS]
+    points = shown.points()[:MOST_PANELS]
     columns = abreast(len(points), 2)
     figure, axes = sheet(len(points), columns, wide=high)
     for one, point in zip(axes, points, strict=True):
@@ -319,7 +317,7 @@ def _name_bars(axes: Axes, words: Sequence[str]) -> None:
 
 @styled
 def _scatter(shown: Draws) -> Figure:
-    point = shown.points[0]
+    point = shown.points()[0]
     values = shown.draws(shown.headline, point)
     columns = {str(one.name): shown.draws(str(one.name), {}) for one in shown.keys}
     strength = {name: _rank_correlation(column, values) for name, column in columns.items()}

@@ -22,7 +22,7 @@ _A, _B = 7.0, 0.1
 _FIRST = np.array([0.5 * (1 + _B * np.pi**4 / 5) ** 2, _A**2 / 8, 0.0])
 _THIRD = _B**2 * np.pi**8 * (1 / 18 - 1 / 50)
 _VARIANCE = _FIRST.sum() + _THIRD
-ISHIGAMI = _FIRST / _VARIANCE, (_FIRST + [_THIRD, 0, _THIRD]) / _VARIANCE
+ISHIGAMI = _FIRST / _VARIANCE, (_FIRST + np.array([_THIRD, 0, _THIRD])) / _VARIANCE
 
 #: Saltelli and Sobol (1995): y = product of (|4 x - 2| + a) / (1 + a), on 0 to 1.
 WEIGHTS = np.array([0.0, 1.0, 4.5, 9.0])
