@@ -54,21 +54,22 @@ class Work:
         named = {name: one for name, one in in_result(self.variables).items() if one.kind == slab.kind}
         later = {name: one for name, one in named.items() if one.finished}
         whole = of_kind(self.variables, slab.kind)
-        computed = self._joined(parts(), {name: slab.region for name in whole if not whole[name].passing})
+        kept = {name: slab.region for name, one in whole.items() if not one.passing}
+        computed = xr.Dataset(self._joined(parts(), kept))
         if not later:
             return computed[list(named)]
-        made = self.family.finish(self.study, self.inputs, slab.region, computed)
-        passed: dict[str, np.ndarray] = {}
+        made = dict(self.family.finish(self.study, self.inputs, slab.region, computed).data_vars)
         for regions in self._passes(slab, whole):
-            some = self.family.finish(self.study, self.inputs, slab.region, self._joined(parts(), regions))
-            for name, array in some.data_vars.items():
-                variable = later[str(name)]
-                of = max((one for one in regions if str(name).startswith(f"{one}_")), key=len)
-                if name not in passed:
-                    passed[str(name)] = np.empty(shape_of(variable, slab.region, self.sizes), variable.dtype)
-                passed[str(name)][index_of(variable.dims, regions[of], slab.region)] = array.to_numpy()
-        made = made.assign({name: (later[name].dims, array) for name, array in passed.items()})
-        arrays = checked(made, later, slab.region, self.sizes)
+            for name, given in self._joined(parts(), regions).items():
+                some = self.family.finish(self.study, self.inputs, slab.region, xr.Dataset({name: given}))
+                for key, array in some.data_vars.items():
+                    one = later[str(key)]
+                    if key not in made:
+                        made[key] = xr.DataArray(
+                            np.empty(shape_of(one, slab.region, self.sizes), one.dtype), dims=one.dims
+                        )
+                    made[key].values[index_of(one.dims, regions[name], slab.region)] = array.to_numpy()
+        arrays = checked(xr.Dataset(made), later, slab.region, self.sizes)
         return computed.assign({name: (later[name].dims, array) for name, array in arrays.items()})[list(named)]
 
     def _passes(self, slab: Part, whole: Mapping[str, Variable]) -> Iterator[dict[str, Region]]:
@@ -95,7 +96,7 @@ class Work:
 
     def _joined(
         self, parts: Iterable[tuple[Part, Mapping[str, np.ndarray]]], regions: Mapping[str, Region]
-    ) -> xr.Dataset:
+    ) -> dict[str, xr.Variable]:
         """Values of variables over regions of them, put together from parts of a slab."""
         named = {name: self.variables[name] for name in regions}
         whole = {name: np.empty(shape_of(one, regions[name], self.sizes), one.dtype) for name, one in named.items()}
@@ -104,7 +105,7 @@ class Work:
                 extra = {dim: span for dim, span in regions[name].items() if dim not in part.region}
                 within = index_of(variable.dims, part.region, regions[name])
                 whole[name][within] = values[name][index_of(variable.dims, extra)]
-        return xr.Dataset({name: (variable.dims, whole[name]) for name, variable in named.items()})
+        return {name: xr.Variable(variable.dims, whole[name]) for name, variable in named.items()}
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:

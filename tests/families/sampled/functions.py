@@ -73,7 +73,7 @@ class Functions(Family):
     def workload(self, study: Any) -> Workload:
         return Workload(
             parameters=Parameters(study).sizes,
-            inner={"heliostat": 1000},
+            inner={"heliostat": 1000, "month": 3},
             evaluations=1,
             unit="points",
             seconds=1e-3,
@@ -89,6 +89,7 @@ class Functions(Family):
 
         return {
             "each": Variable((*dims, "heliostat"), attrs("multiple of the sum")),
+            "monthly": Variable((*dims, "month", "heliostat"), attrs("multiple in each month")),
             "value": Variable(dims, attrs("function of Ishigami"), finished=True),
             "product": Variable(dims, attrs("g-function"), finished=True),
             "total": Variable(dims, attrs("weighted sum"), finished=True),
@@ -114,7 +115,9 @@ class Functions(Family):
         Functions.calls += scale.size
         multiples = np.arange(1000)[region.get("heliostat", slice(None))]
         dims = (*Parameters(study).sizes, "heliostat")
-        return xr.Dataset({"each": (dims, (scale * total(x))[..., np.newaxis] * multiples)})
+        each = (scale * total(x))[..., np.newaxis] * multiples
+        monthly = each[..., np.newaxis, :] * np.arange(1.0, 4.0)[:, np.newaxis]
+        return xr.Dataset({"each": (dims, each), "monthly": ((*dims[:-1], "month", "heliostat"), monthly)})
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
         scale, x = self._inputs(study, region)

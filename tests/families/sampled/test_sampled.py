@@ -71,6 +71,8 @@ def test_a_sum_of_normals(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         result["each_sample_percentile"][:, 2], result["total_sample_percentile"][2].item() * np.arange(1000)
     )
+    monthly = result["monthly_sample_mean"].transpose("month", "heliostat")
+    np.testing.assert_allclose(monthly, np.outer([1, 2, 3], result["each_sample_mean"]), rtol=1e-12)
     x = np.stack([result[f"x{k}"].values for k in (1, 2, 3)], axis=-1)
     assert result["total"].values.tobytes() == total(x).tobytes()
     assert result["x1"].attrs["distribution"] == "normal: mean 1, standard deviation 0.5"
@@ -96,7 +98,7 @@ def test_any_cut_and_engine_gives_the_same_bytes(
     for number, chunks in enumerate(({}, {"sample": 7}, {"sample": 16, "scale": 1})):
         execution = {"chunks": chunks, "scheduler": ("threads", "synchronous", "threads")[number]}
         if number == 2:
-            monkeypatch.setattr(lazy, "PASS_BYTES", 40_000)  # many passes over the parts
+            monkeypatch.setattr(lazy, "PASS_BYTES", 400_000)  # many passes over the parts
         asked = study(THREE, sample, scale=[1, 2, 3], execution=execution)
         digests.add(api.run(asked, tmp_path / str(number), report=False).path.read_bytes())
         built = api.build(asked).compute()
@@ -143,7 +145,7 @@ def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path) -> None
     with pytest.raises(PlanError, match="sample"):
         api.plan(study(NORMALS, {"size": 2**30}), tmp_path)
     plan = api.plan(study(NORMALS, {"size": 64}), tmp_path)
-    assert plan.workload.sizes == {"sample": 64, "heliostat": 1000, "sample_percentile": 3}
+    assert plan.workload.sizes == {"sample": 64, "heliostat": 1000, "month": 3, "sample_percentile": 3}
 
 
 def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
