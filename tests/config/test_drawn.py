@@ -12,7 +12,7 @@ from scipy import stats
 from heliosweep.config.design import LEAST, Design
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.load import load_mapping
-from heliosweep.config.sample import design_of, drawn_keys
+from heliosweep.config.sample import design_of, drawn_keys, parameter_names
 from heliosweep.config.study import yaml_text
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
@@ -151,6 +151,19 @@ def test_drawn_keys_are_one_dimension_crossed_with_sweeps() -> None:
     more = load_mapping(content | {"sample": {"size": 64}}, REGISTRY)
     assert more.study_id != study.study_id
     np.testing.assert_array_equal(more.heliostat.width[:32], study.heliostat.width.values())
+
+
+def test_tied_keys_share_their_draws() -> None:
+    tied = {"zip": [["heliostat_height", "heliostat.width"]], "sample": {"size": 32, "sensitivity": "sobol"}}
+    content = _study({"uniform": [10, 11]}, {"normal": [12, 0.1]}, {"uniform": [90, 100]})
+    study = load_mapping(content | tied, REGISTRY)
+    assert design_of(study).parameters == 2
+    assert parameter_names(study) == ["heliostat.width", "receiver.height"]
+    width, height = (study.heliostat.width.values() - 10), study.heliostat.height.values()
+    np.testing.assert_allclose(stats.norm(12, 0.1).cdf(height), width, atol=1e-9)
+    assert load_mapping(study.resolved(), REGISTRY) == study
+    apart = load_mapping(content | {"sample": tied["sample"]}, REGISTRY)
+    assert apart.study_id != study.study_id
 
 
 def test_every_sensitivity_loads_as_it_was_resolved() -> None:

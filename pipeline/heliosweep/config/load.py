@@ -87,7 +87,7 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (sample_problems, _zip_problems, _same_files, bound, type(study).check):
+    for find in (_zip_problems, sample_problems, _same_files, bound, type(study).check):
         # The later may rely on what the earlier look at.
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
@@ -135,9 +135,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         members = []
         for j, entry in enumerate(group):
             key = entry if entry in sweeps else by_name.get(entry, "")
-            if isinstance(sweeps.get(key), Drawn):
-                yield study.problem(f"zip[{i}][{j}]", f"is drawn: all drawn keys are on 'sample' (got {shown(entry)})")
-            elif not key:
+            if not key:
                 whole = [key for key in sweeps if key.rpartition(".")[2] == entry]
                 hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
                 hint = f"; did you mean '{whole[0]}'?" if whole else hint
@@ -149,6 +147,10 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
                 members.append(key)
         if len(group) < 2:
             yield study.problem(f"zip[{i}]", "must name at least two swept keys to tie together")
+        elif len({isinstance(sweeps[key], Drawn) for key in members}) > 1:
+            yield study.problem(
+                f"zip[{i}]", "ties drawn keys to swept ones; tie those that are drawn"
+            )
         elif len({len(sweeps[key]) for key in members}) > 1:
             lengths = ", ".join(f"{key} has {len(sweeps[key])}" for key in members)
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -136,15 +136,23 @@ class Sample(Block):
 
 
 def drawn_keys(study: Study) -> dict[str, Drawn]:
-    """Drawn keys of a study, in the order of their columns in the design."""
+    """Drawn keys of a study."""
     return {key: value for key, _, value in study.parameters() if isinstance(value, Drawn)}
+
+
+def columns_of(study: Study) -> dict[str, str]:
+    """Each drawn key, with the key that its column of the design is named after: the first that `zip` ties it to."""
+    keys = list(drawn_keys(study))
+    first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
+    return {key: first.get(key, key) for key in keys}
 
 
 def sample_problems(study: Study) -> Iterator[Problem]:
     """Yield what is wrong between the block `sample` and the drawn keys of a study."""
-    drawn, sample = drawn_keys(study), study.sample
+    columns, sample = columns_of(study), study.sample
+    drawn = list(dict.fromkeys(columns.values()))
     if sample is None:
-        for key in list(drawn)[:1]:
+        for key in drawn[:1]:
             message = "is a distribution, and nothing says how often to draw: add 'sample: {size: 256}'"
             yield study.problem(key, message)
         return
@@ -162,7 +170,10 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     for place, key in named:
         if key not in drawn:
             hint = did_you_mean(key, drawn) or f"; drawn are {', '.join(drawn)}"
-            yield study.problem(f"sample.{place}", f"is not a drawn key{hint} (got {shown(key)})")
+            message = f"is not a drawn key{hint} (got {shown(key)})"
+            if key in columns:
+                message = f"is tied to {columns[key]}; name that key (got {shown(key)})"
+            yield study.problem(f"sample.{place}", message)
             good = False
     members = [key for keys in sample.groups.values() for key in keys]
     for key in sorted({key for key in members if members.count(key) > 1}):
@@ -171,7 +182,7 @@ def sample_problems(study: Study) -> Iterator[Problem]:
         if name in drawn and name not in sample.groups[name]:
             yield study.problem(f"sample.groups.{name}", "is the name of a drawn key; take another name")
     if good:
-        yield from _correlation_problems(study, list(drawn))
+        yield from _correlation_problems(study, drawn)
 
 
 def _correlation_problems(study: Study, keys: list[str]) -> Iterator[Problem]:
@@ -207,20 +218,24 @@ def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | 
     return tuple(rows)
 
 
-def parameter_names(sample: Sample, keys: Mapping[str, Any]) -> list[str]:
+def _parameters(study: Study) -> list[str]:
+    """What the sensitivity of each column of the design is told of: its group, or its key."""
+    assert study.sample is not None
+    group_of = {key: name for name, members in study.sample.groups.items() for key in members}
+    return [group_of.get(key, key) for key in dict.fromkeys(columns_of(study).values())]
+
+
+def parameter_names(study: Study) -> list[str]:
     """Names of the parameters of a sensitivity, in their order: groups, and keys that are in none."""
-    group_of = {key: name for name, members in sample.groups.items() for key in members}
-    return list(dict.fromkeys(group_of.get(key, key) for key in keys))
+    return list(dict.fromkeys(_parameters(study)))
 
 
 def design_of(study: Study) -> Design:
     """Design of the draws of a study."""
-    sample, keys = study.sample, list(drawn_keys(study))
+    sample, keys = study.sample, list(dict.fromkeys(columns_of(study).values()))
     assert sample is not None
-    names, group_of = parameter_names(sample, drawn_keys(study)), {}
-    for name, members in sample.groups.items():
-        group_of |= dict.fromkeys(members, name)
-    groups = tuple(names.index(group_of.get(key, key)) for key in keys)
+    names = parameter_names(study)
+    groups = tuple(map(names.index, _parameters(study)))
     factor = _factor(sample, keys) or ()
     return Design(sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", factor)
 
@@ -228,7 +243,8 @@ def design_of(study: Study) -> Design:
 def bound(study: Study) -> Iterator[Problem]:
     """Tell each drawn key of a study of its draws."""
     if study.sample is not None:
-        design = design_of(study)
-        for column, value in enumerate(drawn_keys(study).values()):
-            value.bind(design, column)
+        design, columns = design_of(study), columns_of(study)
+        order = list(dict.fromkeys(columns.values()))
+        for key, value in drawn_keys(study).items():
+            value.bind(design, order.index(columns[key]))
     yield from ()

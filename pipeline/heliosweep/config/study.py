@@ -147,12 +147,16 @@ class Study(Block):
             if _is_swept(parameter, value)
         }
 
+    def tied_keys(self) -> list[list[str]]:
+        """Return the groups of `zip` as dotted keys."""
+        names = self.dimension_names()
+        key_of = {name: key for key, name in names.items()} | {key: key for key in names}
+        return [[key_of[entry] for entry in group] for group in self.zip]
+
     def dimensions(self) -> list[Dimension]:
         """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied; `sample` last."""
         sweeps, names = self.sweeps(), self.dimension_names()
-        key_of = {name: key for key, name in names.items()} | {key: key for key in names}
-        groups = [[key_of[entry] for entry in group] for group in self.zip]
-        tied = {key: group for group in groups for key in group}
+        tied = {key: group for group in self.tied_keys() for key in group}
         dimensions: dict[str, Dimension] = {}
         drawn = {key: sweep for key, sweep in sweeps.items() if isinstance(sweep, Drawn)}
         for key in (key for key in sweeps if key not in drawn):
@@ -196,6 +200,8 @@ class Study(Block):
 
         matters = self.model_copy(update=dict.fromkeys(self.DOES_NOT_MATTER))
         tied = [list(dim.sweeps) for dim in self.dimensions() if len(dim.sweeps) > 1 and dim.name != SAMPLE]
+        sweeps = self.sweeps()
+        tied += [group for group in self.tied_keys() if isinstance(sweeps[group[0]], Drawn)]
         return plain(matters, rewrite) | {"zip": tied}
 
     @property

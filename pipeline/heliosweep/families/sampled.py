@@ -148,7 +148,7 @@ class Sampled(Family):
             labels = labels.assign_coords({PERCENTILE: (PERCENTILE, sample.statistics.percentiles.values(), attrs)})
         if PARAMETER in sizes:
             attrs = {"long_name": "drawn key, or group of keys"}
-            names = np.array(parameter_names(sample, drawn_keys(study)), dtype=object)
+            names = np.array(parameter_names(study), dtype=object)
             labels = labels.assign_coords({PARAMETER: (PARAMETER, names, attrs)})
         return labels.assign_attrs(sample_design=_words(study))
 
