@@ -108,3 +108,9 @@ def test_irradiance_at_night_is_told(checked):
     assert "of the irradiation in moved.csv comes with the sun below the horizon, and does not count" in said.replace(
         str(Path().absolute()) + "/", ""
     )
+
+
+def test_irradiance_that_no_sky_has_is_told(checked):
+    Path("bright.csv").write_text(weather.plain(1300 * ONES, 0.0))
+    (said,) = checked(SITE, CLOCK, "weather: {file: bright.csv, label: start}").notes()
+    assert said == "the direct normal irradiance goes up to 1,300 W/m2; no sky over land is that clear"

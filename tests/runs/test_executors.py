@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import xarray as xr
 
@@ -159,3 +162,28 @@ def test_a_safe_path_lasts_as_long_as_any_run_and_leaves_what_was_there(monkeypa
     assert os.environ[executors.SAFE_PATH] == "1"
     second.__exit__(None, None, None)
     assert os.environ.get(executors.SAFE_PATH) == before
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="nothing stops a process here")
+def test_workers_that_do_not_end_are_killed(monkeypatch):
+    monkeypatch.setattr(executors, "END_SECONDS", 0.5)
+    with local_pool("processes", FakeWork(), 2) as pool:  # type: ignore[arg-type]
+        assert len(list(compute_parts(pool, parts(4)))) == 4
+        children = [child for one in psutil.Process().children() for child in one.children()]
+        workers = [child for child in children if child.is_running()]
+        assert workers
+        for worker in workers:
+            worker.suspend()
+    assert not any(worker.is_running() for worker in workers)
+
+
+@pytest.mark.parametrize(
+    ("missing", "told"),
+    [("Lock.__new__(Lock).__setstate__((0, 1, 1, '/gone'))", False), ("open('a table of the script')", True)],
+)
+def test_a_worker_whose_run_has_ended_says_nothing(missing, told):
+    """A semaphore that is gone is the run's; any other file that is missing is told."""
+    code = f"from multiprocessing.synchronize import Lock\nfrom heliosweep.runs import forked\n{missing}"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ("FileNotFoundError" in ended.stderr) == told, ended.stderr

@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # with the kernels, which other studies are checked without
 FARTHEST, EARTH = 50.0, 6371.0
 #: Part of the irradiation of a file that may fall at night, by rounding of the file and of the horizon.
 MOST_AT_NIGHT = 0.01
+#: Irradiance that the clearest sky on the highest mountain stays below. [W/m2]
+CLEAREST = 1200.0
 #: Points of a sweep that are looked at.
 MAX_POINTS = 200
 
@@ -83,6 +85,9 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
         if isinstance(source, WeatherFile) and (told := _at_night(source.name, irradiance, sun)) and told not in seen:
             seen.add(told)
             yield told
+        if (most := float(np.max(irradiance.dni, initial=0.0))) > CLEAREST and "most" not in seen:
+            seen.add("most")
+            yield f"the direct normal irradiance goes up to {most:,.0f} W/m2; no sky over land is that clear"
         works, _ = used(irradiance, sun, (dni, elevation, wind))
         idle.append(not np.any(works & (irradiance.dni > 0) & (irradiance.hours > 0)))
     if all(idle):
@@ -91,14 +96,15 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
         else:
             yield study.problem("limits", "leave no instant at which the field works")
     elif any(idle):
-        yield f"at {sum(idle):,} of {len(idle):,} points the limits leave no instant at which the field works"
+        what = "there is" if study.limits is None else "the limits leave"
+        yield f"at {sum(idle):,} of {len(idle):,} points {what} no instant at which the field works"
 
 
 def _places(study: Study) -> Parameters:
     """The points of a study at the first value of everything that neither weather, limits nor sun depend on."""
     matters = ("site.", "time.", "weather.", "limits.")
     swept = {dim.name: any(key.startswith(matters) for key in dim.sweeps) for dim in study.dimensions()}
-    return Parameters(study, {dim: slice(0, 1) for dim, kept in swept.items() if not kept})
+    return Parameters(study, {dim: slice(0, MAX_POINTS if kept else 1) for dim, kept in swept.items()})
 
 
 def _at_night(name: str, irradiance: Irradiance, sun: NDArray[np.float64]) -> str:

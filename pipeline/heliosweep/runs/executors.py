@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 TRIES = 3
 #: How often a pool is looked after while nothing comes from it. [s]
 LOOK_SECONDS = 1.0
+#: How long workers may take to end before they are killed: one that waits for what a dead one held never ends. [s]
+END_SECONDS = 10.0
 #: Letters that the name of a socket may have.
 SOCKET_LETTERS = 104
 #: Variable of the environment with which Python imports nothing that lies in the working directory.
@@ -201,6 +203,20 @@ class _Processes(Pool):
             self._executor.shutdown(wait=False, cancel_futures=True)
             self._executor = self._begun()
             return self._executor.submit(_compute, part)
+
+    def close(self) -> None:
+        workers = list((self._executor._processes or {}).values())
+
+        def kill() -> None:
+            for worker in workers:
+                worker.kill()
+
+        late = threading.Timer(END_SECONDS, kill)
+        late.start()
+        try:
+            super().close()
+        finally:
+            late.cancel()
 
     def result(self, future: Future[Values]) -> Values:
         try:

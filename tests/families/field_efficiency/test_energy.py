@@ -178,6 +178,35 @@ def test_facets_have_no_gaps_in_their_area(year):
     np.testing.assert_allclose(ratio, ratio.values[0, 0], rtol=1e-14)
 
 
+def test_a_site_in_the_polar_night_is_missing_and_told(small):
+    """Its design point too; a study of nothing else is refused."""
+    dark = {
+        "weather": {"clear_sky": {"model": "meinel"}},
+        "time": {
+            "clock": "civil",
+            "timezone": "+00:00",
+            "dates": ["2021-01-05"],
+            "window": {"start": "10:00", "stop": "14:00", "step": 1},
+        },
+        "design_point": {"day": 5, "solar_hour": 12, "dni": 900},
+    }
+    study = small(**dark, site={"latitude": [20, 80], "longitude": 0})
+    assert study.notes() == [
+        "the sun is down at the design point at latitude 80 deg: its values are missing (NaN) there",
+        "the sun never rises at latitude 80 deg: efficiencies are missing (NaN) there, and energies are 0",
+        "at 1 of 2 points there is no instant at which the field works",
+    ]
+    result = computed(study)
+    lit, night = result.isel(latitude=0), result.isel(latitude=1)
+    assert (lit["design_point_power"] > 0).all()
+    assert (lit["field_receiver_energy"] > 0).all()
+    assert night["design_point_power"].isnull().all()
+    assert night["field_optical_efficiency"].isnull().all()
+    np.testing.assert_array_equal(night["field_receiver_energy"], 0.0)
+    with pytest.raises(StudyError, match="design_point: the sun is down then at latitude 80 deg"):
+        api.plan(small(**dark, site={"latitude": [80, 85], "longitude": 0}))
+
+
 def test_the_design_point_is_the_instant(year):
     """The same as a study of this one instant on the solar clock; power is its efficiency times area and irradiance."""
     point = {"day": 172, "solar_hour": 9.5, "dni": 900}

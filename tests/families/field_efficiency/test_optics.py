@@ -146,6 +146,11 @@ def test_polynomials_alone_end(lit):
         assert any(re.match(r"[\d,]+ heliostats are farther than 3 km", note) for note in notes) == warned
 
 
+def test_a_receiver_below_the_ground_is_told(lit):
+    low = {"receiver": {"height": 10, "kind": "cylinder", "radius": 2, "height_extent": 26}}
+    assert "the receiver reaches 3 m below the foot of the tower" in lit(**low).notes()
+
+
 def test_the_round_robin():
     """Intercepts of the round robin's heliostat, converged."""
     result = api.build(api.load(STUDIES / "round_robin_2025.yaml")).compute()

@@ -173,9 +173,12 @@ def hours(shown: Shown, methods: Sequence[Point], stands: Point, along: str | No
     if not np.any([each[1:] for each in bars.values()]):
         return
     words = ["used", *(_CAUSES.get(cause, cause) for cause in causes)]
+    stowed = 100 * (result["loss"].sel(stage="stow") / result["field_incident_energy"])
+    low, high = (f"{float(end):.2g}" for end in (stowed.min(), stowed.max()))
     caption = (
         "Hours with the sun above the horizon: those in which the field works, and those lost to each limit, counted "
-        f"for the first that is not kept.{shown.note(stands, places)}"
+        f"for the first that is not kept. In the hours lost comes {low if low == high else f'{low} to {high}'} % of "
+        f"the direct irradiation.{shown.note(stands, places)}"
     )
     yield NamedFigure("hours_lost", caption, _hours(bars, words, shown.title(along) if along else ""))
 

@@ -56,6 +56,9 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     if (inside := int(np.sum(level <= radius))) > 0:
         message = f"must be less than the distance of the mirrors: {inside:,} stand within the receiver"
         yield study.problem("receiver.radius", message)
+    lowest = min(ends(receiver.height)) - max(ends(receiver.height_extent)) / 2
+    if lowest < min(0.0, layout.z.min(initial=0.0)) and not np.any(np.asarray(ends(receiver.tilt or 0.0))):
+        yield f"the receiver reaches {-lowest:g} m below the foot of the tower"
     down = values["receiver.height"] - layout.z - values["heliostat.pivot_height"]
     far = np.hypot(level, down)
     if set(POLYNOMIALS) & set(ends(study.optics.attenuation)) and (beyond := int(np.sum(far > FARTHEST))) > 0:
@@ -70,7 +73,9 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     across = -np.cos(azimuth) * layout.x + np.sin(azimuth) * layout.y
     out, up = np.sin(azimuth) * layout.x + np.cos(azimuth) * layout.y, -down
     before, along = np.cos(tilt) * out + np.sin(tilt) * up, np.cos(tilt) * up - np.sin(tilt) * out
-    sides = (layout.columns.get(side, getattr(study.heliostat, side)) for side in ("width", "height"))
+    sides = [layout.columns.get(side, getattr(study.heliostat, side)) for side in ("width", "height")]
+    if any(side is None for side in sides):
+        return  # told elsewhere
     reach = np.hypot(*(np.max(side if isinstance(side, np.ndarray) else ends(side)) for side in sides)) / 2
     beside = [
         np.maximum(0.0, np.abs(at) - most / 2)

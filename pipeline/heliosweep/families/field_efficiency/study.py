@@ -234,18 +234,23 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     elif dark.size:
         listed = ", ".join(f"{value:g}" for value in dark[:6])
         listed += f" and {dark.size - 6} more" if dark.size > 6 else ""
-        yield f"the sun never rises at latitude {listed} deg: the result is missing (NaN) there"
+        said = "efficiencies are missing (NaN) there, and energies are 0"
+        if study.weather is None:
+            said = "the result is missing (NaN) there"
+        yield f"the sun never rises at latitude {listed} deg: {said}"
 
 
-def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """The sun must be up at the design point, at every site."""
+def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """The sun must be up at the design point at some site; where it is not, what belongs to it is missing."""
     if study.design_point is None:
         return
-    for site in site_table(study) if study.site is None else (study.site,):
-        for latitude in ends(site.latitude):
-            if study.design_point.sun(latitude)[0, 2] <= 0:
-                yield study.problem("design_point", f"the sun is down then at latitude {latitude:g} deg")
-                return
+    sites = site_table(study) if study.site is None else (study.site,)
+    latitudes = [latitude for site in sites for latitude in ends(site.latitude)]
+    down = [latitude for latitude in latitudes if study.design_point.sun(latitude)[0, 2] <= 0]
+    if len(down) == len(latitudes):
+        yield study.problem("design_point", f"the sun is down then at latitude {down[0]:g} deg")
+    elif down:
+        yield f"the sun is down at the design point at latitude {down[0]:g} deg: its values are missing (NaN) there"
 
 
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
