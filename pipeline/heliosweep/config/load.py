@@ -148,9 +148,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         if len(group) < 2:
             yield study.problem(f"zip[{i}]", "must name at least two swept keys to tie together")
         elif len({isinstance(sweeps[key], Drawn) for key in members}) > 1:
-            yield study.problem(
-                f"zip[{i}]", "ties drawn keys to swept ones; tie those that are drawn"
-            )
+            yield study.problem(f"zip[{i}]", "ties drawn keys to swept ones; tie those that are drawn")
         elif len({len(sweeps[key]) for key in members}) > 1:
             lengths = ", ".join(f"{key} has {len(sweeps[key])}" for key in members)
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")

@@ -22,6 +22,7 @@ from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, in_result, parts_by_slab
 from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool, safe_path
+from heliosweep.runs.shorter import take_draws
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
 from heliosweep.store import parts
@@ -114,6 +115,8 @@ class Run:
         _ = self.plan  # what does not fit is refused here, before anything is expanded
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
+        if not force and self._taken is None:
+            take_draws(self.folder, self.study, self.identity, self.plan, self.store)
         if any(True for _ in self._missing(self.store)):
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)

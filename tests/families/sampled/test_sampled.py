@@ -108,6 +108,32 @@ def test_any_cut_and_engine_gives_the_same_bytes(
     assert len(digests) == 1
 
 
+@pytest.mark.parametrize("more", [{}, {"sensitivity": "sobol"}, {"design": "random"}])
+def test_a_longer_sample_computes_no_draw_again(
+    more: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def sized(size: int, **execution: Any) -> Any:
+        sample = {"size": size, **more, "statistics": {"every_draw": True}}
+        return study(NORMALS, sample, scale=[1, 2], execution=execution)
+
+    alone = api.run(sized(256), tmp_path / "alone", report=False).path.read_bytes()
+    short = run(sized(64, chunks={"sample": 32}), tmp_path / "study-64")
+    monkeypatch.setattr(Functions, "calls", 0)
+    long = api.run(sized(256, chunks={"sample": 32}), tmp_path / "study-256", report=False)
+    assert Functions.calls == 2 * (256 - 64) * (5 if "sensitivity" in more else 1)
+    assert long.path.read_bytes() == alone
+    with long.open() as result:
+        assert result["each"].values[..., : short.sizes["sample"]].tobytes() == short["each"].values.tobytes()
+
+
+def test_a_shorter_sample_without_its_draws_is_of_no_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(study(NORMALS, {"size": 64}), tmp_path / "study-64")
+    run(study(NORMALS, {"size": 64, "seed": 1, "statistics": {"every_draw": True}}), tmp_path / "study-seed")
+    monkeypatch.setattr(Functions, "calls", 0)
+    run(study(NORMALS, {"size": 128}), tmp_path / "study-128")
+    assert Functions.calls == 128
+
+
 def test_goes_on_after_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = study(NORMALS, {"size": 64, "sensitivity": "sobol"}, execution={"chunks": {"sample": 20}})
     whole = api.run(asked, tmp_path / "whole", report=False).path.read_bytes()
