@@ -143,6 +143,10 @@ class Sampled(Family):
         """Those of the family, with names of parameters and percentiles; how draws were made, as attributes."""
         labels = self.inner.coordinates(study)
         sizes, sample = self._sizes(study), study.sample
+        if not sample.statistics.every_draw:  # places of heliostats that no stored variable has
+            labels = labels.drop_vars(
+                [name for name, one in labels.coords.items() if SAMPLE in one.dims and one.ndim > 1]
+            )
         if PERCENTILE in sizes:
             attrs = {"long_name": "percentile of the draws", "units": "percent"}
             labels = labels.assign_coords({PERCENTILE: (PERCENTILE, sample.statistics.percentiles.values(), attrs)})

@@ -23,6 +23,8 @@ SAMPLE, PARAMETER = "sample", "parameter"
 MOST_PANELS, MOST_BARS, MOST_DOTS = 6, 20, 4000
 #: Draws from which running means are drawn, and sequences that Sobol draws are of, one after the other.
 FIRST_MEAN, SEQUENCES = 16, 8
+#: Rank correlation of keys that have the same draws.
+TIED = 0.9999
 #: Results in the table of statistics, and rows of a table.
 MOST_ROWS = 60
 
@@ -139,12 +141,14 @@ def _statistics(shown: Draws) -> Table:
 
 
 def _alike(values: np.ndarray) -> list[str]:
-    """Numbers with decimals for two digits of the second, an error; as usual where that is zero."""
-    error = values[1]
-    if not np.isfinite(error) or error <= 0:
+    """Mean, error, deviation and percentiles: the error with two digits, the others with three of the deviation."""
+    error, deviation = values[1:3]
+    if not np.isfinite(values).all() or error <= 0 or deviation <= 0:
         return number_texts(values)
-    decimals = int(np.clip(1 - np.floor(np.log10(error)), 0, 8))
-    return [number_text(value, decimals) for value in values]
+    own, decimals = (
+        int(np.clip(digits - np.floor(np.log10(value)), 0, 8)) for digits, value in ((1, error), (2, deviation))
+    )
+    return [number_text(value, own if place == 1 else decimals) for place, value in enumerate(values)]
 
 
 def _parameters(shown: Draws) -> Table:
@@ -321,7 +325,10 @@ def _scatter(shown: Draws) -> Figure:
     values = shown.draws(shown.headline, point)
     columns = {str(one.name): shown.draws(str(one.name), {}) for one in shown.keys}
     strength = {name: _rank_correlation(column, values) for name, column in columns.items()}
-    leading = sorted(strength, key=lambda name: -strength[name])[:2]
+    leading: list[str] = []
+    for name in sorted(strength, key=lambda name: -strength[name]):
+        tied = any(_rank_correlation(columns[name], columns[other]) > TIED for other in leading)
+        leading += [] if tied or len(leading) == 2 else [name]
     figure, axes = sheet(len(leading), len(leading), sharey=True)
     for one, name in zip(axes, leading, strict=True):
         one.plot(columns[name][:MOST_DOTS], values[:MOST_DOTS], ".", markersize=2.5, color=COLOURS[0], alpha=0.6)
@@ -338,5 +345,5 @@ def _rank_correlation(one: np.ndarray, other: np.ndarray) -> float:
     """Magnitude of Spearman's rank correlation; 0 where one does not vary or a value is missing."""
     if not (np.isfinite(one).all() and np.isfinite(other).all()) or np.ptp(one) == 0 or np.ptp(other) == 0:
         return 0.0
-    ranks = [np.argsort(np.argsort(values)) for values in (one, other)]
-    return float(abs(np.corrcoef(*ranks)[0, 1]))
+    ranks = np.stack([np.argsort(np.argsort(values)).astype(float) for values in (one, other)])
+    return float(abs(np.corrcoef(ranks)[0, 1]))

@@ -167,6 +167,17 @@ def test_missing_draws_are_missing_in_statistics(tmp_path: Path, monkeypatch: py
     assert np.isfinite(result["product_total_index"]).all()
 
 
+def test_places_of_drawn_layouts_are_no_results() -> None:
+    content = yaml.safe_load(families()["field_efficiency"].example())
+    content |= {"layout": {"radial_stagger": {"clearance": {"uniform": [16, 17]}, "inner_radius": 61, "rings": 2}}}
+    content |= {"sample": {"size": 16}}
+    content = {key: value for key, value in content.items() if key not in ("output", "zip")}
+    asked = api.load(content)
+    labels = api.family_of(asked).coordinates(asked)
+    assert labels["clearance"].dims == ("sample",)
+    assert not [name for name, one in labels.coords.items() if {"sample", "heliostat"} <= {*one.dims}]
+
+
 def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match="sample"):
         api.plan(study(NORMALS, {"size": 2**30}), tmp_path)
