@@ -201,7 +201,7 @@ class Sampled(Family):
                 wide = float(2 * array.max())
                 if wide > WIDE:
                     what = str(name).removesuffix("_total_interval")
-                    yield f"{what}: an interval of its total indices is {wide:.2f} wide, more than {WIDE}: draw more"
+                    yield f"{what}: an interval of its total indices is {wide:.3f} wide, more than {WIDE}: draw more"
 
     def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
         """Distributions of the results, and what they owe to each key."""
