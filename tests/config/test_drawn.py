@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -138,7 +139,7 @@ def _study(width: object, height: object, receiver: object) -> dict[str, object]
 
 def test_drawn_keys_are_one_dimension_crossed_with_sweeps() -> None:
     content = _study({"normal": ["11 m", "2 cm"]}, 11, {"discrete": {"values": [90, 100]}}) | {"sample": {"size": 32}}
-    study = load_mapping(content, REGISTRY)
+    study: Any = load_mapping(content, REGISTRY)
     assert {dim.name: len(dim) for dim in study.dimensions()} == {"latitude": 2, "sample": 32}
     assert study.heliostat.width == Drawn("normal", (11.0, 0.02))
     assert study.heliostat.width.values().shape == (32,)
@@ -148,7 +149,7 @@ def test_drawn_keys_are_one_dimension_crossed_with_sweeps() -> None:
     assert again == study
     assert again.study_id == study.study_id
     assert "truncated" not in yaml_text(study.resolved())
-    more = load_mapping(content | {"sample": {"size": 64}}, REGISTRY)
+    more: Any = load_mapping(content | {"sample": {"size": 64}}, REGISTRY)
     assert more.study_id != study.study_id
     np.testing.assert_array_equal(more.heliostat.width[:32], study.heliostat.width.values())
 
@@ -156,7 +157,7 @@ def test_drawn_keys_are_one_dimension_crossed_with_sweeps() -> None:
 def test_tied_keys_share_their_draws() -> None:
     tied = {"zip": [["heliostat_height", "heliostat.width"]], "sample": {"size": 32, "sensitivity": "sobol"}}
     content = _study({"uniform": [10, 11]}, {"normal": [12, 0.1]}, {"uniform": [90, 100]})
-    study = load_mapping(content | tied, REGISTRY)
+    study: Any = load_mapping(content | tied, REGISTRY)
     assert design_of(study).parameters == 2
     assert parameter_names(study) == ["heliostat.width", "receiver.height"]
     width, height = (study.heliostat.width.values() - 10), study.heliostat.height.values()
@@ -167,8 +168,13 @@ def test_tied_keys_share_their_draws() -> None:
 
 
 def test_every_sensitivity_loads_as_it_was_resolved() -> None:
-    for sample in ({"sensitivity": "local"}, {"size": 10, "sensitivity": "morris"}, {"size": 10, "design": "random"}):
-        study = load_mapping(_study({"uniform": [10, 11]}, 11, 95) | {"sample": sample}, REGISTRY)
+    samples: list[dict[str, Any]] = [
+        {"sensitivity": "local"},
+        {"size": 10, "sensitivity": "morris"},
+        {"size": 10, "design": "random"},
+    ]
+    for sample in samples:
+        study: Any = load_mapping(_study({"uniform": [10, 11]}, 11, 95) | {"sample": sample}, REGISTRY)
         assert load_mapping(study.resolved(), REGISTRY) == study
         assert isinstance(study, FieldEfficiencyStudy)
         assert len(design_of(study)) == {"local": 3, "morris": 20}.get(sample.get("sensitivity", ""), 10)

@@ -92,14 +92,15 @@ class Sampled(Family):
     def workload(self, study: Any) -> Workload:
         """That of all draws; points are not cut, for there are many. Raises StudyError where names clash."""
         work = self.inner.workload(study)
-        for dim in {SAMPLE, PARAMETER} & {*work.inner, *(name for name in work.parameters if name != SAMPLE)}:
+        own = [*work.inner, *(name for name in work.parameters if name != SAMPLE)]
+        for dim in (dim for dim in (*self._sizes(study), SAMPLE) if dim in own):
             raise StudyError(
                 study.problem("sample", f"the result has a dimension {dim!r} of its own, and no room for one of draws")
             )
         length = work.inner.get(work.splittable, 1)
         return replace(
             work,
-            inner=work.inner | self._sizes(study),
+            inner={**work.inner, **self._sizes(study)},
             splittable="",
             whole=(*work.whole, SAMPLE),
             uncut=work.whole,

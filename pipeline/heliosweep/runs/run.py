@@ -6,11 +6,11 @@ import logging
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -261,7 +261,7 @@ class Run:
                 yield slab, self._taken.read(slab)
                 continue
             known = list(pieces)
-            yield slab, self.work.finish(slab, lambda known=known: ((part, store.read(part)) for part in known))
+            yield slab, self.work.finish(slab, partial(_read, store, known))
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study, for good."""
@@ -298,6 +298,11 @@ class Run:
                 "seconds": self.seconds,
             },
         )
+
+
+def _read(store: PartStore, pieces: Iterable[Part]) -> Iterator[tuple[Part, Mapping[str, Any]]]:
+    """Parts with their values, as stored."""
+    return ((part, store.read(part)) for part in pieces)
 
 
 def _mixed(place: Path, what: str) -> HeliosweepError:

@@ -41,21 +41,20 @@ def g_function(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.prod((np.abs(4 * x - 2) + WEIGHTS) / (1 + WEIGHTS), axis=-1)
 
 
-def _number(what: str) -> Any:
-    return Annotated[float | Sweep, Quantity(what, "1", ge=-100, le=100)]
+Number = Annotated[float | Sweep, Quantity("a number", "1", ge=-100, le=100)]
 
 
 class Inputs(Block):
-    x1: _number("first input") = 0.0
-    x2: _number("second input") = 0.0
-    x3: _number("third input") = 0.0
-    x4: _number("fourth input") = 0.0
+    x1: Number = 0.0
+    x2: Number = 0.0
+    x3: Number = 0.0
+    x4: Number = 0.0
 
 
 class FunctionStudy(Study):
     family: Literal["functions"]
     inputs: Inputs = Inputs()
-    scale: _number("factor on the result") = 1.0
+    scale: Number = 1.0
 
 
 class Functions(Family):

@@ -92,7 +92,7 @@ def test_every_draw_is_stored_where_asked(tmp_path: Path) -> None:
 def test_any_cut_and_engine_gives_the_same_bytes(
     sensitivity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sample = {"sensitivity": sensitivity} if sensitivity else {}
+    sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
     sample |= {"size": 32} if sensitivity != "local" else {}
     digests = set()
     for number, chunks in enumerate(({}, {"sample": 7}, {"sample": 16, "scale": 1})):
@@ -190,7 +190,7 @@ def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
     content |= {"mode": "mount_errors", "mount_errors": {"tilt_about_east": {"normal": [0, 1]}, "samples": 10}}
     content |= {"mount": {"mirror_offset": {"uniform": [0.1, 0.2]}}, "sample": {"size": 16}}
     content = {key: value for key, value in content.items() if key not in ("error", "detectors", "calibration")}
-    asked = api.load(content)
+    asked: Any = api.load(content)
     inner = api.family_of(asked)
     assert [dim.name for dim in asked.dimensions()][-1] == "sample"
     assert asked.mount_errors.tilt_about_east.samples is None
@@ -210,7 +210,7 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
         "local": {"tornado"},
     }.items():
         folder = tmp_path / (sensitivity or "draws")
-        sample = {"sensitivity": sensitivity} if sensitivity else {}
+        sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
         sample |= {"size": 16} if sensitivity != "local" else {}
         run(study(THREE, sample, scale=[1, 2]), folder)
         page = write_report(folder, {"functions": known}).read_text(encoding="utf-8")
