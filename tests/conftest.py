@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import signal
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -24,12 +23,6 @@ __all__ = ["attempts", "pytest_addoption", "pytest_configure"]  # what the tests
 
 settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
 settings.load_profile("heliosweep")
-
-# Signals that were ignored when the tests began, as in the background or under nohup, would be in all that they start.
-# Not so in workers, which ignore Ctrl-C, and may import this beside their main thread.
-for _number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
-    if threading.current_thread() is threading.main_thread() and signal.getsignal(_number) == signal.SIG_IGN:
-        signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 ROOT = Path(__file__).parent.parent
 STUDIES = ROOT / "studies"
@@ -52,7 +45,11 @@ SMALL: dict[str, Any] = {
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Where several processes share the tests, they compile the kernels together, before the first test."""
+    """Mind signals; where several processes share the tests, they compile the kernels together, before the first."""
+    # Signals that were ignored when the tests began, as in the background or under nohup, would be in all they start.
+    for number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
     told: dict[str, Any] | None = getattr(session.config, "workerinput", None)
     if told is None or session.config.option.collectonly or compiled.PURE_PYTHON:
         return

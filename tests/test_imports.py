@@ -27,6 +27,7 @@ ORDER = [
     "grid",
     "store",
     "report",
+    "search",
     "families",
     "runs",
     "share",

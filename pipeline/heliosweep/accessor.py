@@ -281,7 +281,8 @@ class HeliosweepAccessor:
         said = json.loads(self._result.attrs.get("study", "{}"))
         if said.get("family") not in families():
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
-        return families()[said["family"]].of_draws("sample" in said)
+        family = families()[said["family"]].of_draws("sample" in said)
+        return family.search_of(self._result) if said.get("search") else family
 
     @contextmanager
     def _lacking(self, family: Family, what: str) -> Iterator[None]:

@@ -9,6 +9,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -17,6 +18,7 @@ from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.family import Family, families, study_classes
+from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
 
 if TYPE_CHECKING:
@@ -54,7 +56,10 @@ def load(source: Source) -> Study:
         With every problem found, each with file, line, column and key.
     """
     classes = study_classes()
-    return load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
+    study = load_mapping(source, classes) if isinstance(source, Mapping) else load_file(source, classes)
+    if study.search is not None and (problems := list(searched(families()[study.family]).check(study))):
+        raise StudyError(problems)
+    return study
 
 
 def _loaded(study: Study | Source) -> Study:
@@ -64,7 +69,8 @@ def _loaded(study: Study | Source) -> Study:
 
 def family_of(study: Study) -> Family:
     """Family that a study belongs to."""
-    return families()[study.family].of_draws(study.sample is not None)
+    family = families()[study.family].of_draws(study.sample is not None)
+    return family if study.search is None else searched(family)
 
 
 def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:
@@ -107,6 +113,8 @@ def _planned(study: Study, output: str | os.PathLike[str] | None, *, connect: bo
         there = sum(file.stat().st_size for file in (folder / WORKING).glob("*"))
         limits = replace(limits, disk=limits.disk + there)
     family = family_of(study)
+    if isinstance(family, Searched):  # a generation has to fit, and tells what the others cost
+        return family.plan(study, _planned(family.first(study), folder, connect=connect))
     workload, variables = family.workload(study), family.variables(study)
     try:
         return make_plan(
@@ -151,6 +159,8 @@ def build(study: Study | Source) -> xr.Dataset:
         With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
     """
     study = _loaded(study)
+    if study.search is not None:
+        raise StudyError(study.problem("search", "has no result before it is run: which points it asks for follows"))
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
     from heliosweep.grid.lazy import Work
@@ -306,7 +316,13 @@ def run(
     page = folder / "report.html"
 
     def prepared() -> Run:
-        return Run(family_of(asked), asked, folder, lambda: _planned(asked, folder, connect=True))
+        family = family_of(asked)
+        if isinstance(family, Searched):
+            from heliosweep.runs.search import SearchRun
+
+            plans = [partial(_planned, output=folder, connect=connect) for connect in (True, False)]
+            return SearchRun(family, asked, folder, partial(plans[0], asked), plans[1])
+        return Run(family, asked, folder, lambda: _planned(asked, folder, connect=True))
 
     refuse_devices(folder)
     now = prepared()

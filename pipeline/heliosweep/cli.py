@@ -167,12 +167,17 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     convert = command(
-        "convert", _convert, "write the layout of a study, file or PAINT folder as SolarPILOT or heliosweep has it"
+        "convert",
+        _convert,
+        "write the layout of a study, result, file or PAINT folder as SolarPILOT or heliosweep has it",
     )
     convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv|DIR")
     convert.add_argument("target", metavar="FILE.csv")
     convert.add_argument(
         "--to", choices=("solarpilot", "csv"), help="form of the file (default: solarpilot; csv of a PAINT folder)"
+    )
+    convert.add_argument(
+        "--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="of a result with several"
     )
     convert.add_argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (receiver)")
     convert.add_argument("--force", action="store_true", help="replace a file that is there")
@@ -419,7 +424,13 @@ def _convert(options: argparse.Namespace) -> None:
     from heliosweep.store.targets import target_file
 
     target_file(options.target, options.force, sources=_read_for(options.source))
-    if is_folder := user_path(options.source).is_dir():
+    is_folder = user_path(options.source).is_dir()
+    if is_folder and (user_path(options.source) / "manifest.json").exists():
+        with api.open_result(options.source) as result:
+            layout = layout_of(result, dict(options.select))
+    elif options.select:
+        raise StudyError(Problem("is for a result folder", "--select"))
+    elif is_folder:
         layout = read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
         layout = layout_of(api.load(options.source))

@@ -81,7 +81,7 @@ class _Sums:
     """Adds up what came of the attempts of all tests, also of those that other processes ran."""
 
     def __init__(self, config: pytest.Config) -> None:
-        self._sums, self._begin = config.stash[_SUMS], time.monotonic()
+        self._sums = config.stash[_SUMS]
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         for name, value in report.user_properties if report.when == "teardown" else ():
@@ -98,17 +98,18 @@ class _Sums:
         terminalreporter.write_line(text)
         page: Path | None = config.getoption("attempts_page")
         if page:
-            minutes = round((time.monotonic() - self._begin) / 60)
-            kept = page.read_text(encoding="utf-8").partition(MARK)[0]
-            where = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}"
-            where += f", Python {platform.python_version()}"
-            said = f"Made on {time.strftime('%Y-%m-%d')} in {minutes} minutes ({where}):"
-            page.write_text(f"{kept}{MARK}\n\n{said}\n\n{text}\n", encoding="utf-8")
+            head, _, tail = page.read_text(encoding="utf-8").partition(MARK)
+            where = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+            text = table(self._sums, f"{time.strftime('%Y-%m-%d')}, {where}", tail)
+            page.write_text(f"{head}{MARK}\n\n{text}\n", encoding="utf-8")
 
 
-def table(sums: dict[str, tuple[int, int]]) -> str:
-    """Table of the page, from the attempts made and survived of each line."""
+def table(sums: dict[str, tuple[int, int]], when: str = "", before: str = "") -> str:
+    """Table of the page, from the attempts made and survived of each line; other lines stay as they were `before`."""
+    known = {row.split(" | ")[0].removeprefix("| "): row for row in before.splitlines()}
     rows = [
-        f"| {words} | {sums[line][1]:,} / {sums[line][0]:,} |" for line, (words, _) in LINES.items() if line in sums
+        f"| {words} | {sums[line][1]:,} / {sums[line][0]:,} | {when} |" if line in sums else known[words]
+        for line, (words, _) in LINES.items()
+        if line in sums or words in known
     ]
-    return "\n".join(["| attempts | survived / made |", "|---|---|", *rows])
+    return "\n".join(["| attempts | survived / made | when and where |", "|---|---|---|", *rows])

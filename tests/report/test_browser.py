@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 
@@ -384,4 +385,33 @@ def test_every_plot_of_a_family_is_drawn_whatever_is_chosen(browser, example):
     browser.run("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     browser.wait("[...document.querySelectorAll('.values')].every((one) => one.querySelector('tbody td'))")
     assert browser.run("document.documentElement.scrollWidth") == 400
+    assert browser.errors == []
+
+
+def test_points_are_sorted_filtered_and_saved(browser, pages, tmp_path):
+    opened(browser, pages["field"])
+    column = "[...document.querySelectorAll('.ranked tbody tr:not([hidden])')].map((row) => {}(row.cells[0]))"
+    numbers = column.format("((cell) => Number(cell.dataset.value))")
+    assert len(browser.run(numbers)) == 6
+    browser.run("document.querySelector('.ranked th button').click()")
+    assert browser.run(numbers) == [30, 30, 15, 15, 0, 0]
+    browser.run("document.querySelector('.ranked th button').click()")
+    assert browser.run(numbers) == [0, 0, 15, 15, 30, 30]
+    assert browser.run("document.querySelector('.ranked th').getAttribute('aria-sort')") == "ascending"
+    write = "((one, text) => { one.value = text; one.dispatchEvent(new Event('input')); })"
+    for text, left in (("> 10", 4), ("10 .. 20", 2), ("<= 0", 2), ("7", 0), ("", 6)):
+        browser.run(f"{write}(document.querySelector('.ranked .filters input'), {json.dumps(text)})")
+        assert len(browser.run(numbers)) == left
+    browser.run(f"{write}(document.querySelectorAll('.ranked .filters input')[1], 'SPINNING')")
+    assert browser.run("document.querySelector('.ranked .said').textContent") == "3 of 6 rows"
+    browser.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    browser.run("document.querySelector('.ranked .save').click()")
+    for _ in range(100):
+        browser.run("new Promise((done) => setTimeout(done, 100))")
+        if found := list(tmp_path.glob("*.csv")):
+            break
+    header, *rows = csv.reader(found[0].read_text(encoding="utf-8").splitlines())
+    assert header[0].startswith("latitude")
+    assert [row[:2] for row in rows] == [[latitude, "spinning-elevation"] for latitude in ("0.0", "15.0", "30.0")]
+    assert float(rows[0][2]) > 1  # in percent, in full
     assert browser.errors == []

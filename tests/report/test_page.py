@@ -118,8 +118,16 @@ def test_page_is_complete_and_well_formed(whole):
     page = Page(text)
     assert page.all("html") == [{"lang": "en"}]
     assert len(page.all("h1")) == 1
-    assert len(page.all("h2")) == 7
-    headings = ("Results", "Computed and published", "Explore", "Figures", "What was asked", "How it was made")
+    assert len(page.all("h2")) == 8
+    headings = (
+        "Results",
+        "Ranking",
+        "Computed and published",
+        "Explore",
+        "Figures",
+        "What was asked",
+        "How it was made",
+    )
     for words in (*headings, "References", f"{(folder / 'result.nc').stat().st_size:,} bytes", "numpy 2.0"):
         assert words in page.text
     images = page.all("img")
@@ -218,7 +226,8 @@ def test_long_sweeps_are_cut_with_a_word(tmp_path):
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
     assert "The first 60 of 100 points" in page.text
-    assert len(page.all("tr")) == 61
+    ends, steps, points = 1 + 5, 1 + 2, 2 + 100  # of the ranking, with headings and a row of filters
+    assert len(page.all("tr")) == 61 + ends + steps + points
 
 
 def test_a_folder_without_result(tmp_path):
@@ -272,8 +281,9 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
     family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: (), headlines=())
     shown = Page(write_report(tmp_path, known={"new": family}).read_text(encoding="utf-8"))
     assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
-    assert shown.scripts == []
-    assert len(shown.all("table")) == 1
+    assert len(shown.scripts) == 1  # of the ranking
+    assert "Bokeh" not in shown.scripts[0]
+    assert len(shown.all("table")) == 4  # with those of the ranking
     assert "part" in Page(write_report(tmp_path, known={}).read_text(encoding="utf-8")).text
 
 

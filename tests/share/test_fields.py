@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heliosweep import StudyError, layout_of, read_layout, save, write_layout
+from heliosweep import StudyError, build, layout_of, read_layout, run, save, write_layout
 from heliosweep.cli import main
 
 
@@ -19,6 +19,32 @@ def test_layout_of_a_study(small):
     swept = small(layout={"radial_stagger": {"clearance": [13, 14], "inner_radius": 50, "rings": 2}})
     with pytest.raises(StudyError, match=r"layout.radial_stagger.clearance: is swept: there are several layouts"):
         layout_of(swept)
+
+
+def test_layout_of_a_result(small, tmp_path, capsys):
+    rings = {"clearance": 13, "inner_radius": 50, "heliostats": [20, 40]}
+    swept = small(layout={"radial_stagger": rings}, keep={"heliostats": [5, 9], "by": "optical_efficiency"})
+    result = build(swept).compute()
+    whole = build(small(layout={"radial_stagger": rings})).compute()
+    with pytest.raises(StudyError, match=r"choose one value of heliostat_count \(heliostat_count: 20.0, 40.0\)"):
+        layout_of(whole)
+    assert len(layout_of(whole, {"heliostat_count": 20})) == 20
+    chosen = {"latitude": 40, "tracking": "azimuth_elevation", "heliostat_count": "20", "kept_heliostats": 9}
+    layout, here = layout_of(result, chosen), result.sel({**chosen, "heliostat_count": 20})
+    kept = np.flatnonzero(here["kept"] == 1)
+    assert layout.x.tolist() == here["x"][kept].values.tolist()
+    assert set(layout.columns) == {"ring", "azimuth", "width", "height"}
+    assert set(layout.columns["height"]) == {8.0}
+    with pytest.raises(StudyError, match=r"select.kept_heliostats: is not in the result; choose from 5.0, 9.0"):
+        layout_of(result, {**chosen, "kept_heliostats": 7})
+    with pytest.raises(StudyError, match="has no heliostat field"):
+        layout_of(result[["field_optical_efficiency"]])
+    one = small(site={"latitude": 40}, tracking="azimuth_elevation", keep={"heliostats": 9, "by": "optical_efficiency"})
+    folder, file = run(one, tmp_path / "run", report=False).folder, tmp_path / "kept.csv"
+    assert main(["convert", str(folder), str(file)]) == 0
+    assert len(read_layout(file)) == 9
+    assert main(["convert", str(file), str(tmp_path / "again.csv"), "--select", "latitude=40"]) == 2
+    assert "--select: is for a result folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("form", ["csv", "solarpilot"])
@@ -38,8 +64,6 @@ def test_there_and_back(small, tmp_path, form):
 
 
 def test_the_same_field_by_way_of_solarpilot(small, tmp_path, monkeypatch):
-    from heliosweep.api import build
-
     monkeypatch.chdir(tmp_path)
     study = small()
     write_layout(layout_of(study), "field.csv", "solarpilot")

@@ -78,18 +78,19 @@ def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Bl
             continue
         fields = [candidate.model_fields[part] for candidate in candidates if part in candidate.model_fields]
         if fields:
-            candidates = [inner for field in fields for inner in _blocks_in(field.annotation)]
+            candidates = [inner for field in fields for inner in blocks_in(field.annotation)]
         else:
             tagged = [one for one in candidates if any(part in one.literals(key) for key in one.model_fields)]
             candidates = tagged or candidates
     return candidates
 
 
-def _blocks_in(annotation: Any) -> Iterator[type[Block]]:
+def blocks_in(annotation: Any) -> Iterator[type[Block]]:
+    """Yield the classes of blocks that an annotation names."""
     if isinstance(annotation, type) and issubclass(annotation, Block):
         yield annotation
     for argument in get_args(annotation):
-        yield from _blocks_in(argument)
+        yield from blocks_in(argument)
 
 
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:

@@ -5,20 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
 from heliosweep.config.block import Block
 from heliosweep.config.execution import Execution
 from heliosweep.config.faults import Fault, Invalid, nearest, to_pydantic
+from heliosweep.config.layouts import Layout
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime, Time, TimeZone
 from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text, free_text, pattern
 
 __all__ = [
     "OWN", "Block", "CivilTime", "Creator", "Dataset", "Execution", "Heliostat", "Layout", "NamedSite", "Output",
-    "RadialStagger", "Receiver", "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "Zone", "licence",
+    "Receiver", "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "licence",
 ]  # fmt: skip
 
 _LATITUDE = Quantity(
@@ -166,66 +167,11 @@ class Heliostat(Block):
     ]
 
 
-class Zone(Block):
-    """Rings of a field that share one angular pitch."""
-
-    start: Annotated[float, Quantity("Radius of the first ring", "m", gt=0, sweep=False)]
-    rings: Annotated[int, Quantity("Number of rings", "1", ge=1, integer=True, sweep=False)]
-    pitch: Annotated[
-        float | None,
-        Quantity(
-            "Angle between neighbours of a ring; by default the one that puts them one clearance apart",
-            "deg", gt=0, le=180, sweep=False,
-        ),
-    ] = None  # fmt: skip
-
-
-class RadialStagger(Block):
-    """A field of rings about the tower, each turned by half a pitch against the one before."""
-
-    clearance: Annotated[
-        float | Sweep, Quantity("Least distance between heliostat centres", "m", gt=0, title="clearance")
-    ]
-    inner_radius: Annotated[
-        float | Sweep | None,
-        Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
-    ] = None
-    rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
-    heliostats: Annotated[
-        int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
-    ] = None
-    zones: Annotated[
-        tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
-    ] = None  # fmt: skip
-
-    def rules(self) -> Iterable[Fault]:
-        """Check that exactly one key says how far the field goes."""
-        given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
-        if len(given) != 1:
-            yield Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)
-        if self.inner_radius is None and self.zones is None:
-            yield Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)
-
-
-class Layout(Block):
-    """Places of the heliostats: a table, or a generator with its parameters."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["radial_stagger"]}]})
-
-    file: Annotated[
-        str | Sweep | None,
-        FileName("CSV table of heliostats, columns x and y and optional z, in m, any others kept", dimension="layout"),
-    ] = None
-    radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
-
-    def rules(self) -> Iterable[Fault]:
-        """Check that there is a table or a generator, not both."""
-        if (self.file is None) == (self.radial_stagger is None):
-            yield Fault("give exactly one of 'file' and 'radial_stagger'", show_value=False)
-
-
 class Output(Block):
     """Stored variables and their format; not part of the study's identity."""
+
+    OF_POINTS: ClassVar[tuple[str, ...]] = ()
+    """Flags that add results of one number for each point; a search sets them."""
 
     time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
     format: Annotated[

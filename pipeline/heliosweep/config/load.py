@@ -14,6 +14,7 @@ from heliosweep.config.block import UNKNOWN_KEY, blocks_at, translate
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
 from heliosweep.config.sample import bound, sample_problems
+from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
@@ -71,6 +72,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     study_class = _study_class(source, registry, problems)
     if study_class is not None and {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)
+    if study_class is not None:
+        source = with_search(source, study_class, problems)
     nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
     empty = [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
     study = None
@@ -87,8 +90,8 @@ def _validated(source: Source, registry: Mapping[str, type[StudyT]]) -> StudyT:
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    for find in (_zip_problems, sample_problems, _same_files, bound, type(study).check):
-        # The later may rely on what the earlier look at.
+    # The later may rely on what the earlier look at.
+    for find in (search_problems, _zip_problems, sample_problems, _same_files, bound, type(study).check):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study

@@ -24,6 +24,7 @@ from heliosweep.config.distribution import Distribution
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import in_short
 from heliosweep.config.sample import SAMPLE, Sample
+from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
 from heliosweep.config.times import DateList, DateRange
@@ -77,6 +78,9 @@ class Study(Block):
     sample: Annotated[
         Sample | None, Field(description="Draws of the keys that are distributions, along the dimension 'sample'")
     ] = None
+    search: Annotated[
+        Search | None, Field(description="The best point: what is sought, over which keys; instead of a sweep")
+    ] = None
     dataset: Annotated[Dataset | None, Field(description="Who made the data set, and how it may be used")] = None
     execution: Annotated[Execution, Field(description="How the study is computed")] = Execution()
     output: Annotated[Output, Field(description="What is stored and how")] = Output()
@@ -96,6 +100,8 @@ class Study(Block):
         """Return a copy, of which `model_copy` may change blocks."""
         copied = super().__copy__()
         copied._given = ()
+        for name in copied.__dict__.keys() - type(self).model_fields.keys():  # what was found of the old one
+            del copied.__dict__[name]
         return copied
 
     def check(self) -> Iterable[Problem]:
@@ -274,6 +280,12 @@ def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter,
             for position, item in enumerate(value):
                 if isinstance(item, Block):
                     yield from parameters(item, f"{prefix}{name}[{position}].")
+
+
+def replaced(block: Any, key: str, value: Any) -> Any:
+    """Return a copy of a block with another value of a dotted key, which is not checked."""
+    name, _, rest = key.partition(".")
+    return block.model_copy(update={name: replaced(getattr(block, name), rest, value) if rest else value})
 
 
 def _is_swept(parameter: Parameter, value: Any) -> bool:

@@ -24,6 +24,7 @@ _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
     "a pressure": {"Pa": 1, "hPa": 100, "kPa": 1000, "mbar": 100},
     "a temperature": {"degC": 1},
     "a speed": {"m/s": 1, "km/h": Decimal(1) / Decimal("3.6")},
+    "a power": {"MW": 1, "kW": "0.001", "GW": 1000},
     "an irradiance": {"W/m2": 1, "kW/m2": 1000},
     "a vapour density": {"g/m3": 1, "kg/m3": 1000},
     "a plain number": {"1": 1, "%": "0.01"},

@@ -147,9 +147,13 @@ class Family:
 
     def of_draws(self, drawn: bool) -> Family:
         """Return this family, for studies whose keys are drawn with statistics over the draws."""
-        from heliosweep.families.sampled import Sampled
+        found: Family = import_module("heliosweep.families.sampled").Sampled(self) if drawn else self
+        return found
 
-        return Sampled(self) if drawn else self
+    def search_of(self, result: xr.Dataset) -> Family:
+        """Who draws the figures and makes the tables of a result of a search."""
+        found: Family = import_module("heliosweep.families.searched").shown(self, result)
+        return found
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """What the user should be told of a finished result."""

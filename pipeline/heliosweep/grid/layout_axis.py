@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -115,9 +114,8 @@ def longest(study: Study, key: str = "layout") -> int:
 
     Raises PlanError where the study sweeps over too many layouts; names the longest of their axes.
     """
-    generator = attrgetter(key)(study).radial_stagger
-    heliostats = None if generator is None else generator.heliostats
     layouts = Layouts(study, key=key)
+    heliostats = layouts.heliostats
     most = MAX_MADE if heliostats is None else MAX_LAYOUTS
     number = math.prod(len(dim) for dim in layouts.dimensions)
     if number > most:

@@ -5,7 +5,8 @@ on the same spokes and each heliostat looks at the tower between two of the ring
 heliostats of a ring drift apart; a new zone with a finer pitch then starts.
 
 The rule is the one that the field of Chong and Tan [1]_ follows: neighbours stand one clearance apart, in the
-first ring of a zone and from each ring to the next.
+first ring of a zone and from each ring to the next. Where blocking matters more than land, a spacing that grows
+with the distance from the tower keeps them farther apart.
 
 References
 ----------
@@ -25,7 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.errors import Problem, StudyError
+from heliosweep.layouts.ground import Region
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
+from heliosweep.layouts.patterns import MOST_PLACES, check_count
+from heliosweep.layouts.spacing import Spacing
 
 WIDEST_SPACING = 1.7
 """Spacing within a ring, in clearances, beyond which an automatic zone ends."""
@@ -62,11 +66,13 @@ def radial_stagger(
     rings: int | None = None,
     heliostats: int | None = None,
     zones: Sequence[Zone] | None = None,
+    spacing: Spacing | None = None,
+    region: Region | None = None,
 ) -> Layout:
-    """Generate a radial-staggered layout on level ground, symmetric about the north-south line.
+    """Generate a radial-staggered layout on level ground, symmetric about the north-south line but for its region.
 
-    Exactly one of `rings`, `heliostats` and `zones` says how far the field goes. What the keys of a study file hold to
-    by themselves, such as positive numbers, is taken for granted.
+    Exactly one of `rings`, `heliostats` and `zones` says how far the field goes, or the reach of the region. What the
+    keys of a study file hold to by themselves, such as positive numbers, is taken for granted.
 
     Parameters
     ----------
@@ -83,6 +89,10 @@ def radial_stagger(
         one of the pair stays.
     zones : sequence of Zone, optional
         The zones outwards, each at least one clearance outside the last ring of the one before.
+    spacing : Spacing, optional
+        What keeps rings and neighbours farther apart, in automatic zones.
+    region : Region, optional
+        Where heliostats may stand; the rings, and their numbers, stay those of the whole field.
 
     Returns
     -------
@@ -109,29 +119,34 @@ def radial_stagger(
     the south; and one more heliostat stands due south where it is clear of all others.
 
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
-    clearance further out.
+    clearance further out. With `spacing` these steps are at least its own, all rings close, and zones end where it
+    says.
     """
     _check(clearance, inner_radius, heliostats, zones)
+    region = region or Region()
     if zones is not None:
         sequence = _given_zones(clearance, zones)
     else:
         assert inner_radius is not None
-        sequence = _automatic_zones(clearance, inner_radius)
+        sequence = _automatic_zones(clearance, inner_radius, spacing)
 
     field: list[_Ring] = []
-    count = 0
+    count = looked_at = 0
     for ring in sequence:
-        field.append(ring)
-        count += len(ring)
-        if heliostats is not None and count >= heliostats:
-            field[-1] = ring.northernmost(len(ring) - (count - heliostats))
+        if ring.radius > region.reach:
             break
-        if count > MAX_HELIOSTATS:
-            key = "zones" if zones is not None else "rings"
+        field.append(ring)
+        looked_at += len(ring)
+        count += int(region.inside(*ring.places()).sum())
+        if heliostats is not None and count >= heliostats:
+            break
+        if count > MAX_HELIOSTATS or looked_at > MOST_PLACES:
+            key = "zones" if zones is not None else "rings" if rings is not None else "clearance"
             raise StudyError(Problem(f"the field would have more than {MAX_HELIOSTATS:,} heliostats", key))
         if len(field) == rings:
             break
-    return _layout(field)
+    check_count(count, heliostats, region)
+    return _layout(field, region, heliostats)
 
 
 @dataclass(frozen=True)
@@ -143,41 +158,43 @@ class _Ring:
 
     radius: float
     north: bool
-    east: NDArray[np.floating]
+    sides: NDArray[np.floating]
     south: bool
-    west: NDArray[np.floating]  # as east, or one less where a ring is cut
 
     def __len__(self) -> int:
         """Return the number of heliostats."""
-        return self.north + self.east.size + self.south + self.west.size
+        return self.north + 2 * self.sides.size + self.south
 
     @property
     def last(self) -> float:
         """Azimuth of the southernmost heliostat on the eastern side, in degrees."""
         if self.south:
             return 180.0
-        return float(self.east[-1]) if self.east.size else 0.0
+        return float(self.sides[-1]) if self.sides.size else 0.0
 
     def clockwise(self) -> NDArray[np.floating]:
         """Return the azimuths clockwise from north, those in the west negative, in degrees."""
-        return np.concatenate([[0.0] * self.north, self.east, [180.0] * self.south, -self.west[::-1]])
+        return np.concatenate([[0.0] * self.north, self.sides, [180.0] * self.south, -self.sides[::-1]])
 
-    def northernmost(self, count: int) -> _Ring:
-        """Return the ring with only its northernmost heliostats; of a pair, the eastern one first."""
-        if count == len(self):
-            return self
-        pairs = count - self.north
-        return replace(self, south=False, east=self.east[: (pairs + 1) // 2], west=self.west[: pairs // 2])
+    def places(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Return x and y of its heliostats [m]; east and west mirror each other to the last bit."""
+        azimuth = np.radians(self.clockwise())
+        return self.radius * np.sin(azimuth), self.radius * np.cos(azimuth)
 
 
-def _layout(field: list[_Ring]) -> Layout:
-    """Place the heliostats, ring by ring and clockwise; east and west mirror each other to the last bit."""
+def _layout(field: list[_Ring], region: Region, heliostats: int | None) -> Layout:
+    """Place the heliostats, ring by ring and clockwise; of the last ring those in the north, of a pair the eastern."""
     signed = np.concatenate([ring.clockwise() for ring in field])
-    counts = [len(ring) for ring in field]
-    radius = np.repeat([ring.radius for ring in field], counts)
-    x, y = radius * np.sin(np.radians(signed)), radius * np.cos(np.radians(signed))
-    columns = {"ring": np.repeat(np.arange(1, len(field) + 1), counts), "azimuth": signed % 360}
-    return Layout(x, y, np.zeros_like(x), columns, "radial_stagger")
+    x, y = (np.concatenate(side) for side in zip(*(ring.places() for ring in field), strict=True))
+    number = np.repeat(np.arange(1, len(field) + 1), [len(ring) for ring in field])
+    there = np.flatnonzero(region.inside(x, y))
+    if heliostats is not None:
+        last = there[number[there] == len(field)]
+        last = last[np.lexsort((signed[last] < 0, abs(signed[last])))]
+        surplus = there.size - heliostats
+        there = np.sort(np.concatenate([there[number[there] < len(field)], last[: last.size - surplus]]))
+    columns = {"ring": number[there], "azimuth": signed[there] % 360}
+    return Layout(x[there], y[there], np.zeros(there.size), columns, "radial_stagger")
 
 
 def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
@@ -213,17 +230,25 @@ def _rounded_up(length: float) -> float:
     return math.ceil(length * 1000) / 1000
 
 
-def _automatic_zones(clearance: float, start: float) -> Iterator[_Ring]:
-    """Yield rings without end; a new zone starts where the spacing within a ring would become too wide."""
-    while True:
+def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
+    """Yield rings without end, or as far as the spacing goes; a new zone starts where neighbours stand too wide."""
+    while spacing is None or spacing.reaches(start):
         pitch, closed = _pitch(clearance, start)
+        if spacing is not None:  # rings close
+            finest = _angle_apart(start, start, max(clearance, spacing.apart(start)))
+            closed = max(1, math.floor(360 / finest * (1 + ROUNDING)))
+            pitch = 360 / closed
         outermost = start
-        for ring in _zone(clearance, start, pitch, closed):
-            if 2 * ring.radius * math.sin(math.radians(pitch) / 2) > WIDEST_SPACING * clearance:
+        for ring in _zone(clearance, start, pitch, closed, spacing):
+            if spacing is None:
+                wide = 2 * ring.radius * math.sin(math.radians(pitch) / 2) > WIDEST_SPACING * clearance
+            else:
+                wide = spacing.ends(ring.radius, start) or not spacing.reaches(ring.radius)
+            if wide:
                 break
             outermost = ring.radius
             yield ring
-        start = outermost + clearance
+        start = outermost + (clearance if spacing is None else max(clearance, spacing.slip(outermost)))
 
 
 def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[float, int | None]:
@@ -238,8 +263,10 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
     return pitch, None
 
 
-def _zone(clearance: float, start: float, pitch: float, closed: int | None) -> Iterator[_Ring]:
-    """Yield the rings of one zone until a ring has room for the staggered heliostats among its own."""
+def _zone(
+    clearance: float, start: float, pitch: float, closed: int | None, spacing: Spacing | None = None
+) -> Iterator[_Ring]:
+    """Yield the rings of one zone until a ring has room for the staggered heliostats among its own; else no end."""
     half = math.radians(pitch) / 2
     before, radius = -math.inf, start
     staggered = False
@@ -250,10 +277,11 @@ def _zone(clearance: float, start: float, pitch: float, closed: int | None) -> I
         else:
             ring = _open_ring(radius, pitch, staggered, clearance, ring)
         yield ring
-        if 2 * radius * math.sin(half / 2) >= clearance:
+        if spacing is None and 2 * radius * math.sin(half / 2) >= clearance:
             return
-        touching = radius * math.cos(half) + math.sqrt(clearance**2 - (radius * math.sin(half)) ** 2)
-        before, radius = radius, max(touching, before + clearance)
+        touching = radius * math.cos(half) + math.sqrt(max(clearance**2 - (radius * math.sin(half)) ** 2, 0.0))
+        further = -math.inf if spacing is None else radius + spacing.step(radius)
+        before, radius = radius, max(touching, before + clearance, further)
         staggered = not staggered
 
 
@@ -261,7 +289,7 @@ def _closed_ring(radius: float, count: int, staggered: bool) -> _Ring:
     """Return a ring of equal steps all round, from north or, staggered, from half a step beside it."""
     steps = np.arange(count // 2) + 0.5 if staggered else np.arange(1, (count + 1) // 2)
     half = steps * (360 / count)
-    return _Ring(radius, not staggered, half, staggered == (count % 2 == 1), half)
+    return _Ring(radius, not staggered, half, staggered == (count % 2 == 1))
 
 
 def _open_ring(radius: float, pitch: float, staggered: bool, clearance: float, previous: _Ring | None) -> _Ring:
@@ -275,7 +303,7 @@ def _open_ring(radius: float, pitch: float, staggered: bool, clearance: float, p
     gap = max(apart / 2, from_previous if previous and previous.south else 0.0)
     first = 0.5 if staggered else 1.0
     half = (np.arange(math.floor((180 - gap) / pitch + 1 - first)) + first) * pitch
-    ring = _Ring(radius, not staggered, half, False, half)
+    ring = _Ring(radius, not staggered, half, False)
     clear = 180 - ring.last >= apart and (previous is None or 180 - previous.last >= from_previous)
     return replace(ring, south=clear)
 

@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from heliosweep.config.layouts import GENERATORS
 from heliosweep.config.study import Dimension, Study
+from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.csv import read_csv
+from heliosweep.layouts.ground import Region, heights_at, read_heights, region_of, slope_heights
 from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.patterns import rows, spiral
 from heliosweep.layouts.radial_stagger import Zone, radial_stagger
+from heliosweep.layouts.spacing import Spacing
 
 #: Columns of a layout that are mirror sizes; they stand for ``heliostat.width`` and ``heliostat.height``.
 SIZE_COLUMNS = ("width", "height")
+
+#: Keys of the plant that a growing spacing depends on.
+SPACED_BY = ("receiver.height", "heliostat.pivot_height", "heliostat.width", "heliostat.height")
 
 
 class Layouts:
@@ -36,9 +45,20 @@ class Layouts:
     def __init__(self, study: Study, reserved: frozenset[str] = frozenset(), key: str = "layout") -> None:
         self._study, self._key, self._reserved = study, key, reserved
         self._block: Any = attrgetter(key)(study)
+        self._kind = next((kind for kind in GENERATORS if getattr(self._block, kind) is not None), "file")
+        self._spaced = self._kind == "radial_stagger" and self._block.radial_stagger.spacing is not None
         self.dimensions: list[Dimension] = [
-            dim for dim in study.dimensions() if any(name.startswith(f"{key}.") for name in dim.sweeps)
+            dim for dim in study.dimensions() if any(self.depend_on(name) for name in dim.sweeps)
         ]
+
+    def depend_on(self, key: str) -> bool:
+        """Whether the layouts depend on a key of the study: one of the block, or one that the spacing follows."""
+        return key.startswith(f"{self._key}.") or (self._spaced and key in SPACED_BY)
+
+    @property
+    def heliostats(self) -> int | Sweep | None:
+        """Number of heliostats that the study asks for; None where it does not."""
+        return None if self._kind == "file" else getattr(self._block, self._kind).heliostats
 
     def __len__(self) -> int:
         return math.prod(map(len, self.dimensions))
@@ -58,19 +78,73 @@ class Layouts:
 
     def at(self, values: Mapping[str, Any]) -> Layout:
         """Layout for the values of what is swept, by dotted key; other keys are passed over. Raises StudyError."""
-        file, block = values.get(f"{self._key}.file", self._block.file), self._block.radial_stagger
+
+        def of(key: str, otherwise: Any) -> Any:
+            return values.get(f"{self._key}.{key}", otherwise)
+
+        file = of("file", self._block.file)
         try:
             if file is not None:
                 path = self._study.resolve(file)
-                return _read(path, self._reserved, path.stat().st_mtime_ns if path.exists() else None)
-            keys = ("clearance", "inner_radius", "rings", "heliostats")
-            given = {key: values.get(f"{self._key}.radial_stagger.{key}", getattr(block, key)) for key in keys}
+                return _read(path, self._reserved, _stamp(path))
+            block = getattr(self._block, self._kind)
+            given = {key: of(f"{self._kind}.{key}", getattr(block, key)) for key in type(block).model_fields}
             for key in ("rings", "heliostats"):
-                given[key] = None if given[key] is None else int(given[key])  # a value of a sweep is a float
-            zones = None if block.zones is None else tuple(Zone(z.start, z.rings, z.pitch) for z in block.zones)
-            return _generated(**given, zones=zones)
+                if given.get(key) is not None:
+                    given[key] = int(given[key])  # a value of a sweep is a float
+            if self._kind == "radial_stagger":
+                zones = given["zones"]
+                given["zones"] = None if zones is None else tuple(Zone(z.start, z.rings, z.pitch) for z in zones)
+                given["spacing"] = self._spacing(given["spacing"], given["inner_radius"], values)
+            layout = _generated(self._kind, self._region(of), **given)
+            return layout if self._block.terrain is None else self._raised(layout, of)
         except StudyError as error:
             raise StudyError(map(partial(self._located, file), error.problems)) from None
+
+    def _region(self, of: Callable[[str, Any], Any]) -> Region | None:
+        """Where heliostats may stand; one object for the same ground. Raises StudyError."""
+        block = self._block
+        sectors = tuple(
+            (of(f"sectors[{number}].azimuth", sector.azimuth), of(f"sectors[{number}].width", sector.width))
+            for number, sector in enumerate(block.sectors or ())
+        )
+        names = (of("boundary", block.boundary), of("exclude", block.exclude))
+        if not sectors and names == (None, None):
+            return None
+        paths = [None if name is None else self._study.resolve(name) for name in names]
+        return region_of(sectors, *paths, tuple(None if path is None else _stamp(path) for path in paths))
+
+    def _spacing(self, rule: str | None, inner_radius: float, values: Mapping[str, Any]) -> Spacing | None:
+        """The growing spacing of a study, from its receiver and mirrors. Raises StudyError."""
+        if rule is None:
+            return None
+        found: list[Any] = []
+        for key in SPACED_BY:
+            block, _, name = key.partition(".")
+            found.append(values.get(key, getattr(getattr(self._study, block, None), name, None)))
+        if missing := [key for key, value in zip(SPACED_BY, found, strict=True) if value is None]:
+            message = f"needs {' and '.join(missing)}, which this study does not give; remove it, or give them"
+            raise StudyError(Problem(message, "radial_stagger.spacing"))
+        receiver, pivot, width, height = map(float, found)
+        spacing = Spacing(rule, receiver - pivot, width, height)
+        if spacing.receiver <= height:
+            message = f"needs a receiver higher than {pivot + height:g} m, a mirror above their centres"
+            raise StudyError(Problem(message, "radial_stagger.spacing"))
+        if not spacing.reaches(inner_radius):
+            message = f"is so far out that '{rule}' has no spacing there; bring the field nearer, or raise the receiver"
+            raise StudyError(Problem(message, "radial_stagger.inner_radius"))
+        return spacing
+
+    def _raised(self, layout: Layout, of: Callable[[str, Any], Any]) -> Layout:
+        """The layout on its terrain. Raises StudyError."""
+        terrain = self._block.terrain
+        if terrain.file is None:
+            slope, azimuth = (of(f"terrain.{key}", getattr(terrain, key)) for key in ("slope", "azimuth"))
+            z = slope_heights(layout.x, layout.y, slope, azimuth)
+        else:
+            path = self._study.resolve(terrain.file)
+            z = heights_at(read_heights(path, _stamp(path)), terrain.file, layout.x, layout.y)
+        return replace(layout, z=z + 0.0)
 
     def _located(self, file: str | None, problem: Problem) -> Problem:
         """The problem where the study has what causes it, unless it has a line of a file."""
@@ -78,7 +152,7 @@ class Layouts:
             return problem
         if file is not None:
             return self._study.problem(f"{self._key}.file", f"{file}: {problem.message}")
-        return self._study.problem(f"{self._key}.radial_stagger.{problem.key}", problem.message)
+        return self._study.problem(f"{self._key}.{problem.key}", problem.message)
 
 
 def values_at(dimensions: Iterable[Dimension], index: Iterable[int]) -> dict[str, Any]:
@@ -96,4 +170,20 @@ def _read(path: Path, reserved: frozenset[str], stamp: int | None) -> Layout:
     return read_csv(path, reserved)
 
 
-_generated = lru_cache(maxsize=8)(radial_stagger)
+@lru_cache(maxsize=8)
+def _generated(kind: str, region: Region | None, **given: Any) -> Layout:
+    """A generated layout. Raises StudyError, each problem with its key in the block ``layout``."""
+    generators: dict[str, Callable[..., Layout]] = {"radial_stagger": radial_stagger, "spiral": spiral, "rows": rows}
+    try:
+        return generators[kind](**given, region=region)
+    except StudyError as error:
+        ground = ("sectors", "boundary", "exclude")
+        raise StudyError(
+            problem if problem.key in ground else replace(problem, key=f"{kind}.{problem.key}")
+            for problem in error.problems
+        ) from None
+
+
+def _stamp(path: Path) -> int | None:
+    """When a file was last changed; None where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else None

@@ -84,9 +84,13 @@ def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, A
     return frames, plots
 
 
-def scripts() -> tuple[str, str]:
-    """Bokeh's script and our own; nothing else runs on a page."""
-    return _bokeh(), _harmless(resources.files("heliosweep.report").joinpath("templates/page.js").read_text("utf-8"))
+def scripts(plots: bool = True, ranking: bool = False) -> list[str]:
+    """Scripts of a page with plots (Bokeh's and our own) and with a ranking; nothing else runs on it."""
+    return [*([_bokeh(), _own("page.js")] if plots else ()), *([_own("ranking.js")] if ranking else ())]
+
+
+def _own(name: str) -> str:
+    return _harmless(resources.files("heliosweep.report").joinpath(f"templates/{name}").read_text("utf-8"))
 
 
 @cache

@@ -25,6 +25,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
+from heliosweep.report.ranking import ranked
 from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
@@ -135,6 +136,8 @@ def _page(
     family = families.get(said.get("family"))
     if family and "sample" in said:
         family = family.of_draws(True)
+    if family and said.get("search"):
+        family = family.search_of(result)
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result
@@ -145,12 +148,15 @@ def _page(
     plots: dict[str, Any] = {}
     results = None
     covers: list[tuple[str, str]] = []
+    points = None
     with undrawn.noting("The dates and hours"):
         covers = sampled(result, study or _study(place, family))
     with undrawn.noting("The interactive plots"):
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
         results = sections.results(result, family.tables(result) if family else ())
+    with undrawn.noting("The ranking"):
+        points = ranked(result, family.headlines if family else ())
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),
@@ -168,7 +174,8 @@ def _page(
         results=results,
         views=views,
         plots=plots,
-        scripts=scripts() if views else (),
+        ranked=points,
+        scripts=scripts(bool(views), points is not None),
         figures=figures,
         made=sections.made(manifest),
         command=sections.command(manifest),

@@ -35,7 +35,8 @@ def sampled(result: xr.Dataset, study: Study | None) -> list[tuple[str, str]]:
         months = "all" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
         found = [("months", months), ("hours", "those of the weather file, the sun at the middle of each lit part")]
     count = result.sizes.get("heliostat", 1)
-    found.append(("heliostats or dishes", f"{'up to ' * ('layout' in result.dims)}{count:,}"))
+    if "evaluation" not in result.sizes:  # of a search, each evaluation may have others
+        found.append(("heliostats or dishes", f"{'up to ' * ('layout' in result.dims)}{count:,}"))
     if isinstance(time, SolarTime | CivilTime) and study is not None:
         found.append(("mean elevation of the sun", _elevation(study)))
     elif "sun_elevation" in result.coords:

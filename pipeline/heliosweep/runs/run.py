@@ -232,7 +232,7 @@ class Run:
             scratch = stack.enter_context(tempfile.TemporaryDirectory(dir=store.folder, ignore_cleanup_errors=True))
             execution = self.study.execution
             stack.enter_context(safe_path())
-            pool = stack.enter_context(_pool(execution, self.work, plan.workers, Path(scratch)))
+            pool = stack.enter_context(pool_of(execution, self.work, plan.workers, Path(scratch)))
             pending: Future[None] | None = None
             for outcome in compute_parts(pool, missing):
                 raise_if_interrupted()
@@ -312,7 +312,7 @@ def _mixed(place: Path, what: str) -> HeliosweepError:
     )
 
 
-def _pool(execution: Execution, work: Work, workers: int, scratch: Path) -> AbstractContextManager[Pool]:
+def pool_of(execution: Execution, work: Work, workers: int, scratch: Path) -> AbstractContextManager[Pool]:
     """Workers that a study asks for; a cluster may write to `scratch` while it runs."""
     if execution.scheduler in ("synchronous", "threads", "processes"):
         return local_pool(execution.scheduler, work, workers)

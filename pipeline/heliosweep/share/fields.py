@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.paint import Plant, read_plant
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
 LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
@@ -67,19 +71,23 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     return read_plant(user_path(folder), target)
 
 
-def layout_of(study: Study) -> Layout:
-    """Return the layout of a study, its mirror sizes among the columns where they are fixed.
+def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:
+    """Return the layout of a study or a result, its mirror sizes among the columns where they are fixed.
 
     Parameters
     ----------
-    study : Study
-        A study with one layout.
+    study : Study or xarray.Dataset
+        A study with one layout, or a result: of a study with `keep`, the heliostats that are kept.
+    select : mapping of str to value, optional
+        Value of each dimension on which the layout of a result depends.
 
     Raises
     ------
     StudyError
-        The study has no layout, or sweeps over several.
+        There is no layout, or there are several.
     """
+    if not isinstance(study, Study):
+        return _layout_of_result(study, select or {})
     if getattr(study, "layout", None) is None:
         raise StudyError(study.problem("layout", "is missing: the study has no heliostat field"))
     layouts = Layouts(study)
@@ -92,6 +100,37 @@ def layout_of(study: Study) -> Layout:
     given = {side: size for side, size in sides.items() if size is not None and not isinstance(size, Sweep)}
     fixed = {side: np.full(len(layout), float(size)) for side, size in given.items()}
     return Layout(layout.x, layout.y, layout.z, {**layout.columns, **fixed}, layout.name, layout.lines)
+
+
+def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
+    """Return the layout of a result. Raises StudyError."""
+    from heliosweep.share.sam import label
+
+    if "heliostat" not in result.dims or not {"x", "y", "z"} <= set(result.coords):
+        raise StudyError(Problem("the result has no heliostat field"))
+    along = [name for name, one in result.coords.items() if "heliostat" in one.dims and name != "heliostat"]
+    sizes = [name for name in ("heliostat_width", "heliostat_height") if name in result.coords]
+    names = dict.fromkeys([*along, *sizes, *(["kept"] if "kept" in result else [])])
+    here = result.reset_coords()[list(names)]
+    for key, value in select.items():
+        name = key.replace(".", "_") if key not in here.dims else key
+        here = here.sel({name: label(here["kept" if "kept" in here else "x"], name, value)})
+    if others := [str(dim) for dim in here.dims if dim != "heliostat"]:
+        known = "; ".join(f"{dim}: {', '.join(map(str, here[dim].to_numpy()[:10]))}" for dim in others)
+        raise StudyError(Problem(f"there are several layouts: choose one value of {' and '.join(others)} ({known})"))
+    there = np.isfinite(here["x"].to_numpy())
+    if "kept" in here:
+        there &= here["kept"].to_numpy() == 1
+    columns = {
+        str(name).removeprefix("heliostat_") if name in sizes else str(name): np.broadcast_to(
+            one.to_numpy(), there.shape
+        )[there]
+        for name, one in here.data_vars.items()
+        if name != "kept"
+    }
+    columns = {name: values.astype(str) if values.dtype == object else values for name, values in columns.items()}
+    x, y, z = (columns.pop(axis) for axis in "xyz")
+    return Layout(x, y, z, columns, str(result.attrs.get("title", "")))
 
 
 def write_layout(

@@ -31,10 +31,12 @@ log = logging.getLogger("heliosweep")
 FORMATS = {"netcdf": "result.nc", "zarr": "result.zarr"}
 RESULTS = tuple(FORMATS.values())
 MANIFEST = "manifest.json"
+#: The best point of a search, as a study.
+BEST = "best.yaml"
 #: File by which a Zarr group is known.
 CONSOLIDATED = ".zmetadata"
 #: Files beside a result that describe it, and go when another one takes its place.
-DESCRIPTIONS = (MANIFEST, "study.resolved.yaml", "report.html", "comparison.csv")
+DESCRIPTIONS = (MANIFEST, "study.resolved.yaml", "report.html", "comparison.csv", BEST)
 #: The claimed file of a folder.
 LOCK = ".heliosweep.lock"
 #: After how long to say that one waits for another run. [s]

@@ -215,8 +215,8 @@ class Finished:
         return listed(self.identity.get(key), identity[key])
 
 
-def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dict[str, Any]:
-    """What the bytes of a study's result depend on, from its global attributes and the module that its numbers come
+def identity_of(study: Study, attributes: Mapping[str, Any], *modules: str) -> dict[str, Any]:
+    """What the bytes of a study's result depend on, from its global attributes and the modules that its numbers come
     from.
 
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
@@ -226,7 +226,7 @@ def identity_of(study: Study, attributes: Mapping[str, Any], module: str) -> dic
     return {
         "study_id": study.study_id,
         "study": study.canonical(),
-        "code": code_versions(module, *drawn) | ({"SALib": version_of("SALib")} if drawn else {}),
+        "code": code_versions(*modules, *drawn) | ({"SALib": version_of("SALib")} if drawn else {}),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in attributes.items() if name not in _FOLLOWING},
     }

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from heliosweep.config.faults import Fault
-from heliosweep.config.study import Study
+from heliosweep.config.study import Study, parameters
 from heliosweep.config.sweep import Listed, Sweep, ends, read_items
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.errors import Problem
@@ -156,15 +156,8 @@ class BackwardGazingStudy(Study):
         if self.field is not None:
             if self.output.maps:
                 yield Fault("must be false with a 'field'", ("output", "maps"))
-            if any(isinstance(value, Sweep) for value in self._layout_values()):
+            if any(isinstance(value, Sweep) for _, _, value in parameters(self.field.layout)):
                 yield Fault("cannot be swept here", ("field", "layout"), show_value=False)
-
-    def _layout_values(self) -> Iterator[object]:
-        assert self.field is not None
-        layout = self.field.layout
-        yield layout.file
-        if layout.radial_stagger is not None:
-            yield from (getattr(layout.radial_stagger, key) for key in type(layout.radial_stagger).model_fields)
 
     def _measured_faults(self) -> Iterator[Fault]:
         if self.field is not None:

@@ -110,6 +110,15 @@ class Inputs(LayoutAxis):
         self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
         self._tables: dict[Errors, tuple[Tables, Errors]] = {}
         self._slopes: dict[tuple[Any, ...], tuple[Floats, Floats]] = {}
+        self._kept: dict[tuple[int, ...], Any] = {}
+
+    def kept(self, position: tuple[int, ...], choose: Callable[[], Any]) -> Any:
+        """Heliostats that are kept at a point of the result, as `choose` tells; those of the last point are known."""
+        known = self._kept.get(position)
+        if known is None:
+            known = choose()
+            self._kept = {position: known}
+        return known
 
     def slopes_of(self, name: str, width: float, height: float, facets: Facets, turned: bool) -> tuple[Floats, Floats]:
         """Slopes of a map at the nodes of a mirror, and what is finer: `SlopeMap.at_nodes`; the last ones are kept."""

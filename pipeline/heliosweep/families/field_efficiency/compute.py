@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from heliosweep.families.field_efficiency.flux import cell_seconds, flux_labels,
 from heliosweep.families.field_efficiency.flux_sums import FluxSums
 from heliosweep.families.field_efficiency.geometry import land_area, mirror_area
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
+from heliosweep.families.field_efficiency.selection import Kept, part_of, select
 from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
@@ -44,12 +45,14 @@ from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.intercept import course
 from heliosweep.kernels.warm import warm_field, warm_intercept
+from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.grid.regions import Region
+    from heliosweep.layouts.layout import Layout
 
 #: Time of one heliostat and instant on one core: with the sun in the zenith, more with the number of mirrors that
 #: stand in the way, which grows with 1 / sin^2 of its elevation, up to all of them. Measured on radial staggers. [s]
@@ -73,10 +76,11 @@ MAX_INSTANTS = 10**7
 
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
+_KEEP = ("keep.heliostats", "keep.field_power", "keep.by")
 #: Keys that label a result also where they are not swept.
 _LABELS = (
     *("site.latitude", "site.longitude", "time.azimuth", "time.elevation", "tracking"),
-    *(*_SIZES, "heliostat.pivot_height", "receiver.height"),
+    *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
 
@@ -103,7 +107,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     angles = study.output.tracking_angles
     seconds, lit = _seconds(parameters)
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
-    layouts = math.prod(len(dim) for dim in study.dimensions() if any(key.startswith("layout.") for key in dim.sweeps))
+    layouts = len(Layouts(study))
     method = None if study.optics is None else study.optics.method
     methods = method.values() if isinstance(method, Sweep) else (method,)
     if "accurate" in methods:
@@ -113,7 +117,8 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     elif method is not None:
         seconds += SECONDS_GAUSSIAN * lit
     seconds += cell_seconds(study, instants) / instants
-    split = "" if study.output.flux_map is not None else "heliostat"  # maps are sums over the field
+    # Maps are sums over the field, and which heliostats are kept follows from all.
+    split = "heliostat" if study.output.flux_map is None and study.keep is None else ""
 
     def working_bytes(points: int, length: int) -> int:
         length = length if split else heliostats
@@ -129,7 +134,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         inner=inner,
         evaluations=heliostats * instants,
         unit="heliostat-instants",
-        seconds=seconds * (2 if _series(study) else 1),
+        seconds=seconds * (2 if _series(study) else 1) * (1 if study.keep is None else 2),
         splittable=split,
         working_bytes=working_bytes,
         seconds_per_point=SECONDS_PER_POINT,
@@ -232,28 +237,34 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     instants = len(range(suns.size)[part])
     sizes = {**Parameters(study).sizes, "time": instants, "heliostat": layouts.size, **_inner_sizes(study)}
     made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
-    mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking")
+    mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking", *_KEEP)
     keys = (*_SIZES, *mount, *PLACE, *energy.LIMITS, *KEYS)
-    for index, (width, height, pivot, target, levels, tracking, *rest) in parameters.points(*keys):
+    for index, (width, height, pivot, target, levels, tracking, number, power, by, *rest) in parameters.points(*keys):
         place, limits, optics = rest[: len(PLACE)], rest[len(PLACE) : -len(KEYS)], rest[-len(KEYS) :]
         layout = layouts.at(parameters.position(index))
-        stop = min(span.stop, len(layout))
-        if span.start >= stop:
+        if span.start >= len(layout):
             continue
-        sides = mirror_size(layout, "width", width), mirror_size(layout, "height", height)
-        mirrors = (layout.x, layout.y, layout.z + pivot, sides[0] / 2, sides[1] / 2, target, _TRACKING[tracking])
-        way = None
-        if study.optics is not None:
-            way = Way(study, layouts, layout, values_of(optics))
-            mirrors = (*mirrors[:5], aims(way, mirrors, levels), mirrors[6])
         there, sums = suns.at(index, place), FieldSums()
         hours = None if days is None else days.at(index, place, limits)
         months = None
         if study.optics is not None and study.optics.cleanliness_by_month is not None:
             months = months_of(parameters, index, place[1]) if hours is None else hours.month
-        area = mirror_area(*sides, study.heliostat.facets)
-        field = Field(study, mirrors, area, place, months, way)
         sun, now = there if hours is None else hours.sun, there[part]
+
+        field_of = partial(
+            _field, study, layouts, sizes=(width, height), at=(pivot, target, levels, tracking), optics=optics,
+            place=place, months=months,
+        )  # fmt: skip
+        kept: Kept | None = None
+        if study.keep is not None:
+            blocks = _blocks(study, len(sun), 0, len(layout))
+            choose = partial(select, (number, power, by), layout, field_of, sun, hours, months, blocks)
+            kept = layouts.kept(tuple(parameters.position(index).values()), choose)
+            told = {"kept": np.isin(np.arange(len(layout)), kept.rows), "selection_rank": kept.rank}
+            _put(made, told, index, slice(len(layout)))
+            layout = part_of(layout, kept.rows)
+        field = field_of(layout)
+        stop, mirrors = min(span.stop, len(layout)), field.mirrors
         flux = FluxSums(field, sun if hours is None else hours)
         for start, end in _blocks(study, len(sun), span.start, stop):
             if series:
@@ -265,7 +276,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
                 values = field.means(sun, start, end) if hours is None else field.energies(hours, lit, start, end)
                 values |= {} if study.design_point is None else field.design(start, end)
                 flux.add(values, lit, start, end)
-            _put(made, values, index, slice(start - span.start, end - span.start))
+            _put(made, values, index, kept.rows[start:end] if kept else slice(start - span.start, end - span.start))
         _put(made, sums.means() | (at_instants(now, hours, part) if series else flux.values()), index)
         if study.output.tracking_angles:
             directions = isinstance(study.time, SunDirections)
@@ -274,7 +285,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
             over = None if series or directions else hours_of(parameters, index)
             angles = angles_of(towards, now, mirrors[6], over, series)
             named = dict(zip(ANGLE_SERIES if series else over_time, angles, strict=True))
-            _put(made, named, index, slice(0, stop - span.start))
+            _put(made, named, index, kept.rows if kept else slice(0, stop - span.start))
         if study.output.outlines and not series:
             found = outlines.mirror_outlines(*mirrors, now[0], span.start, stop, study.output.outlines)
             for name, values in zip(OUTLINES, (*np.moveaxis(found.corners, -1, 0), *found[1:]), strict=True):
@@ -282,15 +293,44 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     return xr.Dataset({name: (wanted[name].dims, each) for name, each in made.items()})
 
 
-def _put(made: dict[str, np.ndarray], values: Mapping[str, np.ndarray], index: Any, *part: slice) -> None:
+def _field(
+    study: FieldEfficiencyStudy,
+    inputs: Inputs,
+    layout: Layout,
+    sizes: Any,
+    at: Any,
+    optics: Any,
+    place: Any,
+    months: Any,
+) -> Field:
+    """The field of a layout at a point of the result.
+
+    `sizes` are width and height of the mirrors, `at` the values of pivot height, receiver height, levels of aim and
+    tracking, `optics` those of `optics.KEYS`.
+    """
+    pivot, target, levels, tracking = at
+    sides = mirror_size(layout, "width", sizes[0]), mirror_size(layout, "height", sizes[1])
+    mirrors = (layout.x, layout.y, layout.z + pivot, sides[0] / 2, sides[1] / 2, target, _TRACKING[tracking])
+    way = None
+    if study.optics is not None:
+        way = Way(study, inputs, layout, values_of(optics))
+        mirrors = (*mirrors[:5], aims(way, mirrors, levels), mirrors[6])
+    return Field(study, mirrors, mirror_area(*sides, study.heliostat.facets), place, months, way)
+
+
+def _put(made: dict[str, np.ndarray], values: Mapping[str, np.ndarray], index: Any, part: Any = None) -> None:
     """Write those of the values that are wanted, at a point and part of the heliostats, the last dimension."""
     for name in values.keys() & made.keys():
-        made[name][(*index, ..., *part)] = values[name]
+        if part is None:
+            made[name][(*index, ...)] = values[name]
+        else:
+            made[name][index][..., part] = values[name]
 
 
 def _complete(study: FieldEfficiencyStudy) -> bool:
     """True where all instants are looked at together, in blocks of heliostats: interpolated, weighted or summed."""
-    return study.optics is not None or study.weather is not None or study.output.field_series
+    output, kept = study.output, study.keep is not None
+    return study.optics is not None or study.weather is not None or output.field_series or kept
 
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
@@ -306,18 +346,23 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
     parameters = Parameters(study, region)
     area = np.zeros((*parameters.sizes.values(), layouts.size))
     places = np.full((len(PLACES), *area.shape), np.nan)
-    land, lands = np.zeros(area.shape[:-1]), dict[tuple[int, float], float]()
+    land, lands = np.zeros(area.shape[:-1]), dict[tuple[tuple[int, ...], float], float]()
     for index, (width, height, pivot, target) in parameters.points(
         *_SIZES, "heliostat.pivot_height", "receiver.height"
     ):
         layout = layouts.at(parameters.position(index))
         sides = mirror_size(layout, "width", width), mirror_size(layout, "height", height)
         area[index][: len(layout)] = mirror_area(*sides, study.heliostat.facets)
+        rows: Any = slice(len(layout))
+        if study.keep is not None:
+            area[index] *= computed["kept"].to_numpy()[index] == 1
+            rows = np.flatnonzero(area[index])
+            layout = part_of(layout, rows)
         if study.output.field_geometry:
             distance = np.hypot(layout.x, layout.y)
             elevation = np.degrees(np.arctan2(target - layout.z - pivot, distance))
-            places[0][index][: len(layout)], places[1][index][: len(layout)] = distance, elevation
-            key = id(layout), float(np.hypot(*sides).max() / 2)
+            places[0][index][rows], places[1][index][rows] = distance, elevation
+            key = (index if study.keep else (id(layout),)), float(np.hypot(*sides).max() / 2)
             if key not in lands:
                 lands[key] = land_area(layout.x, layout.y, key[1])
             land[index] = lands[key]
@@ -336,3 +381,15 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
         total = made[f"field_{DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]}"]
         made["design_point_power"] = total * mirrors * study.design_point.dni * 1e-6
     return xr.Dataset({name: (dims, made[name]) for name, dims in later.items()})
+
+
+def remarks(result: xr.Dataset) -> Iterator[str]:
+    """Remarks on a finished result: fields that have not the power for which heliostats were to be kept."""
+    if "kept_power" in result.coords:
+        short = (result["design_point_power"] < result["kept_power"]).to_numpy()
+        if short.any():
+            most = float(result["design_point_power"].where(short).max())
+            yield (
+                f"{int(short.sum()):,} of {short.size:,} fields have less than keep.field_power, {most:.4g} MW at the "
+                "most, though all heliostats are kept: generate more"
+            )

@@ -96,7 +96,8 @@ def _maps(shown: Shown, methods: list[dict[str, int]], stands: Point, along: str
     everything = [one for row in maps for one in row]
     shades = within(axis_label(result[mapped]), [one.values for one in everything], held=1.0)
     said, decimals = _SAID[mapped]
-    caption = f"{said}, on one colour scale for all maps. {symbols(everything, sized=True)}{note}"
+    meant = symbols(everything, sized=True, missing="left out" if "kept" in result else "no value")
+    caption = f"{said}, on one colour scale for all maps. {meant}{note}"
     yield from _sheets("field_maps", caption, maps, shades)
     words = list(result[_METHOD].to_numpy()) if methods[0] else []
     if set(_METHODS) <= set(words):

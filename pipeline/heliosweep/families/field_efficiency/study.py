@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from operator import attrgetter
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
 from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
+from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
+from heliosweep.families.field_efficiency.keep import Keep, keep_faults, keep_problems
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import ENERGY_NAMES
@@ -74,13 +76,16 @@ RESERVED = frozenset(
         *(f"field_{name}" for name in ("heliostats", "mirror_area", "land_area", "packing_factor", "mean_radius")),
         *(f"outline_{name}" for name in ("u", "v", "area", "heliostat", "count")),
         *("effect", "image", "corner"),
-        *(*DIMENSIONS, *NAMES, *ENERGY_NAMES, "aim_levels", *FLUX_NAMES),
+        *(*DIMENSIONS, *NAMES, *ENERGY_NAMES, "aim_levels", *FLUX_NAMES, *KEEP_NAMES),
+        *("kept_heliostats", "kept_power", "kept_by"),
     )
 )
 
 
 class FieldOutput(Output):
     """Stored variables and their format; not part of the study's identity."""
+
+    OF_POINTS: ClassVar = ("field_geometry",)
 
     tracking_angles: Annotated[
         bool,
@@ -149,6 +154,9 @@ class FieldEfficiencyStudy(Study):
     design_point: Annotated[
         DesignPoint | None, Field(description="Instant and irradiance at which power and efficiencies are stored too")
     ] = None
+    keep: Annotated[
+        Keep | None, Field(description="Which heliostats of the layout are kept, and computed again; else all")
+    ] = None
     output: Annotated[FieldOutput, Field(description="What is stored and how")] = FieldOutput()
 
     def rules(self) -> Iterator[Fault]:
@@ -167,6 +175,7 @@ class FieldEfficiencyStudy(Study):
             if self.optics is None and attrgetter(".".join(keys))(self) is not None:
                 yield Fault("is used with 'optics' only: add it, or remove this", keys, show_value=False)
         yield from weather_faults(self)
+        yield from keep_faults(self)
         given = [name for name in ("site", "sites") if getattr(self, name) is not None]
         if isinstance(self.time, SunDirections):
             for name in given:
@@ -191,7 +200,7 @@ class FieldEfficiencyStudy(Study):
     @cached_property
     def _found(self) -> list[Problem | str]:
         found: list[Problem | str] = []
-        for look in (_sun, _mirrors, _tower, _light, _aim, check_weather):
+        for look in (_sun, _mirrors, _tower, _light, _aim, _keep, check_weather):
             try:
                 found += look(self)
             except StudyError as error:
@@ -304,6 +313,11 @@ def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     yield from aim_problems(study, itertools.takewhile(lambda point: not any(_sizes_missing(study, point[0])), points))
 
 
+def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """No more heliostats must be kept than there are."""
+    yield from keep_problems(study, (layout for layout, _ in _points(study, {})))
+
+
 def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
     """Each side of the mirrors must be given once, in the study or as a column of the layout."""
     for side in SIZE_COLUMNS:
@@ -336,10 +350,11 @@ def _points(
     layouts = Layouts(study, RESERVED)
     given = {key: value for key, _, value in parameters(study)}
     drawn = {key: worst[key](value.ends()) for key, value in drawn_keys(study).items() if key in worst}
-    matters = [key for key in study.sweeps() if _of_layout(key) or (key in worst and key not in drawn)]
+    matters = [key for key in study.sweeps() if layouts.depend_on(key) or (key in worst and key not in drawn)]
     dims = [dim for dim in study.dimensions() if any(key in dim.sweeps for key in matters)]
     looked_at = 0
-    for index in itertools.islice(itertools.product(*(_positions(dim, worst) for dim in dims)), MAX_POINTS):
+    positions = (_positions(dim, worst, layouts) for dim in dims)
+    for index in itertools.islice(itertools.product(*positions), MAX_POINTS):
         values = given | values_at(dims, index) | drawn
         layout = layouts.at(values)
         yield layout, values
@@ -348,15 +363,11 @@ def _points(
             return
 
 
-def _positions(dim: Dimension, worst: Mapping[str, Callable[..., Any]]) -> Sequence[int]:
+def _positions(dim: Dimension, worst: Mapping[str, Callable[..., Any]], layouts: Layouts) -> Sequence[int]:
     """Positions along a dimension to look at: the worst of a key that stands alone, many of those of tied keys."""
-    keys = [key for key in dim.sweeps if _of_layout(key) or key in worst]
-    if len(keys) > 1 or _of_layout(keys[0]):
+    keys = [key for key in dim.sweeps if layouts.depend_on(key) or key in worst]
+    if len(keys) > 1 or layouts.depend_on(keys[0]):
         return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
     sweep = dim.sweeps[keys[0]]
     candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
     return (worst[keys[0]](candidates, key=sweep.__getitem__),)
-
-
-def _of_layout(key: str) -> bool:
-    return key.startswith("layout.")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency.flux import flux_variables
+from heliosweep.families.field_efficiency.keep import keep_variables
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable
 
@@ -308,6 +309,7 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             found[name] = Variable(swept, _described(*SIZES[name]), finished=True)
     return (
         found
+        | keep_variables(study, swept)
         | flux_variables(study, swept)
         | _of_energy(study, swept)
         | _of_design_point(study, swept)

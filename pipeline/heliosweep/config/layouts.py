@@ -1,0 +1,209 @@
+"""The block `layout` of a study file: a table, or a generator, with the ground that it may take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from heliosweep.config.block import Block
+from heliosweep.config.faults import Fault, one_of
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Choice, FileName, Quantity
+
+#: Generators, by their keys.
+GENERATORS = ("radial_stagger", "spiral", "rows")
+#: Keys of the ground, which tables have no use for.
+GROUND = ("sectors", "boundary", "exclude", "terrain")
+
+SPACINGS = {
+    "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which grows with the distance",
+    "no_blocking": "rings as close as no blocking by the heliostat in front, on the same azimuth, allows",
+}
+PATTERNS = {
+    "staggered": "each row moved by half a spacing against the next",
+    "straight": "heliostats of all rows behind each other",
+}
+
+_COUNT = Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
+
+
+class Zone(Block):
+    """Rings of a field that share one angular pitch."""
+
+    start: Annotated[float, Quantity("Radius of the first ring", "m", gt=0, sweep=False)]
+    rings: Annotated[int, Quantity("Number of rings", "1", ge=1, integer=True, sweep=False)]
+    pitch: Annotated[
+        float | None,
+        Quantity(
+            "Angle between neighbours of a ring; by default the one that puts them one clearance apart",
+            "deg", gt=0, le=180, sweep=False,
+        ),
+    ] = None  # fmt: skip
+
+
+class RadialStagger(Block):
+    """A field of rings about the tower, each turned by half a pitch against the one before."""
+
+    clearance: Annotated[
+        float | Sweep, Quantity("Least distance between heliostat centres", "m", gt=0, title="clearance")
+    ]
+    inner_radius: Annotated[
+        float | Sweep | None,
+        Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
+    ] = None
+    rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
+    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+    zones: Annotated[
+        tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
+    ] = None  # fmt: skip
+    spacing: Annotated[
+        str | Sweep | None,
+        Choice(
+            "What keeps rings and neighbours farther apart than the clearance, with the distance from the tower",
+            SPACINGS,
+            title="spacing of the rings",
+        ),
+    ] = None
+
+    def rules(self) -> Iterable[Fault]:
+        """Check that at most one key says how far the field goes."""
+        given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
+        if len(given) > 1:
+            yield Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)
+        if self.inner_radius is None and self.zones is None:
+            yield Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)
+        if self.spacing is not None and self.zones is not None:
+            yield Fault("makes its own zones: remove 'zones', or this", ("spacing",), show_value=False)
+
+
+class Spiral(Block):
+    """A phyllotaxis spiral: heliostat k at the azimuth 360 k / phi^2 deg and the radius a k^b, phi the golden ratio."""
+
+    a: Annotated[
+        float | Sweep,
+        Quantity("Radius of heliostat 1", "m", gt=0, dimension="spiral_a", title="coefficient a of the spiral"),
+    ]
+    b: Annotated[
+        float | Sweep,
+        Quantity("Exponent of the radius; 0.5 for the same density everywhere, more for a density that falls with the "
+                 "distance", "1", gt=0, le=2, dimension="spiral_b", title="exponent b of the spiral"),
+    ]  # fmt: skip
+    inner_radius: Annotated[
+        float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
+    ]
+    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+
+
+class Rows(Block):
+    """Parallel rows of heliostats; of a number of them, those nearest to the tower."""
+
+    spacing: Annotated[
+        float | Sweep,
+        Quantity("Distance between neighbours of a row", "m", gt=0, dimension="row_spacing",
+                 title="distance between neighbours of a row"),
+    ]  # fmt: skip
+    distance: Annotated[
+        float | Sweep,
+        Quantity("Distance between rows", "m", gt=0, dimension="row_distance", title="distance between rows"),
+    ]
+    inner_radius: Annotated[
+        float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
+    ]
+    azimuth: Annotated[
+        float | Sweep,
+        Quantity("Azimuth in which rows follow each other, clockwise from north; 0 for rows from west to east", "deg",
+                 ge=-360, le=360, dimension="row_azimuth", title="azimuth in which rows follow each other"),
+    ] = 0.0  # fmt: skip
+    pattern: Annotated[str | Sweep, Choice("How rows stand to each other", PATTERNS, title="pattern of the rows")] = (
+        "staggered"
+    )
+    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+
+
+class Sector(Block):
+    """Azimuths, seen from the tower, at which heliostats stand."""
+
+    azimuth: Annotated[
+        float | Sweep,
+        Quantity("Azimuth of its middle, clockwise from north", "deg", ge=-360, le=360, dimension="sector_azimuth",
+                 title="azimuth of the middle of the sector"),
+    ]  # fmt: skip
+    width: Annotated[
+        float | Sweep,
+        Quantity("Angle that it takes, half of it on either side", "deg", gt=0, le=360, dimension="sector_width",
+                 title="width of the sector"),
+    ]  # fmt: skip
+
+
+class Terrain(Block):
+    """Heights of the ground, which heliostats stand on; the tower's base is at 0."""
+
+    file: Annotated[
+        str | None,
+        FileName("NetCDF grid of heights over x and y, in m east and north of the tower", sweep=False),
+    ] = None
+    slope: Annotated[
+        float | Sweep | None,
+        Quantity("Slope of even ground, instead of a grid", "deg", ge=0, le=45, dimension="terrain_slope",
+                 title="slope of the ground"),
+    ] = None  # fmt: skip
+    azimuth: Annotated[
+        float | Sweep | None,
+        Quantity("Azimuth in which even ground falls, clockwise from north", "deg", ge=-360, le=360,
+                 dimension="terrain_azimuth", title="azimuth in which the ground falls"),
+    ] = None  # fmt: skip
+
+    def rules(self) -> Iterable[Fault]:
+        """Check that there is a grid, or a slope with its azimuth."""
+        if (self.file is None) == (self.slope is None):
+            yield Fault("give exactly one of 'file' and 'slope'", show_value=False)
+        elif (self.slope is None) != (self.azimuth is None):
+            yield Fault("'slope' and 'azimuth' go together: how steep the ground is, and where it falls",
+                        show_value=False)  # fmt: skip
+
+
+class Layout(Block):
+    """Places of the heliostats: a table, or a generator with its parameters."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in ("file", *GENERATORS)]})
+
+    file: Annotated[
+        str | Sweep | None,
+        FileName("CSV table of heliostats, columns x and y and optional z, in m, any others kept", dimension="layout"),
+    ] = None
+    radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
+    spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral about the tower")] = None
+    rows: Annotated[Rows | None, Field(description="Parallel rows about the tower")] = None
+    sectors: Annotated[
+        tuple[Sector, ...] | None,
+        Field(description="Azimuths at which heliostats stand; at all where left out", min_length=1),
+    ] = None
+    boundary: Annotated[
+        str | Sweep | None,
+        FileName("Polygons within which heliostats stand, GeoJSON or WKT, in m east and north of the tower"),
+    ] = None
+    exclude: Annotated[
+        str | Sweep | None,
+        FileName("Polygons within which no heliostat stands, as roads, in the form of 'boundary'"),
+    ] = None
+    terrain: Annotated[Terrain | None, Field(description="Heights of the ground; level where left out")] = None
+
+    def rules(self) -> Iterable[Fault]:
+        """Check that there is a table or a generator, and that something says how far a generated field goes."""
+        given = [key for key in ("file", *GENERATORS) if getattr(self, key) is not None]
+        if len(given) != 1:
+            yield Fault(f"give exactly one of {one_of(('file', *GENERATORS)).replace(' or ', ' and ')}",
+                        show_value=False)  # fmt: skip
+        elif given == ["file"]:
+            for key in (key for key in GROUND if getattr(self, key) is not None):
+                yield Fault("is for generated layouts; remove it, or 'file'", (key,), show_value=False)
+        elif self.boundary is None:
+            ends = [
+                key for key in ("rings", "heliostats", "zones") if key in type(getattr(self, given[0])).model_fields
+            ]
+            if all(getattr(getattr(self, given[0]), key) is None for key in ends):
+                what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"
+                yield Fault(f"give {what}, or a 'boundary' to fill: how far the field goes", (given[0],),
+                            show_value=False)  # fmt: skip

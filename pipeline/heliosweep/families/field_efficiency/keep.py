@@ -1,0 +1,112 @@
+"""A field that is cut: more heliostats than wanted are generated, ranked by a result, and the best are kept.
+
+The heliostats that are kept are then computed again, without the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Annotated
+
+from heliosweep.config.block import Block
+from heliosweep.config.faults import Fault
+from heliosweep.config.sweep import Sweep, ends
+from heliosweep.config.times import SunDirections
+from heliosweep.config.values import Choice, Quantity
+from heliosweep.errors import Problem
+from heliosweep.grid.regions import Variable
+from heliosweep.layouts.layout import Layout
+
+if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+
+#: Results by which heliostats are ranked, and what they mean.
+BY = {
+    "receiver_energy": "energy on the receiver; needs 'weather'",
+    "energy_per_mirror_area": "the same over the area of the mirror; needs 'weather'",
+    "total_efficiency": "mean over the period, from the sun to the receiver; needs 'optics'",
+    "optical_efficiency": "mean over the period of cosine, shading and blocking together",
+    "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
+    "design_point_optical_efficiency": "at the design point; needs 'design_point'",
+}
+#: Blocks of the study that a result needs.
+_NEEDS: dict[str, tuple[str, ...]] = {
+    "receiver_energy": ("weather",),
+    "energy_per_mirror_area": ("weather",),
+    "total_efficiency": ("optics",),
+    "design_point_total_efficiency": ("optics", "design_point"),
+    "design_point_optical_efficiency": ("design_point",),
+}
+
+_DESCRIBED = {
+    "kept": ("1 for a heliostat of the field that is kept, 0 for one that is left out", "results are of those kept"),
+    "selection_rank": (
+        "rank of the heliostat by 'keep.by' in the field before the cut, 1 for the best",
+        "of equal values the first in the layout is the better",
+    ),
+}
+#: Names of the variables.
+NAMES = tuple(_DESCRIBED)
+
+
+class Keep(Block):
+    """The best heliostats of a layout, which are kept: so many, or for so much power."""
+
+    heliostats: Annotated[
+        int | Sweep | None,
+        Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="kept_heliostats",
+                 title="number of heliostats that are kept"),
+    ] = None  # fmt: skip
+    field_power: Annotated[
+        float | Sweep | None,
+        Quantity("Power of the field at the design point: the fewest of the best that have it", "MW", gt=0,
+                 dimension="kept_power", title="power at the design point for which heliostats are kept"),
+    ] = None  # fmt: skip
+    by: Annotated[str | Sweep, Choice("Result by which heliostats are ranked, the largest first", BY,
+                                      dimension="kept_by", title="result by which heliostats are kept")]  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that one key says how many are kept."""
+        if (self.heliostats is None) == (self.field_power is None):
+            yield Fault("give exactly one of 'heliostats' and 'field_power'", show_value=False)
+
+
+def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
+    """Yield what a study with `keep` lacks, and what it has that is of a given layout."""
+    keep = study.keep
+    if keep is None:
+        return
+    if isinstance(study.time, SunDirections):
+        message = (
+            "ranks over a period at a site: run that, write its layout with 'heliosweep convert DIR field.csv --to "
+            "csv', and take it as 'layout.file'"
+        )
+        yield Fault(message, ("keep",), show_value=False)
+        return
+    for name in ends(keep.by):
+        for key in (key for key in _NEEDS.get(name, ()) if getattr(study, key) is None):
+            yield Fault(f"needs '{key}' for {name}; add it, or rank by another result", ("keep", "by"))
+    if keep.field_power is not None and study.design_point is None:
+        yield Fault("is at the design point: give 'design_point'", ("keep", "field_power"))
+    if study.output.outlines:
+        yield Fault("are for a field that is not cut; remove them, or 'keep'", ("output", "outlines"))
+
+
+def keep_problems(study: FieldEfficiencyStudy, layouts: Iterable[Layout]) -> Iterator[Problem]:
+    """Yield what is wrong with the number of heliostats that are kept, of some layouts of a study."""
+    if study.keep is None or study.keep.heliostats is None:
+        return
+    most, least = max(ends(study.keep.heliostats)), min(map(len, layouts))
+    if most > least:
+        message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
+        yield study.problem("keep.heliostats", message)
+
+
+def keep_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+    """Variables that tell which heliostats are kept."""
+    if study.keep is None:
+        return {}
+    return {
+        name: Variable((*swept, "heliostat"), {"units": "1", "long_name": long_name, "comment": comment})
+        for name, (long_name, comment) in _DESCRIBED.items()
+    }

@@ -1,0 +1,110 @@
+"""Which heliostats of a field are kept: ranked in the whole field, and as many as are wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.families.field_efficiency.energy import Hours
+from heliosweep.families.field_efficiency.values import Field
+from heliosweep.families.field_efficiency.variables import DESIGN, EFFICIENCIES
+from heliosweep.layouts.layout import Layout
+
+Floats = NDArray[np.float64]
+
+
+class Kept(NamedTuple):
+    """Which heliostats of a layout are kept."""
+
+    rows: NDArray[np.int64]
+    """Their rows in the layout, rising."""
+    rank: NDArray[np.int64]
+    """Rank of each heliostat of the layout, from 1."""
+
+
+def part_of(layout: Layout, rows: NDArray[np.int64]) -> Layout:
+    """Some heliostats of a layout, as a layout of their own."""
+    columns = {name: values[rows] for name, values in layout.columns.items()}
+    return Layout(layout.x[rows], layout.y[rows], layout.z[rows], columns, layout.name)
+
+
+def ranked_values(
+    by: str,
+    field: Field,
+    sun: Floats,
+    hours: Hours | None,
+    months: NDArray[np.int64] | None,
+    blocks: Iterable[tuple[int, int]],
+) -> Floats:
+    """The result by which heliostats of a whole field are ranked, one of `BY`, shape (heliostat,)."""
+    found = []
+    for start, stop in blocks:
+        if by in DESIGN:
+            values = field.design(start, stop)
+        elif hours is None:
+            values = field.means(sun, start, stop)
+        else:
+            values = field.energies(hours, field.light(sun, start, stop, months), start, stop)
+            values["energy_per_mirror_area"] = values["receiver_energy"] / field.area[start:stop]
+        found.append(values[by])
+    return np.concatenate(found)
+
+
+def design_power(field: Field) -> float:
+    """Power of a whole field at the design point. [MW]"""
+    assert field.study.design_point is not None
+    values = field.design(0, field.area.size)
+    total = values[DESIGN[-1] if field.way is not None else DESIGN[len(EFFICIENCIES) - 1]]
+    return float(np.sum(total * field.area)) * field.study.design_point.dni * 1e-6
+
+
+def best(
+    values: Floats, number: float | None, power: float | None, power_of: Callable[[NDArray[np.int64]], float]
+) -> Kept:
+    """The best heliostats of a field.
+
+    Parameters
+    ----------
+    values : ndarray, shape (heliostat,)
+        By which they are ranked, the largest first and, of equal ones, the first; NaN comes last.
+    number, power : float, optional
+        How many are kept; or the power that is wanted, in the unit of `power_of`.
+    power_of : callable
+        Power of the heliostats with some rows, without the others.
+
+    Returns
+    -------
+    Kept
+        All where the whole field has less power. For a power the best k, which have it, where the best k - 1 have not;
+        k follows from halving the number of heliostats again and again.
+    """
+    order = np.argsort(-values, kind="stable")
+    rank = np.empty(order.size, np.int64)
+    rank[order] = np.arange(1, order.size + 1)
+    low, high = 0, order.size if power is not None else min(int(number or 0), order.size)
+    while power is not None and high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if power_of(np.sort(order[:middle])) >= power else (middle, high)
+    return Kept(np.sort(order[:high]), rank)
+
+
+def select(
+    wanted: Sequence[Any],
+    layout: Layout,
+    field_of: Callable[[Layout], Field],
+    sun: Floats,
+    hours: Hours | None,
+    months: NDArray[np.int64] | None,
+    blocks: Iterable[tuple[int, int]],
+) -> Kept:
+    """Heliostats of a layout that are kept at a point of the result.
+
+    `wanted` are the values of `keep.heliostats`, `keep.field_power` and `keep.by`; `field_of` makes the field of a
+    layout, and the others are what `ranked_values` takes.
+    """
+    number, power, by = wanted
+    values = ranked_values(by, field_of(layout), sun, hours, months, blocks)
+    return best(values, number, power, lambda rows: design_power(field_of(part_of(layout, rows))))

@@ -1,0 +1,243 @@
+"""The search for the best point of a study of any family: a family whose result has the dimension ``evaluation``."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from heliosweep.config.faults import did_you_mean, in_short
+from heliosweep.config.search import population
+from heliosweep.config.study import Study, replaced
+from heliosweep.config.sweep import Listed
+from heliosweep.config.values import Quantity
+from heliosweep.errors import Problem, StudyError
+from heliosweep.families.family import Family
+from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
+from heliosweep.grid.regions import Cut, Variable, bytes_of
+from heliosweep.search.course import EVALUATION
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.report.contents import NamedFigure, Table
+    from heliosweep.report.views import View
+    from heliosweep.search.course import Space
+
+#: Values for each instant, which a search leaves out.
+_SERIES = ("time_series", "field_series")
+
+Point = Mapping[str, Any]
+"""Values of the searched keys."""
+
+
+class Searched(Family):
+    """Search for the best point of a study of another family.
+
+    Every evaluation is the study with other values of the searched keys. `single` is one of them, `generation` several
+    as a sweep; both are studies of the `family`.
+    """
+
+    def __init__(self, family: Family) -> None:
+        self.family = family
+        self.name, self.title = family.name, f"Search for the best point: {family.title[:1].lower()}{family.title[1:]}"
+        self.references, self.keywords, self.headlines = family.references, family.keywords, family.headlines
+
+    def study_class(self) -> type[Study]:
+        """Pydantic model of the study file."""
+        return self.family.study_class()
+
+    def numbers_from(self, study: Any) -> str:
+        """Module that the numbers of each evaluation come from."""
+        return self.family.numbers_from(self.single(study, {}))
+
+    def prepare(self, study: Any) -> tuple[float, bool]:
+        """Load or compile the kernels of the evaluations."""
+        return self.family.prepare(self.single(study, {}))
+
+    def single(self, study: Study, point: Point) -> Study:
+        """The study at a point, as it runs by itself; keys that the point lacks keep their values."""
+        return _with(study, point, {})
+
+    def generation(self, study: Study, points: Sequence[Point]) -> Study:
+        """The study at several points, one after the other along one dimension."""
+        keys = study.search.searched() if study.search else ()
+        columns = {key: Listed(tuple(point[key] for point in points)) for key in keys}
+        return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
+
+    def space(self, study: Study) -> Space:
+        """Bounds of what is searched; a choice counts from 0."""
+        from heliosweep.search.course import Space
+
+        extents = [_search(study).over[key] for key in _search(study).searched()]
+        declared = {key: one for key, one, _ in study.parameters()}
+        chosen = [isinstance(extent, dict) for extent in extents]
+        ends = [(0, len(one["choice"]) - 1) if isinstance(one, dict) else one for one in extents]
+        integer = [getattr(declared[key], "integer", False) for key in _search(study).searched()]
+        low, high = np.array(ends, dtype=float).T
+        return Space(low, high, np.array(chosen) | np.array(integer))
+
+    def point(self, study: Study, numbers: Iterable[float]) -> dict[str, Any]:
+        """Values of the searched keys at a point of the `space`."""
+        search, declared = _search(study), {key: one for key, one, _ in study.parameters()}
+        values: dict[str, Any] = {}
+        for key, number in zip(search.searched(), numbers, strict=True):
+            extent, one = search.over[key], declared[key]
+            whole = isinstance(one, Quantity) and one.integer
+            values[key] = (
+                extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if whole else number
+            )
+        return values
+
+    def start(self, study: Study) -> np.ndarray:
+        """Where the search begins, in the `space`: the values that stand in the study."""
+        given, over = {key: value for key, _, value in study.parameters()}, _search(study).over
+        return np.array([
+            over[key]["choice"].index(given[key]) if isinstance(over[key], dict) else given[key]
+            for key in _search(study).searched()
+        ], dtype=float)  # fmt: skip
+
+    def wrong(self, study: Study, point: Point) -> Problem | None:
+        """What speaks against a plant at a point, as mirrors that touch; None where it can be built."""
+        try:
+            return next(iter(self.single(study, point).check()), None)
+        except StudyError as error:
+            return error.problems[0]
+
+    def results(self, study: Study) -> dict[str, Variable]:
+        """Results with one number for each point, which may be sought and bounded."""
+        one = self.generation(study, [{key: _value(study, key) for key in _search(study).searched()}])
+        (swept,), sizes = one.dimensions(), self.family.workload(one).sizes
+        return {
+            name: each
+            for name, each in self.family.variables(one).items()
+            if each.dtype.kind in "fiu" and swept.name in each.dims and math.prod(sizes[dim] for dim in each.dims) == 1
+        }
+
+    def check(self, study: Study) -> Iterator[Problem]:
+        """Yield what is wrong with the results that a search names."""
+        search, known = _search(study), self.results(study)
+        others = self.family.variables(self.single(study, {}))
+        named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
+        for place, name in (*named, *((("search", "subject_to", name), name) for name in search.subject_to)):
+            if result_name(name, known) in known:
+                continue
+            if name in others:
+                along = " and ".join(others[name].dims)
+                why = f"{name} has a value for each {along}" if along else f"{name} does not depend on what is searched"
+            else:
+                why = f"{in_short(name)} is no result of this study{did_you_mean(name, known)}"
+            there = (
+                f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
+            )
+            yield study.source.problem(place, f"{why}; {there}")
+
+    def variables(self, study: Study) -> dict[str, Variable]:
+        """What is kept of each evaluation: values of the searched keys, by dotted key, and its `results`."""
+        keys = {key: Variable((EVALUATION,), {}) for key in _search(study).searched()}
+        return keys | {name: Variable((EVALUATION,), one.attrs) for name, one in self.results(study).items()}
+
+    def coordinates(self, study: Study) -> xr.Dataset:
+        """Labels that all evaluations share."""
+        labels = self.family.coordinates(self.single(study, {}))
+        varied = {*self.generation(study, [self.point(study, self.start(study))]).dimension_names().values()}
+        return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
+
+    def first(self, study: Study) -> Study:
+        """A generation as large as that of the search, at the ends of its bounds, for the plan."""
+        search, space = _search(study), self.space(study)
+        ends = [self.point(study, numbers) for numbers in (self.start(study), space.low, space.high)]
+        built = [ends[0], *(point for point in ends[1:] if self.wrong(study, point) is None)]
+        count = population(len(space), len(search.goals()))
+        return self.generation(study, list(itertools.islice(itertools.cycle(built), count)))
+
+    def workload(self, study: Study) -> Workload:
+        """Sizes and cost of all evaluations that the budget allows; a generation is held in memory, see `plan`."""
+        of_one = self.family.workload(self.first(study))
+        return Workload(
+            {EVALUATION: _search(study).budget},
+            {},
+            of_one.evaluations,
+            of_one.unit,
+            of_one.seconds,
+            lambda points, length: 0,
+            seconds_per_point=of_one.seconds_per_point,
+            axes=of_one.axes,
+        )
+
+    def plan(self, study: Study, generation: Plan) -> Plan:
+        """Plan of a search from that of a `first` generation: each evaluation is a part."""
+        work, variables = self.workload(study), self.variables(study)
+        sizes = work.sizes
+        return Plan(
+            work,
+            variables,
+            {"points": Cut(sizes, sizes, {EVALUATION: 1})},
+            {},
+            generation.workers,
+            generation.peak_memory,
+            bytes_of(variables, sizes) + EMPTY_FILE,
+            work.points * work.point_seconds / generation.workers,
+        )
+
+    def remarks(self, result: xr.Dataset) -> Iterable[str]:
+        """What the user should be told of a finished search."""
+        found: Iterable[str] = import_module("heliosweep.search.result").remarks(result)
+        return found
+
+    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
+        """Course of the search, map of the goal, front of two goals."""
+        found: Iterable[NamedFigure] = import_module("heliosweep.search.figures").figures(result)
+        return found
+
+    def tables(self, result: xr.Dataset) -> Iterable[Table]:
+        """The best evaluations."""
+        found: Iterable[Table] = import_module("heliosweep.search.result").tables(result)
+        return found
+
+    def views(self, result: xr.Dataset) -> Iterable[View]:
+        """No plots: evaluations have no order that could be zoomed into."""
+        return ()
+
+
+@cache
+def searched(family: Family) -> Searched:
+    """The search of a family."""
+    return Searched(family)
+
+
+def shown(family: Family, result: xr.Dataset) -> Searched:
+    """The search of a family that tells of one result: first of what was sought."""
+    made = Searched(family)
+    made.headlines = tuple(import_module("heliosweep.search.result").goals_of(result))
+    return made
+
+
+def result_name(name: str, known: Iterable[str]) -> str:
+    """Name of a result as it is stored: of results of a field, ``field_`` may be left out."""
+    return name if name in known or f"field_{name}" not in known else f"field_{name}"
+
+
+def _search(study: Study) -> Any:
+    assert study.search is not None
+    return study.search
+
+
+def _value(study: Study, key: str) -> Any:
+    return next(value for known, _, value in study.parameters() if known == key)
+
+
+def _with(study: Study, values: Mapping[str, Any], changes: Mapping[str, Any]) -> Study:
+    """The study without its search, with other values, and with all results of one number and none over time."""
+    output = study.output
+    wanted = dict.fromkeys(type(output).OF_POINTS, True)
+    wanted |= {name: False for name in _SERIES if name in type(output).model_fields}
+    made = study.model_copy(update={"search": None, "output": output.model_copy(update=wanted), **changes})
+    for key, value in values.items():
+        made = replaced(made, key, value)
+    return made

@@ -1,0 +1,153 @@
+"""The result of a search: every evaluation with its results, and which is the best."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.grid.regions import Variable
+from heliosweep.report.contents import Table
+from heliosweep.report.labels import title_of, unit_of, value_text
+from heliosweep.search.course import EVALUATION, front
+
+#: Nearer to a bound than this part of the range, a best value counts as on it.
+NEAR = 1e-3
+#: Best evaluations that the page lists.
+LISTED = 10
+
+_FLAGS: dict[str, tuple[str, str, str]] = {
+    "feasible": (
+        "whether the evaluation keeps all bounds",
+        "bounds_are_missed bounds_are_kept",
+        "bounds are missed too where a plant cannot be built or has no value",
+    ),
+    "best": (
+        "whether no other evaluation is better",
+        "another_is_better no_other_is_better",
+        "of two goals those of the Pareto front: no other is better in one and as good in the other",
+    ),
+}
+
+
+def missed_by(values: Mapping[str, np.ndarray], limits: Mapping[str, Any]) -> np.ndarray:
+    """By how much evaluations miss their bounds, in parts of the bounds, summed; infinite where one has no value."""
+    total = np.zeros(len(next(iter(values.values()))))
+    for name, limit in limits.items():
+        for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
+            if bound is not None:
+                total += np.maximum(sign * (bound - values[name]), 0.0) / (abs(bound) or 1.0)
+    return np.where(np.isnan(total), np.inf, total)
+
+
+def described(
+    values: Mapping[str, np.ndarray],
+    variables: Mapping[str, Variable],
+    goals: np.ndarray,
+    missed: np.ndarray,
+    generations: list[int],
+) -> tuple[dict[str, Variable], dict[str, np.ndarray]]:
+    """Variables of the result of a search, and their values.
+
+    `values` are those of the results, by name, as their `variables` say; `goals` have shape (evaluations, goals), the
+    smaller the better, and with `missed` they are those of the course.
+    """
+    found = dict(variables)
+    best = front(goals, missed)
+    arrays = {name: np.asarray(values[name], float) for name in variables}
+    words = {"long_name": "generation in which it was asked for, from 0", "units": "1"}
+    arrays["generation"] = np.array(generations, dtype=np.int32)
+    found["generation"] = Variable((EVALUATION,), words, np.dtype(np.int32))
+    for name, flags in (("feasible", missed == 0.0), ("best", best)):
+        long_name, meanings, comment = _FLAGS[name]
+        attrs = {"long_name": long_name, "units": "1", "flag_values": np.array([0, 1], np.int8)}
+        attrs |= {"flag_meanings": meanings, "comment": comment}
+        arrays[name], found[name] = flags.astype(np.int8), Variable((EVALUATION,), attrs, np.dtype(np.int8))
+    return found, arrays
+
+
+def goals_of(result: xr.Dataset) -> dict[str, bool]:
+    """Results that a search sought, by their names in the result, and whether the smallest value is the best."""
+    said = json.loads(result.attrs["study"])["search"]
+    names = [(name, way == "minimise") for way in ("maximise", "minimise") for name in said.get(way, ())]
+    return {name if name in result else f"field_{name}": least for name, least in names}
+
+
+def keys_of(result: xr.Dataset) -> dict[str, str]:
+    """Searched keys, and the names of their coordinates."""
+    return {str(one.attrs["key"]): str(name) for name, one in result.coords.items() if "key" in one.attrs}
+
+
+def best_of(result: xr.Dataset) -> int | None:
+    """Position of the best evaluation; of a front the one nearest to the best of both goals, None without any."""
+    places = np.flatnonzero(result["best"].to_numpy())
+    if not places.size:
+        return None
+    goals = np.stack([
+        result[name].to_numpy()[places] * (1.0 if least else -1.0) for name, least in goals_of(result).items()
+    ])  # fmt: skip
+    span = np.ptp(goals, axis=1)
+    shares = (goals - goals.min(axis=1)[:, None]) / np.where(span > 0, span, 1.0)[:, None]
+    return int(places[np.argmin((shares**2).sum(axis=0))])
+
+
+def so_far(result: xr.Dataset) -> np.ndarray:
+    """Best value of a single goal among the evaluations up to each; NaN before the first that keeps all bounds."""
+    ((name, least),) = goals_of(result).items()
+    kept = np.where(result["feasible"].to_numpy() == 1, result[name].to_numpy(), np.nan)
+    found: np.ndarray = (np.fmin if least else np.fmax).accumulate(kept)
+    return found
+
+
+def point_text(result: xr.Dataset, place: int) -> str:
+    """Values of the searched keys of an evaluation, in words."""
+    at = result.isel({EVALUATION: place})
+    return ", ".join(f"{title_of(at[name])} {value_text(at[name])}" for name in keys_of(result).values())
+
+
+def remarks(result: xr.Dataset) -> Iterator[str]:
+    """What the user should be told: nothing that keeps the bounds, a best value on a bound, plants without value."""
+    best, count = best_of(result), result.sizes[EVALUATION]
+    lost = int(np.isnan(np.stack([result[name].to_numpy() for name in goals_of(result)])).any(axis=0).sum())
+    if lost:
+        yield f"{lost:,} of {count:,} evaluations have no value: such a plant cannot be built, or gives none"
+    if best is None:
+        yield "no evaluation keeps all bounds of 'subject_to': search wider, or ask for less"
+        return
+    over = json.loads(result.attrs["study"])["search"]["over"]
+    for key, name in keys_of(result).items():
+        if isinstance(over[key], dict) or len(goals_of(result)) > 1:
+            continue
+        value, (low, high) = float(result[name][best]), over[key]
+        for bound, which in ((low, "lower"), (high, "upper")):
+            if abs(value - bound) <= NEAR * (high - low):
+                yield f"the best {key} is on the {which} bound of the search, {bound:g}; a better one may lie beyond"
+
+
+def tables(result: xr.Dataset) -> Iterator[Table]:
+    """The best evaluations, or the front, with the values of the searched keys."""
+    goals, keys = goals_of(result), list(keys_of(result).values())
+    signed = np.stack([result[name].to_numpy() * (1 if least else -1) for name, least in goals.items()])
+    kept = np.flatnonzero(result["feasible"].to_numpy() == 1)
+    if len(goals) > 1:
+        kept = np.flatnonzero(result["best"].to_numpy() == 1)
+    order = kept[np.argsort(signed[0][kept], kind="stable")]
+    shown = order[:LISTED] if len(goals) == 1 else order[np.unique(np.linspace(0, len(order) - 1, LISTED).astype(int))]
+    if not len(order):
+        return
+    from heliosweep.report.labels import printed
+    from heliosweep.report.sections import number_texts
+
+    columns = [
+        [value_text(result[name][place]) for place in shown] for name in keys
+    ] + [number_texts(printed(result[name])[shown], 4) for name in goals]  # fmt: skip
+    rows = [[f"{place + 1}", *cells] for place, *cells in zip(shown, *columns, strict=True)]
+    label = "The best evaluations" if len(goals) == 1 else "Along the front"
+    more = f"{len(shown)} of {len(order):,} {'that keep all bounds' if len(goals) == 1 else 'on the front'}"
+    titles = [title_of(result[name]) for name in keys], [name.replace("_", " ") for name in goals]
+    units = [*("" for _ in keys), *(unit_of(result[name]) for name in goals)]
+    words = [1 + i for i, name in enumerate(keys) if result[name].dtype.kind in "OU"]
+    yield Table(label, ["evaluation", *titles[0], *titles[1]], rows, words, [f"{more}."], ["", *units])

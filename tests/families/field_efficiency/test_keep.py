@@ -1,0 +1,178 @@
+"""A field that is cut: the best are kept, and computed as the layout that they are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from heliosweep import api
+from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency.selection import best
+from heliosweep.share.fields import layout_of, write_layout
+from heliosweep.store.read import file_digest
+from tests.families.field_efficiency.test_energy import BLOCKS
+
+DESIGN = {"day": 80, "solar_hour": 12, "dni": 950}
+RINGS = {"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 5}}
+#: A polar field with all that a year and the way of the light give.
+YEAR: dict[str, Any] = {
+    **BLOCKS,
+    "tracking": "azimuth_elevation",
+    "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 25, "heliostats": 20}},
+    "design_point": DESIGN,
+}
+PLACE = {"site": {"latitude": 40}, "tracking": "azimuth_elevation"}
+
+
+def computed(study: Any) -> xr.Dataset:
+    return api.build(study).compute()
+
+
+def by_itself(study_of: Any, blocks: dict[str, Any], cut: xr.Dataset, path: Any) -> xr.Dataset:
+    """The kept heliostats as a layout of their own."""
+    write_layout(layout_of(cut), path)
+    mirror = {key: value for key, value in blocks["heliostat"].items() if key not in ("width", "height")}
+    return computed(study_of(**{**blocks, "layout": {"file": str(path)}, "heliostat": mirror}))
+
+
+@pytest.mark.parametrize(
+    ("blocks", "keep"),
+    [
+        (YEAR, {"heliostats": 9, "by": "receiver_energy"}),
+        (YEAR | {"aim": {"strategy": "spread", "levels": 3}}, {"field_power": 0.5, "by": "energy_per_mirror_area"}),
+    ],
+)  # fmt: skip
+def test_a_cut_field_is_the_field_of_the_heliostats_that_are_kept(small, tmp_path, blocks, keep):
+    output: dict[str, Any] = {"time_series": True, "field_geometry": True, "tracking_angles": True}
+    output["flux_map"] = {"columns": 4, "rows": 3}
+    cut = computed(small(**blocks, keep=keep, output=output))
+    alone = by_itself(small, {**blocks, "output": output}, cut, tmp_path / "kept.csv")
+    rows = np.flatnonzero(cut["kept"] == 1)
+    assert 1 < rows.size < cut.sizes["heliostat"]
+    for name, values in alone.data_vars.items():
+        of = cut[name].isel(heliostat=rows) if "heliostat" in values.dims else cut[name]
+        np.testing.assert_array_equal(of, values, err_msg=str(name))
+    for name in cut.data_vars:
+        if "heliostat" in cut[name].dims and name not in ("kept", "selection_rank"):
+            assert cut[name].where(cut["kept"] == 0).isnull().all(), name
+
+
+def test_no_heliostat_is_kept_that_ranks_below_one_left_out(small):
+    keep: dict[str, Any] = {"heliostats": [10, 60], "by": ["optical_efficiency", "design_point_optical_efficiency"]}
+    cut = computed(small(layout=RINGS, keep=keep, design_point=DESIGN))
+    whole = computed(small(layout=RINGS, design_point=DESIGN))
+    for number in (10, 60):
+        here = cut.sel(kept_heliostats=number)
+        assert (here["kept"].sum("heliostat") == number).all()
+        assert (here["field_heliostats"] == number).all()
+        assert (here["selection_rank"].where(here["kept"] == 1).max("heliostat") == number).all()
+    for name in keep["by"]:
+        here, value = cut.sel(kept_by=name), whole[name]
+        assert (
+            value.where(here["kept"] == 1).min("heliostat") >= value.where(here["kept"] == 0).max("heliostat")
+        ).all()
+        ranked = here["selection_rank"].broadcast_like(here["kept"]).transpose(..., "heliostat").to_numpy() - 1
+        values = value.broadcast_like(here["kept"]).transpose(*here["kept"].dims).to_numpy()
+        values = np.moveaxis(values, here["kept"].dims.index("heliostat"), -1)
+        assert (np.diff(np.take_along_axis(values, np.argsort(ranked, axis=-1), axis=-1)) <= 0).all()
+        # Without the others, each has no more shade and no more in its way.
+        for effect in ("shading", "blocking"):
+            gain = here[f"{effect}_efficiency"] - whole[f"{effect}_efficiency"]
+            assert float(gain.min()) >= -1e-12
+            assert float(gain.max()) > 0
+
+
+def test_a_field_for_a_power_is_the_smallest_of_the_best(small):
+    study = small(**PLACE, layout=RINGS, design_point=DESIGN, keep={"field_power": 4, "by": "optical_efficiency"})
+    cut = computed(study)
+    number = int(cut["kept"].sum())
+    assert float(cut["design_point_power"]) >= 4
+    fewer = small(**PLACE, layout=RINGS, design_point=DESIGN,
+                  keep={"heliostats": number - 1, "by": "optical_efficiency"})  # fmt: skip
+    assert float(computed(fewer)["design_point_power"]) < 4
+    area = 72.0
+    power = area * 950e-6 * cut["design_point_optical_efficiency"].sum()
+    assert float(cut["design_point_power"]) == pytest.approx(float(power), rel=1e-12)
+
+
+def test_a_power_that_the_field_has_not_is_told(small, tmp_path, caplog):
+    keep = {"field_power": [4, 50], "by": "optical_efficiency"}
+    study = small(**PLACE, layout=RINGS, design_point=DESIGN, keep=keep)
+    with api.run(study, tmp_path, report=False).open() as result:
+        assert result["kept"].isel(kept_power=1).all()
+    assert "1 of 2 fields have less than keep.field_power, 8.003 MW at the most" in caplog.text
+
+
+@given(
+    values=st.lists(st.one_of(st.floats(0, 3).map(round), st.just(np.nan)), min_size=1, max_size=30),
+    number=st.integers(1, 40),
+)
+def test_ranks(values, number):
+    given = np.array(values, float)
+    found = best(given, number, None, lambda rows: 0.0)
+    assert found.rows.size == min(number, given.size)
+    assert sorted(found.rank.tolist()) == list(range(1, given.size + 1))
+    filled = np.nan_to_num(given, nan=-1.0)
+    by_rank = filled[np.argsort(found.rank)]
+    assert (np.diff(by_rank) <= 0).all()
+    assert set(found.rows) == set(np.flatnonzero(found.rank <= number))
+
+
+@given(each=st.lists(st.floats(0.1, 2), min_size=1, max_size=40), wanted=st.floats(0.05, 60))
+def test_the_fewest_for_a_power(each, wanted):
+    power = np.array(each)
+    found = best(power, None, wanted, lambda rows: float(power[rows].sum()))
+    reached = np.cumsum(np.sort(power)[::-1])
+    expected = min(int(np.searchsorted(reached, wanted)) + 1, power.size)
+    assert abs(found.rows.size - expected) <= (min(abs(reached - wanted)) < 1e-9)
+
+
+def test_the_same_bytes_whatever_computes_them(small, tmp_path):
+    digests = set()
+    executions: list[dict[str, Any]] = [
+        {"scheduler": "synchronous"}, {"scheduler": "processes", "workers": 2},
+        {"scheduler": "threads", "workers": 3, "chunks": {"kept_heliostats": 1, "time": 3, "latitude": 1}},
+    ]  # fmt: skip
+    for number, execution in enumerate(executions):
+        study = small(
+            keep={"heliostats": [10, 30], "by": "optical_efficiency"}, execution=execution, output={"time_series": True}
+        )
+        digests.add(file_digest(api.run(study, tmp_path / str(number), report=False).path))
+    assert len(digests) == 1
+
+
+def test_at_night_the_first_are_kept(small):
+    dark = small(site={"latitude": [0, 80]}, time={"clock": "solar", "days": [355], "hours": [10, 12]},
+                 keep={"heliostats": 7, "by": "optical_efficiency"})  # fmt: skip
+    cut = computed(dark).sel(latitude=80)
+    assert cut["kept"].isel(heliostat=slice(7)).all()
+    assert float(cut["kept"].sum("heliostat").max()) == 7
+    assert cut["field_optical_efficiency"].isnull().all()
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ({"keep": {"by": "optical_efficiency"}}, "keep: give exactly one of 'heliostats' and 'field_power'"),
+        ({"keep": {"heliostats": 3}}, "keep.by: is missing: Result by which heliostats are ranked"),
+        ({"keep": {"heliostats": 49, "by": "optical_efficiency"}},
+         r"keep.heliostats: must be at most the heliostats of the layout, 48: generate more \(got 49\)"),
+        ({"keep": {"heliostats": 3, "by": "receiver_energy"}}, "keep.by: needs 'weather' for receiver_energy; add it"),
+        ({"keep": {"heliostats": 3, "by": ["optical_efficiency", "total_efficiency"]}}, "keep.by: needs 'optics'"),
+        ({"keep": {"field_power": 3, "by": "optical_efficiency"}}, "keep.field_power: is at the design point: give"),
+        ({"keep": {"field_power": "3 m", "by": "optical_efficiency"}}, "keep.field_power: must be a power in MW"),
+        ({"keep": {"heliostats": 3, "by": "energy"}}, "keep.by: unknown choice"),
+        ({"keep": {"heliostats": 3, "by": "optical_efficiency"}, "site": None,
+          "time": {"clock": "sun", "azimuth": 180, "elevation": 40}}, "keep: ranks over a period at a site: run that"),
+        ({"keep": {"heliostats": 3, "by": "optical_efficiency"}, "time": {"clock": "solar", "days": 80, "hours": 12},
+          "output": {"outlines": 2}}, "output.outlines: are for a field that is not cut"),
+    ],
+)  # fmt: skip
+def test_bad_input(small, blocks, message):
+    with pytest.raises(StudyError, match=message):
+        small(**blocks)

@@ -1,0 +1,198 @@
+"""Where heliostats may stand: sectors, polygons in both forms, and heights of the ground."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import RegularGridInterpolator
+
+from heliosweep.errors import StudyError
+from heliosweep.layouts import Zone, radial_stagger
+from heliosweep.layouts.ground import Region, heights_at, read_area, read_heights, region_of, slope_heights
+from heliosweep.layouts.patterns import rows, spiral
+
+SQUARE = [[-200, -50], [200, -50], [200, 300], [-200, 300], [-200, -50]]
+HOLE = [[-50, 100], [50, 100], [50, 200], [-50, 200], [-50, 100]]
+
+
+def wkt(*rings: list[list[int]]) -> str:
+    return f"POLYGON ({', '.join('(' + ', '.join(f'{x} {y}' for x, y in ring) + ')' for ring in rings)})"
+
+
+def saved(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@given(
+    sectors=st.lists(st.tuples(st.floats(-360, 360), st.floats(1, 360)), min_size=1, max_size=4),
+    rings=st.integers(1, 8),
+)
+def test_sectors_leave_the_rings_of_the_whole_field(sectors, rings):
+    whole, region = radial_stagger(13, 50, rings=rings), Region(tuple(sectors))
+    azimuth = whole.columns["azimuth"]
+    there = np.zeros(len(whole), bool)
+    for middle, width in sectors:
+        low = (middle - width / 2) % 360
+        there |= ((azimuth - low) % 360 <= width + 1e-7) | ((azimuth - low) % 360 >= 360 - 1e-7)
+    if not there.any():
+        with pytest.raises(StudyError, match="leaves no room"):
+            radial_stagger(13, 50, rings=rings, region=region)
+        return
+    part = radial_stagger(13, 50, rings=rings, region=region)
+    for name, values in (("x", part.x), ("y", part.y), *part.columns.items()):
+        of = getattr(whole, name) if name in "xy" else whole.columns[name]
+        np.testing.assert_array_equal(values, of[there])
+
+
+@given(number=st.integers(1, 600), width=st.floats(20, 200))
+def test_a_polar_field_has_as_many_as_asked(number, width):
+    region = Region(((0.0, width),))
+    layout = radial_stagger(13, 50, heliostats=number, region=region)
+    assert len(layout) == number
+    assert region.inside(layout.x, layout.y).all()
+    # Those of the last ring are nearest to north, and all others of the rings before are there.
+    last = layout.columns["ring"][-1]
+    before = radial_stagger(13, 50, rings=int(last), region=region)
+    full = before.columns["ring"] < last
+    np.testing.assert_array_equal(layout.x[layout.columns["ring"] < last], before.x[full])
+
+
+@pytest.mark.parametrize("form", ["wkt", "polygon", "feature", "collection"])
+def test_polygons_in_all_forms(tmp_path, form):
+    polygon = {"type": "Polygon", "coordinates": [SQUARE, HOLE]}
+    feature = {"type": "Feature", "properties": {}, "geometry": polygon}
+    texts = {
+        "wkt": "# the site\n" + wkt(SQUARE, HOLE),
+        "polygon": json.dumps(polygon),
+        "feature": json.dumps(feature),
+        "collection": json.dumps({"type": "FeatureCollection", "features": [feature]}),
+    }
+    region = Region((), read_area(saved(tmp_path / "site.txt", texts[form]), "boundary"))
+    for layout in (
+        radial_stagger(13, 50, region=region),
+        spiral(5.0, 0.6, 50.0, region=region),
+        rows(13.0, 13.0, 50.0, region=region),
+        radial_stagger(13, zones=[Zone(50, 6)], region=region),
+    ):
+        inside = (abs(layout.x) < 200) & (layout.y > -50) & (layout.y < 300)
+        assert inside.all()
+        assert not ((abs(layout.x) < 50) & (layout.y > 100) & (layout.y < 200)).any()
+    # Filled: no place of the endless field is left out.
+    whole = radial_stagger(13, 50, rings=40)
+    there = (abs(whole.x) < 200) & (whole.y > -50) & (whole.y < 300)
+    hole = (abs(whole.x) <= 50) & (abs(whole.y - 150) <= 50)
+    assert len(radial_stagger(13, 50, region=region)) == int((there & ~hole).sum())
+
+
+def test_a_road_through_the_field(tmp_path):
+    road = saved(tmp_path / "road.wkt", wkt([[-500, 90], [500, 90], [500, 110], [-500, 110], [-500, 90]]))
+    region = region_of((), None, road, (None, 0))
+    layout, whole = (radial_stagger(13, 50, rings=8, region=one) for one in (region, None))
+    assert len(layout) == (abs(whole.y - 100) > 10).sum() < len(whole)
+    assert abs(layout.y - 100).min() > 10
+    assert len(radial_stagger(13, 50, heliostats=250, region=region)) == 250
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("POLYGON ((0 0, 100 100, 100 0, 0 100, 0 0))", "crosses itself at 50, 50; list the corners"),
+        ("POLYGON ((0 0, 1 1", "is no WKT: "),
+        ("", "is no WKT: "),
+        ("POLYGON EMPTY", r"must hold polygons \(got none\)"),
+        ("POLYGON ((0 0, 1 1, 2 2, 0 0))", "Too few points|Self-intersection|crosses itself"),
+        ("LINESTRING (0 0, 9 9)", r"must hold polygons \(got a LineString\)"),
+        ("POLYGON ((500000 4000000, 501000 4000000, 501000 4001000, 500000 4000000))", "out of any field"),
+        ("POLYGON ((nan 0, 1 1, 1 0, nan 0))", "out of any field|is no WKT"),
+        ('{"type": "Polygon"}', "is no GeoJSON: "),
+        ('{"type": "FeatureCollection", "features": []}', r"must hold polygons \(got none\)"),
+    ],
+)
+def test_polygons_that_are_wrong(tmp_path, text, message):
+    with pytest.raises(StudyError, match=message) as raised:
+        read_area(saved(tmp_path / "site.txt", text), "boundary")
+    assert raised.value.problems[0].key == "boundary"
+
+
+def test_no_room(tmp_path):
+    far = saved(tmp_path / "far.wkt", "POLYGON ((900 900, 900.1 900, 900 900.1, 900 900))")
+    with pytest.raises(StudyError, match="boundary: leaves no room"):
+        radial_stagger(13, 50, region=region_of((), far, None, (0, None)))
+    site, all_of_it = (
+        saved(tmp_path / f"{side}.wkt", shapely.box(-side, -side, side, side).wkt) for side in (100, 1000)
+    )
+    with pytest.raises(StudyError, match="exclude: leaves no room: it covers the whole boundary"):
+        region_of((), site, all_of_it, (0, 0))
+    small = region_of((), site, None, (0, None))
+    fit = len(radial_stagger(13, 50, region=small))
+    for generate in (lambda n: radial_stagger(13, 50, heliostats=n, region=small),):
+        assert len(generate(fit)) == fit
+        with pytest.raises(StudyError, match=rf"heliostats: only {fit} fit \(got {fit + 1}\)"):
+            generate(fit + 1)
+
+
+def grid(path: Path, x: np.ndarray, y: np.ndarray, heights: np.ndarray, **attrs: str) -> Path:
+    data = xr.Dataset({"elevation": (("y", "x"), heights)}, coords={"x": ("x", x, attrs), "y": ("y", y)})
+    data.to_netcdf(path)
+    return path
+
+
+def test_heights_are_bilinear(tmp_path):
+    rng = np.random.default_rng(3)
+    x, y = np.sort(rng.uniform(-500, 500, 30)), np.linspace(-400, 400, 17)
+    level = rng.uniform(100, 140, (17, 30))
+    places = rng.uniform(-1, 1, (200, 2)) * [min(-x[0], x[-1]), 400]
+    oracle = RegularGridInterpolator((y, x), level)
+    expected = oracle(places[:, ::-1]) - oracle([[0.0, 0.0]])
+    files = [
+        grid(tmp_path / "a.nc", x, y, level),
+        grid(tmp_path / "b.nc", x[::-1], y[::-1], level[::-1, ::-1], units="m"),
+    ]
+    for path in files:
+        heights = read_heights(path, None)
+        np.testing.assert_allclose(heights_at(heights, path.name, *places.T), expected, atol=1e-9)
+
+
+def test_even_ground_falls_towards_its_azimuth():
+    east = slope_heights(np.array([100.0, 0.0]), np.array([0.0, 100.0]), 5.0, 90.0)
+    np.testing.assert_allclose(east, [-8.748866, 0.0], atol=1e-6)
+    north = slope_heights(np.array([0.0]), np.array([100.0]), 5.0, 180.0)
+    assert north == pytest.approx([8.748866], abs=1e-6)
+
+
+def test_heights_that_are_wrong(tmp_path):
+    x = np.linspace(-100, 100, 5)
+    path = grid(tmp_path / "small.nc", x, x, np.zeros((5, 5)))
+    with pytest.raises(StudyError, match=r"2 of 3 heliostats beyond its heights, x from -100 to 100 m"):
+        heights_at(read_heights(path, None), "small.nc", np.array([0.0, 101, -200]), np.zeros(3))
+    away = grid(tmp_path / "away.nc", x + 500, x, np.zeros((5, 5)))
+    with pytest.raises(StudyError, match="the tower beyond its heights"):
+        heights_at(read_heights(away, None), "away.nc", np.array([500.0, 510]), np.zeros(2))
+    gap = np.zeros((5, 5))
+    gap[4, 4] = np.nan
+    holes = read_heights(grid(tmp_path / "gap.nc", x, x, gap), None)
+    with pytest.raises(StudyError, match="1 of 2 heliostats"):
+        heights_at(holes, "gap.nc", np.array([0.0, 99]), np.array([0.0, 99]))
+    degrees = grid(tmp_path / "degrees.nc", x, x, gap, units="degrees_east")
+    single = grid(tmp_path / "single.nc", x[:1], x, gap[:, :1])
+    twice = grid(tmp_path / "twice.nc", np.array([0, 1, 1, 2, 3.0]), x, gap)
+    text = saved(tmp_path / "text.nc", "x,y\n")
+    other = tmp_path / "other.nc"
+    xr.Dataset({"z": ("i", x)}).to_netcdf(other)
+    for file, message in (
+        (degrees, r"x in m \(got degrees_east\)"),
+        (single, "at least two values"),
+        (twice, "rise or fall all along"),
+        (text, "is no NetCDF file"),
+        (other, r"one variable over x and y, .*got z\(i\)"),
+    ):
+        with pytest.raises(StudyError, match=message):
+            read_heights(file, None)

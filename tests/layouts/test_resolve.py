@@ -1,0 +1,124 @@
+"""The layouts that a study names: swept keys of generators and of the ground, spacings that follow the plant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heliosweep import api
+from heliosweep.errors import StudyError
+from heliosweep.grid.layout_axis import longest
+from heliosweep.layouts.resolve import Layouts
+
+RINGS = {"clearance": 13, "inner_radius": 50}
+PLACE: dict[str, Any] = {"site": {"latitude": 40}, "tracking": "azimuth_elevation"}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("site.wkt").write_text("POLYGON ((-120 -20, 120 -20, 120 180, -120 180, -120 -20))")
+    Path("narrow.wkt").write_text("POLYGON ((-60 -20, 60 -20, 60 180, -60 180, -60 -20))")
+
+
+@pytest.mark.parametrize(
+    ("layout", "dims"),
+    [
+        ({"spiral": {"a": [6, 7], "b": [0.6, 0.7], "inner_radius": 50, "heliostats": 40}}, ["spiral_a", "spiral_b"]),
+        ({"spiral": {"a": 6, "b": 0.6, "inner_radius": [40, 50], "heliostats": [30, 40]}},
+         ["inner_radius", "heliostat_count"]),
+        ({"rows": {"spacing": [14, 15], "distance": [13, 14], "inner_radius": 40, "heliostats": 40}},
+         ["row_spacing", "row_distance"]),
+        ({"rows": {"spacing": 14, "distance": 13, "azimuth": [0, 30], "pattern": ["straight", "staggered"],
+                   "inner_radius": 40, "heliostats": 40}}, ["row_azimuth", "pattern"]),
+        ({"radial_stagger": {**RINGS, "rings": 2}, "sectors": [{"azimuth": [0, 90], "width": 60},
+                                                              {"azimuth": 180, "width": [20, 50]}]},
+         ["sector_azimuth", "sector_width"]),
+        ({"radial_stagger": RINGS, "boundary": ["site.wkt", "narrow.wkt"]}, ["boundary"]),
+        ({"radial_stagger": {**RINGS, "rings": 2}, "terrain": {"slope": [0, 5], "azimuth": [0, 180]}},
+         ["terrain_slope", "terrain_azimuth"]),
+        ({"radial_stagger": {**RINGS, "rings": 2, "spacing": ["delsol", "no_blocking"]}}, ["spacing"]),
+    ],
+)  # fmt: skip
+def test_every_key_can_be_swept(small, layout, dims):
+    study = small(**PLACE, layout=layout, receiver={"height": 90})
+    layouts = Layouts(study)
+    assert [dim.name for dim in layouts.dimensions] == dims
+    made = list(layouts)
+    assert longest(study) == max(map(len, made))
+    different = {(one.x.tobytes(), one.y.tobytes(), one.z.tobytes()) for one in made}
+    assert len(different) == len(made) - (2 - 1 if dims[0] == "terrain_slope" else 0)  # level ground has no azimuth
+    result = api.build(study)
+    assert set(result["x"].dims) == {*dims, "heliostat"}
+    count = result["x"].notnull().sum("heliostat")
+    np.testing.assert_array_equal(count.transpose(*dims).to_numpy().ravel(), [len(one) for one in made])
+
+
+def test_shorter_layouts_of_a_sweep_are_computed_as_by_themselves(small):
+    swept = api.build(
+        small(**PLACE, layout={"radial_stagger": RINGS, "boundary": ["site.wkt", "narrow.wkt"]})
+    ).compute()
+    alone = api.build(small(**PLACE, layout={"radial_stagger": RINGS, "boundary": "narrow.wkt"})).compute()
+    here = swept.sel(boundary="narrow.wkt").isel(heliostat=slice(alone.sizes["heliostat"]))
+    np.testing.assert_array_equal(here["optical_efficiency"], alone["optical_efficiency"])
+    assert float(swept["field_optical_efficiency"].sel(boundary="narrow.wkt")) == float(
+        alone["field_optical_efficiency"]
+    )
+
+
+def test_a_spacing_follows_the_tower_and_the_mirror(small):
+    rings = {"radial_stagger": {**RINGS, "rings": 6, "spacing": "delsol"}}
+    study = small(
+        **PLACE,
+        layout=rings,
+        receiver={"height": [60, 120]},
+        heliostat={"width": [6, 8], "height": 8, "pivot_height": 5},
+    )
+    result = api.build(study)
+    assert set(result["x"].dims) == {"receiver_height", "heliostat_width", "heliostat"}
+    radius: Any = np.hypot(result["x"], result["y"])
+    radius = radius.max("heliostat")
+    assert (radius.sel(receiver_height=60) > radius.sel(receiver_height=120)).all()
+    count = result["x"].notnull().sum("heliostat")
+    assert (count.sel(heliostat_width=6) > count.sel(heliostat_width=8)).all()
+    again = small(
+        **PLACE, layout=rings, receiver={"height": 120}, heliostat={"width": 6, "height": 8, "pivot_height": 5}
+    )
+    alone, swept = api.build(again).compute(), result.sel(receiver_height=120, heliostat_width=6).compute()
+    length = alone.sizes["heliostat"]
+    np.testing.assert_array_equal(
+        swept["optical_efficiency"].isel(heliostat=slice(length)), alone["optical_efficiency"]
+    )
+    assert swept["x"].isel(heliostat=slice(length, None)).isnull().all()
+
+
+def test_a_spacing_needs_the_plant(small):
+    rings = {"radial_stagger": {**RINGS, "rings": 6, "spacing": "no_blocking"}}
+    with pytest.raises(StudyError, match=r"spacing: needs a receiver higher than 13 m, a mirror above their centres"):
+        small(layout=rings, receiver={"height": 12})
+    with pytest.raises(StudyError, match=r"spacing: needs heliostat.width, which this study does not give"):
+        small(layout=rings, heliostat={"height": 8, "pivot_height": 5})
+
+
+def test_terrain_raises_the_mirrors(small):
+    layout = {"radial_stagger": {**RINGS, "rings": 2}, "terrain": {"slope": 4, "azimuth": 180}}
+    result = api.build(small(**PLACE, layout=layout)).compute()
+    np.testing.assert_allclose(result["z"], np.tan(np.radians(4)) * result["y"], atol=1e-12)
+    level = api.build(small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}})).compute()
+    assert float(result["field_shading_efficiency"]) != float(level["field_shading_efficiency"])
+
+
+def test_ids_depend_on_what_files_say_and_not_on_new_keys(small):
+    plain = small(**PLACE)
+    assert "keep" not in plain.canonical()
+    assert plain.canonical()["layout"] == {"radial_stagger": {"clearance": 13.0, "inner_radius": 50.0, "rings": 2}}
+    bounded = {"radial_stagger": RINGS, "boundary": "site.wkt"}
+    first = small(**PLACE, layout=bounded).study_id
+    text = Path("site.wkt").read_text()
+    Path("site.wkt").write_text("# drawn again\n" + text)
+    assert small(**PLACE, layout=bounded).study_id == first
+    Path("site.wkt").write_text(text.replace("180", "190"))
+    assert small(**PLACE, layout=bounded).study_id != first

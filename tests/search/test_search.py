@@ -1,0 +1,359 @@
+"""A search through the public face: the best point, killed and resumed, engines, what it leaves, what it refuses."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import heliosweep
+from heliosweep import api
+from heliosweep.config.study import Study
+from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
+from heliosweep.families.family import families
+from heliosweep.runs.search import SearchRun
+from heliosweep.runs.status import status_of
+from heliosweep.runs.verify import verify
+from heliosweep.search.result import best_of, remarks
+from heliosweep.share.archive import pack_result
+from tests.conftest import SMALL
+
+CLEARANCE, HEIGHT = "layout.radial_stagger.clearance", "receiver.height"
+SEARCH: dict[str, Any] = {
+    "maximise": "field_optical_efficiency",
+    "over": {HEIGHT: [30, 90], CLEARANCE: [13, 30]},
+    "budget": 60,
+    "seed": 1,
+}
+ONE: dict[str, Any] = {
+    **SMALL,
+    "site": {"latitude": 35},
+    "tracking": "azimuth_elevation",
+    "layout": {"radial_stagger": {"inner_radius": 50, "heliostats": 30}},
+    "receiver": {"height": 60},
+}
+
+
+def study(**search: Any) -> Study:
+    said = {key: value for key, value in {**SEARCH, **search}.items() if value is not None}
+    return heliosweep.load({**ONE, "search": said})
+
+
+def run(folder: Path, **search: Any) -> api.Result:
+    return api.run(study(**search), folder, report=False)
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("search") / "result")
+
+
+@pytest.fixture
+def result(ran):
+    with ran.open() as data:
+        yield data
+
+
+def test_the_best_of_a_coarse_sweep_is_no_better(result, tmp_path):
+    swept = {**ONE, "receiver": {"height": [30, 50, 70, 90]}}
+    swept["layout"] = {"radial_stagger": {"inner_radius": 50, "heliostats": 30, "clearance": [13, 16, 20, 25, 30]}}
+    coarse = api.build(swept).field_optical_efficiency.max().compute().item()
+    found = result.field_optical_efficiency.to_numpy()
+    assert found[best_of(result)] == found.max() >= coarse
+    assert found.max() - np.median(found[:20]) > 0.01
+
+
+def test_each_evaluation_is_what_the_study_gives_there(result):
+    for place in (0, 7, best_of(result)):
+        at = result.isel(evaluation=place)
+        one = {**ONE, "receiver": {"height": at.receiver_height.item()}}
+        one["layout"] = {"radial_stagger": {"inner_radius": 50, "heliostats": 30, "clearance": at.clearance.item()}}
+        alone = api.build({**one, "output": {"field_geometry": True}}).compute()
+        for name in ("field_optical_efficiency", "field_land_area", "field_heliostats"):
+            assert at[name].item() == alone[name].item()
+    assert result.evaluation.to_numpy().tolist() == [*range(1, result.sizes["evaluation"] + 1)]
+    assert result.receiver_height[0] == 60.0  # where the study stood
+    assert result.clearance[0] == 21.5  # the middle
+    assert result.generation.to_numpy()[:20].tolist() == 20 * [0]
+    assert result.receiver_height.attrs["key"] == HEIGHT
+
+
+def test_best_yaml_runs_by_itself(ran, result):
+    best = best_of(result)
+    assert best is not None
+    again = api.build(api.load(ran.folder / "best.yaml")).field_optical_efficiency.compute().item()
+    assert again == result.field_optical_efficiency[best].item()
+    assert f"Evaluation {best + 1} of the search" in (ran.folder / "best.yaml").read_text()
+    assert "search" not in yaml.safe_load((ran.folder / "best.yaml").read_text())
+
+
+def test_a_best_value_on_a_bound_is_said(result):
+    assert result.receiver_height[best_of(result)] == 90
+    (said,) = remarks(result)
+    assert said == f"the best {HEIGHT} is on the upper bound of the search, 90; a better one may lie beyond"
+
+
+def test_the_result_folder_is_that_of_any_study(ran, tmp_path):
+    assert verify(ran.folder).ok
+    assert status_of(ran.folder).state == "complete"
+    assert api.run(study(), ran.folder, report=False).seconds == {}  # found
+    planned = api.plan(study())
+    assert planned.part_count == SEARCH["budget"]
+    assert "evaluation 60" in planned.in_words()["dimensions"]
+    again = api.load(ran.folder / "study.resolved.yaml")
+    assert again.study_id == study().study_id
+
+
+def test_the_page_tells_of_the_best(ran):
+    page = api.report(ran.folder).read_text()
+    assert "The best evaluations" in page or "evaluation</th>" in page
+    assert {path.name for path in (ran.folder / "figures").glob("*.png")} == {"course.png", "map.png"}
+    assert "is on the upper bound" in page
+
+
+def test_a_notebook_shows_the_figures_and_the_archive_has_the_study(ran, result, tmp_path):
+    assert [one.name for one in result.heliosweep.figures()] == ["course", "map"]
+    assert result.heliosweep.study.study_id == study().study_id
+    archive = pack_result(ran.folder, tmp_path / "packed.zip")
+    assert any(name.endswith("study.yaml") for name in zipfile.ZipFile(archive).namelist())
+
+
+class Stop(BaseException):
+    """What kills a run."""
+
+
+@pytest.mark.parametrize("at", [1, 4])
+def test_killed_and_resumed_to_the_same_bytes(ran, tmp_path, monkeypatch, at):
+    evaluated, asked = SearchRun._evaluated, list[int]()
+
+    def counted(self: SearchRun, points: np.ndarray, *rest: Any) -> Any:
+        asked.append(len(points))
+        if len(asked) == at + 1:
+            shutil.copytree(tmp_path / "first", tmp_path / "killed")  # as the disk is then
+            raise Stop
+        return evaluated(self, points, *rest)
+
+    monkeypatch.setattr(SearchRun, "_evaluated", counted)
+    with pytest.raises(Stop):
+        run(tmp_path / "first")
+    before = sum(asked[:at])
+    assert status_of(tmp_path / "first").done == before
+    assert "are done" in verify(tmp_path / "first").text
+    asked.clear()
+    asked += [0] * (at + 1)  # lets all through
+    again = run(tmp_path / "killed")
+    assert again.path.read_bytes() == ran.path.read_bytes()
+    assert (again.folder / "best.yaml").read_text() == (ran.folder / "best.yaml").read_text()
+    with again.open() as data:
+        assert sum(asked) == data.sizes["evaluation"] - before
+
+
+def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch):
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SearchRun, "_evaluated", interrupted)
+    with pytest.raises(RunInterrupted, match="run the same command again to go on"):
+        run(tmp_path / "first")
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # of a cluster's sockets, which are closed after it
+@pytest.mark.parametrize("scheduler", ["synchronous", "processes", pytest.param("distributed", marks=pytest.mark.long)])
+def test_the_same_bytes_by_any_engine(ran, tmp_path, scheduler):
+    said = {**ONE, "search": SEARCH, "execution": {"scheduler": scheduler, "workers": 2, "chunks": {"heliostat": 9}}}
+    assert api.run(said, tmp_path / "other", report=False).path.read_bytes() == ran.path.read_bytes()
+
+
+def test_words_may_change_without_a_new_evaluation(ran, tmp_path, monkeypatch):
+    shutil.copytree(ran.folder, tmp_path / "other")
+    monkeypatch.setattr(SearchRun, "_evaluated", lambda *_: pytest.fail("computed again"))
+    renamed = heliosweep.load({**ONE, "search": SEARCH, "title": "another title"})
+    with api.run(renamed, tmp_path / "other", report=False).open() as data, ran.open() as before:
+        assert data.attrs["title"] == "another title"
+        assert np.array_equal(data.field_optical_efficiency, before.field_optical_efficiency)
+
+
+def test_two_goals_names_and_bounds(tmp_path):
+    found = run(
+        tmp_path / "front",
+        minimise=["land_area"],
+        over={**SEARCH["over"], "tracking": {"choice": ["azimuth_elevation", "spinning_elevation"]}},
+        subject_to={"heliostats": {"at_least": 20}, "field_land_area": {"at_most": 20000}},
+        budget=90,
+    )
+    with found.open() as data:
+        best, land = data.best.to_numpy() == 1, data.field_land_area.to_numpy()
+        assert best.sum() > 3
+        assert np.array_equal(data.feasible == 1, (land <= 20000))
+        assert not (best & (land > 20000)).any()
+        efficiency = data.field_optical_efficiency.to_numpy()
+        order = np.argsort(land[best])
+        assert np.all(np.diff(efficiency[best][order]) > 0)
+        assert {*data.tracking.to_numpy().tolist()} == {"azimuth_elevation", "spinning_elevation"}
+        assert data.attrs["study_id"] == json_id(found.folder)
+    page = api.report(found.folder).read_text()
+    assert "Along the front" in page or "on the front" in page
+
+
+def json_id(folder: Path) -> str:
+    return api.load(folder / "study.resolved.yaml").study_id
+
+
+def test_plants_that_cannot_be_built_are_passed_over(tmp_path):
+    """Mirrors of 9 x 8 m whose centres are nearer than 8 m are in each other, however they turn."""
+    found = run(tmp_path / "result", maximise=None, minimise="field_land_area", over={CLEARANCE: [5, 30]}, budget=40)
+    with found.open() as data:
+        lost = np.isnan(data.field_land_area.to_numpy())
+        assert np.array_equal(lost, data.clearance.to_numpy() < 8)
+        assert lost.any()
+        assert 8 <= data.clearance[best_of(data)] < 8.1
+        assert "cannot be built" in " ".join(remarks(data))
+
+
+def test_nothing_keeps_the_bounds(tmp_path):
+    found = run(tmp_path / "result", subject_to={"optical_efficiency": {"at_least": 0.999}}, budget=20)
+    with found.open() as data:
+        assert best_of(data) is None
+        assert "no evaluation keeps all bounds" in " ".join(remarks(data))
+    assert not (found.folder / "best.yaml").exists()
+    api.report(found.folder)
+
+
+def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypatch):
+    evaluated, calls = SearchRun._evaluated, list[int]()
+
+    def failing(self: SearchRun, points: np.ndarray, *rest: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 2:
+            monkeypatch.setattr("heliosweep.families.field_efficiency.compute.compute", broken)
+        return evaluated(self, points, *rest)
+
+    def broken(*_: Any) -> None:
+        raise ArithmeticError("broken")
+
+    monkeypatch.setattr(SearchRun, "_evaluated", failing)
+    with pytest.raises(HeliosweepError, match=r"evaluations 21 to \d+ failed 3 times \(ArithmeticError: broken\)"):
+        run(tmp_path / "result")
+    assert status_of(tmp_path / "result").done == 20
+
+
+def test_a_search_that_does_not_fit_is_refused():
+    said = {**ONE, "search": SEARCH, "execution": {"memory": "300 MB"}}
+    with pytest.raises(PlanError, match="refused"):
+        api.plan(said)
+
+
+def test_a_search_has_no_lazy_result():
+    with pytest.raises(StudyError, match="search: has no result before it is run"):
+        api.build(study())
+
+
+def test_the_worst_direction_of_a_tilt(tmp_path):
+    """Another family, on real dates: no direction of a fine sweep is worse than the one that is found."""
+    content = yaml.safe_load(families()["dish_tracking"].example())
+    del content["statistics"]
+    swept = {**content, "errors": {"axis_tilt": 0.1, "axis_tilt_direction": {"start": 0, "stop": 355, "step": 5}}}
+    worst = api.build(swept).effective_tracking_factor_min.min().compute().item()
+    search = {
+        "minimise": "effective_tracking_factor_min",
+        "over": {"errors.axis_tilt_direction": [0, 360]},
+        "budget": 50,
+    }
+    with api.run(
+        {**content, "errors": {"axis_tilt": 0.1}, "search": search}, tmp_path / "r", report=False
+    ).open() as data:
+        found = data.effective_tracking_factor_min.to_numpy()
+        assert worst - 0.01 < found[best_of(data)] == found.min() <= worst
+
+
+def test_results_along_dimensions_of_one_value_count_as_one_number(tmp_path):
+    content = yaml.safe_load(families()["misalignment"].example())
+    content["error"] = {"source": "encoder", "axis": "elevation", "size": 1}
+    content["heliostats"] = {"positions": [[-120, 300, 0]]}
+    search = {"maximise": "least_tolerance", "over": {"receiver.tilt": [-60, 60]}, "budget": 30}
+    with api.run({**content, "search": search}, tmp_path / "r", report=False).open() as data:
+        assert data.least_tolerance.dims == ("evaluation",)
+        assert data.least_tolerance.max() == data.least_tolerance[best_of(data)] > data.least_tolerance[0]
+    with pytest.raises(StudyError, match=r"search\.maximise: spot_y has a value for each heliostat and day and hour"):
+        heliosweep.load({**content, "error": content["error"], "search": {**search, "maximise": "spot_y"}})
+
+
+BAD = [
+    ({"maximise": "field_optcal_efficiency"}, "search.maximise: field_optcal_efficiency is no result of this study; "
+     "did you mean 'field_optical_efficiency'?; results of one number are field_cosine_efficiency, "),
+    ({"maximise": "optical_efficiencies"}, "search.maximise: optical_efficiencies is no result of this study"),
+    ({"maximise": "cosine_efficiency_"}, "is no result of this study"),
+    ({"minimise": "field_optical_efficiency"}, "search.minimise: is maximised too; leave one out"),
+    ({"maximise": None}, "search: give one result to 'maximise' or 'minimise', or two for a front of best compromises"),
+    ({"maximise": ["a", "b"], "minimise": "c"}, "search: give one result to 'maximise' or 'minimise', or two"),
+    ({"maximise": 3}, "search.maximise: must be the name of a result, or a list of two (got 3)"),
+    ({"subject_to": {"gold": {"at_least": 1}}}, "search.subject_to.gold: gold is no result of this study; "
+     "results of one number are "),
+    ({"subject_to": {"heliostats": {}}}, "search.subject_to.heliostats: give 'at_least', 'at_most' or both"),
+    ({"subject_to": {"heliostats": {"at_least": 3, "at_most": 2}}}, "at_least: must not be larger than 'at_most'"),
+    ({"over": {}}, "search.over: must not be empty"),
+    ({"over": {"receiver.hight": [30, 90]}}, "search.over.receiver.hight: is no key to search; did you mean "
+     "'receiver.height'?"),
+    ({"over": {"time.hours": [8, 16]}}, "search.over.time.hours: is no key to search"),
+    ({"over": {"layout.file": {"choice": ["a.csv", "b.csv"]}}}, "search.over.layout.file: is no key to search"),
+    ({"over": {HEIGHT: [90, 30]}}, "search.over.receiver.height: the first number must be smaller than the second"),
+    ({"over": {HEIGHT: [60, 60.00000001]}}, "search.over.receiver.height: the numbers are too near to each other"),
+    ({"over": {HEIGHT: [1e-320, 2e-320]}}, "search.over.receiver.height: the numbers are too near to each other"),
+    ({"over": {HEIGHT: [-3, 90]}}, "search.over.receiver.height[0]: must be greater than 0 m"),
+    ({"over": {HEIGHT: ["30 kg", 90]}}, "search.over.receiver.height[0]: unknown unit 'kg'; use 'm'"),
+    ({"over": {HEIGHT: [60]}}, "search.over.receiver.height: must be the least and the largest value: write"),
+    ({"over": {HEIGHT: [60, float("nan")]}}, "search.over.receiver.height[1]: must be a finite number"),
+    ({"over": {HEIGHT: [70, 90]}}, "receiver.height: is where the search begins: must be between 70 and 90, its"),
+    ({"over": {"tracking": ["a", "b"]}}, "search.over.tracking: is a name: write {choice: [...]}"),
+    ({"over": {"tracking": {"choice": ["azimuth_elevation", "sideways"]}}}, "tracking.choice[1]: unknown choice"),
+    ({"over": {"tracking": {"choice": ["azimuth_elevation"]}}}, "choice: must be a list of at least two values"),
+    ({"over": {"tracking": {"choices": ["azimuth_elevation"]}}}, "unknown key; did you mean 'choice'?"),
+    ({"budget": 19}, "search.budget: must be at least 20, one generation of a search over 2 keys (got 19)"),
+    ({"budget": 2.5}, "search.budget: must be a whole number (got 2.5)"),
+    ({"seed": -1}, "search.seed: must be between 0 and"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("said", "message"), BAD, ids=[message[:40] for _, message in BAD])
+def test_what_is_wrong_is_said_where_it_stands(said, message):
+    content = {**ONE, "search": {key: value for key, value in {**SEARCH, **said}.items() if value is not None}}
+    content["layout"] = {"radial_stagger": {"inner_radius": 50, "heliostats": 30, "clearance": 20}}
+    with pytest.raises(StudyError) as caught:
+        heliosweep.load(content)
+    assert message in str(caught.value)
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        (
+            {"site": {"latitude": [0, 30]}},
+            "site.latitude: has 2 values, and a search has one result for each evaluation",
+        ),
+        ({"receiver": {"height": [40, 60]}}, "receiver.height: has 2 values, and a search has one result"),
+        (
+            {"report": {"published": {"file": "README.md", "source": "x"}}},
+            "report.published: is for the grid of a sweep",
+        ),
+    ],
+    ids=["swept", "swept and searched", "published"],
+)
+def test_what_cannot_stand_beside_a_search(blocks, message, monkeypatch):
+    monkeypatch.chdir(Path(__file__).parents[2])
+    with pytest.raises(StudyError) as caught:
+        heliosweep.load({**ONE, **blocks, "search": SEARCH})
+    assert message in str(caught.value)
+
+
+def test_problems_stand_at_their_line(tmp_path):
+    text = yaml.safe_dump({**ONE, "search": {**SEARCH, "over": {"receiver.hight": [30, 90]}}}, sort_keys=False)
+    (tmp_path / "study.yaml").write_text(text)
+    line = 1 + text.splitlines().index("    receiver.hight:")
+    with pytest.raises(StudyError, match=rf"study\.yaml:{line}:5: search\.over\.receiver\.hight: is no key to search"):
+        api.load(tmp_path / "study.yaml")
