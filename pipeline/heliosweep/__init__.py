@@ -24,6 +24,7 @@ __all__ = [
     "plan",
     "read_layout",
     "read_paint",
+    "read_paint_spots",
     "run",
     "save",
     "status",
@@ -32,6 +33,7 @@ __all__ = [
     "to_frame",
     "write_csv",
     "write_layout",
+    "write_paint_spots",
     "write_table",
 ]
 
@@ -41,7 +43,14 @@ if TYPE_CHECKING:
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.notebook import efficiency_table, flux_maps, save, study
     from heliosweep.share.archive import pack_result
-    from heliosweep.share.fields import layout_of, read_layout, read_paint, write_layout
+    from heliosweep.share.fields import (
+        layout_of,
+        read_layout,
+        read_paint,
+        read_paint_spots,
+        write_layout,
+        write_paint_spots,
+    )
     from heliosweep.share.frames import to_frame, write_csv
     from heliosweep.share.sam import write_table
 
@@ -49,7 +58,10 @@ if TYPE_CHECKING:
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
     **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
-    **dict.fromkeys(("layout_of", "read_layout", "read_paint", "write_layout"), "share.fields"),
+    **dict.fromkeys(
+        ("layout_of", "read_layout", "read_paint", "read_paint_spots", "write_layout", "write_paint_spots"),
+        "share.fields",
+    ),
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "write_table": "share.sam",
     "pack_result": "share.archive",

@@ -174,7 +174,9 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv|DIR")
     convert.add_argument("target", metavar="FILE.csv")
     convert.add_argument(
-        "--to", choices=("solarpilot", "csv"), help="form of the file (default: solarpilot; csv of a PAINT folder)"
+        "--to",
+        choices=("solarpilot", "csv", "spots"),
+        help="form of the file (default: solarpilot; csv of a PAINT folder); spots: those measured, of a PAINT folder",
     )
     convert.add_argument(
         "--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="of a result with several"
@@ -211,11 +213,10 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     pack = command("pack", _pack, "write a finished result as one archive to publish and cite; prints its path")
-    pack.add_argument("folder", metavar="DIR")
+    pack.add_argument("folders", metavar="DIR", nargs="+", help="result folders; several become a collection")
     pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
-    pack.add_argument(
-        "--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study, or CC-BY-4.0)"
-    )
+    pack.add_argument("--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study)")
+    pack.add_argument("--draft", action="store_true", help="pack without creators or licence too, to look at it")
     pack.add_argument("--force", action="store_true", help="replace an archive that is there")
 
     schema = command("schema", _schema, "print a family's JSON Schema, for editors, or an example study")
@@ -420,24 +421,28 @@ def _read_for(source: str) -> set[Any]:
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.files import user_path
-    from heliosweep.share.fields import layout_of, read_layout, read_paint, write_layout
+    from heliosweep.share import fields
     from heliosweep.store.targets import target_file
 
     target_file(options.target, options.force, sources=_read_for(options.source))
     is_folder = user_path(options.source).is_dir()
+    if options.to == "spots":
+        spots = fields.read_paint_spots(options.source, options.aim)
+        _say_path(fields.write_paint_spots(spots, options.target, force=options.force))
+        return
     if is_folder and (user_path(options.source) / "manifest.json").exists():
         with api.open_result(options.source) as result:
-            layout = layout_of(result, dict(options.select))
+            layout = fields.layout_of(result, dict(options.select))
     elif options.select:
         raise StudyError(Problem("is for a result folder", "--select"))
     elif is_folder:
-        layout = read_paint(options.source, options.aim).layout
+        layout = fields.read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
-        layout = layout_of(api.load(options.source))
+        layout = fields.layout_of(api.load(options.source))
     else:
-        layout = read_layout(options.source)
+        layout = fields.read_layout(options.source)
     form: Any = options.to or ("csv" if is_folder else "solarpilot")
-    _say_path(write_layout(layout, options.target, form, force=options.force))
+    _say_path(fields.write_layout(layout, options.target, form, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
@@ -469,7 +474,8 @@ def _report(options: argparse.Namespace) -> None:
 def _pack(options: argparse.Namespace) -> None:
     from heliosweep.share.archive import pack_result
 
-    _say_path(pack_result(options.folder, options.output, license=options.license, force=options.force))
+    said = {"license": options.license, "draft": options.draft, "force": options.force}
+    _say_path(pack_result(options.folders, options.output, **said))
 
 
 def _schema(options: argparse.Namespace) -> None:

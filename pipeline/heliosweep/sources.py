@@ -10,16 +10,30 @@ import hashlib
 import importlib.util
 import json
 import os
+import re
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-__all__ = ["code_versions", "numbers_digest", "version_of"]
+__all__ = ["code_versions", "installed", "numbers_digest", "version_of"]
 
 _PACKAGE = "heliosweep"
-_WORDS = ("accessor", "api", "cli", "config.faults", "errors", "files", "notebook", "report", "runs", "share", "store")
+_WORDS = (
+    "accessor",
+    "api",
+    "cli",
+    "config.dataset",
+    "config.faults",
+    "errors",
+    "files",
+    "notebook",
+    "report",
+    "runs",
+    "share",
+    "store",
+)
 """Modules and folders of the package on which no number depends, unless they are asked for by name."""
 _KEPT = 2000
 """Files whose code is remembered."""
@@ -49,6 +63,21 @@ def version_of(library: str) -> str | None:
         return metadata.version(library)
     except metadata.PackageNotFoundError:
         return None
+
+
+def installed(name: str = "heliosweep") -> dict[str, str]:
+    """Versions of a package and of all that it needs, and that in turn, as far as they are installed."""
+    found: dict[str, str] = {}
+    waiting = [name]
+    while waiting:
+        one = waiting.pop()
+        version = version_of(one)
+        if one in found or version is None:
+            continue
+        found[one] = version
+        needed = (text for text in metadata.requires(one) or () if "extra ==" not in text)
+        waiting += (re.split(r"[^A-Za-z0-9._-]", text, maxsplit=1)[0].lower().replace("_", "-") for text in needed)
+    return dict(sorted(found.items()))
 
 
 def numbers_digest(*modules: str, root: Path | None = None) -> str:

@@ -67,7 +67,7 @@ OTHERS = [
     ["report", "out"],
     ["compare", "out", "out"],
     ["export", "out", "--csv", "t.csv", "--variable", "cosine_efficiency"],
-    ["pack", "out"],
+    ["pack", "out", "--draft"],
 ]
 
 

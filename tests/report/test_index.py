@@ -9,7 +9,7 @@ import pytest
 from heliosweep.families.family import families
 from heliosweep.grid.regions import Cut
 from heliosweep.report.index import entries, update_index, write_index
-from heliosweep.report.page import write_report
+from heliosweep.report.page import digest, write_report
 from heliosweep.report.sections import headline
 from heliosweep.runs.status import status_of
 from heliosweep.store.parts import PartStore
@@ -37,7 +37,9 @@ def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
     assert index is not None
     assert index == tmp_path / "outputs" / "index.html"
     page = Page(index.read_text(encoding="utf-8"))
-    assert page.scripts == []
+    assert len(page.scripts) == 1
+    assert digest(page.scripts[0]) in page.all("meta")[1]["content"]
+    assert [one["data-family"] for one in page.all("li")] == ["field efficiency"] * 2
     assert page.all("a") == [{"href": "./a%20b%231/report.html"}]
     assert page.text.index("Later") < page.text.index(EVIL)
     for words in ("field efficiency", "2026-01-02 03:04:05", "1 of 1 published values agree", "2 studies"):

@@ -134,7 +134,16 @@ def test_page_is_complete_and_well_formed(whole):
     assert len(images) == len(list((folder / "figures").glob("[!.]*"))) == 2
     assert all(image["alt"].startswith("Figure ") for image in images)
     # References are listed once.
-    assert page.all("a") == [{"href": "https://doi.org/10.1155/2012/908364"}]
+    links = [link["href"] for link in page.all("a")]
+    assert links.count("https://doi.org/10.1155/2012/908364") == 1
+    # The contents lead to every section, and to the files beside the page.
+    sections = [section["id"] for section in page.all("section")]
+    assert [link[1:] for link in links if link.startswith("#")] == [
+        *(one for one in sections if one != "how-it-was-made"), "how-it-was-made",
+    ]  # fmt: skip
+    beside = [link for link in links if not link.startswith(("#", "https:"))]
+    assert beside == ["result.nc", "figures/", "study.resolved.yaml"]
+    assert all((folder / link).exists() for link in beside)
     assert len(page.all("li")) == 1
 
 
@@ -227,7 +236,8 @@ def test_long_sweeps_are_cut_with_a_word(tmp_path):
     page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
     assert "The first 60 of 100 points" in page.text
     ends, steps, points = 1 + 5, 1 + 2, 2 + 100  # of the ranking, with headings and a row of filters
-    assert len(page.all("tr")) == 61 + ends + steps + points
+    inputs, ranges = 2, 5  # the number of heliostats, and four variables, with headings
+    assert len(page.all("tr")) == 61 + ends + steps + points + inputs + ranges
 
 
 def test_a_folder_without_result(tmp_path):
@@ -258,7 +268,7 @@ def test_remarks_of_the_run_stand_before_the_results(folder):
     (folder / "manifest.json").write_text(json.dumps({**manifest, "remarks": [f"2 of 3 {EVIL}"]}), encoding="utf-8")
     page = Page(write_report(folder).read_text(encoding="utf-8"))
     assert not any(EVIL in script for script in page.scripts)
-    assert page.text.index("Please note") < page.text.index(f"2 of 3 {EVIL}") < page.text.index("Results")
+    assert page.text.index("Please note") < page.text.index(f"2 of 3 {EVIL}") < page.text.rindex("Results")
     assert {"class": "remarks", "role": "note"} in page.all("aside")
 
 

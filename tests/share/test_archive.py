@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import heliosweep
+from heliosweep import api
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.runs.verify import verify
@@ -28,7 +29,7 @@ WITH_INPUTS = {
 }
 FILES = {
     "README.md", "LICENSE", "CITATION.cff", "study.yaml", "manifest.json", "open.ipynb", "ro-crate-metadata.json",
-    "SHA256SUMS", "result.nc",
+    "SHA256SUMS", "result.nc", "requirements.txt", ".zenodo.json", "datacite.json",
 }  # fmt: skip
 
 
@@ -62,7 +63,8 @@ def assert_reruns(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def computed(small, tmp_path_factory):
-    return heliosweep.run(small(), tmp_path_factory.mktemp("computed") / "result", report=False).folder
+    dataset = {"creators": [{"name": "Doe, Jane"}], "license": "CC-BY-4.0"}
+    return heliosweep.run(small(dataset=dataset), tmp_path_factory.mktemp("computed") / "result", report=False).folder
 
 
 @pytest.fixture
@@ -79,7 +81,7 @@ def test_verifies_and_reruns_elsewhere(name, tmp_path, monkeypatch):
     path.write_text(path.read_text("utf-8").replace("hours: {start: 8, stop: 16, step: 0.2}", "hours: [9, 12]"))
     study = heliosweep.load(path)
     heliosweep.run(study, tmp_path / "home" / "result", report=False)
-    archive = pack_result(tmp_path / "home" / "result", tmp_path / "archive.zip")
+    archive = pack_result(tmp_path / "home" / "result", tmp_path / "archive.zip", draft=True)
     study_id = study.study_id
     shutil.rmtree(tmp_path / "home")
 
@@ -103,8 +105,24 @@ def test_holds_what_it_should_and_nothing_of_the_machine(result, tmp_path, monke
         assert "ein Ergebnis" not in text, name
     manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
     assert not {"command", "scheduler", "workers"} & set(manifest)
-    assert set(manifest["environment"]) <= {"commit", "packages", "python"}
+    assert set(manifest["environment"]) == {"commit", "lock", "packages", "python"}
     assert_reruns(folder, monkeypatch)
+
+
+def test_the_page_and_its_figures_are_inside_without_the_machine(result, tmp_path):
+    api.report(result)
+    page = (result / "report.html").read_text("utf-8")
+    folder = unpacked(pack_result(result), tmp_path / "elsewhere")
+    assert_sums(folder)
+    figures = {f"figures/{path.name}" for path in (result / "figures").glob("*.png")}
+    assert figures
+    assert files_of(folder) == FILES | {"report.html"} | figures
+    packed = (folder / "report.html").read_text("utf-8")
+    for tells in ("How it was made", "<dt>platform</dt>", "The study file, with every default"):
+        assert tells in page
+        assert tells not in packed
+    assert packed.count("<section") == packed.count("</section") == page.count("<section") - 1
+    assert pack_result(folder, tmp_path / "again.zip").read_bytes() == (tmp_path / f"{result.name}.zip").read_bytes()
 
 
 def test_the_same_bytes_wherever_it_stands(result, tmp_path):
@@ -123,7 +141,7 @@ def test_can_be_packed_again_from_what_was_unpacked(result, tmp_path):
 
 def test_zarr(small, tmp_path):
     heliosweep.run(small(output={"format": "zarr"}), tmp_path / "result", report=False)
-    folder = unpacked(pack_result(tmp_path / "result"), tmp_path / "elsewhere")
+    folder = unpacked(pack_result(tmp_path / "result", draft=True), tmp_path / "elsewhere")
     assert_sums(folder)
     found = verify(folder)
     assert found.ok, found.text
@@ -136,7 +154,7 @@ def test_zarr(small, tmp_path):
 def test_titles_are_text_in_markdown(small, tmp_path):
     evil = "<script>alert(1)</script> [click](javascript:x) `a` $b$ *c* | d"
     heliosweep.run(small(title=evil, description=evil), tmp_path / "result", report=False)
-    folder = unpacked(pack_result(tmp_path / "result"), tmp_path / "elsewhere")
+    folder = unpacked(pack_result(tmp_path / "result", draft=True), tmp_path / "elsewhere")
     cells = json.loads((folder / "open.ipynb").read_text("utf-8"))["cells"]
     for text in ((folder / "README.md").read_text("utf-8"), "".join(cells[0]["source"])):
         assert r"\<script\>alert(1)\</script\> \[click\](javascript:x) \`a\` \$b\$ \*c\* \| d" in text
@@ -156,7 +174,7 @@ def test_names_of_inputs(small, tmp_path, monkeypatch):
     monkeypatch.chdir(home)
     study = small(layout={"file": ["ein Feld für Ωλ.csv", "a/field.csv", str(places[2])]})
     heliosweep.run(study, "result", report=False)
-    archive = pack_result("result")
+    archive = pack_result("result", draft=True)
     with zipfile.ZipFile(archive) as zipped:
         names = zipped.namelist()
     assert all(not name.startswith("/") and ".." not in name.split("/") for name in names)
@@ -175,7 +193,7 @@ def test_links_are_packed_as_files(small, tmp_path, monkeypatch):
     Path("field.csv").write_text(LAYOUT, encoding="utf-8")
     Path("link.csv").symlink_to("field.csv")
     heliosweep.run(small(layout={"file": ["field.csv", "link.csv"]}), "result", report=False)
-    folder = unpacked(pack_result("result"), tmp_path / "elsewhere")
+    folder = unpacked(pack_result("result", draft=True), tmp_path / "elsewhere")
     assert {name for name in files_of(folder) if name.startswith("inputs")} == {"inputs/field.csv", "inputs/link.csv"}
     assert_reruns(folder, monkeypatch)
 
@@ -207,10 +225,10 @@ def test_inputs_that_are_gone_or_changed(small, tmp_path, monkeypatch):
     heliosweep.run(small(layout={"file": "field.csv"}), "result", report=False)
     Path("field.csv").write_text(f"{LAYOUT}30,30\n", encoding="utf-8")
     with pytest.raises(HeliosweepError, match="NOT all right"):
-        pack_result("result")
+        pack_result("result", draft=True)
     Path("field.csv").unlink()
     with pytest.raises(HeliosweepError, match=r"field\.csv"):
-        pack_result("result")
+        pack_result("result", draft=True)
 
 
 def test_the_archive_is_not_replaced_unasked(result, tmp_path):

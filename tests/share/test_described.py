@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import importlib.metadata
 import io
 import json
 import re
@@ -16,7 +17,8 @@ import pytest
 import yaml
 
 import heliosweep
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.runs.verify import verify
 from heliosweep.share.archive import pack_result, writing
 from heliosweep.share.texts import Licence
 
@@ -33,6 +35,15 @@ DATASET: dict[str, Any] = {
     "license": "CC-BY-SA-4.0",
     "doi": "10.5281/zenodo.1234567",
     "keywords": ["field"],
+    "version": "1.1",
+    "publisher": "Zenodo",
+    "contact": {"name": "Helpdesk", "email": "help@example.org"},
+    "funding": [{"funder": "Sun Foundation", "award": "SF-12"}],
+    "related": [
+        {"identifier": "10.1155/2012/908364", "relation": "is_supplement_to"},
+        {"identifier": "https://example.org/a"},
+    ],
+    "naming_authority": "sun.example.org",
 }
 
 
@@ -44,7 +55,7 @@ def folders(small, tmp_path_factory):
     for name, more in blocks.items():
         place = tmp_path_factory.mktemp(name)
         heliosweep.run(small(**more), place / "result", report=False)
-        with zipfile.ZipFile(pack_result(place / "result")) as zipped:
+        with zipfile.ZipFile(pack_result(place / "result", draft=True)) as zipped:
             zipped.extractall(place / "elsewhere")
         (found[name],) = (place / "elsewhere").iterdir()
     return found
@@ -79,7 +90,7 @@ def test_crate(folder):
     assert root["@type"] == "Dataset"
     assert all(root[key] for key in ("name", "description", "datePublished", "license", "author", "publisher"))
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", root["datePublished"])
-    outside = {"https://w3id.org/ro/crate/1.1"}
+    outside = {"https://w3id.org/ro/crate/1.1", "http://schema.org/CompletedActionStatus"}
     assert set().union(*map(links, found.values())) - outside <= set(found)
     files = {name for name, entity in found.items() if entity["@type"] == "File"}
     parts = {part["@id"] for part in root["hasPart"]}
@@ -95,6 +106,12 @@ def test_crate(folder):
     run = found["#run"]
     assert run["result"]["@id"] in parts
     assert run["instrument"] == {"@id": "#heliosweep"}
+    assert links(run["agent"]) <= set(found)
+    # Process Run Crate 0.5: the crate says so, the profile is told, the program has a version, the inputs are objects.
+    assert root["conformsTo"]["@id"] == "https://w3id.org/ro/wfrun/process/0.5"
+    assert found["https://w3id.org/ro/wfrun/process/0.5"]["version"] == "0.5"
+    assert found["#heliosweep"]["softwareVersion"]
+    assert {"study.yaml", "requirements.txt"} <= links(run["object"])
     for entity in found.values():
         # A list of one is not recommended.
         assert all(len(value) > 1 for value in entity.values() if isinstance(value, list))
@@ -121,10 +138,106 @@ def test_people_and_licence(folders):
     assert "Doe, Jane; Solar Working Group (20" in (folder / "README.md").read_text("utf-8")
 
 
+def test_repositories(folders):
+    """What Zenodo and DataCite are told: who, whom to ask, who paid, what it goes with, and where."""
+    folder = folders["named"]
+    zenodo = json.loads((folder / ".zenodo.json").read_text("utf-8"))
+    assert zenodo["upload_type"] == "dataset"
+    assert zenodo["license"] == "cc-by-sa-4.0"
+    assert zenodo["creators"][0] == {
+        "name": "Doe, Jane", "affiliation": "Institute of the Sun", "orcid": "0000-0002-1825-0097",
+    }  # fmt: skip
+    assert zenodo["contributors"] == [{"name": "Helpdesk", "type": "ContactPerson"}]
+    assert zenodo["related_identifiers"] == [
+        {"identifier": "10.1155/2012/908364", "relation": "isSupplementTo"},
+        {"identifier": "https://example.org/a", "relation": "references"},
+    ]
+    assert zenodo["notes"] == "Funding: Sun Foundation, SF-12"
+    cite = json.loads((folder / "datacite.json").read_text("utf-8"))
+    # What the schema demands of every data set.
+    assert {"creators", "titles", "publisher", "publicationYear", "types", "schemaVersion"} <= set(cite)
+    assert cite["identifiers"] == [{"identifier": "10.5281/zenodo.1234567", "identifierType": "DOI"}]
+    assert cite["creators"][0]["nameIdentifiers"][0]["nameIdentifier"] == "https://orcid.org/0000-0002-1825-0097"
+    assert cite["creators"][1] == {"name": "Solar Working Group", "nameType": "Organizational"}
+    assert (cite["publisher"], cite["version"]) == ({"name": "Zenodo"}, "1.1")
+    assert cite["fundingReferences"] == [{"funderName": "Sun Foundation", "awardNumber": "SF-12"}]
+    assert [one["relationType"] for one in cite["relatedIdentifiers"]] == ["IsSupplementTo", "References"]
+    assert [one["relatedIdentifierType"] for one in cite["relatedIdentifiers"]] == ["DOI", "URL"]
+    found = entities(folder)
+    assert found["#contact"]["email"] == "help@example.org"
+    assert found["https://doi.org/10.1155/2012/908364"]["description"] == "Relation: is_supplement_to"
+    with heliosweep.open_result(folder) as data:
+        assert data.attrs["naming_authority"] == "sun.example.org"
+        assert (data.attrs["product_version"], data.attrs["publisher_name"]) == ("1.1", "Zenodo")
+        assert data.attrs["acknowledgement"] == "Sun Foundation, SF-12"
+    with heliosweep.open_result(folders["nameless"]) as data:
+        assert "naming_authority" not in data.attrs
+
+
+def test_the_environment_is_locked(folder):
+    lines = (folder / "requirements.txt").read_text("utf-8").splitlines()
+    pinned = dict(line.split("==") for line in lines if not line.startswith("#"))
+    assert pinned["numpy"] == importlib.metadata.version("numpy")
+    assert {"xarray", "dask", "numba", "netcdf4", "pyyaml"} <= set(pinned)  # also what packages need in turn
+    assert "heliosweep" not in pinned
+
+
+def test_without_people_and_licence_it_is_a_draft(folders, tmp_path):
+    """Refused with what is missing, how to add it, and how to pack it nevertheless."""
+    with pytest.raises(StudyError) as caught:
+        pack_result(folders["nameless"], tmp_path / "a.zip")
+    creators, licence = str(caught.value).splitlines()
+    assert "needs 'dataset.creators': nobody is named who made it; add it to the study and run it again" in creators
+    assert "'dataset.license', or --license CC-BY-4.0" in licence
+    assert licence.endswith("or pack a --draft")
+    with pytest.raises(StudyError) as caught:
+        pack_result(folders["nameless"], tmp_path / "a.zip", license="CC0-1.0")
+    assert "license" not in str(caught.value).split(";")[0]
+    assert not (tmp_path / "a.zip").exists()
+
+
+def test_a_collection(folders, small, tmp_path):
+    with pytest.raises(StudyError, match="name the archive of several results"):
+        pack_result([folders["named"], folders["named"]], draft=True)
+    with pytest.raises(StudyError, match="same study"):
+        pack_result([folders["named"], folders["nameless"]], tmp_path / "a.zip", draft=True)
+    other = heliosweep.run(small(site={"latitude": 11}), tmp_path / "other", report=False).folder
+    both = [folders["named"], other]
+    archive = pack_result(both, tmp_path / "both.zip", draft=True)
+    assert pack_result(both[::-1], tmp_path / "turned.zip", draft=True).read_bytes() == archive.read_bytes()
+    with zipfile.ZipFile(archive) as zipped:
+        zipped.extractall(tmp_path / "both")
+    (top,) = (tmp_path / "both").iterdir()
+    crate = json.loads((top / "ro-crate-metadata.json").read_text("utf-8"))
+    parts = [link["@id"] for link in crate["@graph"][1]["hasPart"]]
+    assert len(parts) == 2
+    for part in parts:
+        assert verify(top / part).ok
+        assert entities(top / part)["./"]["name"]
+        assert f"]({part}README.md)" in (top / "README.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"creators": [{"name": "A", "orcid": "0000-0002-1825-0098"}]}, "must be an ORCID iD"),
+        ({"naming_authority": "heliosweep"}, "must be a domain"),
+        ({"related": [{"identifier": "a book"}]}, "must be a DOI, as 10.5281/zenodo.1234567, or an address"),
+        ({"related": [{"identifier": "10.1000/1", "relation": "likes"}]}, "related"),
+    ],
+)
+def test_bad_words_about_a_data_set(small, change, said):
+    with pytest.raises(StudyError, match=said):
+        small(dataset=change)
+
+
 def test_nobody_named_is_said(folders, tmp_path, caplog):
     folder = folders["nameless"]
-    pack_result(folder, tmp_path / "again.zip")
-    assert "CC-BY-4.0" in caplog.text
+    pack_result(folder, tmp_path / "again.zip", draft=True)
+    assert "dataset.license" in caplog.text
+    assert (
+        "has named no licence" in (folder / "LICENSE").read_text("utf-8") or "draft" in (folder / "LICENSE").read_text()
+    )
     assert "dataset.creators" in caplog.text
     found = entities(folder)
     assert found[found["./"]["author"]["@id"]]["@type"] == "Organization"
@@ -165,6 +278,7 @@ def test_notebook_opens_the_data(folders, name):
         ("CC-BY-4.0", "CC-BY-4.0", "https://creativecommons.org/licenses/by/4.0/"),
         ("MIT", "MIT", "https://spdx.org/licenses/MIT.html"),
         ("LicenseRef-Ours", None, None),
+        ("LicenseRef-Draft", None, None),
     ],
 )
 def test_licences(text, spdx, url):

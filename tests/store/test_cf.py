@@ -69,6 +69,7 @@ ACDD_EXPLAINED = {
     r"^(date_|Attr date_)\w+": "a result holds no clock time, so that the same study gives the same bytes",
     r"^(contributor|publisher)_\w+ not present": "not known before the data set is published",
     r"^(project|program|institution|acknowledgment/acknowledgement) not present": "nothing that a study knows",
+    r"^naming_authority not present": "the domain of whoever gives out the id: the study names it, or nobody does",
     r"^creator_type not present": "creators may be people and groups",
     r"^(platform|instrument)\w* not present": "computed, not observed",
     r"^keywords_vocabulary not present": "the keywords are of no vocabulary",

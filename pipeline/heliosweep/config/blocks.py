@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
@@ -11,15 +10,15 @@ from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
 from heliosweep.config.block import Block
 from heliosweep.config.execution import Execution
-from heliosweep.config.faults import Fault, Invalid, nearest, to_pydantic
+from heliosweep.config.faults import Fault, to_pydantic
 from heliosweep.config.layouts import Layout
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime, Time, TimeZone
-from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text, free_text, pattern
+from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text
 
 __all__ = [
-    "OWN", "Block", "CivilTime", "Creator", "Dataset", "Execution", "Heliostat", "Layout", "NamedSite", "Output",
-    "Receiver", "Report", "Site", "SiteFile", "Sites", "SolarTime", "Time", "licence",
+    "Block", "CivilTime", "Execution", "Heliostat", "Layout", "NamedSite", "Output", "Receiver", "Report", "Site",
+    "SiteFile", "Sites", "SolarTime", "Time",
 ]  # fmt: skip
 
 _LATITUDE = Quantity(
@@ -217,72 +216,3 @@ class Report(Block):
     """Additions of the report to the figures of the result."""
 
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
-
-
-_CC = ("CC-BY", "CC-BY-SA", "CC-BY-NC", "CC-BY-ND", "CC-BY-NC-SA", "CC-BY-NC-ND")
-_GNU = ("GPL-2.0", "GPL-3.0", "LGPL-2.1", "LGPL-3.0", "AGPL-3.0", "GFDL-1.3")
-#: SPDX identifiers of the licences that data sets usually have.
-LICENCES = (
-    "CC0-1.0", *(f"{name}-{version}" for name in _CC for version in ("1.0", "2.0", "2.5", "3.0", "4.0")),
-    "ODbL-1.0", "ODC-By-1.0", "PDDL-1.0", "CDLA-Permissive-1.0", "CDLA-Permissive-2.0", "CDLA-Sharing-1.0",
-    "C-UDA-1.0", "O-UDA-1.0", "DL-DE-BY-2.0", "DL-DE-ZERO-2.0", "etalab-2.0", "NLOD-2.0", "OGL-Canada-2.0",
-    "OGL-UK-3.0", "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD-3-Clause-Clear", "BSL-1.0", "CECILL-2.1",
-    "EUPL-1.1", "EUPL-1.2", "ISC", "MIT", "MIT-0", "MPL-2.0", "Unlicense", "Zlib",
-    *(f"{name}-{which}" for name in _GNU for which in ("only", "or-later")),
-)  # fmt: skip
-#: Begins the name of a licence that SPDX does not list.
-OWN = "LicenseRef-"
-
-_OWN = r"LicenseRef-[A-Za-z0-9.-]+"
-_DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
-
-
-def licence(text: str) -> str:
-    """Return the identifier of a licence as it was given. Raises Invalid."""
-    if text in LICENCES or re.fullmatch(_OWN, text):
-        return text
-    if text.startswith(OWN):
-        raise Invalid(f"{OWN}NAME has letters, digits, '.' and '-' in its name")
-    meant = nearest(text.casefold(), by_fold := {name.casefold(): name for name in LICENCES})
-    hint = f"; did you mean '{by_fold[meant]}'?" if meant else f"; use one as CC-BY-4.0 or CC0-1.0, or {OWN}NAME"
-    raise Invalid(f"is no SPDX identifier of a usual licence{hint}")
-
-
-def _bare_doi(raw: Any) -> str:
-    """Return a DOI without the address of doi.org. Raises Invalid."""
-    found = re.fullmatch(_DOI, free_text(raw).strip())
-    if found is None:
-        raise Invalid("must be a DOI, as 10.5281/zenodo.1234567")
-    return found[1]
-
-
-class Creator(Block):
-    """A person, or a group, that made the data set."""
-
-    name: Annotated[str, Text("Name, as 'Family, Given' or as the group calls itself")]
-    orcid: Annotated[str | None, Text("ORCID iD, as 0000-0002-1825-0097")] = None
-    affiliation: Annotated[str | None, Text("Institution")] = None
-    email: Annotated[str | None, Text("Address for questions")] = None
-
-
-class Dataset(Block):
-    """Authors, licence and keywords of the result as a publication; not part of the study's identity."""
-
-    creators: Annotated[tuple[Creator, ...], Field(description="Who made it, in the order of citation")] = ()
-    license: Annotated[
-        str | None,
-        Text(
-            "Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME",
-            form=lambda raw: licence(free_text(raw)),
-            schema={"anyOf": [{"enum": list(LICENCES)}, pattern(_OWN)]},
-        ),
-    ] = None
-    doi: Annotated[
-        str | None,
-        Text(
-            "DOI of the published data set, as 10.5281/zenodo.1234567", form=_bare_doi, schema=pattern(rf"\s*{_DOI}\s*")
-        ),
-    ] = None
-    keywords: Annotated[
-        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords besides those of the family")
-    ] = ()

@@ -19,7 +19,8 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from heliosweep.config.block import Block
-from heliosweep.config.blocks import Dataset, Execution, Output, Report
+from heliosweep.config.blocks import Execution, Output, Report
+from heliosweep.config.dataset import Dataset
 from heliosweep.config.distribution import Distribution
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import in_short

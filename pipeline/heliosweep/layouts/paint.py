@@ -226,10 +226,13 @@ def read_plant(folder: Path, target: str = "receiver") -> Plant:
     exact = 1e3 * max(one.canting_error(one.canting_distance) for one in mirrors)
     blocks = {"site": site, "heliostat": heliostat, "receiver": receiver}
     name = folder.absolute().name
+    which = f"Heliostat {next(iter(files))}" if len(files) == 1 else f"{len(files)} heliostats"
     in_front = max(mirror.offset for mirror in mirrors)
     notes = (
-        f"{len(mirrors)} heliostats of the PAINT folder {name!r}, aimed at {target!r}. A study takes from it:",
+        f"{which} of the PAINT folder {name!r}, aimed at {target!r}. A study takes from it:",
         *(f"{key}: {json.dumps(block).replace(chr(34), '')}" for key, block in blocks.items()),
+        "Source: PAINT, doi 10.1038/s41560-026-02070-1; MIT licence, copyright 2024 Deutsches Zentrum für Luft- und",
+        "Raumfahrt and Karlsruher Institut für Technologie.",
         "x and y count from below the target's centre; z is the height of the pivot above the plant's altitude.",
         f"Facets are canted on axis for canting_distance, to {exact:.2g} mrad. With canting: on_axis they are canted",
         f"for the slant range: normals differ by up to {apart:.2g} mrad. The focus of the facets is not in the files.",

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from contextlib import suppress
 from html import unescape
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -15,16 +16,13 @@ from urllib.parse import quote
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
-from heliosweep.report.page import PAGE, render
+from heliosweep.report.page import OUTPUTS, PAGE, render
 from heliosweep.store.folder import read_manifest
 from heliosweep.store.parts import WORKING, PartStore
 
 log = logging.getLogger("heliosweep")
 
 INDEX = "index.html"
-
-#: Where results go when nobody says, and the only place where an index is written unasked.
-OUTPUTS = "outputs"
 
 #: Of a page, so many letters hold its headline. [byte]
 _HEAD = 8192
@@ -56,7 +54,10 @@ def write_index(outputs: str | os.PathLike[str], status_of: StatusOf) -> Path:
     """Write ``index.html``, the page over all studies of a folder of result folders."""
     place = Path(outputs)
     studies = entries(place, status_of)
-    write_whole(place / INDEX, render("index.html", title="Studies", scripts=(), studies=studies))
+    script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
+    families = sorted({one["family"] for one in studies} - {""})
+    text = render("index.html", title="Studies", scripts=(script,), studies=studies, families=families)
+    write_whole(place / INDEX, text)
     return place / INDEX
 
 
@@ -91,6 +92,7 @@ def _entry(folder: Path) -> dict[str, Any]:
     return {
         "title": str(attributes.get("title") or study.get("title") or _found(_TITLE, head) or printable),
         "about": " \N{MIDDLE DOT} ".join(filter(None, [*about, printable])),
+        "family": str(study.get("family", "")).replace("_", " "),
         "finished": finished,
         "headline": _found(_DESCRIPTION, head),
         "link": f"./{quote(folder.name, errors='surrogateescape')}/{PAGE}" if page.is_file() else "",

@@ -10,6 +10,7 @@ import hashlib
 import json
 import logging
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -21,10 +22,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from pydantic import Field
 
+from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.contents import NamedFigure
+from heliosweep.report.inputs import inputs
 from heliosweep.report.ranking import ranked
 from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
@@ -34,11 +37,12 @@ from heliosweep.store.read import open_result
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.config.study import Study
-
 log = logging.getLogger("heliosweep")
 
 PAGE = "report.html"
+
+#: Where results go when nobody says, and the only place where an index is written unasked.
+OUTPUTS = "outputs"
 FIGURES = "figures"
 
 #: Images of a page up to which they have all their pixels, and the scale of those beyond. [bytes]
@@ -52,6 +56,14 @@ DRAWN = ".drawn"
 
 #: The study of a run, and of an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
+
+
+#: Parts of a page that tell of the machine of who made it.
+_MACHINE = re.compile(
+    r'<section id="how-it-was-made">.*?</section>\n?|<details class="asked">.*?</details>\n?'
+    r'|<a class="ours"[^>]*>[^<]*</a>\n?',
+    re.DOTALL,
+)
 
 
 class _Environment(Record):
@@ -147,14 +159,16 @@ def _page(
     views: list[dict[str, Any]] = []
     plots: dict[str, Any] = {}
     results = None
-    covers: list[tuple[str, str]] = []
+    went_in, fixed_is_told = None, False
     points = None
-    with undrawn.noting("The dates and hours"):
-        covers = sampled(result, study or _study(place, family))
+    with undrawn.noting("The table of inputs"):
+        asked = study or _study(place, family)
+        went_in = inputs(asked, sampled(result, asked))
+        fixed_is_told = isinstance(asked, Study)
     with undrawn.noting("The interactive plots"):
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
-        results = sections.results(result, family.tables(result) if family else ())
+        results = sections.results(result, family.tables(result) if family else (), family.headlines if family else ())
     with undrawn.noting("The ranking"):
         points = ranked(result, family.headlines if family else ())
     return render(
@@ -169,9 +183,12 @@ def _page(
         compared=compared,
         comparison=compared and compared.table(result),
         remarks=[*damage, *surprises, *manifest.get("remarks", ()), *undrawn.remarks],
-        sampled=covers,
+        went_in=went_in,
+        study_file=next((name for name in STUDIES if (place / name).is_file()), ""),
+        listed=place.absolute().parent.name == OUTPUTS,
         asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
         results=results,
+        shared="" if fixed_is_told or not results else results["shared"],
         views=views,
         plots=plots,
         ranked=points,
@@ -281,6 +298,11 @@ def _draw(
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
+
+
+def for_others(page: str) -> str:
+    """A page without the machine, the command and the paths of who made it."""
+    return _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:

@@ -34,9 +34,9 @@ def sampled(result: xr.Dataset, study: Study | None) -> list[tuple[str, str]]:
     elif isinstance(time, WeatherTime):
         months = "all" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
         found = [("months", months), ("hours", "those of the weather file, the sun at the middle of each lit part")]
-    count = result.sizes.get("heliostat", 1)
-    if "evaluation" not in result.sizes:  # of a search, each evaluation may have others
-        found.append(("heliostats or dishes", f"{'up to ' * ('layout' in result.dims)}{count:,}"))
+    if "heliostat" in result.sizes and "evaluation" not in result.sizes:  # of a search, each evaluation may have others
+        count = result.sizes["heliostat"]
+        found.append(("heliostats", f"{'up to ' * ('layout' in result.dims)}{count:,}"))
     if isinstance(time, SolarTime | CivilTime) and study is not None:
         found.append(("mean elevation of the sun", _elevation(study)))
     elif "sun_elevation" in result.coords:
@@ -54,7 +54,8 @@ def _dates(time: SolarTime | CivilTime) -> str:
         return f"{dates[0]} to {dates[-1]}{each}: {len(dates)} dates"
     declinations = time.declinations()
     values = time.day_numbers() if declinations is None else declinations
-    what = "days of the year" if declinations is None else f"declinations of the sun ({DEGREE})"
+    end = "" if len(values) == 1 else "s"
+    what = f"day{end} of the year" if declinations is None else f"declination{end} of the sun ({DEGREE})"
     texts = [number_text(float(value), 0 if float(value).is_integer() else 2) for value in values]
     return f"{what} {', '.join(texts) if len(texts) <= FEW else f'{texts[0]} to {texts[-1]}: {len(texts)}'}"
 

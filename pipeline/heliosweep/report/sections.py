@@ -28,6 +28,9 @@ from heliosweep.report.labels import (
 #: Rows of the table of headline numbers.
 MOST_ROWS = 60
 
+#: Variables in a table of ranges.
+MOST_RANGES = 12
+
 #: Numbers of a variable up to which all are looked through for its range.
 MOST_NUMBERS = 8_000_000
 
@@ -35,8 +38,8 @@ MOST_NUMBERS = 8_000_000
 DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;]*[^\s,;.)])", re.IGNORECASE)
 
 
-def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
-    """Tables that the family makes, else the numbers of the whole; empty where there is nothing to tell.
+def results(result: xr.Dataset, tables: Iterable[Table], headlines: Collection[str] = ()) -> dict[str, Any]:
+    """Tables that the family makes, else the numbers of the whole, else ranges; empty where there is nothing to tell.
 
     ``shared`` says what has one value for all, ``described`` holds pairs of a variable and what it is.
     """
@@ -47,17 +50,44 @@ def results(result: xr.Dataset, tables: Iterable[Table]) -> dict[str, Any]:
         return {}
     common = set.intersection(*(set(array.dims) for array in result.data_vars.values()))
     arrays = [array for array in result.data_vars.values() if set(array.dims) == common and array.dtype.kind in "fiu"]
+    if all(map(is_flag, arrays)) and ranges(result, headlines).rows:
+        arrays = []
+    others = ranges(result.drop_vars([one.name for one in arrays]), headlines)
+    made = [others] if others.rows else []
     if not arrays:
-        return {}
+        return {"shared": _shared(result), "tables": made, "described": []} if made else {}
     dims = [str(dim) for dim in next(iter(result.data_vars.values())).dims if dim in common]
     return {
         "shared": _shared(result),
-        "tables": [numbers(result, dims, arrays, "Results")],
+        "tables": [numbers(result, dims, arrays, "Results" if not made else "Numbers of the whole"), *made],
         "described": [
             (_name(one), "; ".join(str(one.attrs[key]) for key in ("long_name", "comment") if one.attrs.get(key)))
             for one in arrays
         ],
     }
+
+
+def ranges(result: xr.Dataset, headlines: Collection[str] = ()) -> Table:
+    """Table of the least, middle and greatest value of variables, those of `headlines` first."""
+    known = [name for name in headlines if name in result.data_vars]
+    arrays = [result[name] for name in dict.fromkeys((*known, *map(str, result.data_vars)))]
+    rows: list[list[str]] = []
+    left_out = 0
+    for array in arrays:
+        if array.dtype.kind not in "fiu" or is_flag(array):
+            continue
+        if array.size > MOST_NUMBERS or len(rows) == MOST_RANGES:
+            left_out += 1
+            continue
+        values = np.asarray(printed(array), dtype=float)
+        values = values[np.isfinite(values)]
+        if values.size:
+            over = ", ".join(str(dim).replace("_", " ") for dim in array.dims)
+            ends = number_texts(np.array([values.min(), np.median(values), values.max()]))
+            rows.append([title_of(array), *ends, unit_of(array), over])
+    notes = [f"{left_out} further {'variable is' if left_out == 1 else 'variables are'} in the data set."]
+    header = ("", "least", "median", "greatest", "unit", "over")
+    return Table("Ranges over the dimensions", header, rows, (0, 4, 5), notes * bool(left_out))
 
 
 def numbers(

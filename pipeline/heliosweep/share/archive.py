@@ -9,20 +9,33 @@ import logging
 import os
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
-from heliosweep.config.blocks import licence as licence_of
+from heliosweep.config.dataset import licence as licence_of
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
 from heliosweep.config.study import Study, yaml_text
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
+from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
-from heliosweep.share.texts import DEFAULT, METADATA, Described, Licence, citation, crate, licence, notebook, readme
+from heliosweep.share import deposit
+from heliosweep.share.collection import collection_crate, collection_readme
+from heliosweep.share.texts import (
+    DRAFT,
+    METADATA,
+    Described,
+    Licence,
+    citation,
+    crate,
+    licence,
+    notebook,
+    readme,
+)
 from heliosweep.store.folder import manifest_text
 from heliosweep.store.read import open_stored, tree
 from heliosweep.store.targets import target_file
@@ -37,7 +50,9 @@ FOLDER = "inputs"
 _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
 #: What of a manifest says nothing of who ran the study, and where.
 _KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "slabs", "study_id")
-_ENVIRONMENT = ("commit", "packages", "python")
+_ENVIRONMENT = ("commit", "lock", "packages", "python")
+#: Endings of the figures that an archive has.
+_IMAGES = ("png", "svg", "pdf")
 #: Copied at a time. [bytes]
 _PIECE = 2**20
 #: The date of every file in an archive: the first that the format knows.
@@ -45,94 +60,152 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def pack_result(
-    folder: str | os.PathLike[str],
+    folder: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     output: str | os.PathLike[str] | None = None,
     *,
     license: str | None = None,
+    draft: bool = False,
     force: bool = False,
 ) -> Path:
-    """Write a result folder as one archive that opens, verifies and reruns anywhere.
+    """Write a result folder, or several, as one archive that opens, verifies and reruns anywhere.
 
     Parameters
     ----------
-    folder : path
-        Result folder, finished and whole.
+    folder : path, or sequence of paths
+        Result folder, finished and whole; several become a collection, each in a folder of its own.
     output : path, optional
-        The archive, ``NAME.zip``; by default beside the folder and named like it.
+        The archive, ``NAME.zip``; by default beside the folder and named like it. A collection needs one.
     license : str, optional
-        Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; by default that of the study, or else CC-BY-4.0.
+        Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; by default that of the study.
+    draft : bool
+        Whether the archive may be without creators or licence, to look at it before it is published.
     force : bool
         Whether to replace an archive that is there.
 
     Returns
     -------
     pathlib.Path
-        The archive. Its bytes depend on the result folder alone.
+        The archive. Its bytes depend on the result folders alone.
 
     Raises
     ------
     HeliosweepError
-        Where the result is unfinished or damaged, an input of the study is missing or changed, or the archive cannot
-        be written.
+        Where a result is unfinished or damaged, an input of a study is missing or changed, or the archive cannot be
+        written.
     StudyError
-        Where the archive cannot have the name, or the licence is unknown.
+        Where the archive cannot have the name, the licence is unknown, or it or the creators are missing.
     """
-    place = user_path(folder)
-    named = place if place.name not in ("", "..") else place.resolve()
+    places = [user_path(one) for one in ([folder] if isinstance(folder, str | os.PathLike) else folder)]
+    if not places or (len(places) > 1 and output is None):
+        raise StudyError(Problem("name the archive of several results", key="--output"))
+    named = places[0] if places[0].name not in ("", "..") else places[0].resolve()
     target = target_file(output or named.with_name(f"{named.name}.zip"), force, endings=(".zip",))
     _check_licence(license)
-    found = verify(place)  # which refuses what is no file
-    if not (found.ok and found.finished):
-        raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
-    study = load(next(place / name for name in _STUDIES if (place / name).exists()), study_classes())
-    places = placed(study)
-    manifest = json.loads((place / "manifest.json").read_text(encoding="utf-8"))
-    if study.study_id != manifest["study_id"]:
-        raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
-    if str(manifest.get("environment", {}).get("commit", "")).endswith("-dirty"):
-        log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
-    result, inputs = place / manifest["result"]["file"], {places[name]: study.resolve(name) for name in places}
-    keys = {places[name]: key for key, names in study.files().items() for name in names}
-    with open_stored(result) as stored:
-        labels = stored.coordinates
-        described = Described(
-            study,
-            cleaned(manifest),
-            stored.attributes,
-            stored.sizes,
-            {name: one for name, one in stored.variables.items() if name in labels},
-            {name: one for name, one in stored.variables.items() if name not in labels},
-            dict(sorted(keys.items())),
-            _licence(study, license),
-        )
-    texts = {
-        "README.md": readme(described),
-        "LICENSE": licence(described),
-        "CITATION.cff": citation(described),
-        "study.yaml": study_text(study, places),
-        "manifest.json": manifest_text(described.manifest),
-        "open.ipynb": notebook(described),
-    }
-    files = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}
-    with writing(target, f"{study.family}-{study.study_id}") as archive:  # in one fixed order, whatever the result
-        for name, text in texts.items():
-            archive.add_text(name, text)
-        for name, path in {**dict(sorted(inputs.items())), **(files or {result.name: result})}.items():
-            archive.add_file(name, path)
-        if not files and archive.digests[result.name] != manifest["result"]["sha256"]:
-            raise HeliosweepError(f"{result}: was changed while it was packed")
-        archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
-        archive.add_text("SHA256SUMS", archive.sums)
+    packed = [_Packed.of(place, license, draft) for place in places]
+    by_name = {one.name: one for one in packed}
+    if len(by_name) < len(packed):
+        raise StudyError(Problem("two of the folders hold results of the same study", file=str(target)))
+    if len(packed) == 1:
+        with writing(target, packed[0].name) as archive:
+            packed[0].add_to(archive)
+        return target
+    ids = hashlib.sha256("".join(sorted(by_name)).encode()).hexdigest()[:12]
+    with writing(target, f"heliosweep-collection-{ids}") as archive:
+        for name, one in sorted(by_name.items()):
+            one.add_to(archive.below(name))
+        members = {name: one.described for name, one in sorted(by_name.items())}
+        archive.add_text("README.md", collection_readme(members))
+        archive.add_text(METADATA, collection_crate(members))
     return target
 
 
-def _licence(study: Study, given: str | None) -> Licence:
+class _Packed(NamedTuple):
+    """A result that was found fit for an archive."""
+
+    place: Path
+    described: Described
+    result: Path
+    places: dict[str, str]
+    """Name in the archive of each file that the study names."""
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        """Of its folder in the archive."""
+        return f"{self.described.study.family}-{self.described.study.study_id}"
+
+    @classmethod
+    def of(cls, place: Path, license: str | None, draft: bool) -> _Packed:
+        """Check a result folder. Raises HeliosweepError, StudyError."""
+        found = verify(place)  # which refuses what is no file
+        if not (found.ok and found.finished):
+            raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
+        study = load(next(place / name for name in _STUDIES if (place / name).exists()), study_classes())
+        places = placed(study)
+        manifest = json.loads((place / "manifest.json").read_text(encoding="utf-8"))
+        if study.study_id != manifest["study_id"]:
+            raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
+        if str(manifest.get("environment", {}).get("commit", "")).endswith("-dirty"):
+            log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
+        result = place / manifest["result"]["file"]
+        keys = {places[name]: key for key, names in study.files().items() for name in names}
+        with open_stored(result) as stored:
+            labels = stored.coordinates
+            described = Described(
+                study,
+                cleaned(manifest),
+                stored.attributes,
+                stored.sizes,
+                {name: one for name, one in stored.variables.items() if name in labels},
+                {name: one for name, one in stored.variables.items() if name not in labels},
+                dict(sorted(keys.items())),
+                _licence(study, license, draft),
+            )
+        return cls(place, described, result, places, manifest["result"]["sha256"])
+
+    def add_to(self, archive: Archive) -> None:
+        """Write it, in one fixed order. Raises HeliosweepError where it was changed meanwhile."""
+        described, result = self.described, self.result
+        inputs = {self.places[name]: described.study.resolve(name) for name in self.places}
+        texts = {
+            "README.md": readme(described),
+            "LICENSE": licence(described),
+            "CITATION.cff": citation(described),
+            "study.yaml": study_text(described.study, self.places),
+            "manifest.json": manifest_text(described.manifest),
+            "open.ipynb": notebook(described),
+            "requirements.txt": deposit.lock(described.manifest),
+            ".zenodo.json": deposit.zenodo(described),
+            "datacite.json": deposit.datacite(described),
+        }
+        if (page := self.place / PAGE).is_file():
+            texts[PAGE] = for_others(page.read_text(encoding="utf-8"))
+        stored = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}
+        drawn = sorted(path for ending in _IMAGES for path in (self.place / FIGURES).glob(f"*.{ending}"))
+        figures = {f"{FIGURES}/{path.name}": path for path in drawn if path.is_file()}
+        for name, text in texts.items():
+            archive.add_text(name, text)
+        for name, path in {**dict(sorted(inputs.items())), **figures, **(stored or {result.name: result})}.items():
+            archive.add_file(name, path)
+        if not stored and archive.digests[result.name] != self.sha256:
+            raise HeliosweepError(f"{result}: was changed while it was packed")
+        archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
+        archive.add_text("SHA256SUMS", archive.sums)
+
+
+def _licence(study: Study, given: str | None, draft: bool) -> Licence:
+    """The licence. Raises StudyError where it or the creators are missing, but of a draft."""
     said = given if given is not None else (study.dataset.license if study.dataset else None)
-    if said is None:
-        log.warning("the licence of the data is %s; --license, or dataset.license in the study, names another", DEFAULT)
-    if study.dataset is None or not study.dataset.creators:
-        log.warning("nobody is named as creator; dataset.creators in the study does")
-    return Licence(said or DEFAULT)
+    missing = [
+        *([] if study.dataset and study.dataset.creators else ["'dataset.creators': nobody is named who made it"]),
+        *([] if said else ["'dataset.license', or --license CC-BY-4.0: nothing says how it may be used"]),
+    ]
+    if missing and not draft:
+        how = "add it to the study and run it again, which computes nothing anew, or pack a --draft"
+        raise StudyError([Problem(f"an archive to publish needs {one}; {how}", file=study.family) for one in missing])
+    for one in missing:
+        log.warning("a draft, not to be published: it needs %s", one)
+    return Licence(said or DRAFT)
 
 
 def _check_licence(given: str | None) -> None:
@@ -208,6 +281,10 @@ class Archive:
         self._zipped, self._top = zipped, top
         self.digests: dict[str, str] = {}
         self.sizes: dict[str, int] = {}
+
+    def below(self, name: str) -> Archive:
+        """A folder of it, with digests of its own."""
+        return Archive(self._zipped, f"{self._top}/{name}")
 
     def add(self, name: str, source: BinaryIO, size: int) -> None:
         """Copy a file into the archive, piece by piece."""

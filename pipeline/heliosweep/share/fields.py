@@ -16,6 +16,9 @@ from heliosweep.files import user_path
 from heliosweep.layouts.csv import read_csv, write_csv, write_solarpilot
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.paint import Plant, read_plant
+from heliosweep.layouts.paint_spots import EVALUATIONS, PaintSpots
+from heliosweep.layouts.paint_spots import read_spots as _read_spots
+from heliosweep.layouts.paint_spots import write_spots as _write_spots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
 
@@ -69,6 +72,62 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
         All that is wrong with the files, at their lines.
     """
     return read_plant(user_path(folder), target)
+
+
+def read_paint_spots(
+    folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
+) -> PaintSpots:
+    """Read the measured spots of a folder of PAINT, with the angles that its motors stood at.
+
+    Parameters
+    ----------
+    folder : path
+        As `read_paint` takes it, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
+    target : str
+        Target on whose plane the spots are; those on others are moved to it along their beam.
+    evaluation : {"UTIS", "HeliOS"}
+        Which evaluation of the images.
+
+    Returns
+    -------
+    PaintSpots
+        `columns` of ``calibration.spots``, the block `mount`, the `plant` that `read_paint` gives, and `notes`.
+
+    Raises
+    ------
+    StudyError
+        All that is wrong with the files, at their lines.
+    """
+    return _read_spots(user_path(folder), target, evaluation)
+
+
+def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Write spots as a table for ``calibration.spots``, its `notes` as comments before it.
+
+    Parameters
+    ----------
+    spots : PaintSpots
+        The spots.
+    path : path
+        File to write; appears under its name when it is complete.
+    force : bool
+        Whether a file that is there is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        The file is there already.
+    HeliosweepError
+        The file cannot be written.
+    """
+    file = target_file(path, force)
+    _write_spots(spots, file)
+    return file
 
 
 def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:

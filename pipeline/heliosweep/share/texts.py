@@ -18,7 +18,7 @@ from urllib.parse import quote
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from heliosweep.config.blocks import OWN, Creator
+from heliosweep.config.dataset import OWN, Creator, Dataset
 from heliosweep.config.study import Study
 from heliosweep.errors import printable
 
@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 #: Stands for the creators of a study that names none.
 NOBODY = "The authors of this data set"
-#: Licence of a data set whose study and user name none.
-DEFAULT = "CC-BY-4.0"
+#: Stands for the licence of a draft that has none.
+DRAFT = "LicenseRef-Draft"
+#: Profile of crates that tell a run (Leo et al. 2024, doi:10.1371/journal.pone.0309210).
+PROCESS = "https://w3id.org/ro/wfrun/process/0.5"
 #: Name of the description in its archive.
 METADATA = "ro-crate-metadata.json"
 
@@ -41,6 +43,7 @@ _KNOWN = {
     "CC0-1.0": ("Creative Commons CC0 1.0 Universal (public domain dedication)", f"{_CC}/publicdomain/zero/1.0/"),
     "ODbL-1.0": ("Open Database License 1.0", f"{_ODC}/odbl/1-0/"),
     "ODC-By-1.0": ("Open Data Commons Attribution License 1.0", f"{_ODC}/by/1-0/"),
+    DRAFT: ("none yet: a draft", None),
     "PDDL-1.0": ("Open Data Commons Public Domain Dedication 1.0", f"{_ODC}/pddl/1-0/"),
 }
 _MEANS = {
@@ -48,6 +51,7 @@ _MEANS = {
         "You may share and adapt the data for any purpose, also commercially, if you give appropriate credit, link to "
         "the licence and say what you changed."
     ),
+    DRAFT: "This is a draft. Its creators have named no licence: it must not be used or passed on without asking them.",
     "CC0-1.0": "To the extent possible under law, the creators have waived all rights to the data.",
 }
 
@@ -58,6 +62,9 @@ _TYPES = {
     ".yaml": "application/yaml",
     ".json": "application/json",
     ".md": "text/markdown",
+    ".html": "text/html",
+    ".svg": "image/svg+xml",
+    ".pdf": "application/pdf",
     ".cff": "application/yaml",
     ".ipynb": "application/x-ipynb+json",
     ".csv": "text/csv",
@@ -75,6 +82,10 @@ _NAMES = {
     "CITATION.cff": "How to cite",
     "open.ipynb": "A notebook that opens the data",
     "SHA256SUMS": "Checksums of all files",
+    ".zenodo.json": "Description for Zenodo",
+    "datacite.json": "Description by DataCite's schema",
+    "requirements.txt": "Versions of all packages that computed it",
+    "report.html": "The page of the result: what was asked, what came out, figures",
 }
 #: Code of the notebook.
 _MEANINGS = """\
@@ -106,7 +117,7 @@ class Licence:
 
     def notice(self, title: str, people: str) -> str:
         """The file that goes with the data."""
-        said = ["The creators name the terms."]
+        said = [_MEANS.get(self.text, "The creators name the terms.")]
         if self.url:
             legal = f"{self.url}legalcode" if self.text.startswith("CC") and self.text in _KNOWN else self.url
             said = [
@@ -167,6 +178,7 @@ class Described:
             "creators": creators,
             "people": "; ".join(creator.name for creator in creators) or NOBODY,
             "doi": dataset.doi if dataset else None,  # without the address of its resolver
+            "version": dataset.version if dataset else None,
             "references": list(filter(None, str(attributes.get("references", "")).split("; "))),
         }
 
@@ -175,11 +187,11 @@ def readme(described: Described) -> str:
     """README.md: what this is, how to open, cite, verify and rerun it."""
     options: dict[str, Any] = {"undefined": StrictUndefined, "trim_blocks": True, "keep_trailing_newline": True}
     texts = Environment(loader=PackageLoader("heliosweep.share"), **options)
-    texts.filters |= {"cell": _cell, "prose": _prose, "units": _units}
+    texts.filters |= {"cell": _cell, "prose": prose, "units": _units}
     return texts.get_template("README.md").render(described.told)
 
 
-def _prose(text: object) -> str:
+def prose(text: object) -> str:
     """Text on one line of Markdown, where nothing in it is markup, a formula or HTML."""
     return re.sub(r"([\\`*\[\]<>|$~#&])", r"\\\1", printable(" ".join(str(text).split())))
 
@@ -214,6 +226,7 @@ def citation(described: Described) -> str:
         "date-released": told["finished"][:10],
         "keywords": str(described.attributes["keywords"]).split(", "),
         "doi": told["doi"],
+        "version": told["version"],
         "identifiers": None if told["doi"] else [study],
         "license": described.licence.spdx,
         "references": [
@@ -225,26 +238,27 @@ def citation(described: Described) -> str:
             }
         ],
     }
-    return yaml.safe_dump(_known(content), sort_keys=False, allow_unicode=True, width=120)
+    return yaml.safe_dump(known(content), sort_keys=False, allow_unicode=True, width=120)
 
 
 def _author(creator: Creator) -> dict[str, Any]:
     family, comma, given = creator.name.partition(", ")
-    return _known(
+    return known(
         {
             **({"family-names": family, "given-names": given} if comma else {"name": creator.name}),
             "affiliation": creator.affiliation if comma else None,
             "email": creator.email,
-            "orcid": _orcid(creator),
+            "orcid": orcid(creator),
         }
     )
 
 
-def _orcid(creator: Creator) -> str | None:
+def orcid(creator: Creator) -> str | None:
+    """Address of a creator's ORCID iD."""
     return f"https://orcid.org/{creator.orcid}" if creator.orcid else None
 
 
-def _known(entity: Mapping[str, Any]) -> dict[str, Any]:
+def known(entity: Mapping[str, Any]) -> dict[str, Any]:
     """The same without what is not known."""
     return {key: value for key, value in entity.items() if value}
 
@@ -257,7 +271,7 @@ def notebook(described: Described) -> str:
         look += f'.isel({{dim: slice(0, 5) for dim in data["{first}"].dims}}).to_series().head(20)'
     needs = "zarr" if told["is_zarr"] else "netCDF4"
     texts = [
-        f"# {_prose(told['title'])}\n\n{_prose(described.attributes['summary'])}\n\nNeeds xarray and {needs}.",
+        f"# {prose(told['title'])}\n\n{prose(described.attributes['summary'])}\n\nNeeds xarray and {needs}.",
         f'import xarray as xr\n\ndata = {told["opening"]}("{told["result"]}")\ndata',
         "What each variable means:",
         _MEANINGS,
@@ -295,8 +309,9 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
     stored = f"{result}/" if told["is_zarr"] else result
     names = [name for name in digests if not name.startswith(f"{result}/")] + ["SHA256SUMS"]
     names_of = {**_NAMES, **{name: f"Input of the study: {key}" for name, key in described.inputs.items()}}
-    terms = licence.url or "LICENSE"
+    terms = licence.url or "#licence"
     people, organizations = _people(told["creators"])
+    funders, related, contact = _others(described.study.dataset or Dataset())
     files = [
         {
             "@id": _id(name),
@@ -331,6 +346,11 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
             "datePublished": released,
             "keywords": str(described.attributes["keywords"]),
             "identifier": f"https://doi.org/{doi}" if doi else told["study_id"],
+            "version": told["version"],
+            "conformsTo": {"@id": PROCESS},
+            "funder": _linked(one["@id"] for one in funders),
+            "contactPoint": contact and {"@id": "#contact"},
+            "citation": _linked(one["@id"] for one in related),
             "license": {"@id": terms},
             "creator": _linked(person["@id"] for person in people),
             "author": _linked(person["@id"] for person in people),
@@ -344,17 +364,20 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
         {
             "@id": "#run",
             "@type": "CreateAction",
+            "description": "Computes every point of the study, from the versions that requirements.txt lists",
+            "actionStatus": {"@id": "http://schema.org/CompletedActionStatus"},
+            "agent": _linked(person["@id"] for person in people),
             "name": f"heliosweep run of study {told['study_id']}",
             "endTime": told["finished"],
             "instrument": {"@id": "#heliosweep"},
-            "object": _linked(map(_id, ("study.yaml", *described.inputs))),
+            "object": _linked(map(_id, ("study.yaml", "requirements.txt", *described.inputs))),
             "result": {"@id": _id(stored)},
         },
         {
             "@id": "#heliosweep",
             "@type": "SoftwareApplication",
             "name": "heliosweep",
-            "version": told["software"],
+            "softwareVersion": told["software"],
             "description": "Batch studies of solar-concentrator tracking and optics",
             "identifier": commit and f"commit {commit}",
         },
@@ -365,10 +388,14 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
             "identifier": licence.spdx,
             "description": licence.notice(told["title"], told["people"]),
         },
+        {"@id": PROCESS, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
         *people,
         *organizations,
+        *funders,
+        *related,
+        *([contact] if contact else []),
     ]
-    content = {"@context": _CONTEXT, "@graph": [_known(entity) for entity in graph]}
+    content = {"@context": _CONTEXT, "@graph": [known(entity) for entity in graph]}
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -389,7 +416,7 @@ def _people(creators: Iterable[Creator]) -> tuple[list[dict[str, Any]], list[dic
     ids = {name: f"#organization-{number}" for number, name in enumerate(names, 1)}
     people = [
         {
-            "@id": _orcid(creator) or f"#creator-{number}",
+            "@id": orcid(creator) or f"#creator-{number}",
             "@type": "Person",
             "name": creator.name,
             "affiliation": creator.affiliation and {"@id": ids[creator.affiliation]},
@@ -399,3 +426,25 @@ def _people(creators: Iterable[Creator]) -> tuple[list[dict[str, Any]], list[dic
     ]
     organizations = [{"@id": place, "@type": "Organization", "name": name} for name, place in ids.items()]
     return people or [{"@id": "#authors", "@type": "Organization", "name": NOBODY}], organizations
+
+
+def contact_of(dataset: Dataset) -> Creator | None:
+    """Whom to ask: who is named, or else the first creator with an address."""
+    return dataset.contact or next((creator for creator in dataset.creators if creator.email), None)
+
+
+def _others(dataset: Dataset) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None]:
+    """Funders, related works, and whom to ask."""
+    funders = [
+        {"@id": f"#funder-{number}", "@type": "Organization", "name": one.funder, "description": one.award}
+        for number, one in enumerate(dataset.funding, 1)
+    ]
+    addresses = {one.identifier if "://" in one.identifier else f"https://doi.org/{one.identifier}": one.relation
+                 for one in dataset.related}  # fmt: skip
+    related = [
+        {"@id": address, "@type": "CreativeWork", "name": address, "description": f"Relation: {relation}"}
+        for address, relation in addresses.items()
+    ]
+    one = contact_of(dataset)
+    contact = {"@id": "#contact", "@type": "ContactPoint", "name": one.name, "email": one.email} if one else None
+    return funders, related, contact

@@ -22,7 +22,7 @@ from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import in_result
-from heliosweep.sources import code_versions, version_of
+from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store.encoding import slab_digest, slab_rows
 from heliosweep.store.folder import MANIFEST, manifest_text, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
@@ -66,8 +66,6 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
         **dict(_people(study)),
         **dict(_where(study)),
         **dict(_when(study)),
-        "product_version": __version__,
-        "naming_authority": "heliosweep",
         "id": study.study_id,
         "study_id": study.study_id,
         "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
@@ -78,6 +76,7 @@ def attributes_of(family: Any, study: Study, coordinates: Any) -> dict[str, Any]
 def _people(study: Study) -> Iterator[tuple[str, str]]:
     """Who made the data set, and how it may be used, where the study says so."""
     said = study.dataset
+    yield "product_version", said.version if said and said.version else __version__
     if said is None:
         return
     if said.creators:
@@ -92,6 +91,11 @@ def _people(study: Study) -> Iterator[tuple[str, str]]:
         yield "license", said.license
     if said.doi:
         yield "metadata_link", f"https://doi.org/{said.doi}"
+    for name, text in (("publisher_name", said.publisher), ("naming_authority", said.naming_authority)):
+        if text:
+            yield name, text
+    if said.funding:
+        yield "acknowledgement", "; ".join(", ".join(filter(None, (one.funder, one.award))) for one in said.funding)
 
 
 def _where(study: Study) -> Iterator[tuple[str, Any]]:
@@ -146,6 +150,7 @@ def _environment() -> dict[str, Any]:
         "platform": platform.platform(),
         "processors": os.cpu_count(),
         "packages": {name: version_of(name) for name in _PACKAGES},
+        "lock": installed(),
         "commit": _commit(),
     }
 

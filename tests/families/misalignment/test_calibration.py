@@ -13,7 +13,7 @@ from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.calibration import compute as calibration
 from heliosweep.families.misalignment.calibration.fits import _known, _rms, _status
-from heliosweep.families.misalignment.calibration.variables import EXACT, NO_SPOTS
+from heliosweep.families.misalignment.calibration.variables import DOUBTFUL, EXACT, NO_SPOTS
 from heliosweep.kernels.spots.calibration import Calibration, Spots
 from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
 from tests.conftest import STUDIES
@@ -342,7 +342,7 @@ def test_names_that_look_like_numbers_are_a_note(tmp_path):
 
 def test_estimates_that_are_not_finite_are_none():
     found = Calibration(
-        np.zeros((2, 6)), np.zeros((2, 6, 6)), np.ones(2), np.zeros((6, 2)), np.zeros((6, 2)),
+        np.zeros((2, 6)), np.zeros((2, 6, 6)), np.ones(2), np.zeros((6, 2)), np.zeros((6, 2)), np.zeros((6, 2)),
         np.array([3, 3]), np.array([ESTIMATED, NOT_CONVERGED]), np.zeros(2, np.int64), np.zeros(2, np.int64),
     )  # fmt: skip
     spots = Spots(np.array([0, 3, 6]), np.zeros((6, 3)), np.zeros((6, 2)), np.zeros((6, 2)), np.ones(6))
@@ -374,3 +374,39 @@ def test_weightless_spots_are_predicted_but_not_used(tmp_path):
     assert result.spots_used[0] == 20
     assert np.isfinite(result.residual_y[0]).all()
     np.testing.assert_allclose(result.estimated_error[0], [*TRUE.values()], rtol=0, atol=1e-8)
+
+
+def test_a_calibration_doubts_itself(tmp_path):
+    """Errors that no mount has, or spots that it does not send there, are a status and a warning with the heliostat."""
+    header = f"{HEADER},azimuth,elevation"
+    angles = spot_rows(0, days=DAYS, angles=True)
+    centimetres = [",".join([n, *(str(1e2 * float(at)) for at in place), rest]) for n, *place, rest in
+                   (row.split(",", 3) for row in spot_rows(2, days=DAYS, angles=True))]  # fmt: skip
+    far = [",".join([*row.split(",")[:-1], str(float(row.split(",")[-1]) + 4.0)]) for row in
+           spot_rows(1, days=DAYS, angles=True)]  # fmt: skip
+    result = computed(measured(tmp_path, [*angles, *far, *centimetres], header))
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, DOUBTFUL, DOUBTFUL]
+    assert float(result.estimated_error[1, 1]) < -50  # an encoder that reads 4 deg too much
+    said = " ".join(calibration.remarks(result))
+    assert "heliostat 1, 2: the calibration is doubtful. An error is beyond 50 mrad, or a spot lies more than 3" in said
+    assert np.isfinite(result.corrected_azimuth[1]).all()
+
+
+def test_commanded_angles_count_spots_from_where_they_send_the_beam(tmp_path):
+    """Before the calibration: the twin's spot of a mount without errors at the same angles."""
+    rows = spot_rows(0, days=DAYS, angles=True)
+    result = computed(measured(tmp_path, rows, f"{HEADER},azimuth,elevation"))
+    twin = Twin((-16.0, 150.0, 0.0), 143.0, offsets=(0.5, 0.2, 4.0), latitude=37.4)
+    angles = []
+    for index, row in enumerate(rows):
+        place, sun, command = (
+            np.array(row.split(",")[part], float) for part in (slice(1, 3), slice(3, 6), slice(6, 8))
+        )
+        sent = twin.spots(*twin.mirror(np.radians(command), np.zeros(6)), sun)[0][0]
+        before = np.array([result.spot_y_before[0, index], result.spot_z_before[0, index]])
+        np.testing.assert_allclose(before, place - sent, atol=1e-7)
+        seen, aimed = (twin.target + spot @ twin.axes[1:] - twin.pivot for spot in (place, sent))
+        angles.append(np.arctan2(np.linalg.norm(np.cross(seen, aimed)), seen @ aimed))
+    rms = 1e3 * np.sqrt(np.mean(np.square(angles)))
+    assert float(result.uncalibrated_beam_residual_rms[0]) == pytest.approx(rms, rel=1e-6)
+    assert float(result.beam_residual_rms[0]) < 1e-6

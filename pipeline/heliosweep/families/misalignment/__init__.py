@@ -21,7 +21,14 @@ class Misalignment(Family):
         "27 (8), A257 (2019)",
     )
     keywords = ("heliostat", "tracking error", "calibration")
-    headlines = ("least_tolerance", "day_hit_fraction", "hit_fraction", "residual_rms", "tracking_tolerance")
+    headlines = (
+        "least_tolerance",
+        "day_hit_fraction",
+        "hit_fraction",
+        "beam_residual_rms",
+        "residual_rms",
+        "tracking_tolerance",
+    )
 
     def room(self, mode: str) -> str:
         """Package of a mode: ``curves``, ``mount_errors``, ``calibration`` or ``detectors``."""

@@ -103,8 +103,9 @@ class Spots(Shown):
             return ""
         label = self.coordinate(HELIOSTAT).to_numpy()[point[HELIOSTAT]] if HELIOSTAT in result.coords else None
         name = label if isinstance(label, str) else f"heliostat {point[HELIOSTAT] if label is None else label}"
-        if "name" in result.coords and result["name"].dtype.kind in "OU":
-            given = at(result["name"], point)
+        named = next((key for key in ("name", "id") if key in result.coords and result[key].dtype.kind in "OU"), None)
+        if named is not None:
+            given = at(result[named], point)
             name = name if given.ndim else str(given.item())
         parts = [at(result[axis], point) for axis in "xyz" if axis in result.coords]
         if len(parts) == 3 and not any(part.ndim for part in parts):

@@ -84,7 +84,8 @@ def _far_spots(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Proble
         x, y = layout.x, layout.y
     away = np.hypot(np.hypot(x, y), max(ends(study.receiver.height)))[measured.heliostat]
     off = np.hypot(*measured.position.T)
-    far = np.flatnonzero(off > FARTHEST_SPOT * away)
+    # With commanded angles the mount need not have been sent to the aim point.
+    far = np.flatnonzero((off > FARTHEST_SPOT * away) & np.isnan(measured.angles).any(axis=1))
     return _problems(
         measured,
         far,

@@ -64,8 +64,10 @@ class Calibration(NamedTuple):
     """Condition number of the weighted Jacobian at the estimate, shape (F,); infinite where `DEPENDENT`. [1]"""
     residual: Floats
     """Measured minus predicted spots, shape (S, 2). [m]"""
+    uncalibrated: Floats
+    """Measured minus predicted spots of mounts without errors, shape (S, 2); NaN where they have none. [m]"""
     left_out: Floats
-    """The same where the prediction leaves out the spot itself, to first order, shape (S, 2). [m]"""
+    """Residuals of predictions that leave out the spot itself, to first order, shape (S, 2). [m]"""
     used: Integers
     """Spots used, shape (F,): of positive weight, measured, and reaching the receiver without errors."""
     status: Integers
@@ -142,6 +144,7 @@ def calibrate(
         covariance=np.full((number, PARAMETERS, PARAMETERS), np.nan),
         condition=np.full(number, np.nan),
         residual=np.full((total, 2), np.nan),
+        uncalibrated=np.full((total, 2), np.nan),
         left_out=np.full((total, 2), np.nan),
         used=np.zeros(number, np.int64),
         status=np.zeros(number, np.int64),

@@ -147,6 +147,12 @@ def fit_all(
         scene = Fit(seen, counted, whole(b - a), frames[f], face, lengths, parameters)
         x[:] = 0.0
         predict(scene, x, work.terms, work.rows)
+        for i in range(b - a):
+            at = i // PACKET * BLOCK + RESIDUAL * PACKET + i % PACKET
+            result.uncalibrated[a + i, 0], result.uncalibrated[a + i, 1] = (
+                -work.rows[at],
+                -work.rows[at + COLUMNS * PACKET],
+            )
         used = _count(work.rows, weight[a:b], counted)
         result.used[f] = used
         if 2 * used < parameters:

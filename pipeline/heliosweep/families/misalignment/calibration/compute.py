@@ -12,6 +12,9 @@ import xarray as xr
 from heliosweep.families.misalignment.blocks import CONDITION_LIMITS, ERRORS, LOSSES
 from heliosweep.families.misalignment.calibration import fits
 from heliosweep.families.misalignment.calibration.variables import (
+    DOUBTFUL,
+    DOUBTFUL_APERTURES,
+    DOUBTFUL_ERROR,
     EXACT,
     KNOWN,
     NO_SPOTS,
@@ -244,6 +247,15 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     """Remarks on a finished result: numbers of calibrations that the spots do not allow, and of missing commands."""
     yield from estimate_remarks(result, "spots")
     status = result["calibration_status"].to_numpy()
+    if np.any(status == DOUBTFUL):
+        doubted = (status == DOUBTFUL).any(axis=tuple(range(status.ndim - 1)))
+        names = next(result[key].to_numpy() for key in ("name", "id", "heliostat") if key in result.coords)
+        listed = ", ".join(map(str, names[doubted][:6])) + ", ..." * int(names[doubted].size > 6)
+        yield (
+            f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot "
+            f"lies more than {DOUBTFUL_APERTURES:g} apertures from where a mount without errors sends it: are the "
+            f"spots in metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})"
+        )
     if count := int(result["instants_without_command"].sum()):
         instants = result["nominal_azimuth"].size // math.prod(result["nominal_azimuth"].shape[:-2])
         all_instants = int(np.isin(status, KNOWN).sum()) * instants

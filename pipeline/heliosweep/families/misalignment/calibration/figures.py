@@ -46,7 +46,8 @@ _AFTER = {"color": "#0072B2", "linestyle": "", "marker": "o", "markersize": 3, "
 _EDGES = {"before": (0, (4, 1.4)), "after": "-"}
 #: What the spots are.
 _MEASURED = (
-    "Before: spots as measured, about the aim point. After: residuals, measured minus the spot that the calibration "
+    "Before: spots as measured, about the aim point, or where angles were commanded about the spot of a mount without "
+    "errors. After: residuals, measured minus the spot that the calibration "
     "without this spot predicts (leave-one-out), drawn about the aim point; no corrected command was given."
 )
 _SYNTHETIC = "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects."
@@ -58,6 +59,8 @@ _BESIDE = (
     ("condition_number", "condition number", 1),
     ("residual_rms", "residual rms (m)", 3),
     ("leave_one_out_rms", "leave-one-out rms (m)", 3),
+    ("uncalibrated_beam_residual_rms", "beam residual without calibration (mrad)", 2),
+    ("beam_residual_rms", "with it (mrad)", 2),
     ("least_known_direction", "least known", 0),
     ("calibration_status", "status", 0),
 )

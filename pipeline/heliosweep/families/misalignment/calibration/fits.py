@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.calibration.variables import EXACT, KNOWN, NO_SPOTS
+from heliosweep.families.misalignment.calibration.variables import (
+    DOUBTFUL,
+    DOUBTFUL_APERTURES,
+    DOUBTFUL_ERROR,
+    EXACT,
+    KNOWN,
+    NO_SPOTS,
+)
 from heliosweep.families.misalignment.points import Points
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT
 from heliosweep.families.misalignment.spots_file import MeasuredSpots
@@ -125,7 +132,8 @@ def from_measured(mounts: Mounts, numbers: NDArray[np.int64], measured: Measured
     first = np.searchsorted(of, np.arange(count + 1))
     position = np.arange(of.size) - first[of]
     sun, angles = measured.sun[order], measured.angles[order]
-    if np.isnan(angles).any():
+    ideal = bool(np.isnan(angles).any())
+    if ideal:
         angles = aim(mounts.frames[of], sun, mounts.towards[of], _NONE, mounts.offsets)
     spots = Spots(first, sun, angles, measured.position[order], measured.weight[order])
     found = mounts.calibrate(spots, 1, **options)
@@ -135,9 +143,12 @@ def from_measured(mounts: Mounts, numbers: NDArray[np.int64], measured: Measured
         table[of, 0, position] = values
         return table
 
+    before = spots.position if ideal else found.uncalibrated
     status = _status(found, spots, options["parameters"])
+    status[np.isin(status, KNOWN) & _doubtful(found, spots, before, mounts)] = DOUBTFUL
     values = _estimates(found, spots, status, mounts, 1) | _pairs("residual_{}", padded(found.residual))
-    values |= _pairs("spot_{}_before", padded(spots.position)) | _pairs("spot_{}_after", padded(found.left_out))
+    values |= _angular(found, spots, before, mounts)
+    values |= _pairs("spot_{}_before", padded(before)) | _pairs("spot_{}_after", padded(found.left_out))
     return values | _commands(mounts, _known(found, status).reshape(count, 1, -1))
 
 
@@ -145,7 +156,7 @@ def _status(found: Calibration, spots: Spots, parameters: int) -> NDArray[np.int
     """Status of every fit: the kernel's, but for what has no standard errors, and for what has no spots."""
     status = found.status.copy()
     status[(status == TOO_FEW) & (found.used == 0)] = NO_SPOTS
-    lists = np.repeat(np.arange(len(spots.first) - 1), np.diff(spots.first))
+    lists = _lists(spots)
     seen = np.isfinite(found.residual).all(axis=1) & (spots.weight > 0)
     predicted = np.bincount(lists, seen, len(status)) >= found.used
     whole = np.all(np.isfinite(found.estimate[:, :parameters]), axis=1) & predicted
@@ -154,6 +165,40 @@ def _status(found: Calibration, spots: Spots, parameters: int) -> NDArray[np.int
     status[fitted & ~(whole & spread)] = NOT_CONVERGED
     status[fitted & whole & ~spread & (2 * found.used == parameters)] = EXACT
     return status
+
+
+def _doubtful(found: Calibration, spots: Spots, before: Floats, mounts: Mounts) -> NDArray[np.bool_]:
+    """Fits with an error, or with a measured spot, that no mount would have, shape (F,)."""
+    half = np.array([mounts.setting.half_width[0], mounts.setting.half_height[0]])
+    far = (np.abs(before) > 2 * DOUBTFUL_APERTURES * half).any(axis=1) & (spots.weight > 0)
+    large = np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3
+    doubtful: NDArray[np.bool_] = large | (np.bincount(_lists(spots), far, len(large)) > 0)
+    return doubtful
+
+
+def _angular(found: Calibration, spots: Spots, before: Floats, mounts: Mounts) -> Found:
+    """Residuals as angles seen from the pivots, with the estimated errors and without any, shape (H, 1). [mrad]"""
+    pivots = -mounts.towards[_lists(spots)]
+    seen = _on_face(spots.position, mounts) - pivots
+    made = {}
+    for name, residual in (("beam_residual_rms", found.residual), ("uncalibrated_beam_residual_rms", before)):
+        predicted = seen - _on_face(residual, mounts)
+        across = np.cross(seen, predicted)
+        angle = np.arctan2(np.sqrt(np.sum(across**2, axis=1)), np.sum(seen * predicted, axis=1))
+        used = np.all(np.isfinite(found.residual), axis=1)
+        made[name] = 1e3 * _rms(angle[:, np.newaxis], spots, used)[:, np.newaxis]
+    return made
+
+
+def _on_face(places: Floats, mounts: Mounts) -> Floats:
+    """Vectors along the receiver's face, shape (S, 3), without BLAS, whose bits depend on the number of rows."""
+    across, up = mounts.face[1:]
+    return places[:, :1] * across + places[:, 1:] * up
+
+
+def _lists(spots: Spots) -> NDArray[np.int64]:
+    """Number of the list that each spot is in."""
+    return np.repeat(np.arange(len(spots.first) - 1), np.diff(spots.first))
 
 
 def _known(found: Calibration, status: NDArray[np.int64]) -> Floats:
@@ -183,15 +228,15 @@ def _estimates(found: Calibration, spots: Spots, status: NDArray[np.int64], moun
 
 
 def _rms(residual: Floats, spots: Spots, used: NDArray[np.bool_]) -> Floats:
-    """Root mean square per coordinate of the residuals of spots used, of each heliostat; NaN if one of these is."""
+    """Root mean square per column of the residuals of spots used, of each heliostat; NaN if one of these is."""
     square = np.sum(residual**2, axis=1)
     counted = (spots.weight > 0) & used
     # Sums of each heliostat alone, in its own order: as `np.add.reduceat`, but right for empty lists.
-    lists = np.repeat(np.arange(len(spots.first) - 1), np.diff(spots.first))
+    lists = _lists(spots)
     total = np.bincount(lists, np.where(counted, square, 0.0), len(spots.first) - 1)
     count = np.bincount(lists, counted, len(spots.first) - 1)
     with np.errstate(invalid="ignore"):
-        return np.sqrt(np.where(count > 0, total / np.maximum(2 * count, 1), np.nan))
+        return np.sqrt(np.where(count > 0, total / np.maximum(residual.shape[1] * count, 1), np.nan))
 
 
 def _pairs(name: str, values: Floats) -> dict[str, Floats]:

@@ -16,8 +16,11 @@ from heliosweep.kernels.spots import fit as codes
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
 
-#: Codes beside those of the kernel: as many equations as errors, and no spot at all.
-EXACT, NO_SPOTS = 5, 6
+#: Codes beside those of the kernel: as many equations as errors, no spot at all, and what cannot be believed.
+EXACT, NO_SPOTS, DOUBTFUL = 5, 6, 7
+#: Errors of a mount, and distances of a measured spot from where a mount without errors sends it, from which on an
+#: estimate is doubtful. [mrad, widths and heights of the aperture]
+DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
 STATUS = {
     NO_HELIOSTAT: "no_heliostat",
     codes.ESTIMATED: "estimated",
@@ -27,9 +30,10 @@ STATUS = {
     codes.DEPENDENT: "spots_cannot_tell_the_errors_apart",
     EXACT: "estimated_but_no_spot_is_left_for_standard_errors",
     NO_SPOTS: "no_spots",
+    DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
 }
 #: What has an estimate that commands may take.
-KNOWN = (codes.ESTIMATED, codes.INDISTINCT, EXACT)
+KNOWN = (codes.ESTIMATED, codes.INDISTINCT, EXACT, DOUBTFUL)
 
 _SIDES = {
     "y": ("to the right", "to the right of the aim point for someone in the field who looks at the receiver"),
@@ -44,7 +48,8 @@ _SPOTS = {
     "spot_{}_before": (
         "spot before the calibration",
         "where the true errors send the beam; without noise",
-        "as measured; in the order of the file",
+        "as measured; with commanded angles counted from where a mount without errors sends the beam; in the order of "
+        "the file",
     ),
     "spot_{}_after": (
         "spot after the calibration",
@@ -80,6 +85,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     if synthetic:
         meaning = "error with which the synthetic spots were made"
         found["true_error"] = quantity((*lead, "parameter"), "mrad", meaning)
+    else:
+        found |= _angular(lead)
     for name, (meaning, *said) in _SPOTS.items():
         for side, (towards, where) in _SIDES.items():
             comment = f"{where}; {said[0] if synthetic else said[1]}"
@@ -100,6 +107,16 @@ def angles(swept: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]
         shared = (*swept, *(dim for dim in each[len(swept) :] if dim != "sample"))
         found[f"nominal_{name}"] = quantity(shared, "degree", meaning)
     return found
+
+
+def _angular(lead: tuple[str, ...]) -> dict[str, Variable]:
+    """Residuals of measured spots as angles, of the calibrated mount and of one without errors."""
+    meaning = "root mean square of the angle between measured and predicted spot, seen from the pivot"
+    comment = "of the beam, which turns by twice the angle of the mirror; over the spots used"
+    return {
+        "beam_residual_rms": quantity(lead, "mrad", meaning, f"{comment}, with the estimated errors"),
+        "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{meaning}, without calibration", comment),
+    }
 
 
 def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:

@@ -1,0 +1,95 @@
+"""The table of what went into a result: what was swept, drawn and fixed, and what the study looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import PurePath
+from typing import Any
+
+from heliosweep.config.block import Block
+from heliosweep.config.distribution import Distribution
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
+from heliosweep.report.contents import Table
+from heliosweep.report.labels import DEGREE, number_text
+
+#: Values that are listed one by one; of more the first and the last.
+FEW = 6
+#: Rows of the table.
+MOST_ROWS = 60
+#: Blocks that the table does not repeat: the time is in the dates and hours, the others change no number.
+_ELSEWHERE = {"time", "family", "zip", "mode", *Study.DOES_NOT_MATTER}
+_ORDER = ("swept", "drawn", "fixed")
+_NO_UNIT = ("1", "")
+
+
+def inputs(study: Study | None, covers: Sequence[tuple[str, str]]) -> Table | None:
+    """Table of a study's inputs; None where nothing is known.
+
+    Keys at their defaults are left out. `covers` are pairs of a name and what the result covers, from `sampled`.
+    """
+    rows = [[name, text, "", ""] for name, text in covers]
+    if isinstance(study, Study):
+        found = sorted(_entries(study), key=lambda row: _ORDER.index(row[2].partition(",")[0]))
+        rows = [row for row in found if not row[2].startswith("fixed")] + rows
+        rows += [row for row in found if row[2].startswith("fixed")]
+    if not rows:
+        return None
+    notes = [f"The first {MOST_ROWS} of {len(rows):,}; the study file has all."] * (len(rows) > MOST_ROWS)
+    header = ("", "value", "", "key of the study")
+    return Table(
+        "What went in", header, rows[:MOST_ROWS], [0, 1, 2, 3], [*notes, "Keys at their defaults are left out."]
+    )
+
+
+def _entries(block: Block, prefix: str = "") -> Iterator[list[str]]:
+    for name, declared in type(block).model_fields.items():
+        value, parameter, key = getattr(block, name), type(block).parameter(name), f"{prefix}{name}"
+        if value is None or key in _ELSEWHERE:
+            continue
+        if isinstance(parameter, Quantity | Choice | FileName | Flag):
+            if value != declared.default:
+                text, how = _told(parameter, value)
+                yield [parameter.title or _words(key), text, how, key]
+        elif isinstance(value, Block):
+            yield from _entries(value, f"{key}.")
+        elif isinstance(value, tuple) and value and not isinstance(value[0], Block):
+            count = f"{len(value)} {'entry' if len(value) == 1 else 'entries'}"
+            one = _text(value) if len(value) <= FEW and not isinstance(value[0], tuple) else count
+            yield [_words(key), one, "fixed", key]
+        elif isinstance(value, tuple):
+            for number, item in enumerate(value[:FEW]):
+                yield from _entries(item, f"{key}[{number}].")
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ").replace(".", ": ")
+
+
+def _told(parameter: Parameter, value: Any) -> tuple[str, str]:
+    """A value with its unit, and how it stands in the study."""
+    unit = getattr(parameter, "unit", "1")
+    space = "" if unit in ("deg", *_NO_UNIT) else "\N{NO-BREAK SPACE}"
+    after = space + (DEGREE if unit == "deg" else "" if unit in _NO_UNIT else unit)
+    if isinstance(value, Distribution):
+        first, second = map(_text, value.parts)
+        spread = f"mean {first}, standard deviation {second}" if value.kind == "normal" else f"{first} to {second}"
+        draws = f", {value.samples:,} draws" if value.samples else ""
+        return f"{value.kind}, {spread}{after}", f"drawn{draws}"
+    if isinstance(value, Sweep):
+        count = len(value)
+        ends = [_text(one) for one in (value.values() if count <= FEW else (value.first, value.last))]
+        text = ", ".join(ends) if count <= FEW else f"{ends[0]} to {ends[1]}"
+        return f"{text}{after}", f"swept, {count:,} {'value' if count == 1 else 'values'}"
+    return f"{_text(value)}{'' if isinstance(value, str) else after}", "fixed"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return f"{value:g}".replace("-", "\N{MINUS SIGN}") if abs(value) < 1e6 else number_text(float(value), 0)
+    if isinstance(value, tuple | list):
+        return ", ".join(map(_text, value))
+    return PurePath(str(value)).name if "/" in str(value) else str(value).replace("_", " ")

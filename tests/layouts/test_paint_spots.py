@@ -1,0 +1,181 @@
+"""Measured spots of PAINT: actuators and the fit computed a second time, and what bad files are told."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, least_squares
+from scipy.spatial.transform import Rotation
+
+from heliosweep import StudyError, api, read_paint_spots
+from heliosweep.cli import main
+from heliosweep.layouts.paint import local_positions
+from heliosweep.layouts.paint_spots import Actuator
+
+ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "tests" / "data" / "paint"
+STUDY = ROOT / "studies" / "calibration_juelich.yaml"
+SPOT = "AA39/270398-calibration-properties.json"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The sample with one heliostat."""
+    place = tmp_path / "paint"
+    shutil.copytree(SAMPLE / "AA39", place / "AA39")
+    shutil.copy(SAMPLE / "tower-measurements.json", place)
+    return place
+
+
+def joint_angle(actuator, counts):
+    """Angle of a joint: where a head on a circle about the joint is one stroke away from the foot, by a root finder."""
+    foot, radius = np.array([actuator["offset"], 0.0]), actuator["pivot_radius"]
+
+    def opening(stroke):
+        def miss(angle):
+            return np.hypot(*(radius * np.array([np.cos(angle), np.sin(angle)]) - foot)) - stroke
+
+        return brentq(miss, 0.0, np.pi, xtol=1e-15)
+
+    first = actuator["initial_stroke_length"]
+    turned = opening(first + counts / actuator["increment"]) - opening(first)
+    return actuator["initial_angle"] + (-turned if actuator["clockwise_axis_movement"] else turned)
+
+
+def measurements(name, evaluation):
+    """Sun, joint angles, spot and pivot of each measurement, east, north and up of the plant, from the files."""
+    tower = json.loads((SAMPLE / "tower-measurements.json").read_text())
+    origin = tower["power_plant_properties"]["coordinates"]
+    heliostat = json.loads((SAMPLE / name / "heliostat-properties.json").read_text())
+    actuators = heliostat["kinematics_properties"]["actuators"]
+    pivot = local_positions(heliostat["heliostat_position"], origin)
+    for path in sorted((SAMPLE / name).glob("*-calibration-properties.json")):
+        said = json.loads(path.read_text())
+        motors = [said["motor_position"][f"axis_{axis}_motor_position"] for axis in (1, 2)]
+        # From the south about the axis up, counterclockwise, then up from the horizon.
+        place = Rotation.from_euler("ZX", [said["sun_azimuth"], -said["sun_elevation"]], degrees=True)
+        angles = [joint_angle(*both) for both in zip(actuators, motors, strict=True)]
+        yield place.apply([0.0, -1.0, 0.0]), angles, local_positions(said["focal_spot"][evaluation], origin), pivot
+
+
+def misses(errors, seen, offset):
+    """Measured minus predicted spots on the plane of each target: east and up; and the angle between the beams."""
+    for sun, (first, second), spot, pivot in seen:
+        turned = Rotation.from_euler(
+            "XY", [first + errors[0], second + errors[1]]
+        )  # about east, then about its own north
+        normal = (Rotation.from_rotvec([0.0, errors[2], errors[3]]) * turned).apply([0.0, 0.0, 1.0])
+        centre = pivot + offset * normal
+        ray = 2 * (sun @ normal) * normal - sun
+        way = spot - centre
+        place = centre + (spot[1] - centre[1]) / ray[1] * ray
+        yield (spot - place)[[0, 2]], np.arctan2(np.linalg.norm(np.cross(ray, way)), ray @ way)
+
+
+def test_actuators_are_triangles():
+    spots = read_paint_spots(SAMPLE, "multi_focus_tower")
+    assert spots.columns["heliostat"].tolist() == ["AA31"] * 2 + ["AA39"] * 6
+    seen = [*measurements("AA31", "UTIS"), *measurements("AA39", "UTIS")]
+    first, second = np.degrees([angles for _, angles, _, _ in seen]).T
+    np.testing.assert_allclose(spots.columns["azimuth"], -first, atol=1e-8)
+    np.testing.assert_allclose(spots.columns["elevation"], second, atol=1e-8)
+    for axis, name in enumerate(("sun_x", "sun_y", "sun_z")):
+        np.testing.assert_allclose(spots.columns[name], [sun[axis] for sun, *_ in seen], atol=1e-9)
+    assert spots.notes[-1] == "Left out, since their actuators are not linear: AC43."
+    # With the motor at its upper end the mirror stands upright, 90 deg, as the file says.
+    data = json.loads((SAMPLE / "AA39" / "heliostat-properties.json").read_text())["kinematics_properties"]["actuators"]
+    assert joint_angle(data[0], data[0]["max_increment"]) == pytest.approx(data[0]["max_movement_angle"], abs=0.03)
+
+
+def test_spots_of_other_targets_are_moved_along_their_beams():
+    """By 0.5 m north: a spot on its own plane, its mirror and the moved spot lie on one line."""
+    spots = read_paint_spots(SAMPLE, "multi_focus_tower")
+    names = [comment.split()[2] for comment in spots.columns["comment"][2:]]
+    seen = list(measurements("AA39", "UTIS"))
+    middle = np.array([-17.60489703, -2.74467381, 51.97972516])  # of multi_focus_tower
+    for row, (name, (sun, _, spot, pivot)) in enumerate(zip(names, seen, strict=True), start=2):
+        # Right of one who looks south is west.
+        moved = middle + np.array([-spots.columns["y"][row], 0.0, spots.columns["z"][row]])
+        half = sun + (spot - pivot) / np.linalg.norm(spot - pivot)
+        centre = pivot + 0.2152 * half / np.linalg.norm(half)
+        along = (spot - centre) / np.linalg.norm(spot - centre)
+        assert np.linalg.norm(np.cross(along, moved - centre)) < 2e-4
+        assert np.linalg.norm(moved - spot) < (0.01 if name == "multi_focus_tower" else 1.0)
+
+
+def test_the_shipped_study_is_the_fit_of_the_files(tmp_path):
+    """Four errors take the residuals of AA39 from 28.8 to 2.6 mrad; so does SciPy on the planes of the targets."""
+    result = api.build(api.load(STUDY)).compute()
+    assert result["calibration_status"].to_numpy().ravel().tolist() == [0, 0]
+    four = result.sel(parameters=4).isel(heliostat=0)
+    assert str(four["id"].item()) == "AA39"
+    seen = list(measurements("AA39", "UTIS"))
+
+    def apart(errors):
+        return np.concatenate([miss for miss, _ in misses(errors, seen, 0.2152)])
+
+    def rms(errors):
+        return 1e3 * np.sqrt(np.mean([angle**2 for _, angle in misses(errors, seen, 0.2152)]))
+
+    found = least_squares(apart, np.zeros(4), x_scale=1e-2, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    # In the frame of the mount, north, up and east, the first axis turns the other way round.
+    first, second, about_north, about_up = 1e3 * found
+    expected = [-first, second, about_north, about_up]
+    np.testing.assert_allclose(four["estimated_error"][:4], expected, atol=0.06)  # two spots are moved by 0.5 m
+    assert float(four["uncalibrated_beam_residual_rms"]) == pytest.approx(rms(np.zeros(4)), rel=5e-3)
+    assert float(four["beam_residual_rms"]) == pytest.approx(rms(found), rel=5e-3)
+    assert rms(np.zeros(4)) == pytest.approx(28.87, abs=0.01)
+    assert rms(found) == pytest.approx(2.567, abs=0.001)
+    assert float(result["beam_residual_rms"].sel(parameters=2).item()) == pytest.approx(10.85, abs=0.01)
+
+
+def test_the_shipped_tables_are_made_by_the_command(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for form, place in (("spots", "spots"), ("csv", "layouts")):
+        assert main(["convert", "paint", f"{form}.csv", "--to", form, "--aim", "multi_focus_tower"]) == 0
+        shipped = ROOT / "studies" / place / "juelich_aa39.csv"
+        assert (tmp_path / f"{form}.csv").read_text(encoding="utf-8") == shipped.read_text(encoding="utf-8")
+    text = (tmp_path / "spots.csv").read_text(encoding="utf-8")
+    for block in ("receiver", "mount"):
+        line = next(line[2:] for line in text.splitlines() if line.startswith(f"# {block}:"))
+        assert line.replace("0.0,", "0,") in STUDY.read_text(encoding="utf-8")
+
+
+def edited(folder, name, change):
+    path = folder / name
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data, indent=1))
+    with pytest.raises(StudyError) as caught:
+        read_paint_spots(folder, "multi_focus_tower")
+    return str(caught.value)
+
+
+def test_bad_files_are_told_at_their_lines(folder):
+    stroke = edited(folder, SPOT, lambda data: data["motor_position"].update(axis_1_motor_position=900_000))
+    assert f"{SPOT}:3:" in stroke
+    assert "motor_position.axis_1_motor_position: is a stroke that closes no triangle of the actuator" in stroke
+    assert "focal_spot: has no 'UTIS'" in edited(folder, SPOT, lambda data: data.update(
+        focal_spot={}, motor_position={f"axis_{axis}_motor_position": 30_000 for axis in (1, 2)}
+    ))  # fmt: skip
+    assert "sun_elevation: must be a number from 0.01 to 90" in edited(
+        folder, SPOT, lambda data: data.update(sun_elevation="high")
+    )
+    (folder / SPOT).unlink()
+    properties = "AA39/heliostat-properties.json"
+    said = edited(folder, properties, lambda data: data["kinematics_properties"]["actuators"][0].update(offset=2.0))
+    assert "actuators.0: initial_stroke_length, offset and pivot_radius close no triangle" in said.replace("[0]", ".0")
+    said = edited(
+        folder, properties, lambda data: data["kinematics_properties"]["actuators"][0].update(type_axis="ideal")
+    )
+    assert "of heliostats with linear actuators; AA39 have others" in said
+    with pytest.raises(StudyError, match="unknown evaluation 'eye'; use UTIS or HeliOS"):
+        read_paint_spots(SAMPLE, "receiver", "eye")
+
+
+def test_a_stroke_too_long_is_no_angle():
+    actuator = Actuator(1000.0, 0.1, 0.3, 0.3, 1.0, 0.0)
+    assert np.isnan(actuator.joint_angle(600.0))
+    assert actuator.joint_angle(0.0) == 0.0
