@@ -281,7 +281,7 @@ class HeliosweepAccessor:
         said = json.loads(self._result.attrs.get("study", "{}"))
         if said.get("family") not in families():
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
-        family = families()[said["family"]]
+        family = families()[said["family"]].of_draws("sample" in said)
         return family.search_of(self._result) if said.get("search") else family
 
     @contextmanager

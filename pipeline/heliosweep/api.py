@@ -80,7 +80,7 @@ def _loaded(study: Study | Source) -> Study:
 
 def family_of(study: Study) -> Family:
     """Family that a study belongs to."""
-    family = families()[study.family]
+    family = families()[study.family].of_draws(study.sample is not None)
     return family if study.search is None else searched(family)
 
 

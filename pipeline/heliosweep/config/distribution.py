@@ -103,6 +103,9 @@ class Uncertain(Quantity):
             forms.append(object_schema(f"Drawn from a {kind} distribution", {kind: pair}, drawn))
         return {"anyOf": [*fixed.get("anyOf", [fixed]), *forms]}
 
+    def _drawn_schemas(self) -> list[dict[str, Any]]:
+        return []  # drawn for each mount, not for the study
+
     def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
         others = [str(key) for key in raw if _names_another(str(key), raw)]
         faults = key_faults({key: value for key, value in raw.items() if key not in others}, _KEYS, (), _FORM)

@@ -11,8 +11,10 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from heliosweep.config.block import UNKNOWN_KEY, translate
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
 from heliosweep.config.layers import changed, file_names, with_base
+from heliosweep.config.sample import bound, sample_problems
 from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import Source, from_python, read
@@ -105,8 +107,8 @@ def validated(
     if problems or study is None:
         raise _refusal(problems)
     study._source = source
-    # The last may rely on what the others look at.
-    for find in (search_problems, _zip_problems, _same_files, type(study).check):
+    # The later may rely on what the earlier look at.
+    for find in (search_problems, _zip_problems, sample_problems, _same_files, bound, type(study).check):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study
@@ -165,6 +167,8 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
                 members.append(key)
         if len(group) < 2:
             yield study.problem(f"zip[{i}]", "must name at least two swept keys to tie together")
+        elif len({isinstance(sweeps[key], Drawn) for key in members}) > 1:
+            yield study.problem(f"zip[{i}]", "ties drawn keys to swept ones; tie those that are drawn")
         elif len({len(sweeps[key]) for key in members}) > 1:
             lengths = ", ".join(f"{key} has {len(sweeps[key])}" for key in members)
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")

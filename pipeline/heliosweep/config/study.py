@@ -23,7 +23,9 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Execution, Output, Report
 from heliosweep.config.dataset import Dataset
 from heliosweep.config.distribution import Distribution
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import in_short
+from heliosweep.config.sample import SAMPLE, Sample
 from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.sweep import Listed, Range, Sweep
@@ -41,12 +43,12 @@ Rewrite = Callable[[Parameter | None, Any], Any]
 
 @dataclass(frozen=True)
 class Dimension:
-    """A dimension of the result: one swept parameter, or several that `zip` ties together.
+    """A dimension of the result: one swept parameter, several that `zip` ties together, or all that are drawn.
 
     Parameters
     ----------
     name : str
-        Name of the dimension; of tied parameters, the name of the first.
+        Name of the dimension; of tied parameters, the name of the first; ``sample`` of those that are drawn.
     sweeps : mapping of str to Sweep
         The swept values by dotted key, all of one length.
     """
@@ -79,6 +81,9 @@ class Study(Block):
         tuple[tuple[Annotated[str, Text("Key")], ...], ...],
         Field(description="Groups of swept keys that vary together on one dimension instead of as a product"),
     ] = ()
+    sample: Annotated[
+        Sample | None, Field(description="Draws of the keys that are distributions, along the dimension 'sample'")
+    ] = None
     search: Annotated[
         Search | None, Field(description="The best point: what is sought, over which keys; instead of a sweep")
     ] = None
@@ -178,18 +183,23 @@ class Study(Block):
             if _is_swept(parameter, value)
         }
 
-    def dimensions(self) -> list[Dimension]:
-        """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied."""
-        sweeps, names = self.sweeps(), self.dimension_names()
+    def tied_keys(self) -> list[list[str]]:
+        """Return the groups of `zip` as dotted keys."""
+        names = self.dimension_names()
         key_of = {name: key for key, name in names.items()} | {key: key for key in names}
-        groups = [[key_of[entry] for entry in group] for group in self.zip]
-        tied = {key: group for group in groups for key in group}
+        return [[key_of[entry] for entry in group] for group in self.zip]
+
+    def dimensions(self) -> list[Dimension]:
+        """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied; `sample` last."""
+        sweeps, names = self.sweeps(), self.dimension_names()
+        tied = {key: group for group in self.tied_keys() for key in group}
         dimensions: dict[str, Dimension] = {}
-        for key in sweeps:
+        drawn = {key: sweep for key, sweep in sweeps.items() if isinstance(sweep, Drawn)}
+        for key in (key for key in sweeps if key not in drawn):
             group = tied.get(key, [key])
             name = names[group[0]]
             dimensions.setdefault(name, Dimension(name, {member: sweeps[member] for member in group}))
-        return list(dimensions.values())
+        return [*dimensions.values(), *([Dimension(SAMPLE, drawn)] if drawn else [])]
 
     def files(self) -> dict[str, tuple[str, ...]]:
         """Return the names of all files that the study names, by dotted key."""
@@ -225,7 +235,9 @@ class Study(Block):
             return _even(value)
 
         matters = self.model_copy(update=dict.fromkeys(self.DOES_NOT_MATTER))
-        tied = [list(dimension.sweeps) for dimension in self.dimensions() if len(dimension.sweeps) > 1]
+        tied = [list(dim.sweeps) for dim in self.dimensions() if len(dim.sweeps) > 1 and dim.name != SAMPLE]
+        sweeps = self.sweeps()
+        tied += [group for group in self.tied_keys() if isinstance(sweeps[group[0]], Drawn)]
         return plain(matters, rewrite) | {"zip": tied}
 
     @property

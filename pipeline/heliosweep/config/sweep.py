@@ -78,6 +78,10 @@ class Sweep:
         """Return all values: an array of float64, or a tuple of str. Expands the sweep."""
         return self[:]
 
+    def ends(self) -> tuple[Any, ...]:
+        """Return values between which all others are."""
+        return self.first, self.last
+
 
 @dataclass(frozen=True)
 class Listed(Sweep):
@@ -94,6 +98,10 @@ class Listed(Sweep):
             return np.array(self.items[index], dtype=float)
         return self.items[index]
 
+    def ends(self) -> tuple[Any, ...]:
+        """Return all values."""
+        return tuple(self[:])
+
     def spec(self) -> list[float | str]:
         """Return the values as a list."""
         return list(self.items)
@@ -105,10 +113,8 @@ class Listed(Sweep):
 
 
 def ends(value: Any) -> tuple[Any, ...]:
-    """A value, all of a list, or both ends of a range, which is monotonic."""
-    if not isinstance(value, Sweep):
-        return (value,)
-    return tuple(value[:]) if isinstance(value, Listed) else (value.first, value.last)
+    """A value, all of a list, both ends of a range, which is monotonic, or of a distribution."""
+    return value.ends() if isinstance(value, Sweep) else (value,)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ A kind of value stands in the annotation of the field::
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,13 +16,14 @@ from typing import Any
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from heliosweep.config import units
+from heliosweep.config import drawn, units
 from heliosweep.config.faults import Fault, Faults, Invalid, Path, did_you_mean, one_of, to_pydantic
 from heliosweep.config.sweep import MAX_FAULTS, Geometric, Listed, Range, Sweep, read_items, read_sweep
 
 _INFINITE = 1e300  # beyond it differences overflow
 _QUANTITY_PATTERN = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
 _ONCE = "must be a single value; it cannot be swept"
+_NOT_DRAWN = "must be a single value; it cannot be drawn from a distribution"
 _COUNTS = ("no", "one", "two", "three", "four")
 
 Schema = dict[str, Any]
@@ -239,14 +241,26 @@ class Quantity(Parameter):
         return self.description if self.unit == "1" else f"{self.description} [{self.unit}]"
 
     def read(self, raw: Any) -> float | Sweep:
-        """Return a number in the canonical unit, or a sweep of them. Raises Invalid."""
+        """Return a number in the canonical unit, a sweep of them, or a distribution. Raises Invalid."""
         if not isinstance(raw, Sweep | Mapping | list | tuple):
             return self._one(raw)
+        if drawn.is_distribution(raw):
+            return self._drawn(raw)
         if not self.sweep:
             raise Invalid(_ONCE)
         sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number)
         self._check_sweep(sweep)
         return sweep
+
+    def _drawn(self, raw: Any) -> drawn.Drawn:
+        if not self.sweep:
+            raise Invalid(_NOT_DRAWN)
+        low = max((bound for bound in (self.ge, self.gt) if bound is not None), default=-math.inf)
+        high = min((bound for bound in (self.le, self.lt) if bound is not None), default=math.inf)
+        found = drawn.read_drawn(raw, self._number, self._check, low, high)
+        if self.integer and found.kind != drawn.DISCRETE:
+            raise Invalid(Fault("whole numbers are drawn by {discrete: {values, weights}}", (found.kind,)))
+        return found
 
     def bounds(self) -> str:
         """Return the bounds in words, such as ``between -90 and 90 deg``; empty if there are none."""
@@ -265,7 +279,10 @@ class Quantity(Parameter):
         if self.unit != "1":
             forms.append({"type": "string", "pattern": _QUANTITY_PATTERN})
         one = forms[0] if len(forms) == 1 else {"anyOf": forms}
-        return {"anyOf": [*forms, *_swept_schemas(one)]} if self.sweep else one
+        return {"anyOf": [*forms, *_swept_schemas(one), *self._drawn_schemas()]} if self.sweep else one
+
+    def _drawn_schemas(self) -> list[Schema]:
+        return [drawn.json_schema()]
 
     def _number(self, raw: Any) -> float:
         """Return one finite number in the canonical unit, bounds not yet checked."""
@@ -325,6 +342,12 @@ class Samples(Quantity):
         """Return the samples; a single value counts as a list of one. Raises Invalid."""
         value = super().read(raw)
         return value if isinstance(value, Sweep) else Listed((value,))
+
+    def _drawn(self, raw: Any) -> drawn.Drawn:
+        raise Invalid("instants cannot be drawn from a distribution")
+
+    def _drawn_schemas(self) -> list[Schema]:
+        return []
 
 
 def object_schema(description: str, required: Mapping[str, Any], optional: Mapping[str, Any] | None = None) -> Schema:

@@ -109,6 +109,11 @@ class Weather(Block):
         Text("Offset from universal time of the times of a CSV file that have none", form=_offset,
              schema=pattern("[+-][0-9]{2}:[0-9]{2}")),
     ] = None  # fmt: skip
+    dni_factor: Annotated[
+        float | Sweep | None,
+        Quantity("Factor on the direct normal irradiance, for the spread between years or of the sensor; 1 where left "
+                 "out", "1", gt=0, le=2, title="factor on the direct normal irradiance"),
+    ] = None  # fmt: skip
     clear_sky: Annotated[ClearSky | None, Field(description="A sky without clouds, on the civil clock")] = None
 
     def rules(self) -> Iterator[Fault]:

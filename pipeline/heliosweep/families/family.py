@@ -145,6 +145,11 @@ class Family:
         """
         return self.module("compute", self.mode(study)).finish(study, inputs, region, computed)
 
+    def of_draws(self, drawn: bool) -> Family:
+        """Return this family, for studies whose keys are drawn with statistics over the draws."""
+        found: Family = import_module("heliosweep.families.sampled").Sampled(self) if drawn else self
+        return found
+
     def search_of(self, result: xr.Dataset) -> Family:
         """Who draws the figures and makes the tables of a result of a search."""
         found: Family = import_module("heliosweep.families.searched").shown(self, result)

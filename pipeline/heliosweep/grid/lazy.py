@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,19 @@ import numpy as np
 from heliosweep.config.sites import with_sites
 from heliosweep.config.weather_files import with_weather
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Part, Variable, checked, index_of, of_kind, parts_by_slab, shape_of
+from heliosweep.grid.regions import (
+    PASS_BYTES,
+    Part,
+    Region,
+    Variable,
+    bytes_of,
+    checked,
+    in_result,
+    index_of,
+    of_kind,
+    parts_by_slab,
+    shape_of,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,26 +50,67 @@ class Work:
         made = self.family.compute(self.study, self.inputs, part.region)
         return checked(made, of_kind(self.variables, part.kind), part.region, self.sizes)
 
-    def finish(self, slab: Part, computed: xr.Dataset) -> xr.Dataset:
-        """All variables of a slab from those that were computed, in the order of the file."""
-        named = {name: one for name, one in self.variables.items() if one.kind == slab.kind}
-        later = {name: one for name, one in named.items() if one.finished}
-        if not later:
-            return computed[list(named)]
-        made = self.family.finish(self.study, self.inputs, slab.region, computed)
-        arrays = checked(made, later, slab.region, self.sizes)
-        return computed.assign({name: (later[name].dims, array) for name, array in arrays.items()})[list(named)]
-
-    def joined(self, slab: Part, parts: Iterable[tuple[Part, Mapping[str, np.ndarray]]]) -> xr.Dataset:
-        """Values of a slab, put together from those of its parts."""
+    def finish(self, slab: Part, parts: Callable[[], Iterable[tuple[Part, Mapping[str, np.ndarray]]]]) -> xr.Dataset:
+        """All variables of a slab in the order of the file, from those of its parts, as often as `parts` is called."""
         import xarray as xr
 
-        named = of_kind(self.variables, slab.kind)
-        whole = {name: np.empty(shape_of(one, slab.region, self.sizes), one.dtype) for name, one in named.items()}
+        named = {name: one for name, one in in_result(self.variables).items() if one.kind == slab.kind}
+        later = {name: one for name, one in named.items() if one.finished}
+        whole = of_kind(self.variables, slab.kind)
+        kept = {name: slab.region for name, one in whole.items() if not one.passing}
+        computed = xr.Dataset(self._joined(parts(), kept))
+        if not later:
+            return computed[list(named)]
+        made = dict(self.family.finish(self.study, self.inputs, slab.region, computed).data_vars)
+        for regions in self._passes(slab, whole):
+            for name, given in self._joined(parts(), regions).items():
+                some = self.family.finish(self.study, self.inputs, slab.region, xr.Dataset({name: given}))
+                for key, array in some.data_vars.items():
+                    one = later[str(key)]
+                    if key not in made:
+                        made[key] = xr.DataArray(
+                            np.empty(shape_of(one, slab.region, self.sizes), one.dtype), dims=one.dims
+                        )
+                    made[key].values[index_of(one.dims, regions[name], slab.region)] = array.to_numpy()
+        arrays = checked(xr.Dataset(made), later, slab.region, self.sizes)
+        return computed.assign({name: (later[name].dims, array) for name, array in arrays.items()})[list(named)]
+
+    def _passes(self, slab: Part, whole: Mapping[str, Variable]) -> Iterator[dict[str, Region]]:
+        """Regions of the passing variables that are held at a time, each cut along its longest inner dimension."""
+        together: dict[str, Region] = {}
+        held = 0
+        for name, variable in whole.items():
+            if not variable.passing:
+                continue
+            inner = [dim for dim in variable.dims if dim not in slab.region]
+            dim = max(inner, key=self.sizes.__getitem__, default="")
+            shape = dict(zip(variable.dims, shape_of(variable, slab.region, self.sizes), strict=True))
+            each = bytes_of({name: variable}, {**shape, dim: 1})
+            length = max(1, min(PASS_BYTES // each, shape.get(dim, 1)))
+            for start in range(0, shape.get(dim, 1), length):
+                stop = min(start + length, shape.get(dim, 1))
+                if name in together or (held and held + each * (stop - start) > PASS_BYTES):
+                    yield together
+                    together, held = {}, 0
+                together[name] = {**slab.region, **({dim: slice(start, stop)} if dim else {})}
+                held += each * (stop - start)
+        if together:
+            yield together
+
+    def _joined(
+        self, parts: Iterable[tuple[Part, Mapping[str, np.ndarray]]], regions: Mapping[str, Region]
+    ) -> dict[str, xr.Variable]:
+        """Values of variables over regions of them, put together from parts of a slab."""
+        import xarray as xr
+
+        named = {name: self.variables[name] for name in regions}
+        whole = {name: np.empty(shape_of(one, regions[name], self.sizes), one.dtype) for name, one in named.items()}
         for part, values in parts:
             for name, variable in named.items():
-                whole[name][index_of(variable.dims, part.region, slab.region)] = values[name]
-        return xr.Dataset({name: (variable.dims, whole[name]) for name, variable in named.items()})
+                extra = {dim: span for dim, span in regions[name].items() if dim not in part.region}
+                within = index_of(variable.dims, part.region, regions[name])
+                whole[name][within] = values[name][index_of(variable.dims, extra)]
+        return {name: xr.Variable(variable.dims, whole[name]) for name, variable in named.items()}
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
@@ -83,7 +136,7 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
         keys.setdefault(slab.kind, {})[place] = key
     layer = HighLevelGraph.from_collections(finished, graph)
     arrays = {}
-    for name, variable in work.variables.items():
+    for name, variable in in_result(work.variables).items():
         cut = plan.cuts[variable.kind]
         lengths = [_lengths(work.sizes[dim], cut.slab.get(dim, work.sizes[dim])) for dim in variable.dims]
         label = f"{name}-{token}"
@@ -130,7 +183,7 @@ def _compute(work: Work, part: Part) -> dict[str, np.ndarray]:
 
 
 def _finish(work: Work, slab: Part, parts: list[Part], values: list[dict[str, np.ndarray]]) -> xr.Dataset:
-    return work.finish(slab, work.joined(slab, zip(parts, values, strict=True)))
+    return work.finish(slab, lambda: zip(parts, values, strict=True))
 
 
 def _take(slab: xr.Dataset, name: str) -> np.ndarray:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep.config.blocks import NamedSite
+from heliosweep.config.drawn import Drawn
+from heliosweep.config.sample import SAMPLE
 from heliosweep.config.sites import site_table
 from heliosweep.config.study import Study
 from heliosweep.config.values import FileName, Parameter
@@ -131,8 +133,17 @@ class Parameters:
         if self._sites:
             names = np.array([site.name for site in self._sites[self.part("site")]], dtype=object)
             named["site"] = xr.DataArray(names, dims="site", attrs={"long_name": "name of the site"})
+        if SAMPLE in self.sizes:
+            numbers = np.arange(len(self.study.dimensions()[-1]))[self.part(SAMPLE)]
+            attrs = {"long_name": "number of the draw, from 0", "units": "1"}
+            named[SAMPLE] = xr.DataArray(numbers, dims=SAMPLE, attrs=attrs)
         for key in wanted:
             declared = self._declared.get(key)
+            if declared and isinstance(declared[1], Drawn):
+                named[coordinate_name(declared[0], key)] = self.parameter(key).assign_attrs(
+                    key=key, distribution=declared[1].words()
+                )
+                continue
             named[coordinate_name(declared[0], key) if declared else key.rpartition(".")[2]] = self.parameter(key)
         return named
 

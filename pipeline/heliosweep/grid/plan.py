@@ -11,7 +11,18 @@ from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes
 from heliosweep.grid.machine import Limits, human_seconds
-from heliosweep.grid.regions import Cut, Part, Variable, bytes_of, of_kind, parts_of, series_cut, slab_lengths
+from heliosweep.grid.regions import (
+    PASS_BYTES,
+    Cut,
+    Part,
+    Variable,
+    bytes_of,
+    in_result,
+    of_kind,
+    parts_of,
+    series_cut,
+    slab_lengths,
+)
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY = 410 * 2**20, 100 * 2**20
@@ -52,6 +63,8 @@ class Workload:
     whole : tuple of str
         Swept dimensions over which `Family.finish` takes statistics, or along which something costly does not vary: a
         slab holds them whole, and parts are cut along them last.
+    uncut : tuple of str
+        Swept dimensions along which no part is cut.
     seconds_per_point : float
         Overhead of a parameter point, whatever its evaluations. [s]
     coordinate_bytes : int
@@ -70,6 +83,7 @@ class Workload:
     working_bytes: Callable[[int, int], int]
     splittable: str = ""
     whole: tuple[str, ...] = ()
+    uncut: tuple[str, ...] = ()
     seconds_per_point: float = 0.0
     coordinate_bytes: int = 0
     axes: Mapping[str, int] = field(default_factory=dict)
@@ -170,10 +184,12 @@ def make_plan(
     """
     asked, most = dict(chunks or {}), dict[str, int]()
     _check_chunks(workload, asked)
-    output_bytes = bytes_of(variables, workload.sizes) + workload.coordinate_bytes + EMPTY_FILE
-    if copies * output_bytes > limits.disk:
+    asked |= {dim: workload.parameters[dim] for dim in workload.uncut}
+    output_bytes = bytes_of(in_result(variables), workload.sizes) + workload.coordinate_bytes + EMPTY_FILE
+    passing = bytes_of(variables, workload.sizes) - bytes_of(in_result(variables), workload.sizes)
+    if copies * output_bytes + passing > limits.disk:
         what = "the result" if copies == 1 else "the result and the parts it is made of"
-        raise PlanError(_refusal(workload, what, copies * output_bytes, limits.disk, "of free disk"))
+        raise PlanError(_refusal(workload, what, copies * output_bytes + passing, limits.disk, "of free disk"))
     fixed = BASE_MEMORY + workload.fixed_bytes
     fixed += 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     if fixed > limits.memory:
@@ -230,7 +246,7 @@ def _points_cut(
     split, parameters = workload.splittable, workload.parameters
     whole = {dim: parameters[dim] for dim in workload.whole}
     free = {dim: size for dim, size in parameters.items() if dim not in whole}
-    stored = {name: one for name, one in variables.items() if one.kind == "points"}
+    stored = {name: one for name, one in in_result(variables).items() if one.kind == "points"}
 
     def slab_fits(slab: Mapping[str, int]) -> bool:
         return bytes_of(stored, {**workload.inner, **slab, **whole}) <= SLAB_BYTES
@@ -261,7 +277,9 @@ def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, worke
     stored = {name: one for name, one in variables.items() if one.kind == kind}
     slab, part = ({**workload.inner, **lengths} for lengths in (cut.slab, cut.part))
     values, points = bytes_of(stored, part), math.prod(cut.part[dim] for dim in workload.parameters)
-    written = SLABS_HELD * bytes_of(stored, slab)
+    written = SLABS_HELD * bytes_of(in_result(stored), slab)
+    if len(in_result(stored)) < len(stored):
+        written += 3 * PASS_BYTES
     if where == "elsewhere":
         return max(written, (workers + 2) * values)
     length = cut.part.get(workload.splittable, workload.inner.get(workload.splittable, 1))

@@ -23,6 +23,8 @@ SERIES_INSTANTS = 512
 SERIES_PARTS, LEAST_LENGTH = 8, 64
 #: One storage chunk of one time series. [bytes]
 STORAGE_BYTES = 2**20
+#: Values of passing variables that are finished at a time. [bytes]
+PASS_BYTES = 16 * 2**20
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,15 @@ class Variable:
         Type of the values.
     finished : bool
         True where `Family.finish` makes it from whole points, False where `Family.compute` does.
+    passing : bool
+        True where it is computed for what is finished from it, and no part of the result.
     """
 
     dims: tuple[str, ...]
     attrs: Mapping[str, Any]
     dtype: np.dtype = field(default_factory=lambda: np.dtype(np.float64))
     finished: bool = False
+    passing: bool = False
 
     @property
     def kind(self) -> str:
@@ -55,6 +60,11 @@ class Variable:
 def of_kind(variables: Mapping[str, Variable], kind: str) -> dict[str, Variable]:
     """Variables that `Family.compute` makes in parts of one kind."""
     return {name: one for name, one in variables.items() if one.kind == kind and not one.finished}
+
+
+def in_result(variables: Mapping[str, Variable]) -> dict[str, Variable]:
+    """Variables that the result has."""
+    return {name: one for name, one in variables.items() if not one.passing}
 
 
 def bytes_of(variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> int:

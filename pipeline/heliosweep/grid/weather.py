@@ -69,6 +69,7 @@ class Weathers:
         each: Sequence[Any] = files or Parameters(parameters.study).timezones()
         self._each = each[parameters.part(dim)] if len(each) > 1 else each
         self._sky = [parameters.values(key) for key in CLEAR_SKY]
+        self._factor = parameters.values("weather.dni_factor")
         self._last: tuple[object, Any] = (None, None)
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> Irradiance:
@@ -81,7 +82,8 @@ class Weathers:
             made = self._clear(source, row, place, sky) if isinstance(source, str) else self._of_file(source)
             dni, hours, month, wind = made
             self._last = key, Irradiance(dni[self._span], hours[self._span], month[self._span], wind[self._span])
-        return self._last[1]
+        found: Irradiance = self._last[1]
+        return found if self._factor is None else found._replace(dni=found.dni * self._factor[index])
 
     def source(self, index: tuple[int, ...]) -> WeatherFile | str:
         """Weather file at a point; the time zone of a clear sky."""

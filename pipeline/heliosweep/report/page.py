@@ -146,6 +146,8 @@ def _page(
 
     said = json.loads(result.attrs.get("study", "{}"))
     family = families.get(said.get("family"))
+    if family and "sample" in said:
+        family = family.of_draws(True)
     if family and said.get("search"):
         family = family.search_of(result)
     compared = _comparison(place, study, result)

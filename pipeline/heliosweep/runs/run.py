@@ -7,11 +7,11 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,9 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Part, parts_by_slab
+from heliosweep.grid.regions import Part, in_result, parts_by_slab
 from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool, safe_path
+from heliosweep.runs.shorter import take_draws
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
 from heliosweep.runs.status import show_progress
 from heliosweep.store import parts
@@ -122,6 +123,8 @@ class Run:
         import_no_other_arrays()
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
+        if not force and self._taken is None:
+            take_draws(self.folder, self.study, self.identity, self.plan, self.store)
         if any(True for _ in self._missing(self.store)):
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
@@ -131,7 +134,8 @@ class Run:
                 self._compute(self.store, progress)
         with self.timed("publish"):
             plan, sizes = self.plan, self.plan.workload.sizes
-            skeleton = Skeleton(sizes, self.coordinates, plan.variables, self.attributes, plan.storage, plan.cuts)
+            stored = in_result(plan.variables)
+            skeleton = Skeleton(sizes, self.coordinates, stored, self.attributes, plan.storage, plan.cuts)
             path, digests = publish(self._slabs(self.store), skeleton, self.study.output, self.folder)
         with self.timed("record"):
             self._record(path, digests)
@@ -267,7 +271,8 @@ class Run:
                 assert self._taken is not None
                 yield slab, self._taken.read(slab)
                 continue
-            yield slab, self.work.finish(slab, self.work.joined(slab, ((part, store.read(part)) for part in pieces)))
+            known = list(pieces)
+            yield slab, self.work.finish(slab, partial(_read, store, known))
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study, for good."""
@@ -288,7 +293,7 @@ class Run:
                 "slabs": {
                     "cut": slab_rows(plan.cuts),
                     "digests": digests,
-                    "variables": list(plan.variables),
+                    "variables": list(in_result(plan.variables)),
                 },
                 "plan": {
                     "dimensions": plan.workload.sizes,
@@ -304,6 +309,11 @@ class Run:
                 "seconds": self.seconds,
             },
         )
+
+
+def _read(store: PartStore, pieces: Iterable[Part]) -> Iterator[tuple[Part, Mapping[str, Any]]]:
+    """Parts with their values, as stored."""
+    return ((part, store.read(part)) for part in pieces)
 
 
 def _mixed(place: Path, what: str) -> HeliosweepError:

@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -229,7 +229,7 @@ class SearchRun(Run):
                     )
                 task: Any = outcome.part
                 parts.append((Part(task.name, task.kind, task.region), outcome.values))
-            finished = work.finish(slab, work.joined(slab, parts))
+            finished = work.finish(slab, partial(iter, parts))
             span = slab.region.get(swept.name, slice(0, len(built)))
             count = span.stop - span.start
             if wide := [name for name in self._results if finished[name].size != count]:

@@ -20,6 +20,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.regions import in_result
 from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store import coverage
 from heliosweep.store.encoding import slab_digest, slab_rows
@@ -185,7 +186,8 @@ class Finished:
 
     def holds(self, kind: str, plan: Plan) -> bool:
         """True where it has the variables of one kind, in slabs that are cut as those of a plan."""
-        slabs, names = self.manifest["slabs"], {name for name, one in plan.variables.items() if one.kind == kind}
+        slabs, stored = self.manifest["slabs"], in_result(plan.variables)
+        names = {name for name, one in stored.items() if one.kind == kind}
         return slabs["cut"].get(kind) == slab_rows(plan.cuts)[kind] and names <= {*slabs["variables"]}
 
     def read(self, slab: Part) -> dict[str, np.ndarray]:
@@ -216,10 +218,11 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
     ``attributes``: the words that go with it.
     """
+    drawn = ("heliosweep.families.sampled",) if study.sample else ()
     return {
         "study_id": study.study_id,
         "study": study.canonical(),
-        "code": code_versions(*modules),
+        "code": code_versions(*modules, *drawn) | ({"SALib": version_of("SALib")} if drawn else {}),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in words.items() if name not in _FOLLOWING},
     }

@@ -15,7 +15,11 @@ class DishTracking(Family):
     title = "effective tracking factor of a solar dish whose azimuth axis is tilted"
     references = ("Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261",)
     keywords = ("solar dish", "tracking error")
-    headlines = ("effective_tracking_factor_mean_over_dates", "effective_tracking_factor_min")
+    headlines = (
+        "tolerable_axis_tilt",
+        "effective_tracking_factor_mean_over_dates",
+        "effective_tracking_factor_min",
+    )
 
 
 FAMILY = DishTracking()

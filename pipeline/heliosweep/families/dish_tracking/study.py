@@ -13,6 +13,7 @@ from pydantic_core import CoreSchema
 
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Site, Sites
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Fault
 from heliosweep.config.sites import civil_clock_problems
 from heliosweep.config.study import Study
@@ -266,7 +267,7 @@ class DishTrackingStudy(Study):
         """Check the sites' clocks, directions that are the same, and what can be solved for."""
         yield from civil_clock_problems(self)
         direction = self.errors.axis_tilt_direction
-        if isinstance(direction, Sweep) and len(direction) <= MOST_DIRECTIONS:
+        if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
             turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0
             if len(set(turns.tolist())) < len(direction):
                 message = "holds the same direction twice; directions 360 deg apart are one"

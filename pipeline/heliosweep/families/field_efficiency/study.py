@@ -18,6 +18,7 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Layout as LayoutBlock
 from heliosweep.config.blocks import Output, Site, Sites
 from heliosweep.config.faults import Fault
+from heliosweep.config.sample import drawn_keys
 from heliosweep.config.sites import civil_clock_problems, site_table
 from heliosweep.config.study import Dimension, Study, parameters
 from heliosweep.config.sweep import Listed, Sweep, ends
@@ -344,15 +345,17 @@ def _points(
     """The layouts, each with the values of all keys that come together with it and matter.
 
     `worst` names those beside the keys of the layout, and which of their values is the worst, `min` or `max`: the only
-    one to look at where nothing that matters is tied to the key.
+    one to look at where nothing that matters is tied to the key. Of drawn keys the worst that can be drawn counts.
     """
     layouts = Layouts(study, RESERVED)
     given = {key: value for key, _, value in parameters(study)}
-    dims = [dim for dim in study.dimensions() if any(layouts.depend_on(key) or key in worst for key in dim.sweeps)]
+    drawn = {key: worst[key](value.ends()) for key, value in drawn_keys(study).items() if key in worst}
+    matters = [key for key in study.sweeps() if layouts.depend_on(key) or (key in worst and key not in drawn)]
+    dims = [dim for dim in study.dimensions() if any(key in dim.sweeps for key in matters)]
     looked_at = 0
     positions = (_positions(dim, worst, layouts) for dim in dims)
     for index in itertools.islice(itertools.product(*positions), MAX_POINTS):
-        values = given | values_at(dims, index)
+        values = given | values_at(dims, index) | drawn
         layout = layouts.at(values)
         yield layout, values
         looked_at += len(layout)

@@ -94,7 +94,7 @@ def tables(sun: SunShape, small: tuple[float, float], large: tuple[float, float]
         along = np.exp((spans[0] + spans[1] + (spans[1] - spans[0]) * rules[1][0]) / 2)
         pairs = np.stack([each.ravel() for each in np.meshgrid(across, along, indexing="ij")])
         steps[band] = stretched(math.exp(logs[band]), math.exp(spans[0]), core)[3] / _FINE
-        made.append(_band(sun, core, *pairs, float(steps[band])))
+        made.append(_band(sun, core, pairs[0], pairs[1], float(steps[band])))
     count, most = (max(each[0].shape[axis] for each in made) for axis in (2, 1))
     light = np.zeros((bands, len(pairs[0]), most, 4 * count))
     ends, reach = np.zeros((2, bands, len(pairs[0]), most)), np.zeros((bands, len(pairs[0])))
@@ -117,7 +117,7 @@ def _band(sun: SunShape, core: float, small: Floats, large: Floats, step: float)
     factors = np.array([stretched(*pair, core) for pair in zip(small, large, strict=True)]).T
     widest, blur = np.maximum(factors[0], factors[1]), np.sqrt(np.maximum(large, small))
     outermost = float(np.max(widest * sun.radius.max() + 6.0 * np.minimum(widest * blur, np.sqrt(factors[2]))))
-    place = step * np.arange(math.ceil(outermost / step) + 2)
+    place: Floats = step * np.arange(math.ceil(outermost / step) + 2, dtype=np.float64)
     wave, part = _panels(6.5 / float(factors[3].min()), 2.0 * np.pi / outermost)
     turn = np.pi / 2 * (np.arange(_ANGLES) + 0.5) / _ANGLES
     most = float(wave[-1] * widest.max())

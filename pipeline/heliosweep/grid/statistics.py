@@ -1,0 +1,162 @@
+"""Statistics over the draws of a study, and what its result owes to each of its keys."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from heliosweep.config.design import LOCAL, MORRIS, REPLICATES, SOBOL, Design, levels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+#: 97.5 % quantile of Student's t distribution with 7 degrees of freedom, of eight sequences.
+T_QUANTILE = 2.3646242510102993
+#: Bootstrap samples of the intervals of independent draws, and how probable it is that they hold the index.
+RESAMPLES, CONFIDENCE = 500, 0.95
+
+
+def has_statistics(design: Design) -> bool:
+    """Whether the draws follow the distributions, so that a mean over them has a meaning."""
+    return design.sensitivity not in (MORRIS, LOCAL)
+
+
+def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
+    """Mean, sample standard deviation (n - 1) and standard error of the mean.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., draws)
+        Missing (NaN) in one draw is missing in all three.
+    design : Design
+        Of a Sobol sensitivity, its draws from the distributions count: the first and last of each base point. The
+        standard error is that of the means of eight Sobol sequences, the deviation over the root of the number for
+        independent draws, and so for a Latin hypercube, where it is too large.
+    """
+    own = _independent(values, design)
+    mean, deviation = own.mean(axis=-1), own.std(axis=-1, ddof=1)
+    if design.kind != SOBOL:
+        return mean, deviation, deviation / np.sqrt(own.shape[-1])
+    means = np.stack(
+        [np.ascontiguousarray(own[..., number::REPLICATES]).mean(axis=-1) for number in range(REPLICATES)], axis=-1
+    )
+    return mean, deviation, means.std(axis=-1, ddof=1) / np.sqrt(REPLICATES)
+
+
+def percentiles_of_draws(
+    values: NDArray[np.float64], percentiles: Sequence[float], design: Design
+) -> NDArray[np.float64]:
+    """Percentiles of the draws, interpolated between neighbours, shape (..., percentiles)."""
+    return np.moveaxis(np.percentile(_independent(values, design), percentiles, axis=-1), 0, -1)
+
+
+def _independent(values: NDArray[np.float64], design: Design) -> NDArray[np.float64]:
+    """Draws that follow the distributions; draw k of each half of them is of Sobol sequence k modulo 8."""
+    if design.sensitivity != SOBOL:
+        return np.ascontiguousarray(values)
+    points = _by_point(values, design)
+    return np.concatenate([points[..., 0], points[..., -1]], axis=-1)
+
+
+def _by_point(values: NDArray[np.float64], design: Design) -> NDArray[np.float64]:
+    return values.reshape(*values.shape[:-1], design.size, design.rows)
+
+
+def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
+    """First-order index, half the width of its 95 % interval, total index and half the width of its interval.
+
+    The indices are those of SALib [1]_ [2]_. The intervals of independent draws are its bootstrap's; those of eight
+    Sobol sequences, of which a bootstrap would not know that they are more even than independent draws, are Student's
+    about a jackknife over the sequences.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., draws)
+        Of a design of Saltelli.
+    design : Design
+
+    Returns
+    -------
+    tuple of four ndarray, shape (..., parameters)
+        Zero where the result does not vary; missing where a draw is.
+
+    References
+    ----------
+    .. [1] A. Saltelli et al., "Variance based sensitivity analysis of model output", Comput. Phys. Commun. 181 (2010),
+       doi 10.1016/j.cpc.2009.09.018
+    .. [2] J. Herman and W. Usher, "SALib: an open-source Python library for sensitivity analysis", J. Open Source
+       Software 2 (2017), doi 10.21105/joss.00097
+    """
+    from SALib.analyze import sobol
+
+    def indices(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """First-order and total indices of base points, shape (2, parameters)."""
+        swapped = points[:, 1:-1]
+        first, last = (np.broadcast_to(points[:, end : end + 1 or None], swapped.shape) for end in (0, -1))
+        return np.stack([sobol.first_order(first, swapped, last), sobol.total_order(first, swapped, last)])
+
+    def one(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not np.isfinite(points).all():
+            return np.full((4, design.parameters), np.nan)
+        if np.ptp(points[:, [0, -1]]) == 0:
+            return np.zeros((4, design.parameters))
+        points = (points - points.mean()) / points.std()
+        whole = indices(points)
+        if design.kind == SOBOL:
+            left = [np.delete(points.reshape(-1, REPLICATES, design.rows), r, axis=1) for r in range(REPLICATES)]
+            without = np.stack([indices(each.reshape(-1, design.rows)) for each in left])
+            spread = np.sqrt((REPLICATES - 1) / REPLICATES * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+            half = T_QUANTILE * spread
+        else:
+            from scipy.special import ndtri
+
+            random = np.random.default_rng([design.seed, RESAMPLES])
+            again = random.integers(design.size, size=(RESAMPLES, design.size))
+            half = ndtri(0.5 + CONFIDENCE / 2) * np.std([indices(points[rows]) for rows in again], axis=0, ddof=1)
+        return np.stack([whole[0], half[0], whole[1], half[1]])
+
+    outer = values.shape[:-1]
+    made = np.empty((4, *outer, design.parameters))
+    for index in np.ndindex(outer):
+        made[(slice(None), *index)] = one(_by_point(np.ascontiguousarray(values[index]), design))
+    return tuple(made)
+
+
+def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
+    """Mean, mean of the magnitude and standard deviation of the elementary effects of each parameter.
+
+    An effect is the change of the result as the keys of a parameter go from their 12.5 to their 87.5 % quantile, were
+    it everywhere as large as on one step of two thirds of that. Of a group, the sign is that of one of its keys.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., draws)
+        Along the trajectories of Morris [1]_.
+    design : Design
+
+    Returns
+    -------
+    tuple of three ndarray, shape (..., parameters)
+        Missing where a draw is.
+
+    References
+    ----------
+    .. [1] M. D. Morris, "Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991),
+       doi 10.1080/00401706.1991.10484804
+    """
+    places = levels(design).reshape(design.size, design.rows, -1)
+    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), all but those of one parameter zero
+    moved = np.argmax(np.abs(steps), axis=-1)  # a key of that parameter
+    change = np.diff(_by_point(values, design), axis=-1) / np.take_along_axis(steps, moved[..., np.newaxis], -1)[..., 0]
+    parameter = np.array(design.groups)[moved]
+    order = np.broadcast_to(np.argsort(parameter, axis=1), change.shape)
+    effects = np.ascontiguousarray(np.take_along_axis(change, order, -1).swapaxes(-1, -2))
+    return effects.mean(axis=-1), np.abs(effects).mean(axis=-1), effects.std(axis=-1, ddof=1)
+
+
+def single_steps(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Change of the result with each parameter one standard normal deviate down, and up, from the median of all."""
+    changes = values[..., 1:] - values[..., :1]
+    return changes[..., 0::2], changes[..., 1::2]

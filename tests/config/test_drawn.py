@@ -1,0 +1,180 @@
+"""Distributions in study files, and the draws that follow from them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from heliosweep.config.design import LEAST, Design
+from heliosweep.config.drawn import Drawn
+from heliosweep.config.load import load_mapping
+from heliosweep.config.sample import design_of, drawn_keys, parameter_names
+from heliosweep.config.study import yaml_text
+from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+
+from .conftest import REGISTRY
+
+SCIPY = {
+    Drawn("normal", (3.0, 0.5)): stats.norm(3.0, 0.5),
+    Drawn("truncated_normal", (3.0, 0.5, 2.8, 4.0)): stats.truncnorm(-0.4, 2.0, 3.0, 0.5),
+    Drawn("truncated_normal", (0.0, 1.0, 5.0, 7.0)): stats.truncnorm(5.0, 7.0),
+    Drawn("uniform", (-1.0, 2.0)): stats.uniform(-1.0, 3.0),
+    Drawn("triangular", (1.0, 1.5, 4.0)): stats.triang(0.5 / 3.0, 1.0, 3.0),
+    Drawn("triangular", (1.0, 4.0, 4.0)): stats.triang(1.0, 1.0, 3.0),
+    Drawn("lognormal", (2.0, 0.3)): stats.lognorm(0.3, scale=2.0),
+}
+
+
+@pytest.mark.parametrize("drawn", SCIPY, ids=lambda drawn: drawn.words())
+def test_quantiles_are_those_of_scipy(drawn: Drawn) -> None:
+    probability = np.concatenate([[LEAST, 1 - LEAST], np.linspace(0.001, 0.999, 999)])
+    np.testing.assert_allclose(drawn.quantile(probability), SCIPY[drawn].ppf(probability), rtol=1e-9, atol=1e-12)
+    least, largest = drawn.ends()
+    assert least <= drawn.quantile(probability).min()
+    assert drawn.quantile(probability).max() <= largest * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("drawn", SCIPY, ids=lambda drawn: drawn.words())
+def test_the_mass_outside_of_bounds_is_that_of_scipy(drawn: Drawn) -> None:
+    if drawn.kind == "truncated_normal":
+        return  # its limits are checked instead
+    for low, high in ((-np.inf, 3.0), (1.6, np.inf), (1.2, 3.5)):
+        expected = SCIPY[drawn].cdf(low) + SCIPY[drawn].sf(high)
+        assert drawn.outside(low, high) == pytest.approx(expected, abs=1e-12)
+
+
+def test_discrete_values_come_as_often_as_their_weights_say() -> None:
+    drawn = Drawn("discrete", (3.0, 1.0, 2.0), (0.5, 0.2, 0.3))
+    values = drawn.quantile((np.arange(1000) + 0.5) / 1000)
+    assert [int(np.sum(values == value)) for value in drawn.parts] == [500, 200, 300]
+    assert drawn.ends() == (1.0, 3.0)
+
+
+@pytest.mark.parametrize(("kind", "sensitivity"), [*itertools.product(("sobol", "random"), ("", "sobol"))])
+def test_a_longer_sample_begins_with_a_shorter_one(kind: str, sensitivity: str) -> None:
+    short, long = (Design(kind, size, 7, (0, 1, 2), sensitivity) for size in (256, 1024))
+    first = short.at(np.arange(len(short)))
+    assert first.tobytes() == long.at(np.arange(len(short))).tobytes()
+    assert len(np.unique(long.at(np.arange(0, len(long), long.rows))[:, 0])) == 1024
+    other = dataclasses.replace(short, seed=8).at(np.arange(len(short)))
+    assert not np.any(other == first)
+
+
+@pytest.mark.parametrize("sensitivity", ["", "sobol", "morris", "local"])
+@pytest.mark.parametrize("kind", ["sobol", "latin_hypercube", "random"])
+def test_a_draw_depends_on_no_other(kind: str, sensitivity: str) -> None:
+    design = Design(kind, 64, 3, (0, 1, 0, 2), sensitivity)
+    whole = design.at(np.arange(len(design)))
+    some = np.array([5, 0, len(design) - 1, 5])
+    assert design.at(some).tobytes() == whole[some].tobytes()
+    assert whole.min() >= LEAST
+    assert whole.max() <= 1 - LEAST
+
+
+def test_draws_far_along_a_sequence_are_made_without_those_before() -> None:
+    design = Design("sobol", 2**20, 1, (0, 1))
+    assert len(np.unique(design.at(np.arange(2**20 - 64, 2**20))[:, 1])) == 64
+    together = design.at(np.arange(2**14 - 8, 2**14 + 8))  # across two blocks
+    apart = np.concatenate([design.at(np.array([k])) for k in range(2**14 - 8, 2**14 + 8)])
+    assert together.tobytes() == apart.tobytes()
+
+
+def test_sobol_sequences_are_even_and_independent() -> None:
+    points = Design("sobol", 1024, 5, (0, 1)).at(np.arange(1024))
+    for sequence in range(8):
+        own = points[sequence::8]
+        assert np.all(np.histogram(own[:, 0], 128, (0, 1))[0] == 1)  # one in each of as many strata
+    products = [points[sequence::8].prod(axis=1).mean() for sequence in range(8)]
+    assert len(np.unique(products)) == 8
+    assert abs(np.mean(products) - 0.25) < 3 * np.std(products, ddof=1) / 8**0.5
+
+
+@pytest.mark.parametrize("kind", ["sobol", "latin_hypercube", "random"])
+def test_correlated_normals(kind: str) -> None:
+    content = _study({"normal": [11, 0.02]}, {"normal": [12, 0.1]}, {"uniform": [90, 100]}) | {
+        "sample": {
+            "size": 4096,
+            "design": kind,
+            "correlation": [
+                ["heliostat.width", "heliostat.height", 0.8],
+                ["heliostat.height", "receiver.height", -0.4],
+            ],
+        }
+    }
+    drawn = drawn_keys(load_mapping(content, REGISTRY))
+    assert list(drawn) == ["heliostat.width", "heliostat.height", "receiver.height"]
+    width, height, receiver = (each.values() for each in drawn.values())
+    found = np.corrcoef([width, height, stats.norm.ppf((receiver - 90) / 10)])
+    np.testing.assert_allclose(found, [[1, 0.8, 0], [0.8, 1, -0.4], [0, -0.4, 1]], atol=0.05)
+    assert abs(height.mean() - 12) < 0.01
+    assert abs(height.std() - 0.1) < 0.005
+
+
+def test_rows_of_a_sensitivity_change_one_group_at_a_time() -> None:
+    rows = Design("sobol", 16, 0, (0, 1, 0), "sobol").at(np.arange(64)).reshape(16, 4, 3)
+    first, width, height, last = rows.swapaxes(0, 1)
+    np.testing.assert_array_equal(width, np.stack([last[:, 0], first[:, 1], last[:, 2]], axis=1))
+    np.testing.assert_array_equal(height, np.stack([first[:, 0], last[:, 1], first[:, 2]], axis=1))
+    steps = Design("sobol", 0, 0, (0, 1, 0), "local").at(np.arange(5))
+    np.testing.assert_array_equal(steps != 0.5, [[0, 0, 0], [1, 0, 1], [1, 0, 1], [0, 1, 0], [0, 1, 0]])
+    assert steps[1, 0] == pytest.approx(stats.norm.cdf(-1))
+
+
+def _study(width: object, height: object, receiver: object) -> dict[str, object]:
+    return {
+        "family": "field_efficiency",
+        "site": {"latitude": [0, 30]},
+        "tracking": "spinning_elevation",
+        "time": {"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 1}},
+        "layout": {"radial_stagger": {"clearance": 18, "inner_radius": 60, "rings": 2}},
+        "heliostat": {"width": width, "height": height, "pivot_height": 7},
+        "receiver": {"height": receiver},
+    }
+
+
+def test_drawn_keys_are_one_dimension_crossed_with_sweeps() -> None:
+    content = _study({"normal": ["11 m", "2 cm"]}, 11, {"discrete": {"values": [90, 100]}}) | {"sample": {"size": 32}}
+    study: Any = load_mapping(content, REGISTRY)
+    assert {dim.name: len(dim) for dim in study.dimensions()} == {"latitude": 2, "sample": 32}
+    assert study.heliostat.width == Drawn("normal", (11.0, 0.02))
+    assert study.heliostat.width.values().shape == (32,)
+    assert set(study.receiver.height.values()) == {90.0, 100.0}
+    # The study as it is stored says the same, and its id depends on the draws alone.
+    again = load_mapping(study.resolved(), REGISTRY)
+    assert again == study
+    assert again.study_id == study.study_id
+    assert "truncated" not in yaml_text(study.resolved())
+    more: Any = load_mapping(content | {"sample": {"size": 64}}, REGISTRY)
+    assert more.study_id != study.study_id
+    np.testing.assert_array_equal(more.heliostat.width[:32], study.heliostat.width.values())
+
+
+def test_tied_keys_share_their_draws() -> None:
+    tied = {"zip": [["heliostat_height", "heliostat.width"]], "sample": {"size": 32, "sensitivity": "sobol"}}
+    content = _study({"uniform": [10, 11]}, {"normal": [12, 0.1]}, {"uniform": [90, 100]})
+    study: Any = load_mapping(content | tied, REGISTRY)
+    assert design_of(study).parameters == 2
+    assert parameter_names(study) == ["heliostat.width", "receiver.height"]
+    width, height = (study.heliostat.width.values() - 10), study.heliostat.height.values()
+    np.testing.assert_allclose(stats.norm(12, 0.1).cdf(height), width, atol=1e-9)
+    assert load_mapping(study.resolved(), REGISTRY) == study
+    apart = load_mapping(content | {"sample": tied["sample"]}, REGISTRY)
+    assert apart.study_id != study.study_id
+
+
+def test_every_sensitivity_loads_as_it_was_resolved() -> None:
+    samples: list[dict[str, Any]] = [
+        {"sensitivity": "local"},
+        {"size": 10, "sensitivity": "morris"},
+        {"size": 10, "design": "random"},
+    ]
+    for sample in samples:
+        study: Any = load_mapping(_study({"uniform": [10, 11]}, 11, 95) | {"sample": sample}, REGISTRY)
+        assert load_mapping(study.resolved(), REGISTRY) == study
+        assert isinstance(study, FieldEfficiencyStudy)
+        assert len(design_of(study)) == {"local": 3, "morris": 20}.get(sample.get("sensitivity", ""), 10)

@@ -1,0 +1,220 @@
+"""Studies with draws from the file to the result: the same bytes whatever the engine, the cut and a kill."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from heliosweep import api
+from heliosweep.errors import HeliosweepError, PlanError, StudyError
+from heliosweep.families.family import families, study_classes
+from heliosweep.grid import lazy
+from heliosweep.grid.regions import in_result
+
+from .functions import ISHIGAMI, Functions, FunctionStudy, total
+
+ANGLE = {"uniform": [-np.pi, np.pi]}
+THREE = {"x1": ANGLE, "x2": ANGLE, "x3": ANGLE}
+NORMALS = {"x1": {"normal": [1, 0.5]}, "x2": {"normal": [2, 0.25]}, "x3": {"normal": [0, 0.1]}}
+
+
+@pytest.fixture(autouse=True)
+def known(monkeypatch: pytest.MonkeyPatch) -> Functions:
+    """The family of test functions among the others."""
+    family = Functions()
+    monkeypatch.setattr(api, "families", lambda: {**families(), "functions": family})
+    monkeypatch.setattr(api, "study_classes", lambda: {**study_classes(), "functions": FunctionStudy})
+    return family
+
+
+def study(inputs: dict[str, Any], sample: dict[str, Any], **more: Any) -> Any:
+    return api.load({"family": "functions", "inputs": inputs, "sample": sample, **more})
+
+
+def run(asked: Any, folder: Path, **more: Any) -> Any:
+    with api.run(asked, folder, report=False, **more).open() as result:
+        return result.load()
+
+
+def test_indices_of_ishigami(tmp_path: Path) -> None:
+    asked = study(THREE, {"size": 256, "seed": 1, "sensitivity": "sobol"}, scale=[1, 5])
+    result = run(asked, tmp_path)
+    assert result.sizes["sample"] == 256 * 5
+    assert list(result["parameter"].values) == ["inputs.x1", "inputs.x2", "inputs.x3"]
+    for place in range(2):  # a factor on the result changes no index
+        for kind, expected in zip(("first_order", "total"), ISHIGAMI, strict=True):
+            found = result[f"value_{kind}_index"].values[place]
+            half = result[f"value_{kind}_interval"].values[place]
+            assert np.all(np.abs(found - expected) <= 1.5 * half)
+    assert not np.any(result["constant_total_index"])
+    assert "each" not in result
+    assert result["each_sample_mean"].dims == ("scale", "heliostat")
+    remarks = list(api.family_of(asked).remarks(result))
+    assert any("value" in line and "draw more" in line for line in remarks)
+
+
+def test_a_sum_of_normals(tmp_path: Path) -> None:
+    result = run(study(NORMALS, {"size": 1024, "statistics": {"percentiles": [5, 50, 95]}}), tmp_path)
+    mean, deviation = 1 + 2 * 2, (0.5**2 + (2 * 0.25) ** 2 + (3 * 0.1) ** 2) ** 0.5
+    error = result["total_sample_standard_error"].item()
+    assert 0 < error < 0.01
+    assert abs(result["total_sample_mean"].item() - mean) < 4 * error
+    assert result["total_sample_standard_deviation"].item() == pytest.approx(deviation, rel=0.02)
+    spread = 1.6448536269514722 * deviation
+    np.testing.assert_allclose(result["total_sample_percentile"], [mean - spread, mean, mean + spread], atol=0.05)
+    np.testing.assert_allclose(result["each_sample_mean"], mean * np.arange(1000), rtol=1e-3)
+    np.testing.assert_allclose(
+        result["each_sample_percentile"][:, 2], result["total_sample_percentile"][2].item() * np.arange(1000)
+    )
+    monthly = result["monthly_sample_mean"].transpose("month", "heliostat")
+    np.testing.assert_allclose(monthly, np.outer([1, 2, 3], result["each_sample_mean"]), rtol=1e-12)
+    x = np.stack([result[f"x{k}"].values for k in (1, 2, 3)], axis=-1)
+    assert result["total"].values.tobytes() == total(x).tobytes()
+    assert result["x1"].attrs["distribution"] == "normal: mean 1, standard deviation 0.5"
+    assert "8 Sobol sequences" in result.attrs["sample_design"]
+
+
+def test_every_draw_is_stored_where_asked(tmp_path: Path) -> None:
+    few = run(study(NORMALS, {"size": 32}), tmp_path / "few")
+    all_ = run(study(NORMALS, {"size": 32, "statistics": {"every_draw": True}}), tmp_path / "all")
+    assert all_["each"].dims == ("heliostat", "sample")
+    assert "each" not in few
+    for name in few.data_vars:
+        assert few[name].values.tobytes() == all_[name].values.tobytes(), name
+
+
+@pytest.mark.parametrize("sensitivity", ["", "sobol", "morris", "local"])
+def test_any_cut_and_engine_gives_the_same_bytes(
+    sensitivity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
+    sample |= {"size": 32} if sensitivity != "local" else {}
+    digests = set()
+    for number, chunks in enumerate(({}, {"sample": 7}, {"sample": 16, "scale": 1})):
+        execution = {"chunks": chunks, "scheduler": ("threads", "synchronous", "threads")[number]}
+        if number == 2:
+            monkeypatch.setattr(lazy, "PASS_BYTES", 400_000)  # many passes over the parts
+        asked = study(THREE, sample, scale=[1, 2, 3], execution=execution)
+        digests.add(api.run(asked, tmp_path / str(number), report=False).path.read_bytes())
+        built = api.build(asked).compute()
+        assert list(built.data_vars) == list(in_result(api.family_of(asked).variables(asked)))
+        with api.open_result(tmp_path / str(number)) as result:
+            assert all(built[name].values.tobytes() == result[name].values.tobytes() for name in built.data_vars)
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize("more", [{}, {"sensitivity": "sobol"}, {"design": "random"}])
+def test_a_longer_sample_computes_no_draw_again(
+    more: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def sized(size: int, **execution: Any) -> Any:
+        sample = {"size": size, **more, "statistics": {"every_draw": True}}
+        return study(NORMALS, sample, scale=[1, 2], execution=execution)
+
+    alone = api.run(sized(256), tmp_path / "alone", report=False).path.read_bytes()
+    short = run(sized(64, chunks={"sample": 32}), tmp_path / "study-64")
+    monkeypatch.setattr(Functions, "calls", 0)
+    long = api.run(sized(256, chunks={"sample": 32}), tmp_path / "study-256", report=False)
+    assert Functions.calls == 2 * (256 - 64) * (5 if "sensitivity" in more else 1)
+    assert long.path.read_bytes() == alone
+    with long.open() as result:
+        assert result["each"].values[..., : short.sizes["sample"]].tobytes() == short["each"].values.tobytes()
+
+
+def test_a_shorter_sample_without_its_draws_is_of_no_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(study(NORMALS, {"size": 64}), tmp_path / "study-64")
+    run(study(NORMALS, {"size": 64, "seed": 1, "statistics": {"every_draw": True}}), tmp_path / "study-seed")
+    monkeypatch.setattr(Functions, "calls", 0)
+    run(study(NORMALS, {"size": 128}), tmp_path / "study-128")
+    assert Functions.calls == 128
+
+
+def test_goes_on_after_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = study(NORMALS, {"size": 64, "sensitivity": "sobol"}, execution={"chunks": {"sample": 20}})
+    whole = api.run(asked, tmp_path / "whole", report=False).path.read_bytes()
+    compute, calls = Functions.compute, []
+
+    def failing(self: Any, *given: Any) -> Any:
+        calls.append(given)
+        if len(calls) == 6:
+            raise KeyboardInterrupt
+        return compute(self, *given)
+
+    monkeypatch.setattr(Functions, "compute", failing)
+    with pytest.raises(HeliosweepError, match="interrupted"):
+        api.run(asked, tmp_path / "killed", report=False)
+    monkeypatch.setattr(Functions, "compute", compute)
+    assert api.run(asked, tmp_path / "killed", report=False).path.read_bytes() == whole
+
+
+def test_missing_draws_are_missing_in_statistics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    finish = Functions.finish
+
+    def gap(self: Any, given: Any, inputs: Any, region: Any, computed: Any) -> Any:
+        made = finish(self, given, inputs, region, computed)
+        return made.assign(value=made["value"].where(made["value"] < 5))
+
+    monkeypatch.setattr(Functions, "finish", gap)
+    result = run(study(THREE, {"size": 64, "sensitivity": "sobol"}), tmp_path)
+    names = [name for name in result.data_vars if name.startswith("value_")]
+    assert len(names) == 8
+    assert all(np.isnan(result[name]).all() for name in names)
+    assert np.isfinite(result["product_total_index"]).all()
+
+
+def test_places_of_drawn_layouts_are_no_results() -> None:
+    content = yaml.safe_load(families()["field_efficiency"].example())
+    content |= {"layout": {"radial_stagger": {"clearance": {"uniform": [16, 17]}, "inner_radius": 61, "rings": 2}}}
+    content |= {"sample": {"size": 16}}
+    content = {key: value for key, value in content.items() if key not in ("output", "zip")}
+    asked = api.load(content)
+    labels = api.family_of(asked).coordinates(asked)
+    assert labels["clearance"].dims == ("sample",)
+    assert not [name for name, one in labels.coords.items() if {"sample", "heliostat"} <= {*one.dims}]
+
+
+def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
+    with pytest.raises(PlanError, match="sample"):
+        api.plan(study(NORMALS, {"size": 2**30}), tmp_path)
+    plan = api.plan(study(NORMALS, {"size": 64}), tmp_path)
+    assert plan.workload.sizes == {"sample": 64, "heliostat": 1000, "month": 3, "sample_percentile": 3}
+
+
+def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
+    content = yaml.safe_load(families()["misalignment"].example())
+    content |= {"mode": "mount_errors", "mount_errors": {"tilt_about_east": {"normal": [0, 1]}, "samples": 10}}
+    content |= {"mount": {"mirror_offset": {"uniform": [0.1, 0.2]}}, "sample": {"size": 16}}
+    content = {key: value for key, value in content.items() if key not in ("error", "detectors", "calibration")}
+    asked: Any = api.load(content)
+    inner = api.family_of(asked)
+    assert [dim.name for dim in asked.dimensions()][-1] == "sample"
+    assert asked.mount_errors.tilt_about_east.samples is None
+    assert inner.workload(asked).parameters["sample"] == 16
+    clash = content | {"mode": "calibration", "sample": {"size": 16, "sensitivity": "sobol"}}
+    with pytest.raises(StudyError, match="'parameter' of its own"):
+        inner.workload(api.load(clash))
+
+
+def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
+    from heliosweep.report.page import write_report
+
+    for sensitivity, wanted in {
+        "": {"distribution", "leading_keys", "running_mean"},
+        "sobol": {"distribution", "sensitivity_indices", "leading_keys", "running_mean"},
+        "morris": {"elementary_effects"},
+        "local": {"tornado"},
+    }.items():
+        folder = tmp_path / (sensitivity or "draws")
+        sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
+        sample |= {"size": 16} if sensitivity != "local" else {}
+        run(study(THREE, sample, scale=[1, 2]), folder)
+        page = write_report(folder, {"functions": known}).read_text(encoding="utf-8")
+        assert "could not be drawn" not in page
+        assert {path.stem for path in (folder / "figures").glob("*.png")} == wanted
+        assert "Drawn keys" in page
+        assert json.loads((folder / "manifest.json").read_text())["remarks"] is not None
