@@ -313,7 +313,7 @@ def test_an_even_map_is_a_turn_and_a_sloping_one_bends_the_mirror():
     nodes, rest = SlopeMap(x, y, even).at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
     np.testing.assert_allclose(nodes, np.full(nodes.shape, 1e-3) * [1.0, -2.0], rtol=1e-12)
     assert np.all(rest < 1e-12)
-    found = intercepts(made(AZIMUTH_ELEVATION, slopes=nodes), SUN[None])[0, 0]
+    found = intercepts(made(AZIMUTH_ELEVATION, slopes=nodes), SUN[None], fine=2.0)[0, 0]
     turned = made(AZIMUTH_ELEVATION, turn=np.array([[1e-3, -2e-3]]))
     assert found == pytest.approx(intercepts(turned, SUN[None], fine=2.0)[0, 0], abs=1e-6)
     nodes, rest = SlopeMap(x, y, bent).at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
