@@ -276,13 +276,12 @@ class HeliosweepAccessor:
         return sam.efficiency_table(self._result, select, factor=factor)
 
     def _family(self) -> Family:
-        from heliosweep.families.family import families
+        from heliosweep.families.family import families, family_of_result
 
-        said = json.loads(self._result.attrs.get("study", "{}"))
-        if said.get("family") not in families():
+        family = family_of_result(self._result, families())
+        if family is None:
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
-        family = families()[said["family"]].of_draws("sample" in said)
-        return family.search_of(self._result) if said.get("search") else family
+        return family
 
     @contextmanager
     def _lacking(self, family: Family, what: str) -> Iterator[None]:

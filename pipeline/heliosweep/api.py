@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import json
 import logging
 import os
 import shlex
@@ -19,7 +18,7 @@ from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
-from heliosweep.families.family import Family, families, study_classes
+from heliosweep.families.family import Family, families, family_of_result, study_classes
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
 
@@ -252,7 +251,7 @@ class Result:
         from heliosweep.report.summary import summary
 
         with self.open() as data:
-            family = families().get(json.loads(data.attrs.get("study", "{}")).get("family"))
+            family = family_of_result(data, families())
             lines = [*summary(data, family.headlines if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -172,6 +173,16 @@ class Family:
         from heliosweep.report.views import default_views
 
         return _call(f"{type(self).__module__}.interactive", "views", result, default_views)
+
+
+def family_of_result(result: xr.Dataset, known: Mapping[str, Family]) -> Family | None:
+    """Family that tells of a result, its draws or its search; None where it is not `known`."""
+    said = json.loads(result.attrs.get("study", "{}"))
+    family = known.get(said.get("family"))
+    if family is None:
+        return None
+    family = family.of_draws("sample" in said)
+    return family.search_of(result) if said.get("search") else family
 
 
 def _call(

@@ -8,6 +8,7 @@ from typing import Any
 
 from heliosweep.config.block import Block
 from heliosweep.config.distribution import Distribution
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
@@ -77,6 +78,8 @@ def _told(parameter: Parameter, value: Any) -> tuple[str, str]:
         spread = f"mean {first}, standard deviation {second}" if value.kind == "normal" else f"{first} to {second}"
         draws = f", {value.samples:,} draws" if value.samples else ""
         return f"{value.kind}, {spread}{after}", f"drawn{draws}"
+    if isinstance(value, Drawn):
+        return f"{value.words()}{after}", "drawn"
     if isinstance(value, Sweep):
         count = len(value)
         ends = [_text(one) for one in (value.values() if count <= FEW else (value.first, value.last))]
