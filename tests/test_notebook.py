@@ -232,8 +232,8 @@ def test_a_layout_from_a_table_and_a_result_that_says_what_it_holds(tmp_path, mo
         heliosweep.write_layout(positions.drop(columns="y"), "other.csv")
     study = heliosweep.study("field_efficiency", **blocks(layout={"file": file}))
     result = heliosweep.run(study, "out", report=False, scheduler="synchronous", workers=1)
-    assert "heliostat 3" in repr(result)
-    assert "mean optical efficiency of the field over the period: " in repr(result)
+    assert "heliostat 3" in str(result)
+    assert "mean optical efficiency of the field over the period: " in str(result)
     with result.open() as data:
         assert data.x.sel(name="A2") == 30
     with pytest.raises(heliosweep.StudyError, match="workers: must be between 1 and 65536"):

@@ -257,19 +257,24 @@ class Result:
 
     def ending(self) -> str:
         """What the end of a run tells: `summary`; of a result that was there already the headline of its page alone."""
-        if self.seconds:
-            return self.summary()
+        return self.summary() if self.seconds else "\n".join(self._told())
+
+    def _told(self) -> list[str]:
+        """Title and headline of the page, and where it is."""
         from heliosweep.report.heads import head_of
 
-        told = [*filter(None, head_of(self.folder / "report.html")), *([f"page: {self.page}"] if self.page else [])]
-        return "\n".join(told)
+        page = self.page
+        return [*filter(None, head_of(page)), f"page: {page}"] if page else []
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         try:
             text = self.summary().replace("\n", "\n  ")
         except (HeliosweepError, OSError, ValueError) as error:
             text = f"cannot be read: {error}"
         return f"<heliosweep.Result> {text}\n  data: {self.path}"
+
+    def __repr__(self) -> str:  # debuggers ask for it at any time: it does not open the data set
+        return "\n  ".join(["<heliosweep.Result>", *self._told(), f"data: {self.path}"])
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
