@@ -274,7 +274,7 @@ def test_words_and_names_of_a_study_on_its_page(tmp_path, monkeypatch, evil):
     text = (result.folder / "report.html").read_text(encoding="utf-8")
     page = Page(text)
     assert "<script>alert" not in text
-    assert page.all("script") == [{"type": "application/json", "id": "heliosweep-plots"}, {}, {}]  # our own
+    assert page.all("script") == [{"type": "application/json", "id": "heliosweep-plots"}, {}, {}, {}]  # our own
     assert page.text.count(evil) > 3
     assert not [value for _, attrs in page.elements for key, value in attrs.items() if key.startswith("on")]
 

@@ -15,6 +15,8 @@ SOURCES = {
 }
 TREES = {name: ast.parse(text) for name, text in SOURCES.items()}
 ALLOWED = {"numpy", "numba"} | set(sys.stdlib_module_names)
+#: Bessel functions, when tables are made: NumPy has none.
+ALSO = {"intercept.tables": {"scipy.special"}}
 FORBIDDEN_CALLS = {"print", "open", "input"}
 
 
@@ -29,7 +31,7 @@ def test_imports(name):
             names = [node.module or ""]
         for module in names:
             own = module.startswith("heliosweep.kernels.") or module == "heliosweep.sources"
-            assert own or module.split(".")[0] in ALLOWED, module
+            assert own or module.split(".")[0] in ALLOWED or module in ALSO.get(name, ()), module
         assert "logging" not in names
 
 

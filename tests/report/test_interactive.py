@@ -193,7 +193,7 @@ def test_words_stay_words_in_scripts(tmp_path):
     plots = text.partition('<script type="application/json" id="heliosweep-plots">')[2].partition("</script>")[0]
     assert not set("<>&\u2028\u2029") & set(plots)
     assert EVIL in json.dumps(json.loads(plots), ensure_ascii=False)
-    assert text.count("</script>") == 3
+    assert text.count("</script>") == 4
 
 
 def test_only_known_scripts_run(tmp_path):
@@ -208,7 +208,7 @@ def test_only_known_scripts_run(tmp_path):
         f"script-src {allowed}",
         "base-uri 'none'",
     ]
-    assert len(sources) == 2
+    assert len(sources) == 3
     assert "script-src 'none'" in render("index.html", title="Studies", scripts=(), studies=())
 
 

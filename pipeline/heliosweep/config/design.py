@@ -15,7 +15,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,12 +65,12 @@ class Design:
     sensitivity: str = ""
     factor: tuple[tuple[float, ...], ...] = ()
 
-    @property
+    @cached_property
     def parameters(self) -> int:
         """Number of parameters of a sensitivity: keys and groups of keys."""
         return max(self.groups) + 1
 
-    @property
+    @cached_property
     def rows(self) -> int:
         """Draws that belong together: of a base point, of a trajectory, or of all."""
         return {SOBOL: self.parameters + 2, MORRIS: self.parameters + 1}.get(self.sensitivity, 1)

@@ -24,7 +24,7 @@ _POSITIONS = {
     "z": ("height of the heliostat's base above the tower's base", ""),
 }
 #: Layouts of a sweep at the most, and of those that have to be made to know how long they are.
-MAX_LAYOUTS, MAX_MADE = 100_000, 5_000
+MAX_LAYOUTS, MAX_MADE = 100_000, 3_000
 
 
 class LayoutAxis:

@@ -131,13 +131,14 @@ def radial_stagger(
         sequence = _automatic_zones(clearance, inner_radius, spacing)
 
     field: list[_Ring] = []
+    cut = bool(region.sectors) or region.boundary is not None or bool(region.exclude)
     count = looked_at = 0
     for ring in sequence:
         if ring.radius > region.reach:
             break
         field.append(ring)
         looked_at += len(ring)
-        count += int(region.inside(*ring.places()).sum())
+        count += int(region.inside(*ring.places()).sum()) if cut else len(ring)
         if heliostats is not None and count >= heliostats:
             break
         if count > MAX_HELIOSTATS or looked_at > MOST_PLACES:

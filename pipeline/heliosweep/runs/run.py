@@ -120,7 +120,7 @@ class Run:
                 parts.remove(self.folder / parts.WORKING)
             return found
         _ = self.plan  # what does not fit is refused here, before anything is expanded
-        import_no_other_arrays()
+        _ = self.coordinates  # files are read once, at the start
         self._taken = None if force else self._earlier()
         self.store = self._store(force)
         if not force and self._taken is None:

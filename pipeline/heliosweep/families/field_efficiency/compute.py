@@ -177,14 +177,20 @@ def _seconds_blocked(parameters: Parameters) -> float:
     layouts = Layouts(parameters.study)
     layout = layouts[tuple(len(dim) // 2 for dim in layouts.dimensions)]
     some = slice(None, None, 1 + len(layout) // SAMPLED_INSTANTS)
-    heights, pivots = (parameters.values(key) for key in ("receiver.height", "heliostat.pivot_height"))
-    assert heights is not None
-    assert pivots is not None
-    rise = np.unique(heights - pivots)[:, np.newaxis] - layout.z[some]
+    given = {key: value for key, _, value in parameters.study.parameters()}
+    heights, pivots = (_few(given[key]) for key in ("receiver.height", "heliostat.pivot_height"))
+    rise = np.unique(np.subtract.outer(heights, pivots))[:, np.newaxis] - layout.z[some]
     most = MOST_SECONDS * len(layout) ** 0.5
     with np.errstate(divide="ignore", invalid="ignore"):  # a target no higher than the mirror, or at it
         sine = np.maximum(rise, 0.0) / np.hypot(np.hypot(layout.x[some], layout.y[some]), rise)
         return float(np.fmin(SECONDS_BLOCKED * (sine**-POWER - 1.0), most).mean())
+
+
+def _few(value: float | Sweep) -> list[float]:
+    """A value, or some of a sweep, from its first to its last."""
+    if not isinstance(value, Sweep):
+        return [value]
+    return [value[round(at)] for at in np.linspace(0, len(value) - 1, min(len(value), SAMPLED_POINTS))]
 
 
 def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:

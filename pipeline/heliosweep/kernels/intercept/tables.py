@@ -13,6 +13,7 @@ table of one. The F_m are integrals of the light's Fourier transform over spatia
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -110,10 +111,34 @@ def _chebyshev(count: int) -> Floats:
     return np.stack((place, 1.0 / np.prod(place[:, np.newaxis] - place + np.eye(count), axis=1)))
 
 
+def _interpolated(sun: SunShape, most: float, count: int) -> Callable[[Floats], Floats]:
+    """`_transform` from 0 to `most` by cubics between so many places, with slopes from four neighbours."""
+    step = most / count
+    values = _transform(sun, step * np.arange(count + 3.0))
+    slopes = _slopes(values)
+
+    def at(wave: Floats) -> Floats:
+        place = np.minimum((wave / step).astype(np.int64), count - 1)
+        t = wave / step - place
+        near, far = (1.0 + 2.0 * t) * values[place] + t * slopes[place], (3.0 - 2.0 * t) * values[place + 1]
+        return (1.0 - t) ** 2 * near + t**2 * (far + (t - 1.0) * slopes[place + 1])
+
+    return at
+
+
+def _slopes(values: Floats) -> Floats:
+    """Slopes per step, along the last axis, of an even function that is known at 0, 1, 2, ... steps.
+
+    From four neighbours; at the last two places from two and three.
+    """
+    even = np.concatenate((values[..., 2:0:-1], values), axis=-1)
+    inner = (even[..., :-4] - even[..., 4:] + 8.0 * (even[..., 3:-1] - even[..., 1:-3])) / 12.0
+    a, b, c = values[..., -3], values[..., -2], values[..., -1]
+    return np.concatenate((inner, np.stack(((c - a) / 2.0, (a - 4.0 * b + 3.0 * c) / 2.0), axis=-1)), axis=-1)
+
+
 def _band(sun: SunShape, core: float, small: Floats, large: Floats, step: float) -> tuple[Floats, Floats, Floats]:
     """Coefficients (nodes, harmonics, steps, 4), F_m at the end and its size (2, nodes, harmonics), and reaches."""
-    from scipy.interpolate import CubicSpline
-
     factors = np.array([stretched(*pair, core) for pair in zip(small, large, strict=True)]).T
     widest, blur = np.maximum(factors[0], factors[1]), np.sqrt(np.maximum(large, small))
     outermost = float(np.max(widest * sun.radius.max() + 6.0 * np.minimum(widest * blur, np.sqrt(factors[2]))))
@@ -121,8 +146,7 @@ def _band(sun: SunShape, core: float, small: Floats, large: Floats, step: float)
     wave, part = _panels(6.5 / float(factors[3].min()), 2.0 * np.pi / outermost)
     turn = np.pi / 2 * (np.arange(_ANGLES) + 0.5) / _ANGLES
     most = float(wave[-1] * widest.max())
-    even = np.linspace(0.0, most, 8 * math.ceil(most * sun.radius.max()) + 9)
-    transform = CubicSpline(even, _transform(sun, even))
+    transform = _interpolated(sun, most, 8 * math.ceil(most * sun.radius.max()) + 8)
     signs = (-1.0) ** np.arange(HARMONICS)[:, np.newaxis]
     harmonics = signs * np.cos(2.0 * np.arange(HARMONICS)[:, np.newaxis] * turn) * (2.0 / _ANGLES)
     terms = np.empty((len(wave), HARMONICS, len(small)))
@@ -141,9 +165,10 @@ def _band(sun: SunShape, core: float, small: Floats, large: Floats, step: float)
     values = np.zeros((*within.shape[:2], len(place)))
     values[:, :, 1:] = within / place[1:] ** 2
     values[:, 0, 0] = 0.5 * np.sum(terms[:, 0], axis=0)
-    cubic = CubicSpline(place, values, axis=2, bc_type=("clamped", "not-a-knot")).c[::-1]
-    scaled = cubic * (step ** np.arange(4))[:, np.newaxis, np.newaxis, np.newaxis]  # shape (4, steps, nodes, harmonics)
-    return np.moveaxis(scaled, (0, 1), (3, 2)), np.stack((ends, np.abs(within).max(axis=2))), reach
+    slopes, rise = _slopes(values), np.diff(values)
+    near, far = slopes[:, :, :-1], slopes[:, :, 1:]
+    cubics = np.stack((values[:, :, :-1], near, 3.0 * rise - 2.0 * near - far, near + far - 2.0 * rise), axis=-1)
+    return cubics, np.stack((ends, np.abs(within).max(axis=2))), reach
 
 
 def _panels(last: float, period: float) -> tuple[Floats, Floats]:
