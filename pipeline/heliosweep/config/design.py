@@ -85,6 +85,8 @@ class Design:
             return self._steps()[index]
         if self.sensitivity == MORRIS:
             return _trajectories(self)[index]
+        if index.size < len(self) <= _BLOCK:  # single ones are asked for again and again
+            return _all(self)[index]
         point, row = np.divmod(index, self.rows)
         found = np.empty((index.size, len(self.groups) * (2 if self.sensitivity else 1)))
         for number in np.unique(point // _BLOCK):
@@ -105,6 +107,12 @@ class Design:
         for key, parameter in enumerate(self.groups):
             steps[2 * parameter + 1 : 2 * parameter + 3, key] = ndtr([-1.0, 1.0])
         return steps
+
+
+@lru_cache(maxsize=4)
+def _all(design: Design) -> NDArray[np.float64]:
+    """All draws of a small design."""
+    return design.at(np.arange(len(design)))
 
 
 @lru_cache(maxsize=16)
