@@ -209,7 +209,7 @@ def test_only_known_scripts_run(tmp_path):
         "base-uri 'none'",
     ]
     assert len(sources) == 3
-    assert "script-src 'none'" in render("index.html", title="Studies", scripts=(), studies=())
+    assert "script-src 'none'" in render("index.html", title="Studies", scripts=(), studies=(), families=())
 
 
 def test_a_script_that_ends_a_script_is_refused():

@@ -103,7 +103,8 @@ def test_errors_of_mounts_are_drawn_for_each_heliostat_by_its_number(field):
     found = api.build(field(mount_errors=drawn)).compute()
     values = found["intercept_efficiency"]
     assert values.sizes["seed"] == 2
-    assert np.all(values.isel(seed=0) != values.isel(seed=1))
+    one, other = (values.isel(seed=seed).to_numpy() for seed in (0, 1))
+    assert np.all((one != other) | (one > 0.999))  # nothing misses the receiver, whatever the error
     assert len(np.unique((values - intercept(field())[:, None]).isel(seed=0, sun_azimuth=0))) == 3
     none = field(mount_errors={"azimuth_reference": {"normal": [0, 1.5]}, "scale": 0})
     np.testing.assert_array_equal(intercept(none), intercept(field(mount_errors={"collimation": 0})))
