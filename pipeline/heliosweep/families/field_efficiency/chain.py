@@ -161,15 +161,6 @@ def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
     return made
 
 
-def _ratio(values: Mapping[str, Any]) -> float | None:
-    return values["circumsolar_ratio"] if values["kind"] == "buie" else None
-
-
-def sun_of(values: Mapping[str, Any]) -> sunshapes.SunShape:
-    """Sun shape at a point of the result."""
-    return _sun(values["kind"], _ratio(values))
-
-
 @lru_cache(4)
 def _tables(kind: str, ratio: float | None, errors: Errors) -> tuple[Tables, Errors]:
     return sun_tables(_sun(kind, ratio), errors)
