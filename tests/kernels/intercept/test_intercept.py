@@ -17,7 +17,7 @@ from heliosweep.kernels.intercept import hflcal, sunshapes, tables
 from heliosweep.kernels.intercept.course import course
 from heliosweep.kernels.intercept.efficiency import ERROR, Scene, gauss_rules, intercepts, sun_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets
-from heliosweep.kernels.intercept.outline import along_edge
+from heliosweep.kernels.intercept.outline import along_edge, over_cut, turned
 from heliosweep.kernels.intercept.receivers import cylinder, rectangle
 from heliosweep.kernels.sun import clock
 from tests.kernels.intercept.rays import traced
@@ -199,7 +199,10 @@ def test_light_beyond_a_line(sun):
             for apart in (1e-4, 2e-3, 4.5e-3, 8e-3):
                 ends = [apart * normal + side * np.array([-normal[1], normal[0]]) for side in (-0.2, 0.2)]
                 seen = np.array(ends) * (along, across)
-                found = -along_edge(*seen.ravel(), light, gauss_rules(3.0)) / (2.0 * np.pi)
+                part, *places = along_edge(*seen.ravel(), light, gauss_rules(3.0))
+                start, stop = (seen[0] + place * (seen[1] - seen[0]) for place in places)
+                whole = turned(*stop, light) - turned(*start, light) + over_cut(*start, *stop)
+                found = (whole - part) / (2.0 * np.pi)
                 places = sun.radius[:, None] * np.cos(turns)
                 wanted = np.sum(sun.share[:, None] * ndtr((places - apart) / sigma)) / len(turns)
                 assert found == pytest.approx(wanted, abs=limit), (small, large, turn, apart)

@@ -5,8 +5,8 @@ among them, in the sine of the declination and in the hour angle over that of su
 checked at some instants; one that misses gets more nodes, and one that still misses is computed at every instant.
 
 With a vertical first axis a mirror turns fast about its normal where that comes near the zenith. The intercept of a
-mirror with a given turn is smooth there too, and periodic in the turn: it is computed at some turns, and its terms of
-Fourier are interpolated.
+mirror that is turned from the axes of spinning-elevation by a given angle is smooth there too, and periodic in that
+angle: it is computed at some, and its terms of Fourier are interpolated.
 """
 
 import functools
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
-from heliosweep.kernels.intercept.mirror import ROLLED, frame_of
+from heliosweep.kernels.intercept.mirror import ROLLED
 from heliosweep.kernels.vectors import PACKET
 
 Floats = NDArray[np.float64]
@@ -270,19 +270,20 @@ def _interpolate(at_nodes, weights_s, weights_h, aims, sun, multiple, values):
 
 @inline
 def _turn(aim, sun, start, lanes, cosine, sine):
-    """Write cosine and sine of the turn of a mirror with a vertical first axis, from the axes of `ROLLED`."""
-    frame = frame_of(aim, aim, ROLLED, 0.0)
+    """Write cosine and sine of the turn of a mirror with a vertical first axis, from the axes of `ROLLED`.
+
+    These are the directions of aim x sun and of aim - sun; their lengths are half and all of |aim - sun| times
+    |aim + sun| and 1.
+    """
     for k in range(lanes):
-        x, y, z = aim[0] + sun[start + k, 0], aim[1] + sun[start + k, 1], aim[2] + sun[start + k, 2]
-        scale = 1.0 / math.sqrt(x * x + y * y + z * z)
-        x, y, z = scale * x, scale * y, scale * z
-        share = (frame.e1[0] * x + frame.e1[1] * y + frame.e1[2] * z) / (1.0 + aim[0] * x + aim[1] * y + aim[2] * z)
-        a, b, c = (
-            frame.e1[0] - share * (aim[0] + x),
-            frame.e1[1] - share * (aim[1] + y),
-            frame.e1[2] - share * (aim[2] + z),
+        x, y, z = sun[start + k, 0], sun[start + k, 1], sun[start + k, 2]
+        a, b, c = aim[0] - x, aim[1] - y, aim[2] - z
+        east, north, up = aim[0] + x, aim[1] + y, aim[2] + z
+        level, along = math.sqrt(east * east + north * north), math.sqrt(east * east + north * north + up * up)
+        steep, apart = level < 1e-15, math.sqrt(a * a + b * b + c * c)
+        u, v = 1.0 if steep else -north / level, 0.0 if steep else east / level
+        same = apart < 1e-15
+        cosine[k] = (
+            1.0 if same else 2.0 * (u * (aim[1] * z - aim[2] * y) + v * (aim[2] * x - aim[0] * z)) / (apart * along)
         )
-        level = math.sqrt(x * x + y * y)
-        steep = level < 1e-15
-        east, north = 1.0 if steep else -y / level, 0.0 if steep else x / level
-        cosine[k], sine[k] = east * a + north * b, east * (y * c - z * b) + north * (z * a - x * c)
+        sine[k] = 0.0 if same else (u * a + v * b) / apart

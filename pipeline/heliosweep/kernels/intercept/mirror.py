@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.field.packets import SPINNING_ELEVATION
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.vectors import Vector, cross, dot, mixed, unit
 
 Floats = NDArray[np.float64]
@@ -57,21 +57,18 @@ class Frame(NamedTuple):
 def frame_of(sun, target, tracking, roll):
     """Frame of a mirror that reflects the sun to the target, both given as directions.
 
-    With `ROLLED` the axis u is turned by `roll` about the normal from an axis that does not depend on the method: the
-    direction e1 of the target's frame, carried to the normal on the shortest way. [rad]
+    With `ROLLED` it is that of spinning-elevation, turned by `roll` about the normal. [rad]
     """
     n = unit(mixed(1.0, sun, 1.0, target))
     e1 = unit(cross((0.0, 0.0, 1.0) if abs(target[2]) < 0.9 else (1.0, 0.0, 0.0), target))
-    if tracking == ROLLED:
-        a = mixed(1.0, e1, -dot(e1, n) / (1.0 + dot(target, n)), mixed(1.0, target, 1.0, n))
-        u = mixed(math.cos(roll), a, math.sin(roll), cross(n, a))
-    else:
-        u = cross(target, sun) if tracking == SPINNING_ELEVATION else (-n[1], n[0], 0.0)
+    u = (-n[1], n[0], 0.0) if tracking == AZIMUTH_ELEVATION else cross(target, sun)
+    if dot(u, u) < 1e-30:
+        u = (1.0, 0.0, 0.0) if tracking == AZIMUTH_ELEVATION else (-target[1], target[0], 0.0)
         if dot(u, u) < 1e-30:
-            u = (-target[1], target[0], 0.0) if tracking == SPINNING_ELEVATION else (1.0, 0.0, 0.0)
-            if dot(u, u) < 1e-30:
-                u = (1.0, 0.0, 0.0)
+            u = (1.0, 0.0, 0.0)
     u = unit(u)
+    if tracking == ROLLED:
+        u = mixed(math.cos(roll), u, math.sin(roll), cross(n, u))
     return Frame(n, u, cross(n, u), target, e1, cross(target, e1))
 
 

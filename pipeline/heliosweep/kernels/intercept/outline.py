@@ -1,8 +1,9 @@
 """Light within an outline: the integral of F dphi / 2 pi along it, F the light within a radius, phi the direction.
 
 Directions are gnomonic coordinates about a reflected ray, in which straight edges are straight, stretched as the tables
-of light are. F is the sum of F_m(r) cos(2 m phi). Along the whole outline the integral with F beyond the reach is 2 pi
-where the ray is inside, else 0: only pieces within the reach are integrated, of the difference that they make.
+of light are. F is the sum of F_m(r) cos(2 m phi). Only pieces within the reach are integrated. Beyond it F depends on
+phi alone, and so does its integral on any way: `turned` at the end of the way less `turned` at its start, and a full
+turn where the way goes over the axis x < 0. Only where an outline leaves the reach or enters it is that computed.
 """
 
 import math
@@ -36,18 +37,25 @@ def crosses(ax, ay, bx, by):
 
 
 @inline
-def beyond(ax, ay, bx, by, light):
-    """Integral of F dphi from a to b, seen from the ray, were all light within them. [rad]"""
-    total = math.atan2(ax * by - ay * bx, ax * bx + ay * by)
+def turned(x, y, light):
+    """Integral of F dphi from the axis x > 0 to a place, were all light within: it is the same on every way. [rad]"""
+    total = math.atan2(y + 0.0, x)  # of -0.0, which `over_cut` takes for 0, it would be on the other side
     if light.harmonics > 1:
-        first, last = 1.0 / (ax * ax + ay * ay + 1e-300), 1.0 / (bx * bx + by * by + 1e-300)
-        ca, sa = first * (ax * ax - ay * ay), first * 2.0 * ax * ay
-        cb, sb = last * (bx * bx - by * by), last * 2.0 * bx * by
-        pa, qa, pb, qb = ca, sa, cb, sb
+        scale = 1.0 / (x * x + y * y + 1e-300)
+        cosine, sine = scale * (x * x - y * y), scale * 2.0 * x * y
+        along, across = cosine, sine
         for m in range(1, light.harmonics):
-            total += light.far[m] * (qb - qa) / (2.0 * m)
-            pa, qa, pb, qb = pa * ca - qa * sa, pa * sa + qa * ca, pb * cb - qb * sb, pb * sb + qb * cb
+            total += light.far[m] * across / (2.0 * m)
+            along, across = along * cosine - across * sine, along * sine + across * cosine
     return total
+
+
+@inline
+def over_cut(ax, ay, bx, by):
+    """Full turns that `turned` lacks from a to b, as it jumps at the axis x < 0. [rad]"""
+    if (ay >= 0.0) == (by >= 0.0) or (ax * by - ay * bx > 0.0) == (by > ay):
+        return 0.0
+    return 2.0 * math.pi if by < ay else -2.0 * math.pi
 
 
 @inline
@@ -65,19 +73,22 @@ def far_from(ax, ay, bx, by, away):
 
 @inline
 def along_edge(ax, ay, bx, by, light, rules):
-    """Integral of F dphi along a straight line from a to b, less what it were beyond the reach. [rad]"""
+    """Integral of F dphi along the part of a line from a to b that is within the reach [rad]; its first and last place.
+
+    Places as parts of the line: 0 and 1 where all of it is within, the same twice where nothing is.
+    """
     if far_from(ax, ay, bx, by, light.reach):
-        return 0.0
+        return 0.0, 0.0, 0.0
     tx, ty = bx - ax, by - ay
     length = math.sqrt(tx * tx + ty * ty)
     if length == 0.0:
-        return 0.0
+        return 0.0, 0.0, 0.0
     tx, ty = tx / length, ty / length
     first, apart, reach = ax * tx + ay * ty, ax * ty - ay * tx, light.reach
     half = math.sqrt(max(0.0, reach * reach - apart * apart))
     start, stop = max(first, -half), min(first + length, half)
     if start >= stop:
-        return 0.0
+        return 0.0, 0.0, 0.0
     footx, footy = apart * ty, -apart * tx
     total, a = 0.0, start
     while a < stop:
@@ -95,5 +106,4 @@ def along_edge(ax, ay, bx, by, light, rules):
             part += rules.line[order, 1, k] * look_up(light, footx + t * tx, footy + t * ty)
         total += long * part
         a += long
-    ax, ay, bx, by = footx + start * tx, footy + start * ty, footx + stop * tx, footy + stop * ty
-    return apart * total - beyond(ax, ay, bx, by, light)
+    return apart * total, (start - first) / length, 1.0 if stop == first + length else (stop - first) / length

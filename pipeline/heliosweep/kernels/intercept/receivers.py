@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.intercept.outline import BENT, along_edge, beyond, crosses, far_from, gap
+from heliosweep.kernels.intercept.outline import BENT, along_edge, crosses, far_from, gap, over_cut, turned
 from heliosweep.kernels.intercept.tables import look_up
 from heliosweep.kernels.vectors import cross, dot, mixed
 
@@ -197,22 +197,49 @@ def nearest(count, panels, room):
 @inline
 def within(count, panels, order, room, light, rules):
     """Part of the light of one point that is within the outline."""
-    total, inside = 0.0, False
+    total, first, before = 0.0, False, False  # whether the first piece begins, and the last one ends, within the reach
     for k in range(count):
         n = k + 1 if k + 1 < count else 0
         ax, ay, bx, by = room.seen[0, k], room.seen[1, k], room.seen[0, n], room.seen[1, n]
-        inside = inside != crosses(ax, ay, bx, by)
         if not _bent(k, panels):
-            total += along_edge(ax, ay, bx, by, light, rules)
-        elif not far_from(ax, ay, bx, by, light.reach + BENT * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)):
-            side = 1 if k > panels else 0
-            p = 2 * panels - k if side else k
-            part = 0.0
-            for m in range(p * (order + 1) + 1, (p + 1) * (order + 1)):
-                x, y, dx, dy = _on_rim(room, side, m)
-                part += room.rim[2, m] * (x * dy - y * dx) * look_up(light, x, y)
-            total += (part if side == 0 else -part) - beyond(ax, ay, bx, by, light)
-    return total / (2.0 * math.pi) + (1.0 if inside else 0.0)
+            part, start, stop = along_edge(ax, ay, bx, by, light, rules)
+        elif far_from(ax, ay, bx, by, light.reach + BENT * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)):
+            part, start, stop = 0.0, 0.0, 0.0
+        else:
+            part, start, stop = _along_arc(k, panels, order, room, light), 0.0, 1.0
+        total += part
+        begins = start == 0.0 and stop > 0.0
+        if k == 0:
+            first = begins
+        elif begins != before:
+            total += turned(ax, ay, light) if begins else -turned(ax, ay, light)
+        before = stop == 1.0
+        if start > 0.0 or stop < 1.0:
+            total += over_cut(ax, ay, bx, by)
+            if start < stop:
+                px, py = ax + start * (bx - ax), ay + start * (by - ay)
+                qx, qy = ax + stop * (bx - ax), ay + stop * (by - ay)
+                total -= over_cut(px, py, qx, qy)
+                if start > 0.0:
+                    total += turned(px, py, light)
+                if stop < 1.0:
+                    total -= turned(qx, qy, light)
+    if first != before:
+        ends = turned(room.seen[0, 0], room.seen[1, 0], light)
+        total += ends if first else -ends
+    return total / (2.0 * math.pi)
+
+
+@inline
+def _along_arc(k, panels, order, room, light):
+    """Integral of F dphi along the panel of a rim that begins at corner k. [rad]"""
+    side = 1 if k > panels else 0
+    p = 2 * panels - k if side else k
+    part = 0.0
+    for m in range(p * (order + 1) + 1, (p + 1) * (order + 1)):
+        x, y, dx, dy = _on_rim(room, side, m)
+        part += room.rim[2, m] * (x * dy - y * dx) * look_up(light, x, y)
+    return part if side == 0 else -part
 
 
 @inline
