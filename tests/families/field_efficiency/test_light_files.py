@@ -208,7 +208,7 @@ def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
             api.plan(field(**optics))
         assert message in str(error.value)
     behind = field({"receiver": {**FACE, "azimuth": 180}})
-    assert any("3 heliostats stand behind the receiver's face" in note for note in behind.notes())
+    assert any("3 heliostats behind the receiver's face" in note for note in behind.notes())
 
 
 def test_dirt_by_month_and_between_washings(small):

@@ -237,7 +237,7 @@ class Light(NamedTuple):
     reflected: Floats
     """By the mirrors: reflectivity times cleanliness, shape (1,), or (T,) where it changes. [1]"""
     error: Floats
-    """Largest error of interpolated intercepts that was found, shape (N,); 0 where all are computed. [1]"""
+    """Largest error of interpolated intercepts at their checks, shape (N,); 0 where all are computed. [1]"""
 
 
 class Way(NamedTuple):

@@ -19,6 +19,11 @@ def mirror_area(width: Floats, height: Floats, facets: FacetGrid | None) -> Floa
     return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)
 
 
+def facet_side(side: float, count: int, gap: float) -> float:
+    """Width or height of a facet, of so many along a side of the mirror. [m]"""
+    return (side + gap) / count - gap
+
+
 def land_area(x: Floats, y: Floats, radius: float) -> float:
     """Area within the line that runs `radius` [m] outside the convex hull of the centres, at x and y [m]. [m2]"""
     corners = _hull(sorted(set(zip(x.tolist(), y.tolist(), strict=True))))

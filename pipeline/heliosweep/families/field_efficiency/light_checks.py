@@ -11,6 +11,7 @@ import numpy as np
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections
 from heliosweep.errors import Problem
+from heliosweep.families.field_efficiency.geometry import facet_side
 from heliosweep.families.field_efficiency.light_files import (
     MOST_SLOPE,
     TURN_COLUMNS,
@@ -63,7 +64,7 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     far = np.hypot(level, down)
     if set(POLYNOMIALS) & set(ends(study.optics.attenuation)) and (beyond := int(np.sum(far > FARTHEST))) > 0:
         yield (
-            f"{beyond:,} heliostats are farther than {FARTHEST / 1000:g} km from the receiver, beyond the range of "
+            f"{_heliostats(beyond)} farther than {FARTHEST / 1000:g} km from the receiver, beyond the range of "
             f"optics.attenuation"
         )
     face = {key: values.get(f"receiver.{key}", getattr(receiver, key)) for key in ("azimuth", "tilt", "width")}
@@ -84,7 +85,11 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     if (among := int(np.sum(np.hypot(np.hypot(*beside), before) <= reach))) > 0:
         yield study.problem("receiver", f"is among the mirrors: {among:,} stand where its face is")
     if (behind := int(np.sum(before <= 0.0))) > 0:
-        yield f"{behind:,} heliostats stand behind the receiver's face, and send it no light"
+        yield f"{_heliostats(behind)} behind the receiver's face: no light from there"
+
+
+def _heliostats(count: int) -> str:
+    return "1 heliostat" if count == 1 else f"{count:,} heliostats"
 
 
 def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
@@ -151,4 +156,4 @@ def _fits(study: FieldEfficiencyStudy, found: SlopeMap, width: float, height: fl
     if facets is None:
         return found.fits(width, height)
     sizes = ((width, facets.columns), (height, facets.rows))
-    return found.fits(width, height) or found.fits(*((side + facets.gap) / n - facets.gap for side, n in sizes))
+    return found.fits(width, height) or found.fits(*(facet_side(side, n, facets.gap) for side, n in sizes))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.tables import Column, read_table
 from heliosweep.errors import Problem, StudyError
+from heliosweep.families.field_efficiency.geometry import facet_side
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.layouts.layout import Layout
 
@@ -99,7 +100,7 @@ def _places(side: float, count: int, gap: float, whole: bool, at: Floats) -> tup
     """
     from heliosweep.kernels.intercept.efficiency import gauss_rules
 
-    order, facet = max(LEAST_NODES, -(-MAP_NODES // count)), (side + gap) / count - gap
+    order, facet = max(LEAST_NODES, -(-MAP_NODES // count)), facet_side(side, count, gap)
     node, weight = gauss_rules(1.0).mirror[order, :, :order]
     place, step = node[:, np.newaxis] / 2, (at[1] - at[0]) / facet
     if step < 1.0 / order:

@@ -63,7 +63,7 @@ _LIGHT: dict[str, tuple[str, str]] = {
         "optical times reflection, attenuation and intercept efficiency; over time the mean of this product",
     ),
 }
-#: Error of the intercept of a heliostat that was found.
+#: Error of the intercept of a heliostat at its checks.
 CHECKED = "intercept_error"
 #: Names of the variables for each heliostat that `optics` adds, and those of them that time series have.
 LIGHT = tuple(_LIGHT)
@@ -293,8 +293,11 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         finished=True,
     )
     if study.optics is not None:
-        said = "interpolated less computed at the instants at which it was checked; 0 where all instants are computed"
-        attrs = _described("1", "largest error of the intercept of each heliostat that was found", said)
+        said = (
+            "interpolated less computed intercept at the instants at which it was checked; no bound: at others it can be "
+            "several times as much; 0 where all instants are computed"
+        )
+        attrs = _described("1", "largest error of the intercept of each heliostat at the checks", said)
         found[CHECKED] = Variable((*swept, "heliostat"), attrs)
     if study.output.tracking_angles:
         found |= {name: Variable((*swept, "heliostat"), attrs) for name, attrs in _of_axes(directions).items()}

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.intercept.mirror import Errors, Facets, axes_of, frame_of, ray_from, spread_of
+from heliosweep.kernels.intercept.mirror import Errors, Facets, axes_of, facet_sides, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
 from heliosweep.kernels.intercept.receivers import (
     LEAST_ERROR,
@@ -192,8 +192,7 @@ def _intercept(
     window = window_of(place, frame.r, receiver)
     if window[0] >= window[1] or window[2] >= window[3]:
         return 0.0
-    width = (sides[0] + facets.gap) / facets.columns - facets.gap
-    height = (sides[1] + facets.gap) / facets.rows - facets.gap
+    width, height = facet_sides(sides, facets)
     far = distance(place, receiver)
     last_u, last_v = 0.5 * (sides[0] - width), 0.5 * (sides[1] - height)
     moved = image_shift(frame, sun, last_u, 0.0, 0.5 * width, 0.0, cant, curve, far)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept import course
 from heliosweep.kernels.intercept.efficiency import Rules, Scene, gauss_rules, image_shift, turn_at
-from heliosweep.kernels.intercept.mirror import axes_of, frame_of, ray_from, spread_of
+from heliosweep.kernels.intercept.mirror import axes_of, facet_sides, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
 from heliosweep.kernels.intercept.receivers import LEAST_ERROR, RECTANGLE, apart_of, distance, order_of, window_of
 from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Light, collapse, extent, look_up, stretched, weigh
@@ -117,8 +117,7 @@ def _mirror(place, target, sides, curve, cant, turn, sun, scene, rules, room):
     for j in range(rows + 1):
         z = receiver.half_height * (2.0 * j / rows - 1.0)
         room.heights[j] = min(max(z, window[2]), window[3])
-    width = (sides[0] + facets.gap) / facets.columns - facets.gap
-    height = (sides[1] + facets.gap) / facets.rows - facets.gap
+    width, height = facet_sides(sides, facets)
     # More nodes along half a side, the farther its image moves, in standard deviations of the blur.
     side_u = image_shift(frame, sun, 0.0, 0.0, 0.5 * width, 0.0, 0.0, curve, far) / sigma
     side_v = image_shift(frame, sun, 0.0, 0.0, 0.0, 0.5 * height, 0.0, curve, far) / sigma

@@ -95,6 +95,15 @@ def axes_of(xx, yy, xy):
     return middle - root, middle + root, math.cos(turn), math.sin(turn)
 
 
+@inline
+def facet_sides(sides, facets):
+    """Width and height of each facet. [m]"""
+    return (
+        (sides[0] + facets.gap) / facets.columns - facets.gap,
+        (sides[1] + facets.gap) / facets.rows - facets.gap,
+    )
+
+
 @inner
 def ray_from(frame, sun, turn, a0, b0, a, b, cant, curve):
     """Ray from a point (a, b) of the facet centred at (a0, b0): its place from the mirror's centre, r, e1 and e2.
