@@ -75,4 +75,6 @@ def test_a_changed_study_has_its_search_checked():
     wrong = {"search.maximise": "field_optical_eficiency"}
     with pytest.raises(StudyError, match=r"search\.maximise: .*is no result of this study; did you mean"):
         study.with_(wrong)
-    assert study.with_({"search.budget": 20}).search.budget == 20
+    changed = study.with_({"search.budget": 20}).search
+    assert changed is not None
+    assert changed.budget == 20
