@@ -276,9 +276,9 @@ class HeliosweepAccessor:
         return sam.efficiency_table(self._result, select, factor=factor)
 
     def _family(self) -> Family:
-        from heliosweep.families.family import families, family_of_result
+        from heliosweep.families.family import family_of_result
 
-        family = family_of_result(self._result, families())
+        family = family_of_result(self._result)
         if family is None:
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
         return family

@@ -24,6 +24,9 @@ Floats = NDArray[np.float64]
 MAX_BYTES = 64 * 2**20
 """Largest file of polygons that is read."""
 
+AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
+"""Attributes by which a result tells its polygons, by key of the study."""
+
 EDGE = 1e-9
 """Angle by which a heliostat may be beyond the edge of a sector: rounding. [deg]"""
 

@@ -26,6 +26,9 @@ _UNITS = {
     **{f"{unit} m-2": f"{unit}/m\N{SUPERSCRIPT TWO}" for unit in ("W", "kW", "MWh")},
 }
 
+#: Part of the values beyond zero on the one side that those on the other must reach to count.
+LEAST_SIDE = 0.02
+
 #: Letters of a name that a figure shows, and along an axis.
 MOST_LETTERS, TICK_LETTERS = 40, 24
 
@@ -45,6 +48,11 @@ def is_fraction(array: xr.DataArray) -> bool:
     """Whether values are fractions of one, better read in percent."""
     valid = array.attrs.get("valid_range")
     return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
+
+
+def is_signed(low: float, high: float) -> bool:
+    """Whether values between these ends have a sign that matters: their colours then differ about zero."""
+    return min(-low, high) > LEAST_SIDE * max(-low, high)
 
 
 def is_flag(array: xr.DataArray) -> bool:

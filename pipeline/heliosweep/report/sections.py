@@ -135,6 +135,12 @@ def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
     return [number_text(value, 0 if whole else decimals) for value in values]
 
 
+def decimals_of(values: Sequence[float]) -> int:
+    """Decimals by which the smallest of several changes has two digits."""
+    finite = [abs(value) for value in values if math.isfinite(value) and value != 0]
+    return min(8, max(2, 1 - math.floor(math.log10(min(finite))))) if finite else 2
+
+
 def _leading(array: xr.DataArray, indices: Sequence[tuple[int, ...]]) -> np.ndarray:
     """Values at the first points, of which only the leading part of the array is read."""
     if not array.ndim:

@@ -201,6 +201,9 @@ def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
 
 
 def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
+    from functools import partial
+
+    from heliosweep.families.family import family_of_result
     from heliosweep.report.page import write_report
 
     for sensitivity, wanted in {
@@ -213,7 +216,7 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
         sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
         sample |= {"size": 16} if sensitivity != "local" else {}
         run(study(THREE, sample, scale=[1, 2]), folder)
-        page = write_report(folder, {"functions": known}).read_text(encoding="utf-8")
+        page = write_report(folder, partial(family_of_result, known={"functions": known})).read_text(encoding="utf-8")
         assert "could not be drawn" not in page
         assert {path.stem for path in (folder / "figures").glob("*.png")} == wanted
         assert "Drawn keys" in page

@@ -89,7 +89,7 @@ def _received(result: xr.Dataset) -> str:
 
 def _energy(energy: float) -> str:
     """Energy with as many decimals as a bar has room for."""
-    return f"{energy:.0f}" if abs(energy) >= 1000 else f"{energy:.3g}"
+    return f"{energy:,.0f}" if abs(energy) >= 1000 else f"{energy:.3g}"
 
 
 @styled
@@ -197,7 +197,7 @@ def _hours(bars: dict[str, np.ndarray], words: Sequence[str], along: str) -> Fig
         entries[word] = axes.barh(range(len(bars)), every[:, part], left=start, color=colour, height=0.7)
         for row, (left, length) in enumerate(zip(start, every[:, part], strict=True)):
             if length > LEAST_NAMED * most:
-                axes.text(left + length / 2, row, f"{length:.0f}", ha="center", va="center", fontsize=7)
+                axes.text(left + length / 2, row, f"{length:,.0f}", ha="center", va="center", fontsize=7)
     axes.set(
         yticks=range(len(bars)), yticklabels=list(bars), ylim=(len(bars) - 0.5, -0.5), xlabel="time (h)", ylabel=along
     )
