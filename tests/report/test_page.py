@@ -293,7 +293,7 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
     assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
     assert len(shown.scripts) == 1  # of the ranking
     assert "Bokeh" not in shown.scripts[0]
-    assert len(shown.all("table")) == 4  # with those of the ranking
+    assert len(shown.all("table")) == 2  # with that of all points
     assert "part" in Page(write_report(tmp_path).read_text(encoding="utf-8")).text
 
 

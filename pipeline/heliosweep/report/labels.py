@@ -90,6 +90,17 @@ def axis_label(array: xr.DataArray) -> str:
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
 
+def labels_along(result: xr.Dataset, dim: str) -> xr.DataArray:
+    """What stands along a dimension: names, else its values, else the numbers 1, 2, ..."""
+    names = result.coords.get("name")
+    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
+        return names.reset_coords(drop=True)
+    if dim in result.coords:
+        return result[dim].reset_coords(drop=True)
+    words = {"long_name": dim.replace("_", " ")}
+    return xr.DataArray(np.arange(1, result.sizes[dim] + 1), dims=dim, name=dim, attrs=words)
+
+
 def latitude_text(latitude: float) -> str:
     """Latitude with its hemisphere."""
     hemisphere = "" if latitude == 0 else " N" if latitude > 0 else " S"

@@ -127,7 +127,7 @@ def from_zero(label: str, maps: Sequence[np.ndarray], least: float = 1e-12, held
 
 
 def within(label: str, maps: Sequence[np.ndarray], palette: str = VALUES, held: float = HELD) -> Shades:
-    """Scale from the least to the largest value but for single wild ones, rounded outwards; about zero where signs differ."""
+    """Scale from the least to the largest value but single wild ones, rounded outwards; about zero if signs differ."""
     values = _known(maps)
     if not values.size:
         return Shades(label, 0.0, 1.0, palette)

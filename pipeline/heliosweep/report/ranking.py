@@ -13,7 +13,17 @@ import xarray as xr
 
 from heliosweep.grid.regions import BEST_VALUE, SMALLEST
 from heliosweep.report.contents import Table
-from heliosweep.report.labels import MINUS, flag_text, is_flag, number_text, printed, title_of, unit_of, value_text
+from heliosweep.report.labels import (
+    MINUS,
+    flag_text,
+    is_flag,
+    labels_along,
+    number_text,
+    printed,
+    title_of,
+    unit_of,
+    value_text,
+)
 from heliosweep.report.sections import decimals_of, number_texts
 
 #: Points that are ranked, cells of the table of all points, and results of which best and worst are told.
@@ -70,7 +80,7 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
     values = {name: _values(arrays[name], dims) for name in ranks}
     if not np.isfinite(values[leading]).any():
         return None
-    labels = {str(dim): _labels(result, dim) for dim in dims}
+    labels = {str(dim): labels_along(result, dim) for dim in dims}
     along = {
         str(name): one
         for name, one in result.coords.items()
@@ -113,16 +123,6 @@ def _flags(array: xr.DataArray, dims: Sequence[str]) -> np.ndarray:
     return np.array([words[value] for value in part.ravel().tolist()], dtype=object).reshape(part.shape)
 
 
-def _labels(result: xr.Dataset, dim: str) -> xr.DataArray:
-    """Names along a dimension, else its values, else numbers from 1."""
-    names = result.coords.get("name")
-    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
-        return names
-    if dim in result.coords:
-        return result[dim]
-    return xr.DataArray(np.arange(1, result.sizes[dim] + 1), dims=dim, name=dim, attrs={"long_name": dim})
-
-
 def _at(array: xr.DataArray, place: int) -> str:
     return value_text(array.reset_coords(drop=True)[place])
 
@@ -132,7 +132,7 @@ def _place(result: xr.Dataset, index: Sequence[int], dims: Sequence[str], along:
     words = []
     for dim, place in zip(dims, index, strict=True):
         tied = [one for one in along.values() if one.dims == (dim,)]
-        shown = [_labels(result, dim), *tied]
+        shown = [labels_along(result, dim), *tied]
         words += [f"{title_of(one).split(':')[0].split(',')[0]} {_at(one, place)}" for one in shown]
     return ", ".join(words)
 
@@ -162,7 +162,7 @@ def _steps(result: xr.Dataset, name: str, values: np.ndarray, dims: Sequence[str
             place = best[axis] + step
             if 0 <= place < values.shape[axis]:
                 index = (*best[:axis], place, *best[axis + 1 :])
-                label = _labels(result, dim)
+                label = labels_along(result, dim)
                 rows.append([title_of(label).split(",")[0], _at(label, best[axis]), _at(label, place)])
                 costs.append(values[index] - values[best])
     unit = unit_of(result[name])

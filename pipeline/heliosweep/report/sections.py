@@ -18,6 +18,7 @@ from heliosweep.report.labels import (
     coordinate_text,
     flag_text,
     is_flag,
+    labels_along,
     number_text,
     printed,
     title_of,
@@ -102,7 +103,8 @@ def numbers(
     sizes = [result.sizes[dim] for dim in dims]
     points = math.prod(sizes)
     indices = list(itertools.islice(np.ndindex(*sizes), MOST_ROWS))
-    labels = [[_label(result, dim, index[i]) for index in indices] for i, dim in enumerate(dims)]
+    known = [labels_along(result, dim) for dim in dims]
+    labels = [[value_text(one[index[i]]) for index in indices] for i, one in enumerate(known)]
     columns = [_texts(array, _leading(array.transpose(*dims), indices), digits) for array in arrays]
     titles = [title_of(result[dim]) if dim in result.coords else dim.replace("_", " ") for dim in dims]
     return Table(
@@ -147,13 +149,6 @@ def _leading(array: xr.DataArray, indices: Sequence[tuple[int, ...]]) -> np.ndar
         return np.atleast_1d(printed(array))
     part = array.isel({array.dims[0]: slice(0, indices[-1][0] + 1)})
     return printed(part).reshape(-1)[: len(indices)]
-
-
-def _label(result: xr.Dataset, dim: str, index: int) -> str:
-    names = result.coords.get("name")
-    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
-        return str(names.to_numpy()[index])
-    return value_text(result[dim].isel({dim: index})) if dim in result.coords else str(index + 1)
 
 
 def _shared(result: xr.Dataset) -> str:

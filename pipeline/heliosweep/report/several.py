@@ -23,6 +23,7 @@ from heliosweep.report.labels import (
     axis_label,
     coordinate_text,
     is_flag,
+    labels_along,
     number_text,
     printed,
     title_of,
@@ -185,12 +186,17 @@ def _is_number(array: xr.DataArray) -> bool:
 def _expanded(result: xr.Dataset, swept: Mapping[str, set[Any]]) -> xr.Dataset:
     """A result over the dimensions that another one has swept, with labels that differ by no rounding."""
     fixed = {dim for dims in swept.values() for dim in dims if dim in result.coords and not result[dim].ndim}
-    grown = {name: one.expand_dims([*(swept[str(name)] & fixed)]) for name, one in result.data_vars.items()}
+    grown = {}
+    for name, one in result.data_vars.items():
+        grows = swept[str(name)] & fixed
+        grown[name] = one.drop_vars(fixed - grows).expand_dims([*grows])
     result = xr.Dataset(
         grown,
-        {name: one for name, one in result.coords.items() if name not in fixed},
+        {name: one.variable for name, one in result.coords.items() if name not in fixed},
         result.attrs,
     )
+    if HELIOSTAT in result.sizes and HELIOSTAT not in result.coords:
+        result = result.assign_coords({HELIOSTAT: np.arange(result.sizes[HELIOSTAT])})
     rounded = {
         name: one.copy(data=one.to_numpy().round(LABEL_DECIMALS))
         for name, one in result.coords.items()
@@ -230,9 +236,7 @@ def came_out(joined: xr.Dataset, headlines: Sequence[str]) -> Table | None:
     for name, point in itertools.islice(itertools.product(names, points), MOST_ROWS):
         here = joined[name].isel(dict(zip(dims, point, strict=True)))
         where = ", ".join(
-            coordinate_text(joined[dim][i]) if dim in joined.coords else f"{dim} {i + 1}"
-            for dim, i in zip(dims, point, strict=True)
-            if len(points) > 1
+            coordinate_text(labels_along(joined, dim)[i]) for dim, i in zip(dims, point, strict=True) if len(points) > 1
         )
         rows.append([title_of(here), where, *_cells(np.asarray(printed(here), float), unit_of(here)), unit_of(here)])
     count = len(names) * len(points)

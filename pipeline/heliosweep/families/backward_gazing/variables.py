@@ -337,7 +337,7 @@ _SMALLEST = tuple(
     for name in (
         *("slope_rms_%", "canting_rms_%", "waviness_%", "cramer_rao_bound_%", "slope_uncertainty_%", "residual_rms"),
         *("relative_error_%", "relative_error_%_median", "relative_error_%_low", "relative_error_%_high"),
-        *("canting_%_standard_error", "pointing_%_standard_error", "focal_length_standard_error", "sun_fit_rms"),
+        "sun_fit_rms",
     )
     for axis in "xy"
 )
@@ -361,7 +361,8 @@ def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
     found = {name: replace(one, dims=(*dims, *one.dims)) for name, one in table.items()}
     if table is simulated and seeds:
         found |= over_seeds(tuple(dim for dim in dims if dim not in seeds))
-    return with_best(found, ("usable_fraction", "lit_cameras"), _SMALLEST)
+    errors = (name for name in found if name.endswith("_standard_error"))
+    return with_best(found, ("usable_fraction", "lit_cameras"), (*_SMALLEST, *errors))
 
 
 def over_seeds(dims: tuple[str, ...]) -> dict[str, Variable]:
