@@ -204,6 +204,8 @@ class HeliosweepAccessor:
         """
         import pandas as pd
 
+        from heliosweep.report.labels import MINUS
+
         family, result = self._family(), self._result
         if not result.data_vars:
             raise StudyError(Problem("the result has no variables"))
@@ -219,7 +221,8 @@ class HeliosweepAccessor:
             frame = pd.DataFrame([list(row) for row in table.rows], columns=header)
             for place, name in enumerate(header):
                 if place not in table.words:
-                    numbers = pd.to_numeric(frame.iloc[:, place], errors="coerce")
+                    plain = frame.iloc[:, place].astype(str).str.replace(",", "").str.replace(MINUS, "-")
+                    numbers = pd.to_numeric(plain, errors="coerce")
                     if numbers.notna().all():
                         frame[name] = numbers
             made[table.label] = frame

@@ -158,7 +158,7 @@ def test_energies_have_relative_differences_and_small_ones_more_decimals():
     table = came_out(together(results), [])
     assert table is not None
     assert table.header == ["", "A", "B", "C", "B \N{MINUS SIGN} A", "C \N{MINUS SIGN} A", "unit"]
-    assert table.rows == [["energy", "1000.00", "1100.00", "\N{EN DASH}", "+100.00 (+10.00 %)", "\N{EN DASH}", "MWh"]]
+    assert table.rows == [["energy", "1,000.00", "1,100.00", "\N{EN DASH}", "+100.00 (+10.00 %)", "\N{EN DASH}", "MWh"]]
     results["B"] = xr.Dataset({"energy": ((), 1000.0004, energy)})
     table = came_out(together(results), [])
     assert table is not None

@@ -32,7 +32,11 @@ LEAST_SIDE = 0.02
 #: Letters of a name that a figure shows, and along an axis.
 MOST_LETTERS, TICK_LETTERS = 40, 24
 
-#: Dimensions whose values are words of the program, written with underscores there.
+#: Coordinates whose words speak for themselves.
+SPEAKING = ("site", "layout", "tracking")
+
+#: Coordinates whose words somebody wrote, which stay as they are; others have underscores, some of them for hyphens.
+_WRITTEN = ("site", "layout", "heliostat", "name", "id")
 _ENUMERATIONS = ("tracking", "model", "mount_kind", "source", "axis", "loss")
 
 
@@ -111,9 +115,9 @@ def value_text(coordinate: xr.DataArray) -> str:
     """One coordinate value with its unit, for instance ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
     value = coordinate.item()
     if isinstance(value, str):
-        if coordinate.name in _ENUMERATIONS:
-            return value.replace("_", "-")
-        return PurePath(value).stem if value.endswith(".csv") else value
+        if coordinate.name in _WRITTEN:
+            return PurePath(value).stem if value.endswith(".csv") else value
+        return value.replace("_", "-" if coordinate.name in _ENUMERATIONS else " ")
     if coordinate.dtype.kind in "mM":
         return str(coordinate.to_numpy().astype("datetime64[m]"))
     if is_latitude(coordinate):
@@ -140,7 +144,7 @@ def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
         return INFINITY if value > 0 else MINUS + INFINITY
     if math.isnan(value):
         return NOTHING
-    text = f"{value:+.{decimals}f}" if signed else f"{value:.{decimals}f}"
+    text = f"{value:+,.{decimals}f}" if signed else f"{value:,.{decimals}f}"
     if not text.strip("+-0."):
         text = text.lstrip("+-")
     return text.replace("-", MINUS)

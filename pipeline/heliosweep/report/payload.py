@@ -41,9 +41,6 @@ MOST_FOLDS, ROOMS, SIZE = 4, (28, 40, 60), 13
 #: Points up to which a line has marks, and the size of these. [CSS pixel]
 MOST_MARKS, MARK = 80, 6
 
-#: Dimensions whose words a user wrote: they stay as they are.
-_NAMED = ("site", "layout", HELIOSTAT)
-
 Kept = dict[str, np.ndarray]
 
 
@@ -260,10 +257,7 @@ def _labels(result: xr.Dataset, dim: str, kept: np.ndarray) -> list[str]:
 
 
 def _word(value: xr.DataArray) -> str:
-    text = value_text(value)
-    if value.dtype.kind in "OU" and value.name not in _NAMED:
-        return text.replace("_", " ")
-    return text.removesuffix("T00:00") if value.dtype.kind == "M" else text
+    return value_text(value).removesuffix("T00:00") if value.dtype.kind == "M" else value_text(value)
 
 
 def _places(result: xr.Dataset, kept: Kept) -> dict[str, dict[str, Any]]:

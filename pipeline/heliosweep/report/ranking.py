@@ -15,6 +15,7 @@ from heliosweep.grid.regions import BEST_VALUE, SMALLEST
 from heliosweep.report.contents import Table
 from heliosweep.report.labels import (
     MINUS,
+    SPEAKING,
     flag_text,
     is_flag,
     labels_along,
@@ -133,7 +134,9 @@ def _place(result: xr.Dataset, index: Sequence[int], dims: Sequence[str], along:
     for dim, place in zip(dims, index, strict=True):
         tied = [one for one in along.values() if one.dims == (dim,)]
         shown = [labels_along(result, dim), *tied]
-        words += [f"{title_of(one).split(':')[0].split(',')[0]} {_at(one, place)}" for one in shown]
+        for one in shown:
+            title = "" if one.name in SPEAKING else re.split("[:,]", title_of(one))[0]
+            words.append(f"{title} {_at(one, place)}".strip())
     return ", ".join(words)
 
 

@@ -129,10 +129,11 @@ def _texts(array: xr.DataArray, values: np.ndarray, digits: int) -> list[str]:
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
-    """Numbers of one column with the same decimals: none where all are whole, else two, or more for so many digits."""
+    """Numbers of one column with the same decimals: none where all are whole or large, else so many digits."""
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0
-    decimals = 2 if largest == 0.0 else min(8, max(2, digits - 1 - math.floor(math.log10(largest))))
+    least = 0 if largest >= 10_000 else 1 if largest >= 1_000 else 2
+    decimals = least if largest == 0.0 else min(8, max(least, digits - 1 - math.floor(math.log10(largest))))
     whole = finite.size > 0 and largest >= 1.0 and bool(np.all(finite == np.round(finite)))
     return [number_text(value, 0 if whole else decimals) for value in values]
 
@@ -178,7 +179,7 @@ def headline(result: xr.Dataset, names: Collection[str]) -> str:
     unit = unit_of(array)
     space = "" if unit.startswith(DEGREE) else " "
     ends = dict.fromkeys(number_texts(np.array([values.min(), values.max()])))
-    return f"{title_of(array)}: {' to '.join(f'{text}{space}{unit}'.rstrip() for text in ends)}"
+    return f"{title_of(array)}: {' to '.join(ends)}{space}{unit}".rstrip()
 
 
 def made(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
