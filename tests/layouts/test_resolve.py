@@ -64,7 +64,7 @@ def test_a_result_tells_the_polygons_of_its_field(small):
     told = {"layout_boundary": wide, "layout_exclude": Path("narrow.wkt").read_text()}
     assert Layouts(small(**PLACE, layout=ground)).areas() == told
     assert told.items() <= api.build(small(**PLACE, layout=ground)).attrs.items()
-    swept = {**ground, "boundary": ["site.wkt", "site.wkt"]}
+    swept = {**ground, "boundary": ["site.wkt", "narrow.wkt"]}
     assert [*Layouts(small(**PLACE, layout=swept)).areas()] == ["layout_exclude"]
     assert Layouts(small(**PLACE)).areas() == {}
 

@@ -50,6 +50,9 @@ MOST_ROWS, MOST_VARIABLES = 80, 12
 #: Panels of a figure of curves, such figures, and lines of a panel; maps beside each other.
 MOST_PANELS, MOST_CURVES, MOST_LINES, MOST_MAPS = 4, 3, 8, 3
 
+#: Difference that is rounding, as part of the value.
+ROUNDING = 1e-12
+
 #: Decimals to which labels have to be the same to be one point.
 LABEL_DECIMALS = 9
 
@@ -136,9 +139,7 @@ def _entry(name: str, folder: Path, result: xr.Dataset, file: Path) -> dict[str,
     return {
         "name": name,
         "title": str(result.attrs.get("title", folder.name)),
-        "about": " \N{MIDDLE DOT} ".join([folder.resolve().name, str(result.attrs.get("study_id", ""))]).strip(
-            " \N{MIDDLE DOT}"
-        ),
+        "about": folder.resolve().name,
         "link": link,
     }
 
@@ -162,8 +163,9 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     swept = {name: {dim for one in every for dim in one[name].dims} for name in names}
     alike = [_expanded(one[names], swept) for one in every]
     names = [name for name in names if all({*one[name].dims} == swept[name] for one in alike)]
-    labels = [label for label in alike[0].coords if all(label in one.coords for one in alike)]
-    alike = [one[names].drop_vars([label for label in one.coords if label not in labels]) for one in alike]
+    alike = [one[names] for one in alike]
+    labels = set.intersection(*({*one.coords} for one in alike))
+    alike = [one.drop_vars({*one.coords} - labels) for one in alike]
     loose = {HELIOSTAT, *(dim for one in alike for dim in one.dims if dim not in one.indexes)}
     alike = list(xr.align(*alike, join="inner", exclude=loose))
     sizes = [one.sizes for one in alike]
@@ -247,8 +249,9 @@ def came_out(joined: xr.Dataset, headlines: Sequence[str]) -> Table | None:
     words = [0, 1, len(header) - 1]
     if not any(row[1] for row in rows):
         header, rows, words = [header[0], *header[2:]], [[row[0], *row[2:]] for row in rows], [0, len(header) - 2]
-    begins = ["new" if i and row[0] != rows[i - 1][0] else "" for i, row in enumerate(rows)]
-    return Table("What came out", header, rows, words, notes, classes=begins)
+    same = [bool(i) and row[0] == rows[i - 1][0] for i, row in enumerate(rows)]
+    rows = [["" if again else row[0], *row[1:]] for row, again in zip(rows, same, strict=True)]
+    return Table("What came out", header, rows, words, notes, classes=["" if again else "new" for again in same])
 
 
 def _leading(joined: xr.Dataset, headlines: Sequence[str]) -> tuple[list[str], list[str]] | None:
@@ -267,6 +270,7 @@ def _leading(joined: xr.Dataset, headlines: Sequence[str]) -> tuple[list[str], l
 def _cells(values: np.ndarray, unit: str) -> list[str]:
     """Values, and their differences from the first: relative too, where they are no percentages."""
     differences = values[1:] - values[0]
+    differences[np.abs(differences) <= ROUNDING * np.abs(values[0])] = 0.0
     decimals = min(decimals_of(differences), 6)
     texts = [number_text(value, decimals) for value in values]
     for difference in differences:

@@ -183,9 +183,9 @@ def _curves(shown: Shown, methods: list[dict[str, int]], others: list[str]) -> I
             lines = {
                 _title(shown, one, {}).split(",")[0] if one else "": scale * at(array, stands, one) for one in methods
             }
-            words, drawn = name.removeprefix("field_").replace("_", " "), np.array([*lines.values()], dtype=float)
-            known = drawn[np.isfinite(drawn)]
-            if is_fraction(array) and known.size and np.ptp(known) < LEAST_CHANGE:
+            words = name.removeprefix("field_").replace("_", " ")
+            changes = [float(line.max() - line.min()) for line in lines.values()]
+            if is_fraction(array) and np.isfinite(changes).any() and np.nanmax(changes) < LEAST_CHANGE:
                 same.append(words)
                 continue
             panels.append(
