@@ -58,10 +58,10 @@ def test_every_key_can_be_swept(small, layout, dims):
 
 
 def test_a_result_tells_the_polygons_of_its_field(small):
-    ground = {"radial_stagger": RINGS, "boundary": "site.wkt", "exclude": "narrow.wkt"}
+    ground = {"radial_stagger": RINGS, "boundary": "site.wkt", "exclude": "road.wkt"}
     wide = Path("site.wkt").read_text()
-    Path("narrow.wkt").write_text("POLYGON ((-9 60, 9 60, 9 90, -9 90, -9 60))")
-    told = {"layout_boundary": wide, "layout_exclude": Path("narrow.wkt").read_text()}
+    Path("road.wkt").write_text("POLYGON ((-9 60, 9 60, 9 90, -9 90, -9 60))")
+    told = {"layout_boundary": wide, "layout_exclude": Path("road.wkt").read_text()}
     assert Layouts(small(**PLACE, layout=ground)).areas() == told
     assert told.items() <= api.build(small(**PLACE, layout=ground)).attrs.items()
     swept = {**ground, "boundary": ["site.wkt", "narrow.wkt"]}
