@@ -38,6 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
                                                               {"azimuth": 180, "width": [20, 50]}]},
          ["sector_azimuth", "sector_width"]),
         ({"radial_stagger": RINGS, "boundary": ["site.wkt", "narrow.wkt"]}, ["boundary"]),
+        ({"radial_stagger": RINGS, "boundary": "site.wkt", "margin": [0, 6, 12]}, ["boundary_margin"]),
         ({"radial_stagger": {**RINGS, "rings": 2}, "terrain": {"slope": [0, 5], "azimuth": [0, 180]}},
          ["terrain_slope", "terrain_azimuth"]),
         ({"radial_stagger": {**RINGS, "rings": 2, "spacing": ["delsol", "no_blocking"]}}, ["spacing"]),
@@ -121,6 +122,20 @@ def test_terrain_raises_the_mirrors(small):
     np.testing.assert_allclose(result["z"], np.tan(np.radians(4)) * result["y"], atol=1e-12)
     level = api.build(small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}})).compute()
     assert float(result["field_shading_efficiency"]) != float(level["field_shading_efficiency"])
+
+
+@pytest.mark.parametrize(
+    ("layout", "message"),
+    [
+        ({"margin": 5}, "margin: is for 'boundary' or 'exclude': give one of these"),
+        ({"origin": [1e5, 2e6], "terrain": {"slope": 3, "azimuth": 0}}, "origin: is for 'boundary', 'exclude' or"),
+        ({"boundary": "site.wkt", "origin": [1e5, 2e6]}, "boundary: .* out of any field"),
+        ({"boundary": "site.wkt", "margin": 100}, "boundary: leaves no room for a heliostat 100 m from its edge"),
+    ],
+)
+def test_ground_that_is_wrong(small, layout, message):
+    with pytest.raises(StudyError, match=message):
+        small(layout={"radial_stagger": {**RINGS, "rings": 3}, **layout})
 
 
 def test_ids_depend_on_what_files_say_and_not_on_new_keys(small):

@@ -124,8 +124,11 @@ class Searched(Family):
         search, known = _search(study), self.results(study)
         others = self.family.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
+        seen: dict[tuple[bool, str], str] = {}
         for place, name in (*named, *((("search", "subject_to", name), name) for name in search.subject_to)):
-            if result_name(name, known) in known:
+            if (result := result_name(name, known)) in known:
+                if (other := seen.setdefault((len(place) > 2, result), name)) != name:
+                    yield study.source.problem(place, f"{name} is the same result as {other}; name it once")
                 continue
             if name in others:
                 along = " and ".join(others[name].dims)

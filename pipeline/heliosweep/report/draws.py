@@ -123,7 +123,7 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Named
         )
         yield NamedFigure("elementary_effects", caption, _effects(shown))
     if f"{shown.headline}_sample_mean" in result:
-        if shown.keys:
+        if any(one.dtype.kind == "f" for one in shown.keys):
             yield NamedFigure("leading_keys", f"Draws of the {what} over the keys it follows most", _scatter(shown))
         caption = f"Mean of the {what} over the first draws, with its standard error"
         yield NamedFigure("running_mean", caption, _running(shown))
@@ -318,7 +318,7 @@ def _name_bars(axes: Axes, words: Sequence[str]) -> None:
 def _scatter(shown: Draws) -> Figure:
     point = shown.points()[0]
     values = shown.draws(shown.headline, point)
-    columns = {str(one.name): shown.draws(str(one.name), {}) for one in shown.keys}
+    columns = {str(one.name): shown.draws(str(one.name), {}) for one in shown.keys if one.dtype.kind == "f"}
     strength = {name: _rank_correlation(column, values) for name, column in columns.items()}
     leading: list[str] = []
     for name in sorted(strength, key=lambda name: -strength[name]):

@@ -178,6 +178,22 @@ def test_places_of_drawn_layouts_are_no_results() -> None:
     assert not [name for name, one in labels.coords.items() if {"sample", "heliostat"} <= {*one.dims}]
 
 
+def test_draws_of_names(small: Any, tmp_path: Path) -> None:
+    names = ["azimuth_elevation", "spinning_elevation"]
+    drawn = {"discrete": {"values": names, "weights": [0.25, 0.75]}}
+    asked = small(site={"latitude": 40}, tracking=drawn, sample={"size": 16, "sensitivity": "sobol"})
+    swept = api.build(small(site={"latitude": 40}, tracking=names)).compute()["field_optical_efficiency"]
+    with api.run(asked, tmp_path).open() as result:
+        found = result["field_optical_efficiency"]
+        np.testing.assert_array_equal(found, swept.sel(tracking=result["tracking"].values))
+        mean = 0.25 * swept[0].item() + 0.75 * swept[1].item()
+        assert result["field_optical_efficiency_sample_mean"].item() == pytest.approx(mean, rel=1e-2)
+        assert result["field_optical_efficiency_total_index"].values == pytest.approx([1.0], abs=0.4)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "could not be drawn" not in page
+    assert "azimuth elevation (0.25)" in page
+
+
 def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match="sample"):
         api.plan(study(NORMALS, {"size": 2**30}), tmp_path)
