@@ -236,6 +236,8 @@ class HeliosweepAccessor:
         """Tables that the family makes."""
         import pandas as pd
 
+        from heliosweep.report.labels import MINUS
+
         family = self._family()
         with self._lacking(family, "tables"):
             tables = list(family.tables(self._result))
@@ -246,7 +248,8 @@ class HeliosweepAccessor:
             frame = pd.DataFrame([list(row) for row in table.rows], columns=header)
             for place, name in enumerate(header):
                 if place not in table.words:
-                    numbers = pd.to_numeric(frame.iloc[:, place], errors="coerce")
+                    plain = frame.iloc[:, place].astype(str).str.replace(",", "").str.replace(MINUS, "-")
+                    numbers = pd.to_numeric(plain, errors="coerce")
                     if numbers.notna().all():
                         frame[name] = numbers
             made[table.label] = frame
@@ -326,9 +329,9 @@ class HeliosweepAccessor:
         return file if file is not None and file.is_file() else None
 
     def _family(self) -> Family:
-        from heliosweep.families.family import families, family_of_result
+        from heliosweep.families.family import family_of_result
 
-        family = family_of_result(self._result, families())
+        family = family_of_result(self._result)
         if family is None:
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
         return family

@@ -18,10 +18,11 @@ from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping, validated
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
-from heliosweep.families.family import Family, families, study_classes
+from heliosweep.families.family import Family, families, family_of_result, study_classes
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
-from heliosweep.results import OUTPUTS, Result, result_folder
+from heliosweep.results import Result, result_folder
+from heliosweep.store.folder import OUTPUTS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -368,7 +369,7 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
     try:
         from heliosweep.report.page import write_report
 
-        return write_report(folder, families(), study, vector=vector)
+        return write_report(folder, family_of_result, study, vector=vector)
     except HeliosweepError:
         raise
     except Exception as error:  # drawing must not make hours of computing look lost

@@ -85,12 +85,17 @@ def parser() -> argparse.ArgumentParser:
 
     compare = command(
         "compare",
-        "tell two results apart by meaning: dimensions, attributes, values",
+        "tell two results apart by meaning, or write one page over several",
         "outputs/first outputs/second",
         "first.nc second.nc --rtol 1e-9",
+        "low.yaml middle.yaml high.yaml --page heights.html",
     )
-    compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder")
-    compare.add_argument("second", metavar="B")
+    compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder; a study that was run")
+    compare.add_argument("others", metavar="B", nargs="+", help="one, or with --page several")
+    compare.add_argument(
+        "--page", metavar="FILE.html", help="write a page: inputs, results, differences from A; prints its path"
+    )
+    _add_force(compare, "replace a page that is there")
     compare.add_argument("--rtol", type=_tolerance, default=0.0, help="relative difference that does not count")
     compare.add_argument("--atol", type=_tolerance, default=0.0, help="absolute difference that does not count")
 

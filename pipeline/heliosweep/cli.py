@@ -206,8 +206,8 @@ def _run_one(options: argparse.Namespace, path: str) -> None:
 
 def _status(options: argparse.Namespace) -> None:
     from heliosweep import api
-    from heliosweep.results import OUTPUTS
     from heliosweep.runs.status import status_lines
+    from heliosweep.store.folder import OUTPUTS
 
     found = api.status(*options.of)
     _say("\n".join(status_lines(found)) or f"no study was run in {OUTPUTS}/ yet")
@@ -226,9 +226,18 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from heliosweep import api
     from heliosweep.store.compare import compare
 
-    found = compare(options.first, options.second, rtol=options.rtol, atol=options.atol)
+    places = [api.folder_of(place, there=True) for place in (options.first, *options.others)]
+    if options.page is not None:
+        from heliosweep.notebook import comparison_page
+
+        _say_path(comparison_page(places, options.page, force=options.force))
+        return 0
+    if len(places) > 2:
+        raise StudyError(Problem("compares more than two: name the page to write", "--page"))
+    found = compare(*places, rtol=options.rtol, atol=options.atol)
     _say(found.text)
     return 0 if found.same else 1
 

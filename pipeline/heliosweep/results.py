@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.families.family import families, family_of_result
+from heliosweep.families.family import family_of_result
 from heliosweep.files import user_path
+from heliosweep.store.folder import OUTPUTS
 
 if TYPE_CHECKING:
     import xarray as xr
-
-#: Where results go when nobody says: below the working directory.
-OUTPUTS = "outputs"
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
@@ -88,7 +86,7 @@ class Result:
         from heliosweep.report.summary import summary
 
         with self.open() as data:
-            family = family_of_result(data, families())
+            family = family_of_result(data)
             lines = [*summary(data, family.headlines if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
