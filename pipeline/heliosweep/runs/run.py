@@ -19,6 +19,7 @@ from heliosweep.config.execution import Execution
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
+from heliosweep.files import remove_at_once
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, in_result, parts_by_slab
@@ -117,7 +118,7 @@ class Run:
         """
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete
-                parts.remove(self.folder / parts.WORKING)
+                remove_at_once(self.folder / parts.WORKING)
             return found
         _ = self.plan  # what does not fit is refused here, before anything is expanded
         _ = self.coordinates  # files are read once, at the start
@@ -203,7 +204,7 @@ class Run:
         """The working store of the folder, with what earlier runs have computed; or a new one."""
         place, plan = self.folder / parts.WORKING, self.plan
         if force:
-            parts.remove(place)
+            remove_at_once(place)
         if not place.exists():
             said = {**self.identity, "forced": force}
             return PartStore.create(place, said, plan.cuts, plan.variables, plan.workload.sizes)
