@@ -139,12 +139,13 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 
 def _environment() -> dict[str, Any]:
     """Versions and machine of this process."""
+    lock = installed()
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
-        "packages": {name: version_of(name) for name in _PACKAGES},
-        "lock": installed(),
+        "packages": {name: lock.get(name.lower()) for name in _PACKAGES},
+        "lock": lock,
         "commit": _commit(),
     }
 
