@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -159,13 +159,13 @@ def slabs(cuts: Mapping[str, Cut]) -> Iterator[Part]:
         yield from _numbered(kind, cut.slabs())
 
 
-def parts_by_slab(cuts: Mapping[str, Cut]) -> Iterator[tuple[Part, Iterator[Part]]]:
-    """Each slab of a result with its parts, last dimension fastest."""
+def parts_by_slab(cuts: Mapping[str, Cut]) -> Iterator[tuple[Part, Iterable[Part]]]:
+    """Each slab of a result with its parts, last dimension fastest; they can be gone through again."""
     first = dict.fromkeys(cuts, 0)
     for slab in slabs(cuts):
         cut, start = cuts[slab.kind], first[slab.kind]
         first[slab.kind] += piece_count(slab.region, cut.part)
-        yield slab, _numbered(slab.kind, regions(slab.region, cut.part), start)
+        yield slab, _Parts(slab, cut.part, start)
 
 
 def parts_of(cuts: Mapping[str, Cut]) -> Iterator[Part]:
@@ -176,6 +176,18 @@ def parts_of(cuts: Mapping[str, Cut]) -> Iterator[Part]:
 def part_name(kind: str, number: int) -> str:
     """Name of a slab or part of a kind."""
     return f"{kind}-{number:05}"
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Parts of a slab, made anew each time: there may be a million."""
+
+    slab: Part
+    part: Mapping[str, int]
+    first: int
+
+    def __iter__(self) -> Iterator[Part]:
+        return _numbered(self.slab.kind, regions(self.slab.region, self.part), self.first)
 
 
 def _numbered(kind: str, pieces: Iterator[dict[str, slice]], first: int = 0) -> Iterator[Part]:

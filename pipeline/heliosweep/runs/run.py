@@ -268,8 +268,7 @@ class Run:
                 assert self._taken is not None
                 yield slab, self._taken.read(slab)
                 continue
-            known = list(pieces)
-            yield slab, self.work.finish(slab, partial(_read, store, known))
+            yield slab, self.work.finish(slab, partial(_read, store, pieces))
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the manifest and the resolved study, for good."""
