@@ -21,6 +21,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, S
 from heliosweep.families.family import Family, families, family_of_result, study_classes
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
+from heliosweep.store.folder import OUTPUTS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
     from heliosweep.runs.status import Status
 
 log = logging.getLogger("heliosweep")
-
-#: Where results go when nobody says: below the working directory.
-OUTPUTS = "outputs"
 
 #: What a study is loaded from: a study file, or its content as a mapping.
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
@@ -251,7 +249,7 @@ class Result:
         from heliosweep.report.summary import summary
 
         with self.open() as data:
-            family = family_of_result(data, families())
+            family = family_of_result(data)
             lines = [*summary(data, family.headlines if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
@@ -494,7 +492,7 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
     try:
         from heliosweep.report.page import write_report
 
-        return write_report(folder, families(), study, vector=vector)
+        return write_report(folder, family_of_result, study, vector=vector)
     except HeliosweepError:
         raise
     except Exception as error:  # drawing must not make hours of computing look lost

@@ -10,12 +10,12 @@ from pydantic import ConfigDict, Field
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Quantity
+from heliosweep.config.values import Choice, FileName, Numbers, Quantity
 
 #: Generators, by their keys.
 GENERATORS = ("radial_stagger", "spiral", "rows")
 #: Keys of the ground, which tables have no use for.
-GROUND = ("sectors", "boundary", "exclude", "terrain")
+GROUND = ("sectors", "boundary", "exclude", "margin", "terrain", "origin")
 
 SPACINGS = {
     "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which grows with the distance",
@@ -147,7 +147,7 @@ class Terrain(Block):
 
     file: Annotated[
         str | None,
-        FileName("NetCDF grid of heights over x and y, in m east and north of the tower", sweep=False),
+        FileName("NetCDF or GeoTIFF grid of heights over x and y, in m east and north of the tower", sweep=False),
     ] = None
     slope: Annotated[
         float | Sweep | None,
@@ -187,13 +187,24 @@ class Layout(Block):
     ] = None
     boundary: Annotated[
         str | Sweep | None,
-        FileName("Polygons within which heliostats stand, GeoJSON or WKT, in m east and north of the tower"),
+        FileName("Polygons within which centres of heliostats stand, GeoJSON or WKT, in m east and north of the tower"),
     ] = None
     exclude: Annotated[
         str | Sweep | None,
-        FileName("Polygons within which no heliostat stands, as roads, in the form of 'boundary'"),
+        FileName("Polygons within which no centre stands, as roads, in the form of 'boundary'"),
     ] = None
+    margin: Annotated[
+        float | Sweep | None,
+        Quantity("Distance of centres from the edges of 'boundary' and 'exclude'; with half the diagonal of a mirror "
+                 "mirrors stay clear of them", "m", ge=0, dimension="boundary_margin",
+                 title="distance of centres from the boundary"),
+    ] = None  # fmt: skip
     terrain: Annotated[Terrain | None, Field(description="Heights of the ground; level where left out")] = None
+    origin: Annotated[
+        tuple[float, float] | None,
+        Numbers("Place of the tower in the coordinates of 'boundary', 'exclude' and the grid of 'terrain', such as "
+                "those of a map in UTM, whose axes count as east and north", "m", ("east", "north")),
+    ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
         """Check that there is a table or a generator, and that something says how far a generated field goes."""
@@ -201,10 +212,19 @@ class Layout(Block):
         if len(given) != 1:
             yield Fault(f"give exactly one of {one_of(('file', *GENERATORS)).replace(' or ', ' and ')}",
                         show_value=False)  # fmt: skip
-        elif given == ["file"]:
+            return
+        if given == ["file"]:
             for key in (key for key in GROUND if getattr(self, key) is not None):
                 yield Fault("is for generated layouts; remove it, or 'file'", (key,), show_value=False)
-        elif self.boundary is None:
+            return
+        heights = None if self.terrain is None else self.terrain.file
+        for key, files in (
+            ("margin", {"boundary": self.boundary, "exclude": self.exclude}),
+            ("origin", {"boundary": self.boundary, "exclude": self.exclude, "terrain.file": heights}),
+        ):
+            if getattr(self, key) is not None and all(name is None for name in files.values()):
+                yield Fault(f"is for {one_of(files)}: give one of these, or remove it", (key,), show_value=False)
+        if self.boundary is None:
             ends = [
                 key for key in ("rings", "heliostats", "zones") if key in type(getattr(self, given[0])).model_fields
             ]

@@ -200,6 +200,19 @@ class Choice(Name):
         meanings = "; ".join(f"{name}: {meaning}" for name, meaning in self.options.items())
         return f"{self.description} ({meanings})"
 
+    def read(self, raw: Any) -> str | Sweep:
+        """Return the name, a sweep of names, or names that are drawn. Raises Invalid."""
+        if not drawn.is_distribution(raw):
+            return super().read(raw)
+        if not self.sweep:
+            raise Invalid(_NOT_DRAWN)
+        return drawn.read_names(raw, self._one)
+
+    def json_schema(self) -> Schema:
+        """Return the JSON Schema of the name, of a list of names, or of names that are drawn."""
+        found = super().json_schema()
+        return {"anyOf": [*found["anyOf"], drawn.json_schema([*self.options])]} if self.sweep else found
+
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str):
             raise Invalid(f"must be {one_of(self.options)}")
