@@ -276,7 +276,7 @@ def run(
         try:
             if report:
                 _check_published(now)
-            path = now.result(force=force, progress=progress, meanwhile=_import_report if report else None)
+            path = now.result(force=force, progress=progress)
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
                     _report(folder, asked)
@@ -379,13 +379,6 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
         if isinstance(error, (OSError, ImportError, MemoryError)):
             advice = f"when that is mended, run: {shlex.join(['heliosweep', 'report', str(folder)])}"
         raise HeliosweepError(f"the result is complete, the report failed ({what}); {advice}") from error
-
-
-def _import_report() -> None:
-    """Import what draws figures and pages, half a second that kernels leave to the interpreter."""
-    with suppress(Exception):  # whoever draws says what is wrong
-        import heliosweep.report.interactive
-        import heliosweep.report.page  # noqa: F401
 
 
 def _check_published(run: Run) -> None:
