@@ -302,8 +302,8 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     )
     if study.optics is not None:
         said = (
-            "interpolated less computed intercept at the instants at which it was checked; no bound: at others it can be "
-            "several times as much; 0 where all instants are computed"
+            "interpolated less computed intercept at the instants at which it was checked; no bound: at others it can "
+            "be several times as much; 0 where all instants are computed"
         )
         attrs = _described("1", "largest error of the intercept of each heliostat at the checks", said)
         found[CHECKED] = Variable((*swept, "heliostat"), attrs)
