@@ -64,7 +64,7 @@ def course(
     values : ndarray, shape (stop - start, T)
         Intercept, NaN with the sun down. [1]
     error : ndarray, shape (stop - start,)
-        Largest error of interpolation at the checks of each mirror, at most `TOLERANCE` and no bound for other instants;
+        Largest error of interpolation at the checks of each mirror, at most `TOLERANCE`, no bound for other instants;
         0 where nothing was interpolated. [1]
     """
     stop = len(scene.centre) if stop is None else stop
