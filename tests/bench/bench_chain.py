@@ -4,6 +4,7 @@ Field of 317, cylinder, errors and air the same. SolarPILOT tells one efficiency
 differ in one thing, with mirrors too small to shade and a receiver too high to miss. Its optical error is a slope error
 and its sun is darkened at the limb. Differences are SolarPILOT's less ours, of the means over its positions of the sun
 above 10 deg; ours are quotients of the same means. Its intercept is a truncated series, above 1 where nothing misses.
+Then the command of a whole year: 2,650 heliostats by both methods on the hours of a TMY3 file.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from heliosweep import build, study, write_layout
 from heliosweep.layouts import Layout
-from tests.bench import solarpilot
+from tests.bench import bench_study, solarpilot
 from tests.bench.table import Row
 from tests.kernels.field.fields import chong2012
 
@@ -31,6 +32,22 @@ HIGH, SMALL = 40.0, 0.5
 #: Lowest sun of the comparison. [deg]
 LOWEST = 10.0
 CLEAR = {"c_atm_0": 0.006789, "c_atm_1": 0.1046, "c_atm_2": -0.017, "c_atm_3": 0.002845}
+YEAR = """\
+family: field_efficiency
+site: {file: "pvlib:data/723170TYA.CSV"}
+tracking: [spinning_elevation, azimuth_elevation]
+time: {clock: weather}
+layout: {radial_stagger: {clearance: 16, inner_radius: 61.3, heliostats: 2650}}
+heliostat: {width: 11, height: 11, pivot_height: 7, focus: slant}
+receiver: {kind: cylinder, height: 275, radius: 7, height_extent: 16}
+optics:
+  sun_shape: {kind: limb_darkened}
+  slope_error: 1.5
+  tracking_error: 0.6
+  reflectivity: 0.94
+  attenuation: delsol_clear
+weather: {file: "pvlib:data/723170TYA.CSV"}
+"""
 FACTORS = ("cosine", "shading and blocking", "attenuation", "intercept", "all")
 
 
@@ -104,4 +121,14 @@ def chain() -> Iterator[Row]:
         yield from rows
 
 
-GROUPS = (chain,)
+def command() -> Iterator[Row]:
+    """A year from the command to its files, after a run that compiles what is not compiled."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "year.yaml"
+        file.write_text(YEAR)
+        bench_study.run(file, Path(folder) / "first", "--set", "time.months=[6]")
+        seconds, memory, _ = bench_study.run(file, Path(folder) / "year")
+        yield Row("whole chain, 2,650, a year, command", "", 0.0, remark=f"{seconds:.1f} s, {memory:.0f} MB")
+
+
+GROUPS = (chain, command)

@@ -31,8 +31,8 @@ FIRST = 0.25
 """Part of the largest error that is taken of the first try, whose nodes are few beside the checks. [1]"""
 PARTS = 4
 """Parts of the instants, in their order. In each a mirror is checked where it is most oblique, where its normal is
-nearest to the zenith, and at one more."""
-CHECKS = 3 * PARTS
+nearest to the zenith, at the lowest suns in the east and in the west, and at one more."""
+CHECKS = 5 * PARTS
 """Instants at which each mirror is checked."""
 TOLERANCE = 1e-4
 """Largest error at a check that is taken. [1]"""
@@ -173,7 +173,18 @@ def _checked(scene: Scene, block: NDArray[np.int64], sun: Floats) -> tuple[NDArr
     may_turn = scene.tracking == AZIMUTH_ELEVATION and not len(scene.mounts)  # their errors turn normals by the frame
     checks, turns = np.empty((len(block), 3, PARTS), np.int64), np.zeros(len(block), np.bool_)
     _check(_aims(scene.some(block)), sun, STEEP**2 if may_turn else -1.0, checks, turns)
-    return checks.reshape(len(block), -1), turns
+    lowest = np.broadcast_to(_lowest(sun), (len(block), 2 * PARTS))
+    return np.concatenate((checks.reshape(len(block), -1), lowest), axis=1), turns
+
+
+def _lowest(sun: Floats) -> NDArray[np.int64]:
+    """Instants of the lowest sun in the east and in the west, in each part: there most errors are largest."""
+    found = []
+    for part in np.array_split(np.arange(len(sun)), PARTS):
+        for side in (sun[part, 0] > 0.0, sun[part, 0] <= 0.0):
+            some = part[side] if np.any(side) else part
+            found.append(some[np.argmin(sun[some, 2])])
+    return np.array(found, np.int64)
 
 
 @kernel
