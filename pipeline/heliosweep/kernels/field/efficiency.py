@@ -323,15 +323,13 @@ def _weigh(result, packet, t, part, weighted):
 
 @inner
 def _sum(row, start, count):
-    """Sum of a row, in a fixed order, of eight sums that a processor can make side by side."""
-    start, whole, eight = max(start, 0), count // 8 * 8, min(count, 8)
-    sums = start + PACKET  # behind the packet
-    if count == PACKET:
-        for k in range(eight):
-            four = ((row[start + k] + row[start + k + 8]) + row[start + k + 16]) + row[start + k + 24]
-            row[sums + k] = (((four + row[start + k + 32]) + row[start + k + 40]) + row[start + k + 48]) + row[
-                start + k + 56
-            ]
+    """Sum of a row, in a fixed order: eight sums side by side, which the lanes behind the packet hold, and the rest."""
+    start, whole, sums = max(start, 0), count // 8 * 8, max(start, 0) + PACKET
+    if count == PACKET:  # in the form that becomes vector code
+        for k in range(count // 8):
+            m = start + k
+            half = ((row[m] + row[m + 8]) + row[m + 16]) + row[m + 24]
+            row[sums + k] = (((half + row[m + 32]) + row[m + 40]) + row[m + 48]) + row[m + 56]
     else:
         for k in range(8):
             row[sums + k] = 0.0
