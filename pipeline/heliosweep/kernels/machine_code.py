@@ -129,7 +129,7 @@ def compile_in_parts(whole: Any, part: Any) -> None:
 
 @contextmanager
 def _parts() -> Iterator[None]:
-    """Compile with `_Library`, and without collecting garbage: with millions of live objects that takes a tenth of the time."""
+    """Compile with `_Library`, and without collecting garbage: among so many live objects that takes a tenth."""
     cpu_target.target_context.refresh()  # what comes with the compiler is to be whole
     codegen = cpu_target.target_context.codegen()
     library, collecting = codegen._library_class, gc.isenabled()
