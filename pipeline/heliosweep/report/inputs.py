@@ -66,7 +66,7 @@ def inputs_of_several(names: Sequence[str], inputs: Sequence[tuple[Study | None,
         ["", *names, "key of the study"],
         [told[key] for key in order[:MOST_ROWS]],
         range(2 + len(names)),
-        [f"{len(differ)} differ, and come first." if differ else "None of them differ."]
+        ["What differs comes first." if differ else "Nothing differs."]
         + [f"The first {MOST_ROWS} of {len(order):,}; the study files have all."] * (len(order) > MOST_ROWS),
         classes=["changed" if key in differ else "" for key in order[:MOST_ROWS]],
     )
