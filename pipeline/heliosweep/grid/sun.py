@@ -212,7 +212,7 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
 
 @cache
 def _spa() -> Any:
-    """pvlib's module of the SPA alone: to import all of pvlib takes half a second."""
+    """Pvlib's module of the SPA alone: to import all of pvlib takes half a second."""
     spec = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
     assert spec is not None
     assert spec.loader is not None
