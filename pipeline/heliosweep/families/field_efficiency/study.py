@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -25,7 +24,7 @@ from heliosweep.config.sweep import Listed, Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.config.weather import DIMENSIONS, Limits, Weather
-from heliosweep.errors import Problem, StudyError
+from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
 from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
@@ -197,23 +196,9 @@ class FieldEfficiencyStudy(Study):
         names = super().dimension_names()
         return names | {"weather.file": "site"} if self.sites is not None and "weather.file" in names else names
 
-    @cached_property
-    def _found(self) -> list[Problem | str]:
-        found: list[Problem | str] = []
-        for look in (_sun, _mirrors, _tower, _light, _aim, _keep, check_weather):
-            try:
-                found += look(self)
-            except StudyError as error:
-                found += (problem for problem in error.problems if problem not in found)
-        return found
-
-    def check(self) -> list[Problem]:
-        """Return what is wrong between blocks, with the layout or with the sun."""
-        return [found for found in self._found if isinstance(found, Problem)]
-
-    def notes(self) -> list[str]:
-        """Return warnings: mirrors that may touch, latitudes without sun."""
-        return [found for found in self._found if isinstance(found, str)]
+    def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
+        """Return what looks for problems between blocks, with the layout or with the sun."""
+        return _sun, _mirrors, _tower, _light, _aim, _keep, check_weather
 
 
 STUDY = FieldEfficiencyStudy

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -34,7 +33,7 @@ from heliosweep.families.misalignment.blocks import (
     Statistics,
     Sun,
 )
-from heliosweep.families.misalignment.measured import table_problems
+from heliosweep.families.misalignment.measured import examine_table
 from heliosweep.families.misalignment.spots_file import MeasuredSpots, spots_under_suns
 from heliosweep.grid.daylight import dark_latitudes
 from heliosweep.layouts.layout import Layout as Places
@@ -127,24 +126,9 @@ class MisalignmentStudy(Study):
         yield from self._mode_faults()
         yield from self._idle_faults()
 
-    @cached_property
-    def _checked(self) -> tuple[list[Problem], list[str]]:
-        problems: list[Problem] = []
-        notes: list[str] = []
-        for find in (_sun, _days_used, _distances, table_problems):
-            try:
-                problems += find(self, notes)
-            except StudyError as error:
-                problems += (problem for problem in error.problems if problem not in problems)
-        return problems, notes
-
-    def check(self) -> list[Problem]:
-        """Return what is wrong between blocks, with the layout or with the sun."""
-        return self._checked[0]
-
-    def notes(self) -> list[str]:
-        """Return warnings."""
-        return self._checked[1]
+    def examinations(self) -> Iterable[Callable[[MisalignmentStudy], Iterable[Problem | str]]]:
+        """Return what looks for problems between blocks, with the layout or with the sun."""
+        return _sun, _days_used, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
         """Number of heliostats of the first layout, and their names where they have some."""
@@ -267,7 +251,7 @@ def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
             yield Fault("must rise", ("time", key), show_value=False)
 
 
-def _sun(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
+def _sun(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The sun must rise at some site; where it does not at another, there are no spots there."""
     if study.time is None:
         return
@@ -281,10 +265,10 @@ def _sun(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
         yield study.problem(key, f"the sun never rises at these {what}")
     elif dark.size:
         listed = ", ".join(f"{value:g}" for value in dark[:6]) + (" and others" if dark.size > 6 else "")
-        notes.append(f"the sun never rises at latitude {listed} deg: there are no spots (NaN) there")
+        yield f"the sun never rises at latitude {listed} deg: there are no spots (NaN) there"
 
 
-def _days_used(study: MisalignmentStudy, _: list[str]) -> Iterator[Problem]:
+def _days_used(study: MisalignmentStudy) -> Iterator[Problem]:
     """Spots can be taken only on days that there are."""
     used = None if study.calibration is None else study.calibration.days_used
     if used is None or study.time is None:
@@ -297,7 +281,7 @@ def _days_used(study: MisalignmentStudy, _: list[str]) -> Iterator[Problem]:
         yield study.problem("calibration.days_used", message)
 
 
-def _distances(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
+def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
     offsets = [_sizes(value) for value in (study.mount.mirror_offset, study.mount.axis_offset)]
     least, most = (sum(ends) for ends in zip(*offsets, strict=True))
@@ -323,12 +307,12 @@ def _distances(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
         near += int(np.count_nonzero(most >= nearest)) if most > 0 else 0
         behind += int(np.count_nonzero(_always_behind(study, layout, z)))
     if near:
-        notes.append(
+        yield (
             f"{near:,} of {count:,} heliostats are not farther from the aim point than the largest offsets of the "
             f"mirror, {most:g} m: there they have no spots"
         )
     if behind:
-        notes.append(
+        yield (
             f"{behind:,} of {count:,} heliostats stand on the plane of the receiver or behind it: they have no spots"
         )
 
