@@ -143,6 +143,16 @@ class MeasuredSpots:
         """Spots of the heliostat with most of them."""
         return int(np.bincount(self.heliostat).max(initial=1))
 
+    def of(self, first: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Rows of the spots of so many heliostats from a number on, list after list.
+
+        With each the heliostat that it is of, counted from the first, and its own number in the list.
+        """
+        order = np.argsort(self.heliostat, kind="stable")
+        of = self.heliostat[order] - first
+        order, of = (array[(of >= 0) & (of < count)] for array in (order, of))
+        return order, of, np.arange(of.size) - np.searchsorted(of, np.arange(count))[of]
+
     def moved(self, count: int) -> NDArray[np.bool_]:
         """Heliostats whose spots with a weight are of more than one sun, or command, shape (count,)."""
         used = np.flatnonzero(self.weight > 0)

@@ -121,7 +121,10 @@ class MisalignmentStudy(Study):
     def rules(self) -> Iterator[Fault]:
         """Check that there are heliostats, a sun and the blocks of the mode, and no others."""
         yield from self.output.without_series()
-        yield from self._place_faults()
+        if self.layout is None and self.heliostats.positions is None:
+            yield Fault("give 'heliostats: {positions: [[x, y, z], ...]}' or a 'layout'", show_value=False)
+        elif self.layout is not None and self.heliostats.positions is not None:
+            yield Fault("give 'positions' or a 'layout', not both", ("heliostats", "positions"), show_value=False)
         yield from self._sun_faults()
         yield from self._mode_faults()
         yield from self._idle_faults()
@@ -166,12 +169,6 @@ class MisalignmentStudy(Study):
             message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
             raise StudyError(self.problem("site.longitude", message))
         return measured
-
-    def _place_faults(self) -> Iterator[Fault]:
-        if self.layout is None and self.heliostats.positions is None:
-            yield Fault("give 'heliostats: {positions: [[x, y, z], ...]}' or a 'layout'", show_value=False)
-        elif self.layout is not None and self.heliostats.positions is not None:
-            yield Fault("give 'positions' or a 'layout', not both", ("heliostats", "positions"), show_value=False)
 
     def _sun_faults(self) -> Iterator[Fault]:
         if self.site is not None and self.sites is not None:
