@@ -82,6 +82,8 @@ def _pixels(study: BackwardGazingStudy) -> Found:
             message = f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide"
             hint = "lower it, or make heliostat.pixel smaller"
             yield study.problem("erosion", f"{message}; {hint} (got {lost:g})")
+    if study.output.maps and isinstance(study.heliostat.pixel, Sweep):
+        yield study.problem("output.maps", "must be false where heliostat.pixel is swept: each pixel has its own grid")
 
 
 def _canting(study: BackwardGazingStudy) -> Found:
@@ -131,12 +133,6 @@ def _focal_length(study: BackwardGazingStudy) -> Found:
         if value is not None and min(ends(value)) <= least:
             message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
             yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
-
-
-def _maps(study: BackwardGazingStudy) -> Found:
-    """Maps of a study have one grid."""
-    if study.output.maps and isinstance(study.heliostat.pixel, Sweep):
-        yield study.problem("output.maps", "must be false where heliostat.pixel is swept: each pixel has its own grid")
 
 
 def _profile(study: BackwardGazingStudy) -> Found:
@@ -323,4 +319,4 @@ def _level_problems(study: BackwardGazingStudy, seen: Shots) -> Found:
         yield (f"{dark[0]} is dark: its brightest pixels are below {least:g} of the level of white; it is left out")
 
 
-EXAMINATIONS = (_modules, _pixels, _canting, _cameras, _focal_length, _maps, _profile, _layout, _measured)
+EXAMINATIONS = (_modules, _pixels, _canting, _cameras, _focal_length, _profile, _layout, _measured)
