@@ -16,10 +16,9 @@ from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import cell_seconds, flux_labels, flux_sizes
 from heliosweep.families.field_efficiency.flux_sums import FluxSums
-from heliosweep.families.field_efficiency.geometry import land_area, mirror_area
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.selection import Kept, part_of, select
-from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants
+from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants, land_area, mirror_area
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
     ANGLES,
@@ -239,9 +238,7 @@ def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     return seconds + more, fresh or also
 
 
-def inputs(study: FieldEfficiencyStudy) -> Inputs:
-    """Layouts of the study, and the contents of its other files."""
-    return Inputs(study)
+inputs = Inputs
 
 
 def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.Dataset:

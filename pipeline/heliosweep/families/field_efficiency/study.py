@@ -29,7 +29,7 @@ from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
 from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
 from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
-from heliosweep.families.field_efficiency.keep import Keep, keep_faults, keep_problems
+from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import ENERGY_NAMES
@@ -300,7 +300,11 @@ def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
     """No more heliostats must be kept than there are."""
-    yield from keep_problems(study, (layout for layout, _ in _points(study, {})))
+    if study.keep is not None and study.keep.heliostats is not None:
+        most, least = max(ends(study.keep.heliostats)), min(len(layout) for layout, _ in _points(study, {}))
+        if most > least:
+            message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
+            yield study.problem("keep.heliostats", message)
 
 
 def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
