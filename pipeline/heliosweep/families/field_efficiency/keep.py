@@ -13,7 +13,7 @@ from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SunDirections
 from heliosweep.config.values import Choice, Quantity
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, quantity
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
@@ -95,6 +95,6 @@ def keep_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[
     if study.keep is None:
         return {}
     return {
-        name: Variable((*swept, "heliostat"), {"units": "1", "long_name": long_name, "comment": comment})
+        name: quantity((*swept, "heliostat"), "1", long_name, comment)
         for name, (long_name, comment) in _DESCRIBED.items()
     }
