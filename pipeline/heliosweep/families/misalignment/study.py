@@ -35,12 +35,10 @@ from heliosweep.families.misalignment.blocks import (
 )
 from heliosweep.families.misalignment.measured import examine_table
 from heliosweep.families.misalignment.spots_file import MeasuredSpots, spots_under_suns
-from heliosweep.grid.daylight import dark_latitudes
+from heliosweep.grid.daylight import dark_places
 from heliosweep.layouts.layout import Layout as Places
 from heliosweep.layouts.resolve import Layouts
 
-#: Layouts of a sweep, and heliostats in all of them, that are looked at here; the kernels flag what is wrong in any.
-MAX_LAYOUTS, MAX_HELIOSTATS = 50, 300_000
 #: Written out, as the modules of the variables load the kernels, which validation has no time for; a test compares.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
@@ -252,17 +250,10 @@ def _sun(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The sun must rise at some site; where it does not at another, there are no spots there."""
     if study.time is None:
         return
-    solar = isinstance(study.time, SolarTime)
-    if not solar and (missing := list(civil_clock_problems(study))):
+    if isinstance(study.time, CivilTime) and (missing := list(civil_clock_problems(study))):
         yield from missing
-        return
-    dark, everywhere = dark_latitudes(study)
-    if everywhere:
-        key, what = ("time.hours", "latitudes, days and hours") if solar else ("time.window", "sites, dates and hours")
-        yield study.problem(key, f"the sun never rises at these {what}")
-    elif dark.size:
-        listed = ", ".join(f"{value:g}" for value in dark[:6]) + (" and others" if dark.size > 6 else "")
-        yield f"the sun never rises at latitude {listed} deg: there are no spots (NaN) there"
+    else:
+        yield from dark_places(study, "there are no spots (NaN) there")
 
 
 def _days_used(study: MisalignmentStudy) -> Iterator[Problem]:
@@ -285,7 +276,8 @@ def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     heights = ends(study.receiver.height)
     above = ends(study.heliostats.pivot_height or 0.0)
     behind = near = count = 0
-    for layout in _layouts(study):
+    pivots = Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)
+    for layout in [pivots] if study.layout is None else (each for each, _ in Layouts(study, RESERVED).some()):
         z = [layout.z + pivot - aim for pivot in above for aim in heights]
         farthest = np.sqrt(layout.x**2 + layout.y**2 + np.max(np.square(z), axis=0))
         nearest = np.sqrt(layout.x**2 + layout.y**2 + np.min(np.square(z), axis=0))
@@ -323,23 +315,6 @@ def _always_behind(study: MisalignmentStudy, layout: Places, heights: list[NDArr
     out = np.cos(up) * (np.sin(around) * layout.x + np.cos(around) * layout.y)
     before: NDArray[np.bool_] = np.max([out + np.sin(up) * z for z in heights], axis=0) <= 0
     return before
-
-
-def _layouts(study: MisalignmentStudy) -> Iterator[Places]:
-    """Yield the layouts to look at; the positions of the study as one."""
-    if study.layout is None:
-        yield Places(*np.array(study.heliostats.positions).T)
-        return
-    layouts = Layouts(study, RESERVED)
-    dims = layouts.dimensions
-    evenly = (np.linspace(0, len(dim) - 1, min(len(dim), MAX_LAYOUTS)).round().astype(int).tolist() for dim in dims)
-    looked_at = 0
-    for index in itertools.islice(itertools.product(*evenly), MAX_LAYOUTS):
-        layout = layouts[index]
-        yield layout
-        looked_at += len(layout)
-        if looked_at > MAX_HELIOSTATS:
-            return
 
 
 def _sizes(value: float | Sweep) -> tuple[float, float]:
