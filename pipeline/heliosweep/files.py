@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 
-P, T = ParamSpec("P"), TypeVar("T")
+T = TypeVar("T")
 
 _numbers = itertools.count()
 #: Tells this process from an earlier one of the same number: in a container that starts again, every run has it.
@@ -30,16 +30,16 @@ _FULL = 2**20
 PVLIB = "pvlib:"
 
 
-def read_once(most: int) -> Callable[[Callable[Concatenate[Path, P], T]], Callable[Concatenate[Path, P], T]]:
+def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
     """Keep what a function makes of a file, its first argument, of the last `most` calls while the file is the same."""
 
-    def decorated(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[Path, P], T]:
+    def decorated(read: Callable[..., T]) -> Callable[..., T]:
         @lru_cache(most)
-        def kept(stamp: object, path: Path, *args: P.args, **kwargs: P.kwargs) -> T:
+        def kept(stamp: object, path: Path, *args: Any, **kwargs: Any) -> T:
             return read(path, *args, **kwargs)
 
         @wraps(read)
-        def reading(path: Path, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        def reading(path: Path, *args: Any, **kwargs: Any) -> T:
             try:
                 status = path.stat()
             except (OSError, ValueError):  # as a name that holds a NUL

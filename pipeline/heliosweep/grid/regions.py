@@ -77,7 +77,10 @@ def flags(
     dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
 ) -> Variable:
     """Variable of codes with a meaning each; of sums of several codes with the `kind` ``flag_masks``."""
-    attrs = {kind: np.array(list(meanings), np.int8), "flag_meanings": " ".join(meanings.values())}
+    attrs: dict[str, Any] = {
+        kind: np.array(list(meanings), np.int8),
+        "flag_meanings": " ".join(meanings.values()),
+    }
     return quantity(dims, "1", long_name, comment, dtype="int8", **attrs)
 
 

@@ -97,10 +97,9 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     rectified, register = _stated(study, "rectified"), _stated(study, "registration")
     if rectified is None:
         told = np.any(marked) or np.any(np.isfinite(focal)) or register
-        rectified = not told and not isinstance(study.heliostat.pixel, Sweep)
-        if rectified:
-            grid = mirror_grid(study.heliostat.rectangles, study.heliostat.pixel)
-            rectified = pictures[0].levels.shape == grid.module.shape
+        pixel, rectified = study.heliostat.pixel, False
+        if not told and not isinstance(pixel, Sweep):
+            rectified = pictures[0].levels.shape == mirror_grid(study.heliostat.rectangles, pixel).module.shape
     if register is None:
         register = ~np.isfinite(focal)
     found = ~marked & register & (not rectified)

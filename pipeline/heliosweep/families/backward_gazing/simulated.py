@@ -238,7 +238,9 @@ def of_point(point: Point, given: Given, with_maps: bool, raw: bool) -> dict[str
     mean, rms, _ = seen.over_modules(1e3 * (seen.net - seen.true))
     entered = 1e3 * np.hypot(*np.transpose(point.canting_scale * np.array(given.canting)))
     relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
-    values = by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
+    values: dict[str, Any] = (
+        by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
+    )
     values |= _sight(seen, least)
     deviations = []
     for method in given.solver.methods:

@@ -195,4 +195,4 @@ def _off(way: Way, centre: Floats) -> Iterator[Problem]:
         line = None if layout.lines is None else int(layout.lines[row])
         return Problem(f"heliostat {row} aims {what}: {place}", file=layout.name, line=line)
 
-    yield from listed(map(problem, bad), MAX_LISTED, len(bad), "more of this kind")
+    yield from listed(map(problem, bad.tolist()), MAX_LISTED, len(bad), "more of this kind")

@@ -84,9 +84,10 @@ def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[
             continue
         if name == "power_above_limit" and wanted.limit is None:
             continue
-        dims, more = (*swept, *DIMS) if name.endswith("map") else swept, {"valid_range": [0.0, 1.0]}
+        dims = (*swept, *DIMS) if name.endswith("map") else swept
+        more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if units == "1" else {}
         comment = comment.format(wanted.limit if name == "power_above_limit" else words)
-        found[name] = quantity(dims, units, long_name, comment, **(more if units == "1" else {}))
+        found[name] = quantity(dims, units, long_name, comment, **more)
     return found
 
 

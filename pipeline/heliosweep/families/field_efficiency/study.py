@@ -243,7 +243,8 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             layout.columns[side] if side in layout.columns else values[f"heliostat.{side}"] for side in SIZE_COLUMNS
         )
         colliding, touching = (_in_study(study, layout, found) for found in check_layout(layout, width, height))
-        yield from (*colliding, *map(str, touching))
+        yield from colliding
+        yield from map(str, touching)
 
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:

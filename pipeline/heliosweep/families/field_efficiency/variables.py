@@ -292,8 +292,8 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     if study.output.tracking_angles:
         found |= _of_axes(swept, directions)
     if study.output.outlines:
-        for name, (dims, units, *words) in OUTLINES.items():
-            found[name] = quantity((*swept, "heliostat", "effect", *dims), units, *words)
+        for name, (dims, units, *told) in OUTLINES.items():
+            found[name] = quantity((*swept, "heliostat", "effect", *dims), units, *told)
     if study.output.field_geometry:
         for known, dims in ((PLACES, (*swept, "heliostat")), (SIZES, swept)):
             found |= {name: quantity(dims, *told, finished=True) for name, told in known.items()}

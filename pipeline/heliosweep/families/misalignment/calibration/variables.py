@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from heliosweep.families.misalignment.blocks import ERRORS, Calibration
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
@@ -77,7 +77,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     block, swept, instants = calibration_block(study), swept_dims(study), tuple(instant_sizes(study))
     lead = (*swept, *(("sample",) if draw_count(study) else ()), "heliostat")
     each, synthetic = (*lead, *instants), block.spots is None
-    limit = {} if block.condition_limit is None else {"condition_limit": float(block.condition_limit)}
+    limit: dict[str, Any] = {} if block.condition_limit is None else {"condition_limit": float(block.condition_limit)}
     found = _estimates(lead, limit)
     if synthetic:
         meaning = "error with which the synthetic spots were made"
@@ -106,7 +106,7 @@ def angles(swept: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]
     return corrected | pair("nominal_%", _AXES, shared, "degree", "angle commanded of the % axis without calibration")
 
 
-def _estimates(lead: tuple[str, ...], limit: dict[str, float]) -> dict[str, Variable]:
+def _estimates(lead: tuple[str, ...], limit: dict[str, Any]) -> dict[str, Variable]:
     """What is estimated of each heliostat and draw."""
     return {
         "estimated_error": quantity(
