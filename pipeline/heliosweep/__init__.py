@@ -14,6 +14,7 @@ __all__ = [
     "StudyError",
     "__version__",
     "build",
+    "comparison_page",
     "efficiency_table",
     "flux_maps",
     "layout_of",
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from heliosweep.api import build, load, open_result, plan, run, status
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
-    from heliosweep.notebook import efficiency_table, flux_maps, save, study
+    from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
     from heliosweep.share.archive import pack_result
     from heliosweep.share.fields import (
         layout_of,
@@ -65,7 +66,7 @@ _MODULES = {
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "write_table": "share.sam",
     "pack_result": "share.archive",
-    **dict.fromkeys(("efficiency_table", "flux_maps", "save", "study"), "notebook"),
+    **dict.fromkeys(("comparison_page", "efficiency_table", "flux_maps", "save", "study"), "notebook"),
 }
 
 

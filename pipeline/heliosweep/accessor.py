@@ -204,6 +204,8 @@ class HeliosweepAccessor:
         """
         import pandas as pd
 
+        from heliosweep.report.labels import MINUS
+
         family, result = self._family(), self._result
         if not result.data_vars:
             raise StudyError(Problem("the result has no variables"))
@@ -219,7 +221,8 @@ class HeliosweepAccessor:
             frame = pd.DataFrame([list(row) for row in table.rows], columns=header)
             for place, name in enumerate(header):
                 if place not in table.words:
-                    numbers = pd.to_numeric(frame.iloc[:, place], errors="coerce")
+                    plain = frame.iloc[:, place].astype(str).str.replace(",", "").str.replace(MINUS, "-")
+                    numbers = pd.to_numeric(plain, errors="coerce")
                     if numbers.notna().all():
                         frame[name] = numbers
             made[table.label] = frame
@@ -276,9 +279,9 @@ class HeliosweepAccessor:
         return sam.efficiency_table(self._result, select, factor=factor)
 
     def _family(self) -> Family:
-        from heliosweep.families.family import families, family_of_result
+        from heliosweep.families.family import family_of_result
 
-        family = family_of_result(self._result, families())
+        family = family_of_result(self._result)
         if family is None:
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
         return family

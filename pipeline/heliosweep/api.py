@@ -21,6 +21,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, S
 from heliosweep.families.family import Family, families, family_of_result, study_classes
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
+from heliosweep.store.folder import OUTPUTS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
     from heliosweep.runs.status import Status
 
 log = logging.getLogger("heliosweep")
-
-#: Where results go when nobody says: below the working directory.
-OUTPUTS = "outputs"
 
 #: What a study is loaded from: a study file, or its content as a mapping.
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
@@ -251,7 +249,7 @@ class Result:
         from heliosweep.report.summary import summary
 
         with self.open() as data:
-            family = family_of_result(data, families())
+            family = family_of_result(data)
             lines = [*summary(data, family.headlines if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
@@ -401,7 +399,7 @@ def run(
         try:
             if report:
                 _check_published(now)
-            path = now.result(force=force, progress=progress, meanwhile=_import_report if report else None)
+            path = now.result(force=force, progress=progress)
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
                     _report(folder, asked)
@@ -494,7 +492,7 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
     try:
         from heliosweep.report.page import write_report
 
-        return write_report(folder, families(), study, vector=vector)
+        return write_report(folder, family_of_result, study, vector=vector)
     except HeliosweepError:
         raise
     except Exception as error:  # drawing must not make hours of computing look lost
@@ -504,13 +502,6 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
         if isinstance(error, (OSError, ImportError, MemoryError)):
             advice = f"when that is mended, run: {shlex.join(['heliosweep', 'report', str(folder)])}"
         raise HeliosweepError(f"the result is complete, the report failed ({what}); {advice}") from error
-
-
-def _import_report() -> None:
-    """Import what draws figures and pages, half a second that kernels leave to the interpreter."""
-    with suppress(Exception):  # whoever draws says what is wrong
-        import heliosweep.report.interactive
-        import heliosweep.report.page  # noqa: F401
 
 
 def _check_published(run: Run) -> None:

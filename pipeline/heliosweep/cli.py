@@ -172,9 +172,13 @@ def _parser() -> argparse.ArgumentParser:
     verify = command("verify", _verify, "check result folders against their digests, part by part")
     verify.add_argument("folders", nargs="+", metavar="DIR|STUDY.yaml", help="result folders, or studies that were run")
 
-    compare = command("compare", _compare, "tell two results apart by meaning: dimensions, attributes, values")
-    compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder")
-    compare.add_argument("second", metavar="B")
+    compare = command("compare", _compare, "tell two results apart by meaning, or write one page over several")
+    compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder; a study that was run")
+    compare.add_argument("others", metavar="B", nargs="+", help="one, or with --page several")
+    compare.add_argument(
+        "--page", metavar="FILE.html", help="write a page: inputs, results, differences from A; prints its path"
+    )
+    compare.add_argument("--force", action="store_true", help="replace a page that is there")
     compare.add_argument("--rtol", type=_tolerance, default=0.0, help="relative difference that does not count")
     compare.add_argument("--atol", type=_tolerance, default=0.0, help="absolute difference that does not count")
 
@@ -420,9 +424,10 @@ def _run_one(options: argparse.Namespace, path: str) -> None:
 def _status(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.runs.status import status_lines
+    from heliosweep.store.folder import OUTPUTS
 
     found = api.status(*options.of)
-    _say("\n".join(status_lines(found)) or f"no study was run in {api.OUTPUTS}/ yet")
+    _say("\n".join(status_lines(found)) or f"no study was run in {OUTPUTS}/ yet")
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -438,9 +443,18 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from heliosweep import api
     from heliosweep.store.compare import compare
 
-    found = compare(options.first, options.second, rtol=options.rtol, atol=options.atol)
+    places = [api.folder_of(place, there=True) for place in (options.first, *options.others)]
+    if options.page is not None:
+        from heliosweep.notebook import comparison_page
+
+        _say_path(comparison_page(places, options.page, force=options.force))
+        return 0
+    if len(places) > 2:
+        raise StudyError(Problem("compares more than two: name the page to write", "--page"))
+    found = compare(*places, rtol=options.rtol, atol=options.atol)
     _say(found.text)
     return 0 if found.same else 1
 

@@ -15,6 +15,7 @@ from heliosweep.config.drawn import Drawn
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sample import design_of, drawn_keys, parameter_names
 from heliosweep.config.study import yaml_text
+from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 from .conftest import REGISTRY
@@ -178,3 +179,23 @@ def test_every_sensitivity_loads_as_it_was_resolved() -> None:
         assert load_mapping(study.resolved(), REGISTRY) == study
         assert isinstance(study, FieldEfficiencyStudy)
         assert len(design_of(study)) == {"local": 3, "morris": 20}.get(sample.get("sensitivity", ""), 10)
+
+
+def test_names_are_drawn() -> None:
+    content = _study({"normal": [11, 0.02]}, 11, 95)
+    drawn = {"discrete": {"values": ["azimuth_elevation", "spinning_elevation"], "weights": [0.25, 0.75]}}
+    study: Any = load_mapping(content | {"tracking": drawn, "sample": {"size": 64}}, REGISTRY)
+    names = study.tracking.values()
+    assert names.count("azimuth_elevation") == 16
+    assert study.tracking[1:3] == (study.tracking[1], study.tracking[2]) == names[1:3]
+    assert [dim.name for dim in study.dimensions()] == ["latitude", "sample"]
+    assert study.tracking.words() == "discrete: azimuth elevation (0.25), spinning elevation (0.75)"
+    assert load_mapping(study.resolved(), REGISTRY) == study
+    for wrong, message in (
+        ({"normal": [1, 2]}, "names are drawn by {discrete"),
+        ({"discrete": {"values": ["azimuth"]}}, r"tracking.discrete.values\[0\]: unknown choice"),
+    ):
+        with pytest.raises(StudyError, match=message):
+            load_mapping(content | {"tracking": wrong, "sample": {"size": 64}}, REGISTRY)
+    with pytest.raises(StudyError, match="cannot be drawn"):
+        load_mapping(content | {"sample": {"size": 64, "design": drawn}}, REGISTRY)

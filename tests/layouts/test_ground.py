@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import shapely
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image, TiffImagePlugin
 from scipy.interpolate import RegularGridInterpolator
 
 from heliosweep.errors import StudyError
@@ -22,7 +24,7 @@ SQUARE = [[-200, -50], [200, -50], [200, 300], [-200, 300], [-200, -50]]
 HOLE = [[-50, 100], [50, 100], [50, 200], [-50, 200], [-50, 100]]
 
 
-def wkt(*rings: list[list[int]]) -> str:
+def wkt(*rings: Sequence[Sequence[float]]) -> str:
     return f"POLYGON ({', '.join('(' + ', '.join(f'{x} {y}' for x, y in ring) + ')' for ring in rings)})"
 
 
@@ -112,6 +114,7 @@ def test_a_road_through_the_field(tmp_path):
         ("LINESTRING (0 0, 9 9)", r"must hold polygons \(got a LineString\)"),
         ("POLYGON ((500000 4000000, 501000 4000000, 501000 4001000, 500000 4000000))", "out of any field"),
         ("POLYGON ((nan 0, 1 1, 1 0, nan 0))", "out of any field|is no WKT"),
+        ("POLYGON ((-6.26 37.44, -6.24 37.44, -6.24 37.45, -6.26 37.44))", "is in degrees, as it seems"),
         ('{"type": "Polygon"}', "is no GeoJSON: "),
         ('{"type": "FeatureCollection", "features": []}', r"must hold polygons \(got none\)"),
     ],
@@ -120,6 +123,27 @@ def test_polygons_that_are_wrong(tmp_path, text, message):
     with pytest.raises(StudyError, match=message) as raised:
         read_area(saved(tmp_path / "site.txt", text), "boundary")
     assert raised.value.problems[0].key == "boundary"
+
+
+@given(margin=st.floats(0.1, 60))
+def test_a_margin_is_kept_from_all_edges(margin):
+    site, road = shapely.Polygon(SQUARE, [HOLE]), shapely.box(-200, -20, 200, -10)
+    without, region = (Region((), site, road, each) for each in (0.0, margin))
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(-220.5, 221, 7), np.arange(-70.5, 321, 7)))
+    far = np.array([min(shapely.Point(at).distance(edge) for edge in (site.exterior, *site.interiors, road))
+                    for at in zip(x, y, strict=True)])  # fmt: skip
+    np.testing.assert_array_equal(region.inside(x, y), without.inside(x, y) & (far > margin))
+
+
+def test_map_coordinates_count_from_the_tower(tmp_path):
+    tower = (254_000.25, 4_147_000.5)
+    here, there = Path(tmp_path / "here.wkt"), Path(tmp_path / "map.wkt")
+    here.write_text(wkt(SQUARE, HOLE))
+    there.write_text(wkt(*([[x + tower[0], y + tower[1]] for x, y in ring] for ring in (SQUARE, HOLE))))
+    one, other = region_of((), here, None, (0, None)), region_of((), there, None, (0, None), 0.0, tower)
+    np.testing.assert_array_equal(radial_stagger(13, 50, region=one).x, radial_stagger(13, 50, region=other).x)
+    with pytest.raises(StudyError, match=r"out of any field: .* of map coordinates give 'origin'"):
+        read_area(there, "boundary")
 
 
 def test_no_room(tmp_path):
@@ -159,6 +183,63 @@ def test_heights_are_bilinear(tmp_path):
     for path in files:
         heights = read_heights(path, None)
         np.testing.assert_allclose(heights_at(heights, path.name, *places.T), expected, atol=1e-9)
+
+
+def geotiff(path: Path, level: np.ndarray, corner: tuple[float, float], keys: tuple[int, ...] = (1, 1), **more) -> Path:
+    """Heights, the northernmost row first, of cells of 25 m; `corner` is that of the first cell in the northwest."""
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    model, raster, *units = keys
+    entries = [(1024, model), (1025, raster), *zip((3076, 4099), units, strict=False)]
+    tags[33550], tags[33922] = (25.0, 25.0, 0.0), (0.0, 0.0, 0.0, *corner, 0.0)
+    tags[34735] = (1, 1, 0, len(entries), *(number for key, value in entries for number in (key, 0, 1, value)))
+    tags[42113] = "-9999 "
+    tags.tagtype |= {33550: 12, 33922: 12, 34735: 3, 42113: 2}
+    for tag in more.get("without", ()):
+        del tags[tag]
+    Image.fromarray(level).save(path, tiffinfo=tags, compression=more.get("compression", "tiff_lzw"))
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int16])
+def test_heights_of_a_geotiff_are_those_of_a_grid(tmp_path, dtype):
+    tower = (254_000.0, 4_147_000.0)
+    x, y = np.arange(-487.5, 488, 25), np.arange(-412.5, 413, 25)  # middles of cells
+    level = np.random.default_rng(2).uniform(100, 140, (y.size, x.size)).astype(dtype)
+    level[0, 0] = -9999
+    places = np.random.default_rng(3).uniform(-380, 380, (200, 2))
+    expected = RegularGridInterpolator((y, x), level.astype(float))
+    wanted = expected(places[:, ::-1]) - expected([[0.0, 0.0]])
+    corner = (tower[0] + x[0], tower[1] + y[-1])
+    for raster, shift in ((1, 12.5), (2, 0.0)):  # its corner, or its middle
+        first = (corner[0] - shift, corner[1] + shift)
+        path = geotiff(tmp_path / f"{raster}.tif", level[::-1], first, (1, raster, 9001))
+        heights = read_heights(path, None, tower)
+        np.testing.assert_allclose(heights_at(heights, path.name, *places.T), wanted, atol=1e-9)
+        assert np.isnan(heights.at(np.array([-480.0]), np.array([-410.0])))
+
+
+def test_geotiff_that_is_wrong(tmp_path):
+    level = np.zeros((4, 4), np.float32)
+    for name, found, message in (
+        ("degrees.tif", {"keys": (2, 1)}, "no map coordinates in m; project it"),
+        ("feet.tif", {"keys": (1, 1, 9002)}, "must be in m"),
+        ("depth.tif", {"keys": (1, 1, 9001, 9002)}, "must be in m"),
+        ("picture.tif", {"without": (33550,)}, "one band of heights with its place on the map"),
+    ):
+        with pytest.raises(StudyError, match=f"{name} .*{message}"):
+            read_heights(geotiff(tmp_path / name, level, (0, 0), **found), None)
+    colours = tmp_path / "colours.tif"
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(colours)
+    with pytest.raises(StudyError, match="one band"):
+        read_heights(colours, None)
+    cut = tmp_path / "cut.tif"
+    whole = geotiff(tmp_path / "whole.tif", np.random.default_rng(0).normal(size=(64, 64)).astype(np.float32), (0, 0))
+    for length in (6, 60, 4000):
+        cut.write_bytes(whole.read_bytes()[:length])
+        with pytest.raises(StudyError, match=r"cut\.tif "):
+            read_heights(cut, None)
+    with pytest.raises(StudyError, match="cannot be read"):
+        read_heights(tmp_path / "none.tif", None)
 
 
 def test_even_ground_falls_towards_its_azimuth():

@@ -38,6 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
                                                               {"azimuth": 180, "width": [20, 50]}]},
          ["sector_azimuth", "sector_width"]),
         ({"radial_stagger": RINGS, "boundary": ["site.wkt", "narrow.wkt"]}, ["boundary"]),
+        ({"radial_stagger": RINGS, "boundary": "site.wkt", "margin": [0, 6, 12]}, ["boundary_margin"]),
         ({"radial_stagger": {**RINGS, "rings": 2}, "terrain": {"slope": [0, 5], "azimuth": [0, 180]}},
          ["terrain_slope", "terrain_azimuth"]),
         ({"radial_stagger": {**RINGS, "rings": 2, "spacing": ["delsol", "no_blocking"]}}, ["spacing"]),
@@ -55,6 +56,18 @@ def test_every_key_can_be_swept(small, layout, dims):
     assert set(result["x"].dims) == {*dims, "heliostat"}
     count = result["x"].notnull().sum("heliostat")
     np.testing.assert_array_equal(count.transpose(*dims).to_numpy().ravel(), [len(one) for one in made])
+
+
+def test_a_result_tells_the_polygons_of_its_field(small):
+    ground = {"radial_stagger": RINGS, "boundary": "site.wkt", "exclude": "road.wkt"}
+    wide = Path("site.wkt").read_text()
+    Path("road.wkt").write_text("POLYGON ((-9 60, 9 60, 9 90, -9 90, -9 60))")
+    told = {"layout_boundary": wide, "layout_exclude": Path("road.wkt").read_text()}
+    assert Layouts(small(**PLACE, layout=ground)).areas() == told
+    assert told.items() <= api.build(small(**PLACE, layout=ground)).attrs.items()
+    swept = {**ground, "boundary": ["site.wkt", "narrow.wkt"]}
+    assert [*Layouts(small(**PLACE, layout=swept)).areas()] == ["layout_exclude"]
+    assert Layouts(small(**PLACE)).areas() == {}
 
 
 def test_shorter_layouts_of_a_sweep_are_computed_as_by_themselves(small):
@@ -109,6 +122,20 @@ def test_terrain_raises_the_mirrors(small):
     np.testing.assert_allclose(result["z"], np.tan(np.radians(4)) * result["y"], atol=1e-12)
     level = api.build(small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}})).compute()
     assert float(result["field_shading_efficiency"]) != float(level["field_shading_efficiency"])
+
+
+@pytest.mark.parametrize(
+    ("layout", "message"),
+    [
+        ({"margin": 5}, "margin: is for 'boundary' or 'exclude': give one of these"),
+        ({"origin": [1e5, 2e6], "terrain": {"slope": 3, "azimuth": 0}}, "origin: is for 'boundary', 'exclude' or"),
+        ({"boundary": "site.wkt", "origin": [1e5, 2e6]}, "boundary: .* out of any field"),
+        ({"boundary": "site.wkt", "margin": 100}, "boundary: leaves no room for a heliostat 100 m from its edge"),
+    ],
+)
+def test_ground_that_is_wrong(small, layout, message):
+    with pytest.raises(StudyError, match=message):
+        small(layout={"radial_stagger": {**RINGS, "rings": 3}, **layout})
 
 
 def test_ids_depend_on_what_files_say_and_not_on_new_keys(small):

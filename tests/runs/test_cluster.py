@@ -46,6 +46,7 @@ def example(name: str) -> dict[str, Any]:
 
 STUDIES = {
     "field": {**SMALL, "site": {"latitude": [0, 20, 40]}, "output": {"time_series": True}},
+    "draws": {**SMALL, "receiver": {"height": {"normal": [60, 1]}}, "sample": {"size": 16, "sensitivity": "sobol"}},
     "misalignment": example("misalignment"),
     "dish": example("dish_tracking"),
 }

@@ -1,9 +1,9 @@
-"""Numbers that are drawn from a distribution, once for the whole of a draw: ``{normal: [11, 0.02]}``."""
+"""Numbers and names that are drawn, once for the whole of a draw: ``{normal: [11, 0.02]}``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from statistics import NormalDist
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep.config.design import LEAST, Design
-from heliosweep.config.faults import Fault, Faults, Invalid, nearest
-from heliosweep.config.sweep import MAX_FAULTS, Sweep, key_faults, read_parts
+from heliosweep.config.faults import COUNTS, Fault, Invalid, each, nearest
+from heliosweep.config.sweep import Sweep, key_faults, read_parts
 
 if TYPE_CHECKING:  # it takes longer to import than reading a study
     from numpy.typing import NDArray
@@ -31,9 +31,9 @@ PARTS = {
     LOGNORMAL: ("median", "standard deviation of the natural logarithm"),
 }
 _KINDS = (*PARTS, DISCRETE)
-_RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
+RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
 _DISCRETE_FORM = "it is {values: [...], weights: [...]}"
-_COUNTS = {2: "two", 3: "three", 4: "four"}
+_OF_NAMES = "names are drawn by {discrete: {values: [...], weights: [...]}}"
 #: Standard deviations from the mean of a normal distribution beyond which no draw is: those of `LEAST`, and some more.
 _REACH = 6.121
 
@@ -49,7 +49,7 @@ class Drawn(Sweep):
     kind : str
         One of the distributions of `PARTS`, or ``discrete``.
     parts : tuple of float
-        What `PARTS` lists, in the canonical unit of the key; of ``discrete`` its values.
+        What `PARTS` lists, in the canonical unit of the key; of ``discrete`` its values, which may be names.
     weights : tuple of float
         Probability of each value of ``discrete``.
     design, column
@@ -57,7 +57,7 @@ class Drawn(Sweep):
     """
 
     kind: str
-    parts: tuple[float, ...]
+    parts: tuple[Any, ...]
     weights: tuple[float, ...] = ()
     design: Design | None = field(default=None, compare=False, repr=False)
     column: int = field(default=0, compare=False, repr=False)
@@ -67,23 +67,38 @@ class Drawn(Sweep):
         object.__setattr__(self, "design", design)
         object.__setattr__(self, "column", column)
 
-    def __len__(self) -> int:
-        return 2 if self.design is None else len(self.design)
+    @property
+    def holds_names(self) -> bool:
+        """True where the values are text and not numbers."""
+        return isinstance(self.parts[0], str)
 
-    def at(self, index: NDArray[np.int64]) -> NDArray[np.float64]:
+    def __len__(self) -> int:
+        return len(self.ends()) if self.design is None else len(self.design)
+
+    def __getitem__(self, index: int | slice) -> Any:
+        """Return one value; for a slice an array of numbers or a tuple of names."""
+        if not self.holds_names:
+            return super().__getitem__(index)
+        places = range(len(self))[index]
+        found = self.at(np.atleast_1d(places))
+        return found[0] if isinstance(places, int) else tuple(found)
+
+    def at(self, index: NDArray[np.int64]) -> NDArray[Any]:
         """Return the values of the given draws, as an array of the same shape."""
         if self.design is None:
-            return np.array(self.ends())[index]
+            return np.array(self.ends(), object if self.holds_names else float)[index]
         return self.quantile(self.design.at(index.ravel())[:, self.column]).reshape(index.shape)
 
-    def ends(self) -> tuple[float, ...]:
-        """Return the least and the largest value that can be drawn."""
+    def ends(self) -> tuple[Any, ...]:
+        """Return the least and the largest value that can be drawn; all names."""
         if self.kind in (NORMAL, LOGNORMAL):
             first, width = self.parts
             reach = width * _REACH
             if self.kind == NORMAL:
                 return first - reach, first + reach
             return first * math.exp(-reach), first * math.exp(reach)
+        if self.holds_names:
+            return self.parts
         if self.kind == DISCRETE:
             return min(self.parts), max(self.parts)
         return (self.parts[2], self.parts[3]) if self.kind == TRUNCATED else (self.parts[0], self.parts[-1])
@@ -110,8 +125,8 @@ class Drawn(Sweep):
             share = share**2 / peak if share < peak else 1 - (1 - share) ** 2 / (1 - peak) if peak < 1 else share**2
         return 1 - share if above else share
 
-    def quantile(self, probability: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values below which a draw is with the given probabilities."""
+    def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
+        """Return the values below which a draw is with the given probabilities; names are in their order."""
         from scipy.special import ndtr, ndtri
 
         first = self.parts[0]
@@ -121,7 +136,8 @@ class Drawn(Sweep):
             return first * np.exp(self.parts[1] * ndtri(probability))
         if self.kind == DISCRETE:
             steps = np.cumsum(self.weights)[:-1]
-            return np.array(self.parts)[np.searchsorted(steps, probability, side="right")]
+            values = np.array(self.parts, object if self.holds_names else float)
+            return values[np.searchsorted(steps, probability, side="right")]
         if self.kind == TRUNCATED:
             mean, deviation, low, high = self.parts
             from_, to = (low - mean) / deviation, (high - mean) / deviation
@@ -145,8 +161,9 @@ class Drawn(Sweep):
     def words(self) -> str:
         """Return the distribution in words: ``normal: mean 11, standard deviation 0.02``."""
         if self.kind == DISCRETE:
+            told = [value.replace("_", " ") if self.holds_names else f"{value:g}" for value in self.parts]
             return f"{DISCRETE}: " + ", ".join(
-                f"{value:g} ({weight:.3g})" for value, weight in zip(self.parts, self.weights, strict=True)
+                f"{value} ({weight:.3g})" for value, weight in zip(told, self.weights, strict=True)
             )
         named = (f"{name} {value:g}" for name, value in zip(PARTS[self.kind], self.parts, strict=True))
         return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
@@ -156,9 +173,9 @@ def is_distribution(raw: Any) -> bool:
     """Whether what stands in a study file is a distribution, or a misspelt one."""
     if isinstance(raw, Drawn):
         return True
-    if not isinstance(raw, Mapping) or any(key in _RANGE_KEYS for key in raw):
+    if not isinstance(raw, Mapping) or any(key in RANGE_KEYS for key in raw):
         return False
-    return any(nearest(str(key), (*_KINDS, *_RANGE_KEYS)) in _KINDS for key in raw)
+    return any(nearest(str(key), (*_KINDS, *RANGE_KEYS)) in _KINDS for key in raw)
 
 
 def read_drawn(
@@ -178,7 +195,13 @@ def read_drawn(
     readers: dict[str, Callable[[Any], Drawn]] = {
         kind: partial(_continuous, kind, number=number, check=check) for kind in PARTS
     }
-    readers[DISCRETE] = lambda inner: _discrete(inner, number, check)
+
+    def checked(entry: Any) -> float:
+        value = number(entry)
+        check(value)
+        return value
+
+    readers[DISCRETE] = lambda inner: _discrete(inner, checked)
     drawn = read_parts(raw, readers, faults)[known[0]]
     mass = drawn.outside(low, high) if drawn.kind not in (TRUNCATED, DISCRETE) else 0.0
     if mass > 0:
@@ -194,22 +217,26 @@ def read_drawn(
     return drawn
 
 
+def read_names(raw: Mapping[str, Any] | Drawn, name: Callable[[Any], str]) -> Drawn:
+    """Read names that are drawn; `name` reads one. Raises Invalid with each fault at its key."""
+    if isinstance(raw, Drawn):
+        raw = raw.spec()
+    faults = key_faults(raw, (DISCRETE,), (DISCRETE,), _OF_NAMES)
+    found: Drawn = read_parts(raw, {DISCRETE: lambda inner: _discrete(inner, name)}, faults)[DISCRETE]
+    return found
+
+
 def _continuous(kind: str, raw: Any, number: ReadNumber, check: Callable[[float], None]) -> Drawn:
-    names = PARTS[kind]
-    if not isinstance(raw, list | tuple) or len(raw) != len(names):
-        raise Invalid(f"must be {_COUNTS[len(names)]} numbers, [{', '.join(names)}]")
-    values, faults = [], Faults()
-    for position, (name, entry) in enumerate(zip(names, raw, strict=True)):
-        with faults.under(position):
-            if isinstance(entry, Sweep | Mapping | list | tuple):
-                raise Invalid("must be a single number; distributions cannot be swept")
-            value = _plain_number(entry) if "logarithm" in name else number(entry)
-            if "deviation" in name and not value > 0:
-                raise Invalid(f"the {name} must be greater than 0; a number that does not vary stands by itself")
-            if kind == TRUNCATED and name in ("least", "largest"):
-                check(value)
-            values.append(value)
-    faults.check()
+
+    def part(name: str, entry: Any) -> float:
+        value = _plain_number(entry) if "logarithm" in name else number(entry)
+        if "deviation" in name and not value > 0:
+            raise Invalid(f"the {name} must be greater than 0; a number that does not vary stands by itself")
+        if kind == TRUNCATED and name in ("least", "largest"):
+            check(value)
+        return value
+
+    values = read_numbers(raw, PARTS[kind], part)
     if kind == LOGNORMAL and values[0] <= 0:
         raise Invalid(Fault("the median must be greater than 0", (0,)))
     if kind not in (NORMAL, LOGNORMAL):
@@ -218,7 +245,7 @@ def _continuous(kind: str, raw: Any, number: ReadNumber, check: Callable[[float]
             raise Invalid(Fault("the least value must be below the largest", (least,)))
         if kind == TRIANGULAR and not values[0] <= values[1] <= values[2]:
             raise Invalid(Fault("the most likely value must be between the least and the largest", (1,)))
-    drawn = Drawn(kind, tuple(values))
+    drawn = Drawn(kind, values)
     if kind == TRUNCATED:
         mean, deviation, low, high = values
         towards = NormalDist(mean, deviation)
@@ -227,14 +254,22 @@ def _continuous(kind: str, raw: Any, number: ReadNumber, check: Callable[[float]
     return drawn
 
 
-def _discrete(raw: Any, number: ReadNumber, check: Callable[[float], None]) -> Drawn:
+def read_numbers(raw: Any, names: tuple[str, ...], read: Callable[[str, Any], float]) -> tuple[float, ...]:
+    """Read the numbers of a distribution, each by its name. Raises Invalid with each fault at its position."""
+    if not isinstance(raw, list | tuple) or len(raw) != len(names):
+        raise Invalid(f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]")
+
+    def one(part: tuple[str, Any]) -> float:
+        if isinstance(part[1], Sweep | Mapping | list | tuple):
+            raise Invalid("must be a single number; distributions cannot be swept")
+        return read(*part)
+
+    return tuple(each(zip(names, raw, strict=True), one))
+
+
+def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     if not isinstance(raw, Mapping):
         raise Invalid(f"must be a mapping: {_DISCRETE_FORM}")
-
-    def checked(entry: Any) -> float:
-        value = number(entry)
-        check(value)
-        return value
 
     def weight(entry: Any) -> float:
         value = _plain_number(entry)
@@ -242,7 +277,7 @@ def _discrete(raw: Any, number: ReadNumber, check: Callable[[float], None]) -> D
             raise Invalid("must not be negative")
         return value
 
-    readers = {"values": lambda each: _listed(each, checked), "weights": lambda each: _listed(each, weight)}
+    readers = {"values": lambda each: _listed(each, read), "weights": lambda each: _listed(each, weight)}
     found = read_parts(raw, readers, key_faults(raw, ("values", "weights"), ("values",), _DISCRETE_FORM))
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
@@ -255,17 +290,10 @@ def _discrete(raw: Any, number: ReadNumber, check: Callable[[float], None]) -> D
     return Drawn(DISCRETE, values, weights)
 
 
-def _listed(raw: Any, read: Callable[[Any], float]) -> tuple[float, ...]:
+def _listed(raw: Any, read: Callable[[Any], Any]) -> tuple[Any, ...]:
     if not isinstance(raw, list | tuple) or not raw:
-        raise Invalid("must be a list of numbers")
-    values, faults = [], Faults()
-    for position, entry in enumerate(raw):
-        if len(faults) > MAX_FAULTS:
-            break
-        with faults.under(position):
-            values.append(read(entry))
-    faults.check()
-    return tuple(values)
+        raise Invalid("must be a list of at least one")
+    return tuple(each(raw, read))
 
 
 def _plain_number(raw: Any) -> float:
@@ -274,18 +302,18 @@ def _plain_number(raw: Any) -> float:
     return float(raw)
 
 
-def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a distribution."""
-    one = {"type": ["number", "string"]}
+def json_schema(names: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the JSON Schema of a distribution of numbers, or of some `names`."""
+    one = {"enum": list(names)} if names else {"type": ["number", "string"]}
     forms: dict[str, Any] = {
         kind: {
             "type": "array",
             "items": one,
-            "minItems": len(names),
-            "maxItems": len(names),
-            "description": f"[{', '.join(names)}]",
+            "minItems": len(parts),
+            "maxItems": len(parts),
+            "description": f"[{', '.join(parts)}]",
         }
-        for kind, names in PARTS.items()
+        for kind, parts in ({} if names else PARTS).items()
     }
     weights = {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 1}
     forms[DISCRETE] = {

@@ -10,12 +10,12 @@ from pydantic import ConfigDict, Field
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Quantity
+from heliosweep.config.values import Choice, FileName, Numbers, Quantity
 
 #: Generators, by their keys.
 GENERATORS = ("radial_stagger", "spiral", "rows")
 #: Keys of the ground, which tables have no use for.
-GROUND = ("sectors", "boundary", "exclude", "terrain")
+GROUND = ("sectors", "boundary", "exclude", "margin", "terrain", "origin")
 
 SPACINGS = {
     "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which grows with the distance",
@@ -26,7 +26,16 @@ PATTERNS = {
     "straight": "heliostats of all rows behind each other",
 }
 
-_COUNT = Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
+_Heliostats = Annotated[
+    int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
+]
+_InnerRadius = Annotated[
+    float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
+]
+
+
+def _azimuth(description: str, dimension: str, title: str) -> Quantity:
+    return Quantity(description, "deg", ge=-360, le=360, dimension=dimension, title=title)
 
 
 class Zone(Block):
@@ -54,7 +63,7 @@ class RadialStagger(Block):
         Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
     ] = None
     rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
-    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+    heliostats: _Heliostats = None
     zones: Annotated[
         tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
     ] = None  # fmt: skip
@@ -90,10 +99,8 @@ class Spiral(Block):
         Quantity("Exponent of the radius; 0.5 for the same density everywhere, more for a density that falls with the "
                  "distance", "1", gt=0, le=2, dimension="spiral_b", title="exponent b of the spiral"),
     ]  # fmt: skip
-    inner_radius: Annotated[
-        float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
-    ]
-    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+    inner_radius: _InnerRadius
+    heliostats: _Heliostats = None
 
 
 class Rows(Block):
@@ -108,18 +115,16 @@ class Rows(Block):
         float | Sweep,
         Quantity("Distance between rows", "m", gt=0, dimension="row_distance", title="distance between rows"),
     ]
-    inner_radius: Annotated[
-        float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
-    ]
+    inner_radius: _InnerRadius
     azimuth: Annotated[
         float | Sweep,
-        Quantity("Azimuth in which rows follow each other, clockwise from north; 0 for rows from west to east", "deg",
-                 ge=-360, le=360, dimension="row_azimuth", title="azimuth in which rows follow each other"),
+        _azimuth("Azimuth in which rows follow each other, clockwise from north; 0 for rows from west to east",
+                 "row_azimuth", "azimuth in which rows follow each other"),
     ] = 0.0  # fmt: skip
     pattern: Annotated[str | Sweep, Choice("How rows stand to each other", PATTERNS, title="pattern of the rows")] = (
         "staggered"
     )
-    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+    heliostats: _Heliostats = None
 
 
 class Sector(Block):
@@ -127,8 +132,8 @@ class Sector(Block):
 
     azimuth: Annotated[
         float | Sweep,
-        Quantity("Azimuth of its middle, clockwise from north", "deg", ge=-360, le=360, dimension="sector_azimuth",
-                 title="azimuth of the middle of the sector"),
+        _azimuth("Azimuth of its middle, clockwise from north", "sector_azimuth",
+                 "azimuth of the middle of the sector"),
     ]  # fmt: skip
     width: Annotated[
         float | Sweep,
@@ -142,7 +147,7 @@ class Terrain(Block):
 
     file: Annotated[
         str | None,
-        FileName("NetCDF grid of heights over x and y, in m east and north of the tower", sweep=False),
+        FileName("NetCDF or GeoTIFF grid of heights over x and y, in m east and north of the tower", sweep=False),
     ] = None
     slope: Annotated[
         float | Sweep | None,
@@ -151,8 +156,8 @@ class Terrain(Block):
     ] = None  # fmt: skip
     azimuth: Annotated[
         float | Sweep | None,
-        Quantity("Azimuth in which even ground falls, clockwise from north", "deg", ge=-360, le=360,
-                 dimension="terrain_azimuth", title="azimuth in which the ground falls"),
+        _azimuth("Azimuth in which even ground falls, clockwise from north", "terrain_azimuth",
+                 "azimuth in which the ground falls"),
     ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
@@ -182,13 +187,24 @@ class Layout(Block):
     ] = None
     boundary: Annotated[
         str | Sweep | None,
-        FileName("Polygons within which heliostats stand, GeoJSON or WKT, in m east and north of the tower"),
+        FileName("Polygons within which centres of heliostats stand, GeoJSON or WKT, in m east and north of the tower"),
     ] = None
     exclude: Annotated[
         str | Sweep | None,
-        FileName("Polygons within which no heliostat stands, as roads, in the form of 'boundary'"),
+        FileName("Polygons within which no centre stands, as roads, in the form of 'boundary'"),
     ] = None
+    margin: Annotated[
+        float | Sweep | None,
+        Quantity("Distance of centres from the edges of 'boundary' and 'exclude'; with half the diagonal of a mirror "
+                 "mirrors stay clear of them", "m", ge=0, dimension="boundary_margin",
+                 title="distance of centres from the boundary"),
+    ] = None  # fmt: skip
     terrain: Annotated[Terrain | None, Field(description="Heights of the ground; level where left out")] = None
+    origin: Annotated[
+        tuple[float, float] | None,
+        Numbers("Place of the tower in the coordinates of 'boundary', 'exclude' and the grid of 'terrain', such as "
+                "those of a map in UTM, whose axes count as east and north", "m", ("east", "north")),
+    ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
         """Check that there is a table or a generator, and that something says how far a generated field goes."""
@@ -196,10 +212,19 @@ class Layout(Block):
         if len(given) != 1:
             yield Fault(f"give exactly one of {one_of(('file', *GENERATORS)).replace(' or ', ' and ')}",
                         show_value=False)  # fmt: skip
-        elif given == ["file"]:
+            return
+        if given == ["file"]:
             for key in (key for key in GROUND if getattr(self, key) is not None):
                 yield Fault("is for generated layouts; remove it, or 'file'", (key,), show_value=False)
-        elif self.boundary is None:
+            return
+        heights = None if self.terrain is None else self.terrain.file
+        for key, files in (
+            ("margin", {"boundary": self.boundary, "exclude": self.exclude}),
+            ("origin", {"boundary": self.boundary, "exclude": self.exclude, "terrain.file": heights}),
+        ):
+            if getattr(self, key) is not None and all(name is None for name in files.values()):
+                yield Fault(f"is for {one_of(files)}: give one of these, or remove it", (key,), show_value=False)
+        if self.boundary is None:
             ends = [
                 key for key in ("rings", "heliostats", "zones") if key in type(getattr(self, given[0])).model_fields
             ]

@@ -19,7 +19,7 @@ from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
-from heliosweep.grid.regions import Cut, Variable, bytes_of
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
 from heliosweep.search.course import EVALUATION
 
 if TYPE_CHECKING:
@@ -125,8 +125,11 @@ class Searched(Family):
         search, known = _search(study), self.results(study)
         others = self.family.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
+        seen: dict[tuple[bool, str], str] = {}
         for place, name in (*named, *((("search", "subject_to", name), name) for name in search.subject_to)):
-            if result_name(name, known) in known:
+            if (result := result_name(name, known)) in known:
+                if (other := seen.setdefault((len(place) > 2, result), name)) != name:
+                    yield study.source.problem(place, f"{name} is the same result as {other}; name it once")
                 continue
             if name in others:
                 along = " and ".join(others[name].dims)
@@ -141,7 +144,13 @@ class Searched(Family):
     def variables(self, study: Study) -> dict[str, Variable]:
         """What is kept of each evaluation: values of the searched keys, by dotted key, and its `results`."""
         keys = {key: Variable((EVALUATION,), {}) for key in _search(study).searched()}
-        return keys | {name: Variable((EVALUATION,), one.attrs) for name, one in self.results(study).items()}
+        found, ways = self.results(study), (("maximise", LARGEST), ("minimise", SMALLEST))
+        best = {
+            result_name(name, found): {BEST_VALUE: end} for way, end in ways for name in getattr(_search(study), way)
+        }
+        return keys | {
+            name: Variable((EVALUATION,), {**one.attrs, **best.get(name, {})}) for name, one in found.items()
+        }
 
     def coordinates(self, study: Study) -> xr.Dataset:
         """Labels that all evaluations share."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -25,6 +25,10 @@ SERIES_PARTS, LEAST_LENGTH = 8, 64
 STORAGE_BYTES = 2**20
 #: Values of passing variables that are finished at a time. [bytes]
 PASS_BYTES = 16 * 2**20
+
+
+#: Attribute by which a variable says that its largest or its smallest value is the best; without it neither is.
+BEST_VALUE, LARGEST, SMALLEST = "best_value", "largest", "smallest"
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,17 @@ def pair(
     return {
         name.replace("%", axis): quantity(dims, units, long_name.replace("%", word), comment)
         for axis, word in words.items()
+    }
+
+
+def with_best(
+    variables: Mapping[str, Variable], largest: Iterable[str], smallest: Iterable[str] = ()
+) -> dict[str, Variable]:
+    """The same variables, of which those that are named say which of their values is the best."""
+    best = dict.fromkeys(largest, LARGEST) | dict.fromkeys(smallest, SMALLEST)
+    return {
+        name: replace(one, attrs={**one.attrs, BEST_VALUE: best[name]}) if name in best else one
+        for name, one in variables.items()
     }
 
 
@@ -196,13 +211,13 @@ def slabs(cuts: Mapping[str, Cut]) -> Iterator[Part]:
         yield from _numbered(kind, cut.slabs())
 
 
-def parts_by_slab(cuts: Mapping[str, Cut]) -> Iterator[tuple[Part, Iterator[Part]]]:
-    """Each slab of a result with its parts, last dimension fastest."""
+def parts_by_slab(cuts: Mapping[str, Cut]) -> Iterator[tuple[Part, Iterable[Part]]]:
+    """Each slab of a result with its parts, last dimension fastest; they can be gone through again."""
     first = dict.fromkeys(cuts, 0)
     for slab in slabs(cuts):
         cut, start = cuts[slab.kind], first[slab.kind]
         first[slab.kind] += piece_count(slab.region, cut.part)
-        yield slab, _numbered(slab.kind, regions(slab.region, cut.part), start)
+        yield slab, _Parts(slab, cut.part, start)
 
 
 def parts_of(cuts: Mapping[str, Cut]) -> Iterator[Part]:
@@ -213,6 +228,18 @@ def parts_of(cuts: Mapping[str, Cut]) -> Iterator[Part]:
 def part_name(kind: str, number: int) -> str:
     """Name of a slab or part of a kind."""
     return f"{kind}-{number:05}"
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Parts of a slab, made anew each time: there may be a million."""
+
+    slab: Part
+    part: Mapping[str, int]
+    first: int
+
+    def __iter__(self) -> Iterator[Part]:
+        return _numbered(self.slab.kind, regions(self.slab.region, self.part), self.first)
 
 
 def _numbered(kind: str, pieces: Iterator[dict[str, slice]], first: int = 0) -> Iterator[Part]:

@@ -92,7 +92,9 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     from SALib.analyze import sobol
 
     def indices(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """First-order and total indices of base points, shape (2, parameters)."""
+        """First-order and total indices of base points, shape (2, parameters); 0 where none differs, as of a part."""
+        if np.ptp(points[:, [0, -1]]) <= np.finfo(float).eps:
+            return np.zeros((2, design.parameters))
         swapped = points[:, 1:-1]
         first, last = (np.broadcast_to(points[:, end : end + 1 or None], swapped.shape) for end in (0, -1))
         return np.stack([sobol.first_order(first, swapped, last), sobol.total_order(first, swapped, last)])

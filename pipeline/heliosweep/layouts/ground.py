@@ -1,17 +1,19 @@
 """The ground of a generated field: where heliostats may stand, and how high it is there.
 
-Polygons are text, GeoJSON or WKT; a grid of heights is NetCDF. All are in metres east and north of the tower.
+Polygons are text, GeoJSON or WKT; a grid of heights is NetCDF or GeoTIFF. All are in metres east and north of the
+tower, or of an origin of which the tower's coordinates are known, as those of a map.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +26,29 @@ Floats = NDArray[np.float64]
 MAX_BYTES = 64 * 2**20
 """Largest file of polygons that is read."""
 
+AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
+"""Attributes by which a result tells its polygons, by key of the study."""
+
+MAX_CELLS = 25_000_000
+"""Heights of the largest grid that is read."""
+
 EDGE = 1e-9
 """Angle by which a heliostat may be beyond the edge of a sector: rounding. [deg]"""
 
-_IN_METRES = f"it must be in metres from the tower's base, at most {FARTHEST:,.0f}"
+LEAST_EXTENT = 1.0
+"""Polygons that are all together smaller, with corners that may be longitudes and latitudes, are in degrees. [m]"""
+
+Place = tuple[float, float]
+"""East and north. [m]"""
+
+AT_TOWER: Place = (0.0, 0.0)
+
+_IN_METRES = f"it must be in metres from the tower's base, at most {FARTHEST:,.0f}; of map coordinates give 'origin'"
+_IN_DEGREES = (
+    "is in degrees, as it seems: all of it is less than 1 m across; project it to metres, as to UTM, and give 'origin'"
+)
 _UNITS = ("m", "metre", "metres", "meter", "meters")
+_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +61,8 @@ class Region:
         Azimuth of the middle, and width, of each sector seen from the tower; none for all azimuths. [deg]
     boundary, exclude : shapely geometry, optional
         Polygons within which heliostats stand, and within which none does. [m]
+    margin : float
+        Distance that they keep from the edges of both. [m]
     key : str
         Key of what heliostats could have no room in, for messages.
     """
@@ -48,23 +70,36 @@ class Region:
     sectors: Sequence[tuple[float, float]] = ()
     boundary: Any = None
     exclude: Any = None
+    margin: float = 0.0
     key: str = "sectors"
 
     def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
-        """Whether heliostats may stand at some places, shape (n,); not on the line of a boundary. [m]"""
+        """Whether heliostats may stand at some places, shape (n,); not on the line of a boundary or margin. [m]"""
         inside = np.ones(x.shape, bool)
         if self.sectors:
             azimuth = np.degrees(np.arctan2(x, y))
             off = ((abs((azimuth - middle + 180) % 360 - 180), width / 2) for middle, width in self.sectors)
             inside = np.logical_or.reduce([angle <= half + EDGE for angle, half in off])
         if self.boundary is not None or self.exclude is not None:
-            from shapely import contains_xy, intersects_xy
+            from shapely import contains_xy, dwithin, intersects_xy, points
 
             if self.boundary is not None:
                 inside &= contains_xy(self.boundary, x, y)
             if self.exclude is not None:
                 inside &= ~intersects_xy(self.exclude, x, y)
+            for edge in self._edges if self.margin else ():
+                left = np.flatnonzero(inside)
+                inside[left] = ~dwithin(edge, points(x[left], y[left]), self.margin)
         return inside
+
+    @cached_property
+    def _edges(self) -> list[Any]:
+        from shapely import prepare
+
+        edges = [area.boundary for area in (self.boundary, self.exclude) if area is not None]
+        for edge in edges:
+            prepare(edge)
+        return edges
 
     @property
     def reach(self) -> float:
@@ -77,7 +112,10 @@ class Region:
 
     def no_room(self) -> StudyError:
         """What is said where no heliostat fits."""
-        hint = "; it counts in metres from the tower's base" if self.boundary is not None else ""
+        hint = ""
+        if self.boundary is not None:
+            hint = f" {self.margin:g} m from its edge" if self.margin else ""
+            hint += "; it counts in metres from the tower's base, or from 'origin'"
         return StudyError(Problem(f"leaves no room for a heliostat{hint}", self.key))
 
 
@@ -87,27 +125,32 @@ def region_of(
     boundary: Path | None,
     exclude: Path | None,
     stamps: tuple[int | None, ...],
+    margin: float = 0.0,
+    tower: Place = AT_TOWER,
 ) -> Region:
     """Region of some sectors and files, read once while these do not change (`stamps`); one object for the same.
 
-    Raises StudyError, each problem with its key: ``boundary`` or ``exclude``.
+    `tower` is the place of the tower in the coordinates of the files. Raises StudyError, each problem with its key:
+    ``boundary`` or ``exclude``.
     """
     areas = [
-        None if path is None else read_area(path, key) for key, path in (("boundary", boundary), ("exclude", exclude))
+        None if path is None else read_area(path, key, tower)
+        for key, path in (("boundary", boundary), ("exclude", exclude))
     ]
     within, without = areas
     if within is not None and without is not None and within.difference(without).area == 0:
         raise StudyError(Problem("leaves no room: it covers the whole boundary", "exclude"))
     key = "boundary" if boundary is not None else "sectors" if sectors else "exclude"
-    return Region(sectors, within, without, key)
+    return Region(sectors, within, without, margin, key)
 
 
-def read_area(path: Path, key: str) -> Any:
-    """Read polygons, GeoJSON or WKT, as one prepared geometry. [m]
+def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
+    """Read polygons, GeoJSON or WKT, as one prepared geometry about a tower, whose place they count from. [m]
 
     Raises StudyError, with this key, for what is none, holds no polygon, or one that crosses itself.
     """
     import shapely
+    from shapely.affinity import translate
 
     def wrong(message: str) -> StudyError:
         return StudyError(Problem(f"{path.name} {message}", key))
@@ -134,6 +177,11 @@ def read_area(path: Path, key: str) -> Any:
     if others or not polygons:
         found = f"a {min(others)}" if others else "none"
         raise wrong(f"must hold polygons (got {found}); give a road as the polygon that it covers")
+    corners = shapely.get_coordinates(polygons)
+    if (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < LEAST_EXTENT:
+        raise wrong(_IN_DEGREES)
+    if tower != AT_TOWER:
+        polygons = [translate(polygon, -tower[0], -tower[1]) for polygon in polygons]
     for polygon in polygons:
         corners = shapely.get_coordinates(polygon)
         if not (np.abs(corners) <= FARTHEST).all():
@@ -199,15 +247,35 @@ def _cell(grid: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
 
 
 @lru_cache(maxsize=4)
-def read_heights(path: Path, stamp: int | None) -> Heights:
-    """Read a grid of heights, once while the file does not change (`stamp`).
+def read_heights(path: Path, stamp: int | None, tower: Place = AT_TOWER) -> Heights:
+    """Read a grid of heights about a tower, whose place it counts from, once while the file does not change (`stamp`).
 
-    Raises StudyError, with the key ``terrain.file``, for what is no NetCDF or no grid over x and y.
+    Raises StudyError, with the key ``terrain.file``, for what is neither NetCDF nor GeoTIFF, or no grid over x and y.
     """
-    import xarray as xr
 
     def wrong(message: str) -> StudyError:
         return StudyError(Problem(f"{path.name} {message}", "terrain.file"))
+
+    try:
+        with path.open("rb") as file:
+            tiff = file.read(4) in _MAGIC
+    except OSError as error:
+        raise wrong(f"cannot be read: {error.strerror}") from None
+    x, y, height = _geotiff(path, wrong) if tiff else _netcdf(path, wrong)
+    if min(x.size, y.size) < 2 or not all(np.isfinite(side).all() for side in (x, y)):
+        raise wrong("must have at least two values along x and along y, all finite")
+    if x[0] > x[-1]:
+        x, height = x[::-1], height[:, ::-1]
+    if y[0] > y[-1]:
+        y, height = y[::-1], height[::-1]
+    if not ((np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
+        raise wrong("must have x and y that rise or fall all along")
+    return Heights(x - tower[0], y - tower[1], np.ascontiguousarray(height))
+
+
+def _netcdf(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
+    """Places along x and y, and heights over (y, x), of a NetCDF file."""
+    import xarray as xr
 
     try:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as data:
@@ -216,6 +284,8 @@ def read_heights(path: Path, stamp: int | None) -> Heights:
             if len(grids) != 1 or any(side is None for side in sides):
                 found = ", ".join(f"{name}({', '.join(map(str, one.dims))})" for name, one in data.data_vars.items())
                 raise wrong(f"must hold one variable over x and y, both with coordinates in m (got {found or 'none'})")
+            if data[grids[0]].size > MAX_CELLS:
+                raise wrong(_too_large(data[grids[0]].size))
             for name in ("x", "y", *grids):
                 if (unit := str(data[name].attrs.get("units", "m"))) not in _UNITS:
                     raise wrong(f"must have {name} in m (got {unit})")
@@ -226,15 +296,49 @@ def read_heights(path: Path, stamp: int | None) -> Heights:
     except (OSError, ValueError, TypeError) as error:
         said = getattr(error, "strerror", None) or str(error).splitlines()[0][:100]
         raise wrong(f"is no NetCDF file that can be read: {said}") from None
-    if min(x.size, y.size) < 2 or not all(np.isfinite(side).all() for side in (x, y)):
-        raise wrong("must have at least two values along x and along y, all finite")
-    if x[0] > x[-1]:
-        x, height = x[::-1], height[:, ::-1]
-    if y[0] > y[-1]:
-        y, height = y[::-1], height[::-1]
-    if not ((np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
-        raise wrong("must have x and y that rise or fall all along")
-    return Heights(x, y, np.ascontiguousarray(height))
+    return x, y, height
+
+
+def _too_large(cells: int) -> str:
+    return f"has {cells:,} heights, and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid"
+
+
+#: Tags of a GeoTIFF (OGC 19-008r4): size of a cell, a place with its cell, keys, and what stands for a missing height.
+_CELL, _TIE, _KEYS, _MISSING = 33550, 33922, 34735, 42113
+#: Keys of it: kind of coordinates, what a cell's place is, and units of lengths and of heights.
+_MODEL, _RASTER, _LENGTHS, _HEIGHTS = 1024, 1025, 3076, 4099
+_PROJECTED, _POINT, _METRE = 1, 2, 9001
+
+
+def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
+    """Places along x and y, and heights over (y, x), of a GeoTIFF file; missing heights are NaN."""
+    from PIL import Image
+
+    try:
+        with catch_warnings(action="ignore"), Image.open(path, formats=("TIFF",)) as image:
+            if image.width * image.height > MAX_CELLS:
+                raise wrong(_too_large(image.width * image.height))
+            tags: dict[int, Any] = dict(image.tag_v2)  # type: ignore[attr-defined]
+            height = np.array(image, float)
+    except (OSError, ValueError, TypeError, SyntaxError) as error:
+        said = str(error).splitlines()[0][:100]
+        raise wrong(f"is no GeoTIFF of 16 or 32 bit that can be read: {said}; convert it by gdal_translate") from None
+    if height.ndim != 2 or not {_CELL, _TIE} <= tags.keys():
+        raise wrong("must be one band of heights with its place on the map, north up, as gdalwarp writes it")
+    fields = np.reshape(tags.get(_KEYS, ()), (-1, 4))[1:].tolist()
+    keys = {key: value for key, held_elsewhere, _, value in fields if not held_elsewhere}
+    if keys.get(_MODEL, _PROJECTED) != _PROJECTED:
+        raise wrong("has no map coordinates in m; project it, as by gdalwarp -t_srs EPSG:32630")
+    if any(keys.get(unit, _METRE) != _METRE for unit in (_LENGTHS, _HEIGHTS)):
+        raise wrong("must be in m, its coordinates and its heights")
+    column, row, _, east, north = tags[_TIE][:5]
+    middle = 0.0 if keys.get(_RASTER) == _POINT else 0.5  # else a cell's place is its corner in the northwest
+    x = east + (np.arange(height.shape[1]) - column + middle) * tags[_CELL][0]
+    y = north - (np.arange(height.shape[0]) - row + middle) * tags[_CELL][1]
+    with np.errstate(over="ignore"):
+        missing = np.float32(str(tags.get(_MISSING, "nan")).strip(" \0") or "nan")
+    height[height == missing] = np.nan
+    return x, y, height
 
 
 def heights_at(heights: Heights, name: str, x: Floats, y: Floats) -> Floats:

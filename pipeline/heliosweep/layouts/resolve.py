@@ -19,7 +19,16 @@ from heliosweep.config.study import Dimension, Study
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.csv import read_csv
-from heliosweep.layouts.ground import Region, heights_at, read_heights, region_of, slope_heights
+from heliosweep.layouts.ground import (
+    AREAS,
+    AT_TOWER,
+    Region,
+    heights_at,
+    read_area,
+    read_heights,
+    region_of,
+    slope_heights,
+)
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.patterns import rows, spiral
 from heliosweep.layouts.radial_stagger import Zone, radial_stagger
@@ -148,7 +157,17 @@ class Layouts:
         if not sectors and names == (None, None):
             return None
         paths = [None if name is None else self._study.resolve(name) for name in names]
-        return region_of(sectors, *paths, tuple(None if path is None else _stamp(path) for path in paths))
+        stamps = tuple(None if path is None else _stamp(path) for path in paths)
+        return region_of(sectors, *paths, stamps, of("margin", block.margin) or 0.0, block.origin or AT_TOWER)
+
+    def areas(self) -> dict[str, str]:
+        """Polygons that are the same for all layouts, as WKT in metres, by the attribute that tells them."""
+        found = {}
+        for key, attribute in AREAS.items():
+            name = getattr(self._block, key)
+            if isinstance(name, str):
+                found[attribute] = read_area(self._study.resolve(name), f"{self._key}.{key}").wkt
+        return found
 
     def _spacing(self, rule: str | None, inner_radius: float, values: Mapping[str, Any]) -> Spacing | None:
         """The growing spacing of a study, from its receiver and mirrors. Raises StudyError."""
@@ -179,7 +198,8 @@ class Layouts:
             z = slope_heights(layout.x, layout.y, slope, azimuth)
         else:
             path = self._study.resolve(terrain.file)
-            z = heights_at(read_heights(path, _stamp(path)), terrain.file, layout.x, layout.y)
+            heights = read_heights(path, _stamp(path), self._block.origin or AT_TOWER)
+            z = heights_at(heights, terrain.file, layout.x, layout.y)
         return replace(layout, z=z + 0.0)
 
     def _located(self, file: str | None, problem: Problem) -> Problem:

@@ -10,7 +10,11 @@ EXAMPLES = {
     ),
     "status": ("", "my_field.yaml"),
     "verify": ("my_field.yaml", "outputs/*/"),
-    "compare": ("outputs/first outputs/second", "first.nc second.nc --rtol 1e-9"),
+    "compare": (
+        "outputs/first outputs/second",
+        "first.nc second.nc --rtol 1e-9",
+        "low.yaml middle.yaml high.yaml --page heights.html",
+    ),
     "export": (
         "outputs/first --csv table.csv --variable field_optical_efficiency",
         "outputs/first --output whole.nc",

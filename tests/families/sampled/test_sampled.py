@@ -178,6 +178,22 @@ def test_places_of_drawn_layouts_are_no_results() -> None:
     assert not [name for name, one in labels.coords.items() if {"sample", "heliostat"} <= {*one.dims}]
 
 
+def test_draws_of_names(small: Any, tmp_path: Path) -> None:
+    names = ["azimuth_elevation", "spinning_elevation"]
+    drawn = {"discrete": {"values": names, "weights": [0.25, 0.75]}}
+    asked = small(site={"latitude": 40}, tracking=drawn, sample={"size": 16, "sensitivity": "sobol"})
+    swept = api.build(small(site={"latitude": 40}, tracking=names)).compute()["field_optical_efficiency"]
+    with api.run(asked, tmp_path).open() as result:
+        found = result["field_optical_efficiency"]
+        np.testing.assert_array_equal(found, swept.sel(tracking=result["tracking"].values))
+        mean = 0.25 * swept[0].item() + 0.75 * swept[1].item()
+        assert result["field_optical_efficiency_sample_mean"].item() == pytest.approx(mean, rel=1e-2)
+        assert result["field_optical_efficiency_total_index"].values == pytest.approx([1.0], abs=0.4)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "could not be drawn" not in page
+    assert "azimuth elevation (0.25)" in page
+
+
 def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match="sample"):
         api.plan(study(NORMALS, {"size": 2**30}), tmp_path)
@@ -201,6 +217,9 @@ def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
 
 
 def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
+    from functools import partial
+
+    from heliosweep.families.family import family_of_result
     from heliosweep.report.page import write_report
 
     for sensitivity, wanted in {
@@ -213,7 +232,7 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
         sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
         sample |= {"size": 16} if sensitivity != "local" else {}
         run(study(THREE, sample, scale=[1, 2]), folder)
-        page = write_report(folder, {"functions": known}).read_text(encoding="utf-8")
+        page = write_report(folder, partial(family_of_result, known={"functions": known})).read_text(encoding="utf-8")
         assert "could not be drawn" not in page
         assert {path.stem for path in (folder / "figures").glob("*.png")} == wanted
         assert "Drawn keys" in page

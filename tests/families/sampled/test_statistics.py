@@ -78,6 +78,19 @@ def test_groups_and_keys_without_effect(kind: str) -> None:
     assert all(np.isnan(found).all() for found in statistics.sobol_indices(missing, design))
 
 
+@pytest.mark.parametrize("kind", ["sobol", "random"])
+def test_a_result_that_few_draws_change(kind: str) -> None:
+    design = Design(kind, 64, 1, (0, 1), "sobol")
+    values = np.ones(len(design))
+    values[8 * design.rows] = 2.0  # one base point, of one sequence
+    for found in statistics.sobol_indices(values, design):
+        assert np.isfinite(found).all()
+    values = np.ones(len(design))
+    values[8 * design.rows + 1] = 2.0  # a row that no distribution is drawn of
+    for found in statistics.sobol_indices(values, design):
+        np.testing.assert_array_equal(found, 0.0)
+
+
 def test_elementary_effects_are_those_of_salib() -> None:
     design = Design("sobol", 50, 2, (0, 1, 2), "morris")
     u = design.at(np.arange(len(design)))

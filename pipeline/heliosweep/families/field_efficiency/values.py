@@ -61,7 +61,10 @@ class Field(NamedTuple):
     def means(self, sun: Floats, start: int, stop: int) -> Values:
         """Means over the instants with the sun up, all of the same weight."""
         lit = self.light(sun, start, stop, self.months)
-        part = None if lit is None else lit.intercept * np.outer(lit.transmitted, lit.reflected)
+        part = None
+        if lit is not None:
+            part = np.outer(lit.transmitted, lit.reflected)
+            part *= lit.intercept
         sums, count = efficiency.field_sums(*self.mirrors, sun, start, stop, part)
         means = (sums / count if count else np.full_like(sums, np.nan)).T
         values = dict(zip(EFFICIENCIES, means[:4], strict=True))

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.points import Points, instant_sizes, swept_dims
-from heliosweep.grid.regions import Variable, flags, quantity
+from heliosweep.grid.regions import Variable, flags, quantity, with_best
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, REACHES, TOO_NEAR
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Spots, flags and the hit fraction of each day."""
     day, hour = instant_sizes(study)
     dims = (*swept_dims(study), "heliostat", day, hour)
-    return {
+    found = {
         "spot_y": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['y']}", f"to the right {_SEEN}"),
         "spot_z": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['z']}", f"up along the face {_SEEN}"),
         "spot_status": flags(dims, "whether there is a spot, and why not", _STATUS),
@@ -59,6 +59,7 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
             valid_range=[0.0, 1.0],
         ),
     }
+    return with_best(found, ("hit_fraction",))
 
 
 def spot_values(points: Points, spots: NDArray[np.float64]) -> dict[str, NDArray[Any]]:

@@ -104,6 +104,8 @@ def _intercepts(centre, target, sides, curve, even, slope, receiver, sun, out, s
 @inline
 def _within(half, place, scale):
     """Part of a Gaussian, centred at a place, within a half length about 0."""
+    if place == 0.0:
+        return math.erf(half * scale)
     return 0.5 * (math.erf((half + place) * scale) + math.erf((half - place) * scale))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from heliosweep.families.misalignment.blocks import ERRORS, Calibration
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT, SIDES
-from heliosweep.grid.regions import Variable, flags, pair, quantity
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.spots import fit as codes
 
 if TYPE_CHECKING:
@@ -40,6 +40,11 @@ _WHERE = {
     "z": f"{SIDES['z']}, along the receiver's face",
 }
 _AXES = {"azimuth": "primary", "elevation": "secondary"}
+#: Of which the smallest value is the best.
+SMALLEST = (
+    *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
+    *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
+)
 
 #: Residuals, and spots before and after the calibration: what is said of synthetic ones, at each instant, and of
 #: measured ones, each.
@@ -94,7 +99,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             comment = f"{where}; {said[0] if synthetic else said[1]}"
             dims = each if synthetic else (*lead, "spot")
             found[name.format(side)] = quantity(dims, "m", f"{meaning}, {_TOWARDS[side]}", comment)
-    return found | angles(swept, each)
+    return with_best(found | angles(swept, each), (), SMALLEST)
 
 
 def angles(swept: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]:

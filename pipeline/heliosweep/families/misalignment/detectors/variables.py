@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from heliosweep.families.misalignment.blocks import Detectors
-from heliosweep.families.misalignment.calibration.variables import EXACT, LEAST_KNOWN, NO_SPOTS, angles
+from heliosweep.families.misalignment.calibration.variables import EXACT, LEAST_KNOWN, NO_SPOTS, SMALLEST, angles
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT, SIDES
-from heliosweep.grid.regions import Variable, flags, pair, quantity
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.spots import traces as codes
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         meaning = "error with which the crossings were made"
         found["true_error"] = quantity((*lead, "parameter"), "mrad", meaning)
         found |= _loop(lead, each)
-    return found | angles(swept, each)
+    return with_best(found | angles(swept, each), ("crossed_fraction", "round_hit_fraction"), SMALLEST)
 
 
 def _seen(lead: tuple[str, ...], each: tuple[str, ...], whose: str) -> dict[str, Variable]:
