@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heliosweep.api import build, load, open_result
+from heliosweep.api import build, load
 from heliosweep.config.study import Study
 from heliosweep.files import user_path
+from heliosweep.results import open_result
 
 if TYPE_CHECKING:
     import xarray as xr

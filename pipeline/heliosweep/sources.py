@@ -39,7 +39,7 @@ _KEPT = 2000
 """Files whose code is remembered."""
 _ENCODING = "heliosweep.store.encoding"
 """How values are stored."""
-_LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "astropy", "pillow", "tzdata")
+_LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
 """Packages that numbers go through; xarray and dask only carry them."""
 
 _Imports = list[list[str]]

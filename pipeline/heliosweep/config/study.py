@@ -176,8 +176,8 @@ class Study(Block):
             With every problem found, each at its key.
         """
         # By name, since numbers depend on all that this module imports.
-        again = import_module("heliosweep.config.load").validated
-        return again(self._source, {self.family_name(): type(self)}, {**(changes or {}), **keys})
+        changed: Self = import_module("heliosweep.api").load(self, {**(changes or {}), **keys})
+        return changed
 
     @classmethod
     def family_name(cls) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from heliosweep import api
+from heliosweep import api, open_result
 from heliosweep.errors import HeliosweepError, PlanError, StudyError
 from heliosweep.families.family import families, study_classes
 from heliosweep.grid import lazy
@@ -103,7 +103,7 @@ def test_any_cut_and_engine_gives_the_same_bytes(
         digests.add(api.run(asked, tmp_path / str(number), report=False).path.read_bytes())
         built = api.build(asked).compute()
         assert list(built.data_vars) == list(in_result(api.family_of(asked).variables(asked)))
-        with api.open_result(tmp_path / str(number)) as result:
+        with open_result(tmp_path / str(number)) as result:
             assert all(built[name].values.tobytes() == result[name].values.tobytes() for name in built.data_vars)
     assert len(digests) == 1
 
