@@ -11,11 +11,11 @@ import numpy as np
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections
 from heliosweep.errors import Problem
-from heliosweep.families.field_efficiency.geometry import facet_side
 from heliosweep.families.field_efficiency.light_files import (
     MOST_SLOPE,
     TURN_COLUMNS,
     SlopeMap,
+    facet_side,
     read_calibration,
     read_slopes,
     read_sun,

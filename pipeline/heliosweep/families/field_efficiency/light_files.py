@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from heliosweep.config.tables import Column, read_table
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.field_efficiency.geometry import facet_side
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.layouts.layout import Layout
 
@@ -92,6 +91,11 @@ class SlopeMap(NamedTuple):
         lean = sign * found((sign * v[:, None, :, None], sign * u[None, :, None, :]))  # about nodes along v and u
         rest = np.average(np.var(lean, axis=(2, 3)), axis=(0, 1), weights=part_v[:, None] * part_u)
         return lean.mean(axis=(2, 3)), np.sqrt(rest)
+
+
+def facet_side(side: float, count: int, gap: float) -> float:
+    """Width or height of a facet, of so many along a side of the mirror. [m]"""
+    return (side + gap) / count - gap
 
 
 def _places(side: float, count: int, gap: float, whole: bool, at: Floats) -> tuple[Floats, Floats]:
