@@ -13,7 +13,7 @@ import xarray as xr
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
-from heliosweep.store.read import file_digest
+from tests.families.studies import computed
 
 TMY3 = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
 BLOCKS: dict[str, Any] = {
@@ -38,10 +38,6 @@ def year(small):
         return small(**{**BLOCKS, **blocks})
 
     return make
-
-
-def computed(study: Any) -> xr.Dataset:
-    return api.build(study).compute()
 
 
 @pytest.fixture(scope="module")
@@ -144,29 +140,6 @@ def test_series_sum_to_the_energies(year, hourly):
     np.testing.assert_allclose(power.sum("time") * 1e-3, hourly["receiver_energy"], rtol=1e-12)
     total = hourly["instantaneous_total_efficiency"].mean("heliostat")
     np.testing.assert_allclose(hourly["field_instantaneous_total_efficiency"], total, rtol=1e-13)
-
-
-@pytest.mark.parametrize("output", [{}, {"time_series": True, "compression": "zlib"}, {"field_series": True}])
-def test_same_bytes_however_it_is_cut(year, tmp_path, output):
-    executions: list[dict[str, Any]] = [
-        {"scheduler": "synchronous"},
-        {"scheduler": "threads", "workers": 2, "chunks": {"heliostat": 3, "time": 1000}},
-    ]
-    digests = set()
-    for number, execution in enumerate(executions):
-        study = year(execution=execution, output=output, limits=LIMITS)
-        digests.add(file_digest(api.run(study, tmp_path / str(number), report=False).path))
-    assert len(digests) == 1
-
-
-def test_padded_layouts_do_not_count(year):
-    rings = {"clearance": 13, "inner_radius": 25}
-    both = computed(year(layout={"radial_stagger": {**rings, "heliostats": [4, 20]}}, limits=LIMITS))
-    short = computed(year(layout={"radial_stagger": {**rings, "heliostats": 4}}, limits=LIMITS))
-    for name in short.data_vars:
-        values = both[name].sel(heliostat_count=4)
-        values = values.isel(heliostat=slice(0, 4)) if "heliostat" in values.dims else values
-        np.testing.assert_array_equal(values, short[name])
 
 
 def test_facets_have_no_gaps_in_their_area(year):
