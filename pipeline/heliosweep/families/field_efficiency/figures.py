@@ -14,8 +14,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.field_efficiency import figures_energy as energy
-from heliosweep.families.field_efficiency.figures_flux import flux_figures
-from heliosweep.families.field_efficiency.figures_mirrors import motion_maps, outline_figures
+from heliosweep.families.field_efficiency.figures_surfaces import flux_figures, motion_maps, outline_figures
 from heliosweep.families.field_efficiency.variables import ANGLE_SERIES
 from heliosweep.report.contents import NamedFigure, Table, one_by_one
 from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed, unit_of
@@ -164,7 +163,7 @@ def _sheets(name: str, caption: str, maps: list[list[FieldMap]], shades: Shades)
         chosen = slice(-(-columns * part // parts), -(-columns * (part + 1) // parts))
         drawn = [one for row in maps for one in row[chosen]]
         which = f" (Part {part + 1} of {parts}.)" if parts > 1 else ""
-        figure = picture_figure(drawn, shades, len(drawn) // len(maps) if len(maps) > 1 else 0)
+        figure = picture_figure(drawn, shades, len(drawn) // len(maps) if len(maps) > 1 and columns > 1 else 0)
         yield NamedFigure(name if part == 0 else f"{name}_{part + 1}", caption + which, figure)
 
 
