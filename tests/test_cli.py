@@ -75,8 +75,8 @@ def test_run_ends_with_headline_numbers_and_the_page_and_takes_other_values(fold
         assert result.receiver_height == 77
         assert result.latitude.values.tolist() == [0, 20]
         field = result.field_optical_efficiency.values
-        low, high = (f"{100 * end:.2f} %" for end in (field.min(), field.max()))
-        assert f": {low} to {high}; largest at " in headline
+        low, high = (f"{100 * end:.2f}" for end in (field.min(), field.max()))
+        assert f": {low} to {high} %; largest at " in headline
     assert main(["run", path, "--set", "receiver.height=77", "--set", "site.latitude=[0, 20]", "-o", "out"]) == 0
     assert f"page: {Path('out/report.html')}" in capsys.readouterr().err
     assert main(["run", path, "--set", "receiver.hight=77"]) == 2

@@ -32,8 +32,10 @@ ORDER = [
     "runs",
     "share",
     "accessor",
+    "results",
     "api",
     "notebook",
+    "arguments",
     "cli",
 ]
 HEAVY = {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}

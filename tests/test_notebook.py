@@ -236,5 +236,13 @@ def test_a_layout_from_a_table_and_a_result_that_says_what_it_holds(tmp_path, mo
     assert "mean optical efficiency of the field over the period: " in str(result)
     with result.open() as data:
         assert data.x.sel(name="A2") == 30
+        assert data.heliosweep.sel(heliostat="A2").x == 30
+        assert data.heliosweep.sel(heliostat=["B1", "A1"]).x.values.tolist() == [60, 0.1]
+        assert data.heliosweep.sel(heliostat=2).x == data.heliosweep.sel(heliostat=slice(2, None)).x.item() == 60
+        assert float((data.x - data.x.isel(heliostat=[1])).sum()) == 0  # both indexes go together
+        with pytest.raises(heliosweep.StudyError, match=r"is not in the result; choose from .* \(got A3\)"):
+            data.heliosweep.sel(heliostat="A3")
+        with pytest.raises(heliosweep.StudyError, match="is the name of 2 heliostats; choose a number"):
+            data.assign_coords(name=("heliostat", ["A", "A", "B"])).heliosweep.sel(heliostat="A")
     with pytest.raises(heliosweep.StudyError, match="workers: must be between 1 and 65536"):
         heliosweep.run(study, "out", workers=0)

@@ -14,15 +14,14 @@ class Commands(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return a section for each command."""
-        from heliosweep import cli
+        from heliosweep.arguments import parser
 
-        parser = cli._parser()
-        found = next(action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+        found = next(action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
         lines: list[str] = []
         for name, sub in found.choices.items():
             lines += [f"## {name}", "", sub.description or "", "", "| argument | what |", "|---|---|"]
             for action in sub._actions:
-                if isinstance(action, argparse._HelpAction):
+                if isinstance(action, argparse._HelpAction) or action.help == argparse.SUPPRESS:
                     continue
                 shown = ", ".join(action.option_strings) or str(action.metavar or action.dest)
                 if action.option_strings and action.nargs != 0 and (action.metavar or action.choices):

@@ -31,7 +31,7 @@ class PythonApi(SphinxDirective):
                     lines.append("   :members:")
                 lines.append("")
         if not kinds["autoclass"]:
-            lines += [".. autoclass:: heliosweep.api.Result", "   :members:", ""]
+            lines += [".. autoclass:: heliosweep.results.Result", "   :members:", ""]
         for name in ("HeliosweepAccessor", "Plots"):
             lines += [f".. autoclass:: heliosweep.accessor.{name}", "   :members:", ""]
         lines.append("```")

@@ -14,6 +14,7 @@ __all__ = [
     "StudyError",
     "__version__",
     "build",
+    "comparison_page",
     "efficiency_table",
     "flux_maps",
     "layout_of",
@@ -35,14 +36,17 @@ __all__ = [
     "write_layout",
     "write_paint_spots",
     "write_table",
+    "write_xlsx",
 ]
 
 if TYPE_CHECKING:
-    from heliosweep.api import build, load, open_result, plan, run, status
+    from heliosweep.api import build, load, plan, run, status
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
-    from heliosweep.notebook import efficiency_table, flux_maps, save, study
+    from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
+    from heliosweep.results import open_result
     from heliosweep.share.archive import pack_result
+    from heliosweep.share.excel import write_xlsx
     from heliosweep.share.fields import (
         layout_of,
         read_layout,
@@ -63,9 +67,11 @@ _MODULES = {
         "share.fields",
     ),
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
+    "open_result": "results",
     "write_table": "share.sam",
+    "write_xlsx": "share.excel",
     "pack_result": "share.archive",
-    **dict.fromkeys(("efficiency_table", "flux_maps", "save", "study"), "notebook"),
+    **dict.fromkeys(("comparison_page", "efficiency_table", "flux_maps", "save", "study"), "notebook"),
 }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +17,9 @@ import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
+from heliosweep.report.comparison import FILE as COMPARISON
 from heliosweep.report.contents import NamedFigure
-from heliosweep.share import frames, sam
+from heliosweep.share import excel, frames, sam
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -133,7 +134,9 @@ class HeliosweepAccessor:
         self._result = result
 
     def __repr__(self) -> str:
-        names = "study, figures(), tables(), to_frame(), plot.map(), plot.curve(), compare(), efficiency_table()"
+        names = (
+            "study, figures(), tables(), sel(), to_frame(), to_csv(), to_xlsx(), plot.map(), plot.curve(), compare()"
+        )
         return f"<heliosweep: {self._result.attrs.get('title', 'a data set')}; {names}>"
 
     @property
@@ -153,9 +156,7 @@ class HeliosweepAccessor:
 
         if "study" not in self._result.attrs:
             raise HeliosweepError("the data set does not say of which study it is")
-        source = self._result.encoding.get("source")
-        beside = Path(source).parent / "study.resolved.yaml" if isinstance(source, str) else None
-        if beside is not None and beside.is_file():
+        if (beside := self._beside("study.resolved.yaml")) is not None:
             study = load(beside, study_classes())
             if study.study_id == self._result.attrs.get("study_id"):
                 return study
@@ -171,6 +172,27 @@ class HeliosweepAccessor:
     def plot(self) -> Plots:
         """Plots of single variables."""
         return Plots(self._result)
+
+    def sel(self, **labels: Any) -> xr.Dataset:
+        """Select by labels as `xarray.Dataset.sel` does, heliostats by name too: ``sel(heliostat="A1", latitude=30)``.
+
+        Parameters
+        ----------
+        **labels
+            Label, list of labels or slice of each dimension. Heliostats have numbers from 0 as their labels, and a name
+            where the layout has a column ``name``.
+
+        Raises
+        ------
+        StudyError
+            There is no heliostat of a name, or more than one.
+        """
+        given = labels.get("heliostat")
+        wanted = np.asarray(given)
+        if wanted.dtype.kind in "UO" and not isinstance(given, slice) and given is not None:
+            numbers = [sam.label(self._result, "heliostat", name) for name in wanted.ravel()]
+            labels["heliostat"] = numbers if wanted.ndim else numbers[0]
+        return self._result.sel(labels)
 
     def figures(self) -> list[NamedFigure]:
         """Draw the figures that the report of the result has.
@@ -202,16 +224,23 @@ class HeliosweepAccessor:
         StudyError
             The result has no variables, or the family needs more than this part of its result; says what is missing.
         """
-        import pandas as pd
-
-        family, result = self._family(), self._result
+        result = self._result
         if not result.data_vars:
             raise StudyError(Problem("the result has no variables"))
+        if tables := self._tables():
+            return tables
+        dims, names = min(frames.groups(result).items(), key=lambda group: len(group[0]))
+        return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
+
+    def _tables(self) -> dict[str, pd.DataFrame]:
+        """Tables that the family makes."""
+        import pandas as pd
+
+        from heliosweep.report.labels import MINUS
+
+        family = self._family()
         with self._lacking(family, "tables"):
-            tables = list(family.tables(result))
-        if not tables:
-            dims, names = min(frames.groups(result).items(), key=lambda group: len(group[0]))
-            return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
+            tables = list(family.tables(self._result))
         made = {}
         for table in tables:
             units = table.units or [""] * len(table.header)
@@ -219,7 +248,8 @@ class HeliosweepAccessor:
             frame = pd.DataFrame([list(row) for row in table.rows], columns=header)
             for place, name in enumerate(header):
                 if place not in table.words:
-                    numbers = pd.to_numeric(frame.iloc[:, place], errors="coerce")
+                    plain = frame.iloc[:, place].astype(str).str.replace(",", "").str.replace(MINUS, "-")
+                    numbers = pd.to_numeric(plain, errors="coerce")
                     if numbers.notna().all():
                         frame[name] = numbers
             made[table.label] = frame
@@ -271,14 +301,37 @@ class HeliosweepAccessor:
         """Write variables as CSV: see `share.frames.write_csv`."""
         return frames.write_csv(self._result, path, variables, force=force)
 
+    def to_xlsx(
+        self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
+    ) -> Path:
+        """Write variables as an Excel workbook: see `share.excel.write_xlsx`.
+
+        Where no variables are named, the tables of the report come first, and the comparison with published numbers.
+        """
+        import pandas as pd
+
+        tables: dict[str, pd.DataFrame] = {}
+        if variables is None:
+            with suppress(HeliosweepError):  # a part of a result may have none
+                tables = self._tables()
+            if (compared := self._beside(COMPARISON)) is not None:
+                tables["published numbers"] = pd.read_csv(compared)
+        return excel.write_xlsx(self._result, path, variables, tables=tables, force=force)
+
     def efficiency_table(self, select: Mapping[str, Any] | None = None, *, factor: float = 1.0) -> xr.DataArray:
         """Efficiency over directions of the sun: see `share.sam.efficiency_table`."""
         return sam.efficiency_table(self._result, select, factor=factor)
 
-    def _family(self) -> Family:
-        from heliosweep.families.family import families, family_of_result
+    def _beside(self, name: str) -> Path | None:
+        """File of the result folder that the data set was opened from; None where there is none."""
+        source = self._result.encoding.get("source")
+        file = Path(source).parent / name if isinstance(source, str) else None
+        return file if file is not None and file.is_file() else None
 
-        family = family_of_result(self._result, families())
+    def _family(self) -> Family:
+        from heliosweep.families.family import family_of_result
+
+        family = family_of_result(self._result)
         if family is None:
             raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
         return family

@@ -1,4 +1,4 @@
-"""From a study file to a result folder: load, plan, build, run, status, open: the library's public face."""
+"""From a study to its result: load, plan, build, run, status, report."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ import os
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from heliosweep.config.layers import execution_keys
 from heliosweep.config.load import load as load_file
-from heliosweep.config.load import load_mapping
+from heliosweep.config.load import load_mapping, validated
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
 from heliosweep.families.family import Family, families, family_of_result, study_classes
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
+from heliosweep.results import Result, result_folder
+from heliosweep.store.folder import OUTPUTS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,11 +34,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
-#: Where results go when nobody says: below the working directory.
-OUTPUTS = "outputs"
-
-#: What a study is loaded from: a study file, or its content as a mapping.
-Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
+#: What a study is loaded from: a study file, its content as a mapping, or a study that is changed.
+Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Study
 
 
 def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str = "") -> Study:
@@ -44,8 +43,8 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
 
     Parameters
     ----------
-    source : path or mapping
-        A study file, or the same content as a mapping.
+    source : path, mapping or Study
+        A study file, the same content as a mapping, or a study, of which `changes` make another one.
     changes : mapping of str to object, optional
         Values by dotted key in place of those of the study, such as ``{"receiver.height": 90}``; None takes a key
         away.
@@ -62,17 +61,18 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     StudyError
         With every problem found, each with file, line, column and key.
     """
-    classes = study_classes()
-    if isinstance(source, Mapping):
-        study = load_mapping(source, classes, changes)
+    if isinstance(source, Study):
+        study = validated(source.source, {source.family: type(source)}, changes)
+    elif isinstance(source, Mapping):
+        study = load_mapping(source, study_classes(), changes)
     else:
-        study = load_file(source, classes, changes, named)
+        study = load_file(source, study_classes(), changes, named)
     if study.search is not None and (problems := list(searched(families()[study.family]).check(study))):
         raise StudyError(problems)
     return study
 
 
-def _loaded(study: Study | Source) -> Study:
+def _loaded(study: Source) -> Study:
     """Return a study, loaded where it is not yet."""
     return study if isinstance(study, Study) else load(study)
 
@@ -83,7 +83,7 @@ def family_of(study: Study) -> Family:
     return family if study.search is None else searched(family)
 
 
-def plan(study: Study | Source, output: str | os.PathLike[str] | None = None) -> Plan:
+def plan(study: Source, output: str | os.PathLike[str] | None = None) -> Plan:
     """What a study will cost and how it will be cut; no scheduler is asked for its workers.
 
     Parameters
@@ -155,7 +155,7 @@ def _workers_elsewhere(execution: Execution, *, connect: bool) -> int | None:
     return worker_count(execution, connect=connect)
 
 
-def build(study: Study | Source) -> xr.Dataset:
+def build(study: Source) -> xr.Dataset:
     """Lazy data set of the whole result: computed with dask when its values are asked for.
 
     Parameters
@@ -182,133 +182,8 @@ def build(study: Study | Source) -> xr.Dataset:
     return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(words_of(family, study), coordinates))
 
 
-def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
-    """Folder of a study's result: `output`, or ``outputs/<name of the study file>-<study id>``.
-
-    Raises
-    ------
-    StudyError
-        Where `output` cannot be the name of a folder that the NetCDF library writes to.
-    """
-    if output is None:
-        name = Path(study.source.path).stem if study.source.path else study.family
-        # The NetCDF library takes a backslash for what parts folders.
-        printable = "".join(letter if letter.isprintable() and letter != "\\" else "_" for letter in name)
-        return Path(OUTPUTS) / f"{printable}-{study.study_id}"
-    if not os.fspath(output):
-        raise StudyError(Problem("the name of the result folder is empty"))
-    folder = user_path(output)
-    if "\\" in str(folder.absolute()) and os.name == "posix":
-        problem = "the NetCDF library takes a backslash for what parts folders; name another folder with --output"
-        raise StudyError(Problem(problem, file=str(folder.absolute())))
-    try:
-        str(folder.absolute()).encode()
-    except UnicodeEncodeError:
-        raise StudyError(Problem("the name of the result folder is no text", file=str(folder))) from None
-    try:
-        os.lstat(folder)
-    except (FileNotFoundError, NotADirectoryError):
-        pass
-    except OSError as error:
-        problem = f"cannot write there: {error.strerror}; name another folder with --output"
-        raise StudyError(Problem(problem, file=str(folder))) from None
-    return folder
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a run left behind.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The data set, ``result.nc`` or ``result.zarr``, with ``manifest.json``, ``study.resolved.yaml``,
-        ``report.html`` and ``figures/`` beside it.
-    seconds : dict of str to float
-        Time spent in each stage; empty where the result was there already. [s]
-    """
-
-    path: Path
-    seconds: dict[str, float]
-
-    @property
-    def folder(self) -> Path:
-        """The result folder."""
-        return self.path.parent
-
-    @property
-    def page(self) -> Path | None:
-        """The page with figures and tables; None where there is none."""
-        page = self.folder / "report.html"
-        return page if page.is_file() else None
-
-    def open(self) -> xr.Dataset:
-        """Open the data set."""
-        return open_result(self.path)
-
-    def summary(self) -> str:
-        """What it holds, one thing a line: title, dimensions, headline numbers, the page."""
-        from heliosweep.report.summary import summary
-
-        with self.open() as data:
-            family = family_of_result(data, families())
-            lines = [*summary(data, family.headlines if family else ())]
-        return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
-
-    def ending(self) -> str:
-        """What the end of a run tells: `summary`; of a result that was there already the headline of its page alone."""
-        return self.summary() if self.seconds else "\n".join(self._told())
-
-    def _told(self) -> list[str]:
-        """Title and headline of the page, and where it is."""
-        from heliosweep.report.heads import head_of
-
-        page = self.page
-        return [*filter(None, head_of(page)), f"page: {page}"] if page else []
-
-    def __str__(self) -> str:
-        try:
-            text = self.summary().replace("\n", "\n  ")
-        except (HeliosweepError, OSError, ValueError) as error:
-            text = f"cannot be read: {error}"
-        return f"<heliosweep.Result> {text}\n  data: {self.path}"
-
-    def __repr__(self) -> str:  # debuggers ask for it at any time: it does not open the data set
-        return "\n  ".join(["<heliosweep.Result>", *self._told(), f"data: {self.path}"])
-
-
-def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a result; safe also while other threads run studies.
-
-    Parameters
-    ----------
-    path : path
-        A result folder, or its ``result.nc`` or ``result.zarr``.
-
-    Returns
-    -------
-    xarray.Dataset
-        Lazily read; close it, or use it as a context manager. Its values are not checked: where a file may be damaged,
-        ask ``heliosweep verify`` first. Heliostats whose layout has a column ``name``, no name twice, are selected by
-        it too: ``sel(name="A1")``.
-
-    Raises
-    ------
-    StudyError
-        A folder without a result.
-    """
-    import heliosweep.accessor  # noqa: F401  (registers with xarray)
-    from heliosweep.store import read
-
-    result = read.open_result(path)
-    names = result.coords.get("name")
-    if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
-        result = result.set_xindex("name")
-    return result
-
-
 def run(
-    study: Study | Source,
+    study: Source,
     output: str | os.PathLike[str] | None = None,
     *,
     scheduler: str | None = None,
@@ -401,7 +276,7 @@ def run(
         try:
             if report:
                 _check_published(now)
-            path = now.result(force=force, progress=progress, meanwhile=_import_report if report else None)
+            path = now.result(force=force, progress=progress)
             if report and (now.seconds or not page.exists()):
                 with now.timed("report"):
                     _report(folder, asked)
@@ -494,7 +369,7 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
     try:
         from heliosweep.report.page import write_report
 
-        return write_report(folder, families(), study, vector=vector)
+        return write_report(folder, family_of_result, study, vector=vector)
     except HeliosweepError:
         raise
     except Exception as error:  # drawing must not make hours of computing look lost
@@ -504,13 +379,6 @@ def _report(folder: str | os.PathLike[str], study: Study | None = None, vector: 
         if isinstance(error, (OSError, ImportError, MemoryError)):
             advice = f"when that is mended, run: {shlex.join(['heliosweep', 'report', str(folder)])}"
         raise HeliosweepError(f"the result is complete, the report failed ({what}); {advice}") from error
-
-
-def _import_report() -> None:
-    """Import what draws figures and pages, half a second that kernels leave to the interpreter."""
-    with suppress(Exception):  # whoever draws says what is wrong
-        import heliosweep.report.interactive
-        import heliosweep.report.page  # noqa: F401
 
 
 def _check_published(run: Run) -> None:

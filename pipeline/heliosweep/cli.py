@@ -8,36 +8,27 @@ import gc
 import io
 import logging
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from heliosweep import __version__
+from heliosweep.arguments import parser
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.runs.signals import ignore_interruptions, interruptible
-from heliosweep.share.command_lines import epilog_of
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
 log = logging.getLogger("heliosweep")
 
-_EXIT_CODES = """\
-exit codes: 0 done, 2 wrong study or usage, 3 refused by the plan (would not fit), 4 interrupted but resumable,
-1 anything else, and for verify and compare: not all right, not the same"""
-
-#: How negative angles begin.
-_NEGATIVE = re.compile(r"-\.?\d")
-
-#: Formats of figures; pages are made of the first, which is always there.
-_FIGURES = ("png", "svg", "pdf")
-
 #: Objects that are made between two runs of Python's garbage collector, which has 700: imports leave 200,000, and to
 #: look at each again and again takes a fifth of the time of ``plan``.
 _BETWEEN_COLLECTIONS = 100_000
+
+#: Endings of the files that `export` writes as tables.
+_TABLES = (".csv", ".xlsx")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,11 +39,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         atexit.register(gc.freeze)
     # Results are written under names of their own and held by a claim; not every file system has HDF5's locks.
     os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
-    given, parser = sys.argv[1:] if arguments is None else list(arguments), _parser()
+    given = sys.argv[1:] if arguments is None else arguments
     if not given:
-        parser.print_help(sys.stderr)
+        parser().print_help(sys.stderr)
         return 2
-    options = parser.parse_args(_joined(given))
+    options = parser().parse_args(given)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Printable("%(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[handler])
@@ -64,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
     """Carry out a command, and say what went wrong."""
     try:
-        return options.command(options) or 0
+        return COMMANDS[options.command](options) or 0
     except (RunInterrupted, KeyboardInterrupt) as stop:
         warnings.filterwarnings("ignore", ".* was never awaited", RuntimeWarning)  # what an interruption tore in Zarr
         if ends_process:
@@ -123,211 +114,6 @@ def _print_anything() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-class _Parser(argparse.ArgumentParser):
-    def _print_message(self, message: str, file: Any = None) -> None:
-        super()._print_message(printable(message), file)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="heliosweep",
-        description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",
-        epilog=_EXIT_CODES,
-    )
-    parser.add_argument("--version", action="version", version=f"heliosweep {__version__}")
-    common = _Parser(add_help=False)
-    common.add_argument("-v", "--verbose", action="store_true", help="say what is going on, and how long it takes")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-
-    def command(name: str, action: Callable[[argparse.Namespace], int | None], text: str) -> argparse.ArgumentParser:
-        description = text[0].upper() + text[1:] + "."
-        raw = argparse.RawDescriptionHelpFormatter
-        epilog = f"{epilog_of(name)}\n\n{_EXIT_CODES}"
-        sub = commands.add_parser(
-            name, help=text, description=description, epilog=epilog, parents=[common], formatter_class=raw
-        )
-        sub.set_defaults(command=action)
-        return sub
-
-    validate = command("validate", _validate, "check study files and list every problem at its line")
-    validate.add_argument("studies", nargs="+", metavar="STUDY.yaml")
-    _set_argument(validate)
-
-    plan = command("plan", _plan, "say what a study will cost before it runs")
-    plan.add_argument("study", metavar="STUDY.yaml")
-    _run_arguments(plan)
-
-    run = command(
-        "run", _run, "run studies, or go on with them, and leave their result folders; prints the path of each result"
-    )
-    run.add_argument("studies", nargs="+", metavar="STUDY.yaml")
-    _run_arguments(run)
-    run.add_argument("--force", action="store_true", help="compute everything anew, whatever is there")
-    run.add_argument("--no-report", action="store_true", help="leave out figures and the HTML page")
-    run.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor headline numbers")
-
-    status = command("status", _status, "say what is done, failed and left, and how long it will take")
-    status.add_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)")
-
-    verify = command("verify", _verify, "check result folders against their digests, part by part")
-    verify.add_argument("folders", nargs="+", metavar="DIR|STUDY.yaml", help="result folders, or studies that were run")
-
-    compare = command("compare", _compare, "tell two results apart by meaning: dimensions, attributes, values")
-    compare.add_argument("first", metavar="A", help="result folder, NetCDF file or Zarr folder")
-    compare.add_argument("second", metavar="B")
-    compare.add_argument("--rtol", type=_tolerance, default=0.0, help="relative difference that does not count")
-    compare.add_argument("--atol", type=_tolerance, default=0.0, help="absolute difference that does not count")
-
-    export = command("export", _export, "write a Zarr result as one NetCDF file, or a result as CSV; prints its path")
-    export.add_argument("source", metavar="DIR", help="result folder, or its result.zarr")
-    export.add_argument("-o", "--output", metavar="FILE.nc", help="file to write (default: export.nc beside it)")
-    export.add_argument("--compression", choices=("none", "zlib"), default="none", help="of time series")
-    export.add_argument("--force", action="store_true", help="replace a file that is there")
-    export.add_argument("--csv", metavar="FILE.csv", help="write variables as a table instead, a row for each point")
-    export.add_argument(
-        "--variable", metavar="NAME", action="append", help="of the table, may be repeated (default: all, if they fit)"
-    )
-
-    convert = command(
-        "convert",
-        _convert,
-        "write the layout of a study, result, file or PAINT folder as SolarPILOT or heliosweep has it",
-    )
-    convert.add_argument("source", metavar="STUDY.yaml|FIELD.csv|DIR")
-    convert.add_argument("target", metavar="FILE.csv")
-    convert.add_argument(
-        "--to",
-        choices=("solarpilot", "csv", "spots"),
-        help="form of the file (default: solarpilot; csv of a PAINT folder); spots: those measured, of a PAINT folder",
-    )
-    convert.add_argument(
-        "--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="of a result with several"
-    )
-    convert.add_argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (receiver)")
-    convert.add_argument("--force", action="store_true", help="replace a file that is there")
-
-    table = command("table", _table, "write a field's efficiency over directions of the sun, for SAM or SolarPILOT")
-    table.add_argument("source", metavar="STUDY.yaml|DIR")
-    table.add_argument("-o", "--output", metavar="FILE.csv", required=True, help="file to write")
-    table.add_argument(
-        "--form",
-        choices=("tower", "generic", "solarpilot"),
-        default="tower",
-        help="for SAM's power tower (default) or generic solar field, or as SolarPILOT writes it",
-    )
-    angles = "in deg, as 0,30,60 or START:STOP:STEP"
-    table.add_argument("--azimuth", type=_angles, help=f"of the sun, from north, clockwise, {angles} (0:360:15)")
-    table.add_argument("--elevation", type=_angles, help=f"of the sun, {angles} (0:90:5)")
-    table.add_argument("--select", metavar="KEY=VALUE", type=_choice, action="append", default=[], help="what is swept")
-    table.add_argument("--factor", type=float, default=1.0, help="what is not computed, as absorptance, 0 to 1")
-    table.add_argument("--flux-maps", metavar="FILE.csv", help="write the flux maps of SAM's power tower too")
-    table.add_argument("--force", action="store_true", help="replace a file that is there")
-
-    report = command("report", _report, "draw the figures and the HTML page of a result folder again")
-    report.add_argument("folder", metavar="DIR|STUDY.yaml", help="result folder, or a study that was run")
-    formats = ", ".join(_FIGURES)
-    report.add_argument(
-        "--format",
-        type=_formats,
-        default=(),
-        metavar="LIST",
-        help=f"formats of the figures, of {formats} (default: png)",
-    )
-
-    pack = command("pack", _pack, "write a finished result as one archive to publish and cite; prints its path")
-    pack.add_argument(
-        "folders", metavar="DIR|STUDY.yaml", nargs="+",
-        help="result folders, or studies that were run; several become a collection",
-    )  # fmt: skip
-    pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
-    pack.add_argument("--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study)")
-    pack.add_argument("--draft", action="store_true", help="pack without creators or licence too, to look at it")
-    pack.add_argument("--force", action="store_true", help="replace an archive that is there")
-
-    new = command("new", _new, "write a commented study file to start from; prints its path")
-    new.add_argument("family", metavar="FAMILY")
-    new.add_argument("file", nargs="?", metavar="FILE.yaml", help="file to write (default: FAMILY.yaml)")
-    new.add_argument("--force", action="store_true", help="replace a file that is there")
-
-    explain = command("explain", _explain, "say what a key of study files means, its unit, range, default and forms")
-    explain.add_argument("of", nargs="+", metavar="[FAMILY] KEY", help="as receiver.height; a family lists its keys")
-
-    examples = command("examples", _examples, "list the studies that come with heliosweep, or copy some")
-    examples.add_argument("names", nargs="*", metavar="NAME", help="studies to copy, with the files that they name")
-    examples.add_argument("--to", metavar="DIR", default=".", help="folder to copy to (default: here)")
-    examples.add_argument("--force", action="store_true", help="replace files that are there")
-
-    schema = command("schema", _schema, "print a family's JSON Schema, for editors")
-    schema.add_argument("family", metavar="FAMILY")
-
-    command("families", _families, "list the study families")
-    return parser
-
-
-def _set_argument(parser: argparse.ArgumentParser) -> None:
-    text = "another value of a key of the study, may be repeated; null takes the key away"
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
-
-
-def _run_arguments(parser: argparse.ArgumentParser) -> None:
-    _set_argument(parser)
-    parser.add_argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)")
-    parser.add_argument(
-        "--scheduler",
-        metavar="WHERE",
-        help="where the work runs: threads, processes, synchronous, distributed, tcp://HOST:PORT, slurm, ...",
-    )
-    parser.add_argument("--workers", metavar="N", help="blocks that run at a time (default: all cores)")
-    parser.add_argument("--memory", metavar="SIZE", help='memory the run may use, as "2 GB" (default: what is free)')
-    parser.add_argument("--profile", metavar="NAME", help="which of the study's execution.profiles is used")
-
-
-def _tolerance(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a number, 0 or more (got {text})")
-    return value
-
-
-def _joined(arguments: Sequence[str]) -> list[str]:
-    """Join angles that begin with a minus to their option, for argparse takes them for another one."""
-    joined: list[str] = []
-    for text in arguments:
-        if joined and joined[-1] in ("--azimuth", "--elevation") and _NEGATIVE.match(text):
-            joined[-1] += f"={text}"
-        else:
-            joined.append(text)
-    return joined
-
-
-def _angles(text: str) -> Any:
-    """Numbers of a list or of a range, as a study has them."""
-    try:
-        if ":" in text:
-            return dict(zip(("start", "stop", "step"), map(float, text.split(":")), strict=True))
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be numbers as 0,30,60 or START:STOP:STEP (got {text})") from None
-
-
-def _choice(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals or not name:
-        raise argparse.ArgumentTypeError(f"must be KEY=VALUE (got {text})")
-    return name.strip(), value.strip()
-
-
-def _formats(text: str) -> tuple[str, ...]:
-    given = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
-    wrong = [part for part in given if part not in _FIGURES]
-    if wrong:
-        raise argparse.ArgumentTypeError(f"must be of {', '.join(_FIGURES)}, with commas between (got {text})")
-    return given
-
-
 def _load(options: argparse.Namespace, path: str) -> Study:
     """Load a study with what the command line says of it and of its execution, and pass on its warnings."""
     from heliosweep import api
@@ -370,10 +156,11 @@ def _validate(options: argparse.Namespace) -> int:
 
 def _plan(options: argparse.Namespace) -> None:
     from heliosweep import api
+    from heliosweep.results import result_folder
     from heliosweep.runs.status import plan_text
 
     study = _load(options, options.study)
-    folder = api.result_folder(study, options.output)
+    folder = result_folder(study, options.output)
     _say(plan_text(study, api.plan(study, folder), folder))
 
 
@@ -420,9 +207,10 @@ def _run_one(options: argparse.Namespace, path: str) -> None:
 def _status(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.runs.status import status_lines
+    from heliosweep.store.folder import OUTPUTS
 
     found = api.status(*options.of)
-    _say("\n".join(status_lines(found)) or f"no study was run in {api.OUTPUTS}/ yet")
+    _say("\n".join(status_lines(found)) or f"no study was run in {OUTPUTS}/ yet")
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -438,30 +226,41 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from heliosweep import api
     from heliosweep.store.compare import compare
 
-    found = compare(options.first, options.second, rtol=options.rtol, atol=options.atol)
+    places = [api.folder_of(place, there=True) for place in (options.first, *options.others)]
+    if options.page is not None:
+        from heliosweep.notebook import comparison_page
+
+        _say_path(comparison_page(places, options.page, force=options.force))
+        return 0
+    if len(places) > 2:
+        raise StudyError(Problem("compares more than two: name the page to write", "--page"))
+    found = compare(*places, rtol=options.rtol, atol=options.atol)
     _say(found.text)
     return 0 if found.same else 1
 
 
 def _export(options: argparse.Namespace) -> None:
-    if options.csv is not None:
-        from heliosweep import api
-        from heliosweep.share.frames import write_csv
-        from heliosweep.store.checks import blaming_damage, sound
-        from heliosweep.store.targets import target_file
+    from heliosweep import api
+    from heliosweep.results import open_result
+    from heliosweep.store.checks import blaming_damage, sound
+    from heliosweep.store.targets import target_file
 
-        target_file(options.csv, options.force, sources=_read_for(options.source))
-        sound(options.source, as_written=True)
-        with blaming_damage(options.source), api.open_result(options.source) as result:
-            _say_path(write_csv(result, options.csv, options.variable, force=options.force))
+    source, target = api.folder_of(options.source, there=True), options.output
+    if not str(target).lower().endswith(_TABLES):
+        if options.variable:
+            raise StudyError(Problem(f"is for files {' or '.join(_TABLES)}", "--variable"))
+        from heliosweep.store.result import export
+
+        _say_path(export(source, target, compression=options.compression, force=options.force))
         return
-    if options.variable:
-        raise StudyError(Problem("is for --csv", "--variable"))
-    from heliosweep.store.result import export
-
-    _say_path(export(options.source, options.output, compression=options.compression, force=options.force))
+    target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
+    sound(source, as_written=True)
+    with blaming_damage(source), open_result(source) as result:
+        write = result.heliosweep.to_csv if target.lower().endswith(".csv") else result.heliosweep.to_xlsx
+        _say_path(write(target, options.variable, force=options.force))
 
 
 def _read_for(source: str) -> set[Any]:
@@ -484,6 +283,7 @@ def _read_for(source: str) -> set[Any]:
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.files import user_path
+    from heliosweep.results import open_result
     from heliosweep.share import fields
     from heliosweep.store.targets import target_file
 
@@ -494,7 +294,7 @@ def _convert(options: argparse.Namespace) -> None:
         _say_path(fields.write_paint_spots(spots, options.target, force=options.force))
         return
     if is_folder and (user_path(options.source) / "manifest.json").exists():
-        with api.open_result(options.source) as result:
+        with open_result(options.source) as result:
             layout = fields.layout_of(result, dict(options.select))
     elif options.select:
         raise StudyError(Problem("is for a result folder", "--select"))
@@ -575,9 +375,9 @@ def _schema(options: argparse.Namespace) -> None:
         raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
     import json
 
-    from heliosweep.config.study import json_schema
+    from heliosweep.config.editors import editor_schema
 
-    print(json.dumps(json_schema(known[options.family].study_class()), indent=2))
+    print(json.dumps(editor_schema(known[options.family].study_class()), indent=2))
 
 
 def _families(_: argparse.Namespace) -> None:
@@ -586,3 +386,24 @@ def _families(_: argparse.Namespace) -> None:
     width = max(map(len, families()))
     for name, family in families().items():
         print(f"{name:{width}}  {family.title}")
+
+
+#: What each command does, by its name; returns the exit code where it is not 0.
+COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
+    "validate": _validate,
+    "plan": _plan,
+    "run": _run,
+    "status": _status,
+    "verify": _verify,
+    "compare": _compare,
+    "export": _export,
+    "convert": _convert,
+    "table": _table,
+    "report": _report,
+    "pack": _pack,
+    "new": _new,
+    "explain": _explain,
+    "examples": _examples,
+    "schema": _schema,
+    "families": _families,
+}

@@ -202,6 +202,15 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def remove_at_once(path: Path) -> None:
+    """Remove what is there: first its name, so that nothing is half removed. Raises HeliosweepError."""
+    with writing(path):
+        if path.exists():
+            doomed = temporary_name(path)
+            path.rename(doomed)
+            remove(doomed)
+
+
 def discard(path: Path) -> None:
     """Remove a file or a folder as far as that goes, also one that other threads still write to for a moment."""
     for pause in (0.0, 0.01, 0.1, 0.5):

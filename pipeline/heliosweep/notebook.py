@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heliosweep.api import build, load, open_result
+from heliosweep.api import build, load
 from heliosweep.config.study import Study
 from heliosweep.files import user_path
+from heliosweep.results import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,6 +76,38 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     file = target_file(path, force, endings=(), sources=named)
     write_whole(file, study.to_yaml(file.parent))
     return file
+
+
+def comparison_page(
+    results: Sequence[str | os.PathLike[str]], page: str | os.PathLike[str], *, force: bool = False
+) -> Path:
+    """Write one page over several results: inputs, numbers, difference maps, and curves on one axis.
+
+    Parameters
+    ----------
+    results : sequence of path
+        Result folders; all are compared with the first.
+    page : path
+        HTML file to write; appears under its name when it is complete.
+    force : bool
+        Whether a file that is there is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    StudyError
+        A folder without a result, or a page that cannot be written there.
+    HeliosweepError
+        A result is damaged.
+    """
+    from heliosweep.families.family import family_of_result
+    from heliosweep.report.several import write_comparison
+
+    return write_comparison(results, page, family_of_result, force=force)
 
 
 def efficiency_table(

@@ -2,14 +2,15 @@
 
 Shipped studies, and larger ones for each part of the estimate.
 
-Each run is a process of its own. Its memory is what the system says it held at most; with worker processes, the sum
-over all processes, looked at every 20 ms. Names of studies as arguments of this
-module measure these alone.
+Each run is a process of its own. Its memory is what the system says it held at most, until its manifest was there and
+until its end, after the report; with worker processes, the sum over all processes, looked at every 20 ms. Names of
+studies as arguments of this module measure these alone.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -32,13 +33,18 @@ FACTOR = 1.5
 INTERVAL = 0.02
 
 
-def peak_memory(study: Path, output: Path, *arguments: str) -> int:
-    """Run a study in a process of its own; the most memory that it and its children held. [bytes]."""
+def peak_memory(study: Path, output: Path, *arguments: str) -> tuple[int, int]:
+    """Run a study in a process of its own; the most memory that it and its children held, until and with the report.
+
+    [bytes]
+    """
     command = [sys.executable, "-m", "heliosweep", "run", str(study), "--output", str(output), *arguments]
     with tempfile.TemporaryFile() as errors:
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors)
-        alone = together = 0
+        alone = together = before = 0
         while process.poll() is None:
+            if not (output / "manifest.json").exists():
+                before = max(alone, together)
             # Not that of the usage at its end: that one begins with the memory of the process that started it.
             alone = _held(process.pid, "status", "VmHWM") or alone
             children = list(_below(process.pid))
@@ -50,7 +56,7 @@ def peak_memory(study: Path, output: Path, *arguments: str) -> int:
         if process.returncode:
             errors.seek(0)
             raise RuntimeError(f"{study.name}: {errors.read().decode()[-2000:]}")
-    return max(alone, together)
+    return before, max(alone, together)
 
 
 def _below(number: int) -> Iterator[int]:
@@ -150,11 +156,12 @@ def measured(name: str, content: dict[str, Any] | None, folder: Path) -> Iterato
                 (folder / place.name).symlink_to(place)
         study = folder / f"{name}.yaml"
         study.write_text(yaml.safe_dump(content), encoding="utf-8")
-    for report in (False, True):
-        output = folder / f"{name}-{report}"
-        peak = peak_memory(study, output, *([] if report else ["--no-report"]))
-        manifest = json.loads((output / "manifest.json").read_text(encoding="utf-8"))
-        yield report, manifest["plan"]["peak_memory"], peak
+    output = folder / f"{name}-result"
+    peaks = peak_memory(study, output)
+    manifest = json.loads((output / "manifest.json").read_text(encoding="utf-8"))
+    shutil.rmtree(output)
+    for report, peak in enumerate(peaks):
+        yield bool(report), manifest["plan"]["peak_memory"], peak
 
 
 def lines(names: Sequence[str] = ()) -> Iterator[Line]:
@@ -165,14 +172,14 @@ def lines(names: Sequence[str] = ()) -> Iterator[Line]:
         for name in wanted:
             for report, plan, peak in measured(name, larger.get(name), Path(folder)):
                 ratios.append(plan / peak)
-                ran = f"run, {name}{'' if report else ', no report'}: peak memory"
+                ran = f"run, {name}{'' if report else ', before its report'}: peak memory"
                 line = Line(ran, f"{peak / 1e6:.0f} MB", f"plan: {plan / 1e6:.0f} MB, {ratios[-1]:.2f} times it")
                 print(f"  {line.ran:60} {line.measured:>10}  {line.beside}", file=sys.stderr, flush=True)
                 if not 1 / FACTOR <= ratios[-1] <= FACTOR:
                     yield line
     low, middle, high = np.quantile(ratios, [0.0, 0.5, 1.0])
     told = f"plan: {middle:.2f} times it ({low:.2f} to {high:.2f})"
-    yield Line(f"run, {len(wanted)} studies, with and without report", "peak memory", told)
+    yield Line(f"run, {len(wanted)} studies, before the report and with it", "peak memory", told)
 
 
 if __name__ == "__main__":

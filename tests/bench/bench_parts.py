@@ -82,7 +82,7 @@ def family() -> Any:
 
 def run(what: str, folder: Path) -> None:
     """Plan the study, or run it in a folder, in this process."""
-    from heliosweep import api
+    from heliosweep import api, open_result
     from heliosweep.config.load import load_mapping
     from heliosweep.families import family as families
 
@@ -101,7 +101,7 @@ def run(what: str, folder: Path) -> None:
         assert api.plan(study, folder).part_count == PARTS
     else:
         api.run(study, folder, report=False)
-        with api.open_result(folder) as result:
+        with open_result(folder) as result:
             assert float(result["double"][-1]) == 2.0 * (PARTS - 1)
 
 

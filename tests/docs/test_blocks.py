@@ -27,11 +27,11 @@ from .pages import PAGES, CodeBlock, blocks
 
 #: Blocks that no test runs, by page: one more needs a reason on the page and a number here.
 NOT_RUN = {
-    "README.md": 1,
+    "README.md": 2,
     "docs/adding_a_family.md": 4,
-    "docs/index.md": 1,
     "docs/results.md": 2,
-    "docs/tutorial.md": 3,
+    "docs/exchange.md": 1,
+    "docs/tutorial.md": 5,
 }
 
 

@@ -430,13 +430,13 @@ def _child(
         _Watch(watch, f"{begun}.touched", kill_at, full_at).begin()
     os.environ["TMPDIR"], tempfile.tempdir = scratch, None
     sys.argv = ["heliosweep", *arguments]
-    command = cli._run
+    command = cli.COMMANDS["run"]
 
     def begin(options: Any) -> None:
         Path(begun).touch()
         command(options)
 
-    setattr(cli, "_run", begin)  # noqa: B010
+    cli.COMMANDS["run"] = begin
     return int(cli.main())  # as a process of its own: signals that come when it has been stopped are ignored
 
 

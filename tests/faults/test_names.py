@@ -17,6 +17,7 @@ import yaml
 
 from heliosweep import api
 from heliosweep.cli import main
+from heliosweep.results import open_result
 from heliosweep.runs.verify import verify
 from tests.faults.kills import TINY
 
@@ -64,7 +65,7 @@ def test_the_home_folder(folder, capsys, monkeypatch):
     (folder / "home/study.yaml").write_text(yaml.safe_dump(other))
 
     def heights(place: Any) -> Any:
-        with api.open_result(place) as result:
+        with open_result(place) as result:
             return yaml.safe_load(result.attrs["study"])["receiver"]["height"]
 
     for study, place, there in (

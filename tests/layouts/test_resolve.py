@@ -58,6 +58,18 @@ def test_every_key_can_be_swept(small, layout, dims):
     np.testing.assert_array_equal(count.transpose(*dims).to_numpy().ravel(), [len(one) for one in made])
 
 
+def test_a_result_tells_the_polygons_of_its_field(small):
+    ground = {"radial_stagger": RINGS, "boundary": "site.wkt", "exclude": "road.wkt"}
+    wide = Path("site.wkt").read_text()
+    Path("road.wkt").write_text("POLYGON ((-9 60, 9 60, 9 90, -9 90, -9 60))")
+    told = {"layout_boundary": wide, "layout_exclude": Path("road.wkt").read_text()}
+    assert Layouts(small(**PLACE, layout=ground)).areas() == told
+    assert told.items() <= api.build(small(**PLACE, layout=ground)).attrs.items()
+    swept = {**ground, "boundary": ["site.wkt", "narrow.wkt"]}
+    assert [*Layouts(small(**PLACE, layout=swept)).areas()] == ["layout_exclude"]
+    assert Layouts(small(**PLACE)).areas() == {}
+
+
 def test_shorter_layouts_of_a_sweep_are_computed_as_by_themselves(small):
     swept = api.build(
         small(**PLACE, layout={"radial_stagger": RINGS, "boundary": ["site.wkt", "narrow.wkt"]})

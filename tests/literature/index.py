@@ -21,6 +21,7 @@ from heliosweep import api
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.report.comparison import AGREES, DIFFERS, Compared, Comparison, compare, read_published
+from heliosweep.results import open_result, result_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = ROOT / "studies"
@@ -144,7 +145,7 @@ def main() -> None:
     """State in the tables what the results in ``outputs/`` hold, and write the index."""
     for one in claims():
         try:
-            with api.open_result(ROOT / api.result_folder(one.study)) as result:
+            with open_result(ROOT / result_folder(one.study)) as result:
                 update(one.path, compare(result, one.table))
         except HeliosweepError as error:
             print(f"{one.name}: its table stays as it is: {error}", file=sys.stderr)

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from heliosweep import api
-from heliosweep.families.family import families
+from heliosweep.families.family import families, family_of_result
 from heliosweep.report.index import write_index
 from heliosweep.report.page import write_report
 from heliosweep.runs.status import status_of
@@ -77,7 +77,7 @@ def write(folder, data):
     folder.mkdir(exist_ok=True)
     data.to_netcdf(folder / "result.nc", engine="netcdf4")
     (folder / "study.resolved.yaml").write_text(f"title: {EVIL}\n", encoding="utf-8")
-    return write_report(folder, families())
+    return write_report(folder, family_of_result)
 
 
 def mirror():

@@ -140,7 +140,7 @@ def test_maps_have_equal_axes_and_the_tower():
         box = axes.get_position()
         x, y = (high - low for low, high in (axes.get_xlim(), axes.get_ylim()))
         assert box.width * width / x == pytest.approx(box.height * height / y)
-        assert [line.get_label() for line in axes.lines] == ["tower"]
+        assert [line.get_marker() for line in axes.lines] == ["^"]  # the tower
 
 
 def test_differences_are_spinning_minus_azimuth_whatever_the_order():

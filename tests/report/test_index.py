@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from heliosweep.families.family import families
+from heliosweep.families.family import family_of_result
 from heliosweep.grid.regions import Cut
 from heliosweep.report.index import entries, update_index, write_index
 from heliosweep.report.page import digest, write_report
@@ -31,7 +31,7 @@ def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):
 
 def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
     first = filled(tmp_path / "outputs" / "a b#1", EVIL)
-    write_report(first, families(), study(first, published(first, 100)))
+    write_report(first, family_of_result, study(first, published(first, 100)))
     filled(tmp_path / "outputs" / "later", "Later", "2026-02-01T00:00:00Z")
     index = update_index(first, status_of)
     assert index is not None

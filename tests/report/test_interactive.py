@@ -182,7 +182,7 @@ def test_missing_and_infinite_values_have_one_pattern_of_bits():
 def written(folder, data):
     """The page of a result of no known family."""
     data.to_netcdf(folder / "result.nc", engine="netcdf4")
-    return write_report(folder, {})
+    return write_report(folder, lambda _: None)
 
 
 def test_words_stay_words_in_scripts(tmp_path):
@@ -300,3 +300,20 @@ def test_labels_fit_a_narrow_plot(label):
     assert len(lines) <= payload.MOST_FOLDS
     assert all(len(line) <= 30 for line in lines)
     assert (" ".join(lines).replace("\N{NO-BREAK SPACE}", " ") == label) == (label == "short (m)")
+
+
+def test_maps_know_the_edges_of_the_field_its_ground_and_signs():
+    data = result({"latitude": [0.0, 15.0]}, heliostats=40)
+    data = data.assign_coords(z=0.1 * data["y"]).assign_attrs(layout_boundary="POLYGON ((-9 -9, 9 -9, 9 9, -9 -9))")
+    data["cosine_efficiency"] = data["cosine_efficiency"] - 0.75
+    view = View("field", "", ("optical_efficiency", "cosine_efficiency"), ("heliostat",))
+    made = view_payload(data, view)
+    assert [ring.tolist() for ring in made["areas"]["boundary"]] == [[[-9, -9], [9, -9], [9, 9], [-9, -9]]]
+    assert numbers(made, "z").to_numpy() == pytest.approx(0.1 * data["y"].to_numpy())
+    assert [one["shown"][0]["signed"] for one in made["quantities"]] == [False, True]
+    _, plots = interactive.explore(data, [view])
+    assert "MultiLine" in json.dumps(plots, default=str)
+    assert (
+        "z"
+        not in view_payload(result(heliostats=9), View("field", "", ("optical_efficiency",), ("heliostat",)))["places"]
+    )

@@ -12,7 +12,7 @@ import xarray as xr
 
 from heliosweep.cli import main
 from heliosweep.errors import StudyError
-from heliosweep.families.family import families
+from heliosweep.families.family import family_of_result
 from heliosweep.report import page, sections
 from heliosweep.report.comparison import Compared, Comparison
 from heliosweep.report.contents import Table
@@ -23,9 +23,9 @@ from tests.report.synthetic import BOTH, result
 pytestmark = pytest.mark.usefixtures("unplaced")
 
 
-def write_report(folder, study=None, known=None, **how):
+def write_report(folder, study=None, family_of=lambda _: None, **how):
     """As a result of no known family, without its figures, which take long, where no family is asked for."""
-    return page.write_report(folder, known or {}, study, **how)
+    return page.write_report(folder, family_of, study, **how)
 
 
 EVIL = "<script>alert('&')</script>"
@@ -108,7 +108,7 @@ def published(folder, tolerance):
 def whole(tmp_path_factory):
     """Page with everything: figures, plots, a comparison."""
     folder = filled(tmp_path_factory.mktemp("whole"))
-    return write_report(folder, study(folder, published(folder, 100)), families())
+    return write_report(folder, study(folder, published(folder, 100)), family_of_result)
 
 
 def test_page_is_complete_and_well_formed(whole):
@@ -192,8 +192,8 @@ def test_a_comparison_that_is_no_longer_asked_for_goes_away(folder):
 
 
 def test_page_is_the_same_every_time(folder):
-    first = write_report(folder, known=families()).read_bytes()
-    assert write_report(folder, known=families()).read_bytes() == first
+    first = write_report(folder, family_of=family_of_result).read_bytes()
+    assert write_report(folder, family_of=family_of_result).read_bytes() == first
 
 
 def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
@@ -201,7 +201,7 @@ def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
     for name in ("old.png", "holiday.png", "notes.txt"):
         (folder / "figures" / name).touch()
     (folder / "figures" / ".drawn").write_text("old.png\ngone.png\n../report.html\n")
-    write_report(folder, known=families(), vector=["svg"])
+    write_report(folder, family_of=family_of_result, vector=["svg"])
     names = {path.name for path in (folder / "figures").iterdir()}
     assert names == {
         ".drawn",
@@ -289,12 +289,12 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
         "Errors", ["mount", f"error {EVIL}"], [["A", "1 \N{PLUS-MINUS SIGN} 2"]], frozenset({0}), ["One note."]
     )
     family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: (), headlines=())
-    shown = Page(write_report(tmp_path, known={"new": family}).read_text(encoding="utf-8"))
+    shown = Page(write_report(tmp_path, family_of=lambda _: family).read_text(encoding="utf-8"))
     assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
     assert len(shown.scripts) == 1  # of the ranking
     assert "Bokeh" not in shown.scripts[0]
-    assert len(shown.all("table")) == 4  # with those of the ranking
-    assert "part" in Page(write_report(tmp_path, known={}).read_text(encoding="utf-8")).text
+    assert len(shown.all("table")) == 2  # with that of all points
+    assert "part" in Page(write_report(tmp_path).read_text(encoding="utf-8")).text
 
 
 @pytest.mark.parametrize(

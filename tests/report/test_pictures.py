@@ -6,11 +6,22 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_rgba
-from matplotlib.patches import Rectangle
+from matplotlib.contour import ContourSet
+from matplotlib.patches import Polygon, Rectangle
 
-from heliosweep.report.pictures import Kinds, Raster, Shades, about_zero, from_zero, picture_figure, within
-from heliosweep.report.style import NO_VALUE, image
-from tests.report.synthetic import is_inside
+from heliosweep.report.pictures import (
+    Kinds,
+    Raster,
+    Shades,
+    about_zero,
+    field_map,
+    from_zero,
+    picture_figure,
+    symbols,
+    within,
+)
+from heliosweep.report.style import DIFFERENCES, NO_VALUE, VALUES, image
+from tests.report.synthetic import is_inside, result
 
 SHAPES = {"square": (7.0, 7.0), "tall": (1.0, 9.0), "flat": (15.0, 0.5), "single pixel": (0.05, 0.05)}
 
@@ -56,6 +67,12 @@ def test_a_scale_within_the_values_is_rounded_outwards():
     same = within("brightness (1)", [np.full(9, 0.7)])
     assert same.low <= 0.7 <= same.high
     assert same.low < same.high
+
+
+def test_values_of_both_signs_have_a_scale_about_zero_and_others_none():
+    both, hardly = (within("slope (mrad)", [np.array([low, 10.0])], held=1.0) for low in (-3.0, -1e-9))
+    assert (both.low, both.high, both.palette) == (-10, 10, DIFFERENCES)
+    assert (hardly.high, hardly.palette) == (10, VALUES)
 
 
 def test_wild_values_do_not_stretch_the_scale_and_the_bar_points_to_them():
@@ -114,3 +131,40 @@ def test_kinds_have_a_legend_of_those_that_there_are():
     assert [text.get_text() for text in legend.get_texts()] == ["usable", "saturated"]
     assert is_inside(figure)
     assert not picture_figure([Raster(flags * np.nan)], kinds).legends
+
+
+SITE = "POLYGON ((-200 -80, 200 -80, 200 300, -200 300, -200 -80), (-10 -10, 10 -10, 10 10, -10 -10))"
+ROAD = "MULTIPOLYGON (((20 0, 40 0, 40 90, 20 90, 20 0)), ((-40 0, -20 0, -20 90, -40 90, -40 0)))"
+
+
+def test_fields_have_their_boundary_and_lines_of_their_ground():
+    plain = result(heliostats=40)
+    data = plain.assign_attrs(layout_boundary=SITE, layout_exclude=ROAD).assign_coords(z=0.05 * plain["x"])
+    values = plain["optical_efficiency"].to_numpy()
+    shades = within("efficiency (1)", [values])
+    maps = [field_map(one, values, "") for one in (plain, data)]
+    assert all(maps)
+    level, ground = (picture_figure([one], shades) for one in maps if one)
+    assert not [patch for patch in level.axes[0].patches if isinstance(patch, Polygon)]
+    assert not level.legends
+    shapes = [patch for patch in ground.axes[0].patches if isinstance(patch, Polygon)]
+    assert len(shapes) == 4  # the boundary and its hole, two roads
+    assert shapes[0].get_xy().max(axis=0).tolist() == [200, 300]
+    assert [text.get_text() for text in ground.legends[0].get_texts()] == ["boundary", "no heliostats"]
+    assert [isinstance(one, ContourSet) for one in ground.axes[0].collections].count(True) == 1
+    assert is_inside(ground)
+    said = [symbols([one]) for one in maps if one]
+    assert "boundary" not in said[0]
+    assert "Dashed: boundary" in said[1]
+    assert "height of the ground" in said[1]
+
+
+def test_a_row_of_mirrors_has_no_lines_of_the_ground():
+    data = result(heliostats=8)
+    row = np.arange(8.0)
+    data = data.assign_coords(x=("heliostat", 10 * row), y=("heliostat", 10 * row), z=("heliostat", row))
+    one = field_map(data, row, "")
+    assert one is not None
+    assert not any(
+        isinstance(each, ContourSet) for each in picture_figure([one], within("", [row])).axes[0].collections
+    )

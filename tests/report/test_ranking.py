@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+import yaml
 
+from heliosweep.api import family_of, load
+from heliosweep.config.load import load_mapping
+from heliosweep.families.family import families, study_classes
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST
 from heliosweep.report import ranking
 from heliosweep.report.contents import Table
-from heliosweep.report.ranking import MOST_CELLS, Ranking, smallest_is_best
+from heliosweep.report.ranking import MOST_CELLS, Ranking
+from tests.conftest import SMALL
 
 HEIGHTS, METHODS = [60.0, 80.0, 100.0], ["upright", "spinning"]
 VALUES = np.array([[0.50, 0.60], [0.70, 0.65], [0.68, np.nan]])
@@ -29,8 +35,8 @@ def steps_of(found: Ranking) -> Table:
 
 
 def swept(**more):
-    share = {"units": "1", "valid_range": [0.0, 1.0], "long_name": "efficiency of the field"}
-    error = {"units": "mrad", "long_name": "error"}
+    share = {"units": "1", "valid_range": [0.0, 1.0], "long_name": "efficiency of the field", BEST_VALUE: LARGEST}
+    error = {"units": "mrad", "long_name": "error", BEST_VALUE: SMALLEST}
     data = {
         "efficiency": (("height", "method"), VALUES, share),
         "mean_error": (("height", "method"), 1 - VALUES, error),
@@ -78,7 +84,7 @@ def test_all_points_stand_in_order_with_numbers_in_full():
 
 def test_keys_that_are_tied_are_told_too():
     data = xr.Dataset(
-        {"efficiency": ("height", [0.4, 0.6])},
+        {"efficiency": ("height", [0.4, 0.6], {BEST_VALUE: LARGEST})},
         {"height": ("height", [60.0, 80.0], {"units": "m"}), "width": ("height", [9.0, 11.0], {"units": "m"})},
     )
     found = ranked(data)
@@ -91,7 +97,7 @@ def test_of_many_points_the_best_are_listed():
     found = ranked(data)
     assert len(found.points.rows) == MOST_CELLS // 2
     assert found.numbers[0][1] == data.efficiency.max()
-    assert "The best 5,000 of 10,000 points" in found.points.notes[0]
+    assert "The 5,000 of 10,000 points with the largest efficiency" in found.points.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -108,11 +114,32 @@ def test_nothing_to_rank(data):
     assert ranking.ranked(data) is None
 
 
-def test_which_way_is_better():
-    data = swept()
-    assert smallest_is_best(data, "mean_error")
-    assert smallest_is_best(data, "hours_lost")
-    assert not smallest_is_best(data, "field_efficiency")
-    sought = data.assign_attrs(study=json.dumps({"search": {"minimise": ["land_area"], "maximise": ["mean_error"]}}))
-    assert smallest_is_best(sought, "field_land_area")
-    assert not smallest_is_best(sought, "mean_error")
+def test_what_says_nothing_of_its_best_is_listed_and_not_judged():
+    area = ("height", "method"), np.arange(6.0).reshape(3, 2), {"long_name": "error of the area"}
+    found = ranked(swept(area=area), ["area"])
+    assert [row[0] for row in found.ends.rows] == ["efficiency", "mean error"]
+    assert found.steps is None
+    assert [row[2] for row in found.numbers] == [5, 4, 3, 2, 1, 0]
+
+
+@pytest.mark.parametrize("family", list(families()))
+def test_families_say_which_values_are_best(family):
+    """Of errors and losses the smallest, of efficiencies and energies the largest, of angles and areas none."""
+    study = load_mapping(yaml.safe_load(families()[family].example()), study_classes())
+    said = {name: one.attrs.get(BEST_VALUE) for name, one in families()[family].variables(study).items()}
+    assert {*said.values()} <= {LARGEST, SMALLEST, None}
+    assert any(said.values())
+    for name, best in said.items():
+        if name.endswith(("_rms", "_std", "standard_error", "tracking_error")):
+            assert best == SMALLEST, name
+        if name.endswith(("_efficiency", "hit_fraction", "tracking_factor")):
+            assert best == LARGEST, name
+
+
+def test_a_goal_of_a_search_says_what_was_sought():
+    goal = {"maximise": ["optical_efficiency"], "over": {"receiver.height": [60, 100]}, "budget": 12}
+    field = {**SMALL, "site": {"latitude": 40}, "tracking": "azimuth_elevation"}
+    study: Any = load({**field, "search": goal})
+    assert family_of(study).variables(study)["field_optical_efficiency"].attrs[BEST_VALUE] == LARGEST
+    study = load({**field, "search": {**goal, "maximise": [], "minimise": ["optical_efficiency"]}})
+    assert family_of(study).variables(study)["field_optical_efficiency"].attrs[BEST_VALUE] == SMALLEST

@@ -104,19 +104,19 @@ def test_instants_are_written_in_full(small, tmp_path):
 def test_command(small, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run(small(), "out", report=False)
-    assert main(["export", "out", "--csv", "r.csv", "--variable", "field_optical_efficiency"]) == 0
+    assert main(["export", "out", "-o", "r.csv", "--variable", "field_optical_efficiency"]) == 0
     assert capsys.readouterr().out == "r.csv\n"
     assert list(pd.read_csv("r.csv").columns) == ["latitude [degrees_north]", "tracking", "field_optical_efficiency"]
     before = Path("r.csv").read_bytes()
-    assert main(["export", "out", "--csv", "r.csv", "--variable", "optical_efficiency"]) == 2
+    assert main(["export", "out", "-o", "r.csv", "--variable", "optical_efficiency"]) == 2
     assert Path("r.csv").read_bytes() == before
-    assert main(["export", "out", "--csv", "r.csv", "--variable", "optical_efficiency", "--force"]) == 0
-    assert main(["export", "out", "--csv", "all.csv"]) == 2
+    assert main(["export", "out", "-o", "r.csv", "--variable", "optical_efficiency", "--force"]) == 0
+    assert main(["export", "out", "--output", "all.csv"]) == 2
     assert main(["export", "out", "--variable", "optical_efficiency"]) == 2
     assert main(["export", "out", "--csv", "missing/all.csv", "--variable", "optical_efficiency"]) == 2
     said = capsys.readouterr().err
     assert "choose from those over latitude, tracking" in said
-    assert "--variable: is for --csv" in said
+    assert "--variable: is for files .csv or .xlsx" in said
     assert "its folder does not exist" in said
     assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}
 

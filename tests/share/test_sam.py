@@ -10,8 +10,7 @@ import pytest
 import xarray as xr
 
 import heliosweep
-from heliosweep import StudyError, build, efficiency_table, run, write_table
-from heliosweep.api import open_result
+from heliosweep import StudyError, build, efficiency_table, open_result, run, write_table
 from heliosweep.cli import main
 from heliosweep.notebook import save
 from heliosweep.share import sam

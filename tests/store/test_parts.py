@@ -17,9 +17,10 @@ import pytest
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError
+from heliosweep.files import remove_at_once
 from heliosweep.grid.regions import Cut, Part, Variable
 from heliosweep.store import parts as module
-from heliosweep.store.parts import PartStore, remove
+from heliosweep.store.parts import PartStore
 from tests.store.samples import CUTS, PARTS, SIZES, VALUES, VARIABLES, values
 
 IDENTITY = {"study": {"a": 1, "b": (1.5, None, "é\ud800")}}
@@ -199,7 +200,7 @@ def test_a_crash_at_any_write(tmp_path, monkeypatch, share, cut_off):
                     again.commit(part, values(part))
         assert len(done(store.folder)) == len(PARTS)
         assert_right(done(store.folder))
-        remove(store.folder)
+        remove_at_once(store.folder)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])

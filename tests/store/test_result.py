@@ -15,10 +15,11 @@ import xarray as xr
 
 from heliosweep.config.blocks import Output
 from heliosweep.errors import HeliosweepError
+from heliosweep.files import remove_at_once
 from heliosweep.grid.regions import Cut, Part
 from heliosweep.store import formats
 from heliosweep.store.encoding import slab_digest
-from heliosweep.store.result import publish, remove_result
+from heliosweep.store.result import publish
 from tests.store.samples import (
     CUTS,
     NETCDF,
@@ -191,7 +192,7 @@ def test_a_folder_where_the_file_shall_stand_is_left(tmp_path):
 
 
 def test_remove_result(tmp_path):
-    remove_result(tmp_path / "result.nc")
+    remove_at_once(tmp_path / "result.nc")
     (tmp_path / "result.zarr/power").mkdir(parents=True)
-    remove_result(tmp_path / "result.zarr")
+    remove_at_once(tmp_path / "result.zarr")
     assert not list(tmp_path.iterdir())

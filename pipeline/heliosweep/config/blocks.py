@@ -123,47 +123,29 @@ class Receiver(Block):
     height: Annotated[
         float | Sweep,
         Quantity(
-            "Height of the aim point above the tower's base",
-            "m",
-            gt=0,
-            dimension="receiver_height",
+            "Height of the aim point above the tower's base", "m", gt=0, dimension="receiver_height",
             title="receiver height",
         ),
-    ]
+    ]  # fmt: skip
+
+
+def _side(side: str) -> Quantity:
+    description = f"{side.title()} of the mirror; left out where the layout has a column '{side}'"
+    return Quantity(description, "m", gt=0, dimension=f"heliostat_{side}", title=f"mirror {side}")
 
 
 class Heliostat(Block):
     """The mirror of every heliostat, one flat rectangle."""
 
-    width: Annotated[
-        float | Sweep | None,
-        Quantity(
-            "Width of the mirror; left out where the layout has a column 'width'",
-            "m",
-            gt=0,
-            dimension="heliostat_width",
-            title="mirror width",
-        ),
-    ] = None
-    height: Annotated[
-        float | Sweep | None,
-        Quantity(
-            "Height of the mirror; left out where the layout has a column 'height'",
-            "m",
-            gt=0,
-            dimension="heliostat_height",
-            title="mirror height",
-        ),
-    ] = None
+    width: Annotated[float | Sweep | None, _side("width")] = None
+    height: Annotated[float | Sweep | None, _side("height")] = None
     pivot_height: Annotated[
         float | Sweep,
         Quantity(
             "Height of the mirror centre above the heliostat's base; the base is at z of the layout, 0 without z",
-            "m",
-            ge=0,
-            title="height of the mirror centre above the heliostat's base",
+            "m", ge=0, title="height of the mirror centre above the heliostat's base",
         ),
-    ]
+    ]  # fmt: skip
 
 
 class Output(Block):

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from heliosweep.config import units
-from heliosweep.config.faults import Fault, Faults, Invalid, nearest
-from heliosweep.config.sweep import MAX_FAULTS, Sweep, key_faults, read_parts, read_whole
+from heliosweep.config.drawn import NORMAL, RANGE_KEYS, UNIFORM, read_numbers
+from heliosweep.config.faults import MAX_FAULTS, Fault, Invalid, nearest
+from heliosweep.config.sweep import key_faults, read_parts, read_whole
 from heliosweep.config.values import Quantity, object_schema
 
 MAX_SAMPLES, MAX_SEED = 10**9, 2**63 - 1
-NORMAL, UNIFORM = "normal", "uniform"
-_PARTS = {NORMAL: "[mean, standard deviation]", UNIFORM: "[low, high]"}
-_KEYS = (NORMAL, UNIFORM, "samples", "seed")
-_RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
+_PARTS = {NORMAL: ("mean", "standard deviation"), UNIFORM: ("low", "high")}
+_KEYS = (*_PARTS, "samples", "seed")
 _FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [low, high]}"
 
 
@@ -114,9 +114,8 @@ class Uncertain(Quantity):
             faults.append(Fault("give 'normal' or 'uniform', not both", (UNIFORM,), show_value=False))
         elif not faults and not {NORMAL, UNIFORM} & set(raw):
             faults.append(Fault(f"'normal' or 'uniform' is missing: {_FORM}", show_value=False))
-        readers = {
-            NORMAL: self._normal,
-            UNIFORM: self._uniform,
+        readers: dict[str, Callable[[Any], Any]] = {
+            **{kind: partial(self._pair, kind) for kind in _PARTS},
             "samples": lambda value: read_whole(value, 1, MAX_SAMPLES),
             "seed": lambda value: read_whole(value, 0, MAX_SEED),
         }
@@ -124,45 +123,27 @@ class Uncertain(Quantity):
         kind = NORMAL if NORMAL in values else UNIFORM
         return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))
 
-    def _normal(self, raw: Any) -> tuple[float, float]:
-        mean, deviation = self._pair(raw, NORMAL)
-        most, faults = self._largest(), Faults()
-        with faults.under(0):
-            self._check(mean)
-        if deviation < 0:
-            faults.append(Fault("the standard deviation must not be negative", (1,)))
-        if most is not None and deviation > most:
-            faults.append(Fault(f"the standard deviation must be at most {most:g}{units.suffix(self.unit)}", (1,)))
-        faults.check()
-        return mean, deviation
+    def _pair(self, kind: str, raw: Any) -> tuple[float, ...]:
+        most = self._largest()
 
-    def _uniform(self, raw: Any) -> tuple[float, float]:
-        low, high = self._pair(raw, UNIFORM)
-        faults = Faults()
-        for position, value in enumerate((low, high)):
-            with faults.under(position):
+        def part(name: str, entry: Any) -> float:
+            value = self._number(entry)
+            if name != "standard deviation":
                 self._check(value)
-        if low > high:
-            faults.append(Fault("the first number must not be larger than the second", (0,)))
-        faults.check()
-        return low, high
+            elif value < 0:
+                raise Invalid("the standard deviation must not be negative")
+            elif most is not None and value > most:
+                raise Invalid(f"the standard deviation must be at most {most:g}{units.suffix(self.unit)}")
+            return value
+
+        first, second = read_numbers(raw, _PARTS[kind], part)
+        if kind == UNIFORM and first > second:
+            raise Invalid(Fault("the first number must not be larger than the second", (0,)))
+        return first, second
 
     def _largest(self) -> float | None:
         """The largest magnitude within the bounds, which no standard deviation may exceed; None without bounds."""
         return None if self.ge is None or self.le is None else max(abs(self.ge), abs(self.le))
-
-    def _pair(self, raw: Any, kind: str) -> tuple[float, float]:
-        """Return two numbers in the canonical unit, bounds not yet checked."""
-        if not isinstance(raw, list | tuple) or len(raw) != 2:
-            raise Invalid(f"must be two numbers, {_PARTS[kind]}")
-        values, faults = [], Faults()
-        for position, entry in enumerate(raw):
-            with faults.under(position):
-                if isinstance(entry, Sweep | Mapping | list | tuple):
-                    raise Invalid("must be a single number; distributions cannot be swept")
-                values.append(self._number(entry))
-        faults.check()
-        return values[0], values[1]
 
 
 def _names_another(key: str, raw: Mapping[str, Any]) -> bool:
@@ -177,5 +158,5 @@ def _means_distribution(raw: Mapping[str, Any]) -> bool:
     """True for a mapping that is a distribution, or a misspelt one, and no range."""
     if NORMAL in raw or UNIFORM in raw:
         return True
-    meant = {nearest(str(key), (*_KEYS, *_RANGE_KEYS)) for key in raw}
-    return bool(raw) and not meant & set(_RANGE_KEYS)
+    meant = {nearest(str(key), (*_KEYS, *RANGE_KEYS)) for key in raw}
+    return bool(raw) and not meant & set(RANGE_KEYS)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep.config.design import LEAST, Design
-from heliosweep.config.faults import Fault, Faults, Invalid, nearest
-from heliosweep.config.sweep import MAX_FAULTS, Sweep, key_faults, read_parts
+from heliosweep.config.faults import COUNTS, Fault, Invalid, each, nearest
+from heliosweep.config.sweep import Sweep, key_faults, read_parts
 
 if TYPE_CHECKING:  # it takes longer to import than reading a study
     from numpy.typing import NDArray
@@ -31,10 +31,9 @@ PARTS = {
     LOGNORMAL: ("median", "standard deviation of the natural logarithm"),
 }
 _KINDS = (*PARTS, DISCRETE)
-_RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
+RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
 _DISCRETE_FORM = "it is {values: [...], weights: [...]}"
 _OF_NAMES = "names are drawn by {discrete: {values: [...], weights: [...]}}"
-_COUNTS = {2: "two", 3: "three", 4: "four"}
 #: Standard deviations from the mean of a normal distribution beyond which no draw is: those of `LEAST`, and some more.
 _REACH = 6.121
 
@@ -174,9 +173,9 @@ def is_distribution(raw: Any) -> bool:
     """Whether what stands in a study file is a distribution, or a misspelt one."""
     if isinstance(raw, Drawn):
         return True
-    if not isinstance(raw, Mapping) or any(key in _RANGE_KEYS for key in raw):
+    if not isinstance(raw, Mapping) or any(key in RANGE_KEYS for key in raw):
         return False
-    return any(nearest(str(key), (*_KINDS, *_RANGE_KEYS)) in _KINDS for key in raw)
+    return any(nearest(str(key), (*_KINDS, *RANGE_KEYS)) in _KINDS for key in raw)
 
 
 def read_drawn(
@@ -228,21 +227,16 @@ def read_names(raw: Mapping[str, Any] | Drawn, name: Callable[[Any], str]) -> Dr
 
 
 def _continuous(kind: str, raw: Any, number: ReadNumber, check: Callable[[float], None]) -> Drawn:
-    names = PARTS[kind]
-    if not isinstance(raw, list | tuple) or len(raw) != len(names):
-        raise Invalid(f"must be {_COUNTS[len(names)]} numbers, [{', '.join(names)}]")
-    values, faults = [], Faults()
-    for position, (name, entry) in enumerate(zip(names, raw, strict=True)):
-        with faults.under(position):
-            if isinstance(entry, Sweep | Mapping | list | tuple):
-                raise Invalid("must be a single number; distributions cannot be swept")
-            value = _plain_number(entry) if "logarithm" in name else number(entry)
-            if "deviation" in name and not value > 0:
-                raise Invalid(f"the {name} must be greater than 0; a number that does not vary stands by itself")
-            if kind == TRUNCATED and name in ("least", "largest"):
-                check(value)
-            values.append(value)
-    faults.check()
+
+    def part(name: str, entry: Any) -> float:
+        value = _plain_number(entry) if "logarithm" in name else number(entry)
+        if "deviation" in name and not value > 0:
+            raise Invalid(f"the {name} must be greater than 0; a number that does not vary stands by itself")
+        if kind == TRUNCATED and name in ("least", "largest"):
+            check(value)
+        return value
+
+    values = read_numbers(raw, PARTS[kind], part)
     if kind == LOGNORMAL and values[0] <= 0:
         raise Invalid(Fault("the median must be greater than 0", (0,)))
     if kind not in (NORMAL, LOGNORMAL):
@@ -251,13 +245,26 @@ def _continuous(kind: str, raw: Any, number: ReadNumber, check: Callable[[float]
             raise Invalid(Fault("the least value must be below the largest", (least,)))
         if kind == TRIANGULAR and not values[0] <= values[1] <= values[2]:
             raise Invalid(Fault("the most likely value must be between the least and the largest", (1,)))
-    drawn = Drawn(kind, tuple(values))
+    drawn = Drawn(kind, values)
     if kind == TRUNCATED:
         mean, deviation, low, high = values
         towards = NormalDist(mean, deviation)
         if towards.cdf(high) - towards.cdf(low) < LEAST and min(abs(low - mean), abs(high - mean)) > 6 * deviation:
             raise Invalid(Fault("the limits are more than six standard deviations from the mean", (2,)))
     return drawn
+
+
+def read_numbers(raw: Any, names: tuple[str, ...], read: Callable[[str, Any], float]) -> tuple[float, ...]:
+    """Read the numbers of a distribution, each by its name. Raises Invalid with each fault at its position."""
+    if not isinstance(raw, list | tuple) or len(raw) != len(names):
+        raise Invalid(f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]")
+
+    def one(part: tuple[str, Any]) -> float:
+        if isinstance(part[1], Sweep | Mapping | list | tuple):
+            raise Invalid("must be a single number; distributions cannot be swept")
+        return read(*part)
+
+    return tuple(each(zip(names, raw, strict=True), one))
 
 
 def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
@@ -286,14 +293,7 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
 def _listed(raw: Any, read: Callable[[Any], Any]) -> tuple[Any, ...]:
     if not isinstance(raw, list | tuple) or not raw:
         raise Invalid("must be a list of at least one")
-    values, faults = [], Faults()
-    for position, entry in enumerate(raw):
-        if len(faults) > MAX_FAULTS:
-            break
-        with faults.under(position):
-            values.append(read(entry))
-    faults.check()
-    return tuple(values)
+    return tuple(each(raw, read))
 
 
 def _plain_number(raw: Any) -> float:

@@ -7,12 +7,21 @@ from __future__ import annotations
 
 import datetime as dt
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
+
+MAX_FAULTS = 100
+"""Of one list; nobody reads more."""
+
+COUNTS = ("no", "one", "two", "three", "four")
+"""Small numbers in words."""
+
+T = TypeVar("T")
 
 Path = tuple[str | int, ...]
 """Place of a value inside a study: keys and list positions from the top."""
@@ -66,6 +75,18 @@ class Faults(list[Fault]):
         """Raise Invalid if there are any."""
         if self:
             raise Invalid(self)
+
+
+def each(entries: Iterable[object], read: Callable[[Any], T]) -> list[T]:
+    """Read the entries of a list. Raises Invalid with what is wrong with each of them."""
+    found, faults = list[T](), Faults()
+    for position, entry in enumerate(entries):
+        if len(faults) > MAX_FAULTS:
+            break
+        with faults.under(position):
+            found.append(read(entry))
+    faults.check()
+    return found
 
 
 def to_pydantic(faults: Iterable[Fault]) -> ValidationError:

@@ -26,7 +26,16 @@ PATTERNS = {
     "straight": "heliostats of all rows behind each other",
 }
 
-_COUNT = Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
+_Heliostats = Annotated[
+    int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
+]
+_InnerRadius = Annotated[
+    float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
+]
+
+
+def _azimuth(description: str, dimension: str, title: str) -> Quantity:
+    return Quantity(description, "deg", ge=-360, le=360, dimension=dimension, title=title)
 
 
 class Zone(Block):
@@ -54,7 +63,7 @@ class RadialStagger(Block):
         Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
     ] = None
     rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
-    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+    heliostats: _Heliostats = None
     zones: Annotated[
         tuple[Zone, ...] | None, Field(description="Zones from the tower outwards", min_length=1)
     ] = None  # fmt: skip
@@ -90,10 +99,8 @@ class Spiral(Block):
         Quantity("Exponent of the radius; 0.5 for the same density everywhere, more for a density that falls with the "
                  "distance", "1", gt=0, le=2, dimension="spiral_b", title="exponent b of the spiral"),
     ]  # fmt: skip
-    inner_radius: Annotated[
-        float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
-    ]
-    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+    inner_radius: _InnerRadius
+    heliostats: _Heliostats = None
 
 
 class Rows(Block):
@@ -108,18 +115,16 @@ class Rows(Block):
         float | Sweep,
         Quantity("Distance between rows", "m", gt=0, dimension="row_distance", title="distance between rows"),
     ]
-    inner_radius: Annotated[
-        float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
-    ]
+    inner_radius: _InnerRadius
     azimuth: Annotated[
         float | Sweep,
-        Quantity("Azimuth in which rows follow each other, clockwise from north; 0 for rows from west to east", "deg",
-                 ge=-360, le=360, dimension="row_azimuth", title="azimuth in which rows follow each other"),
+        _azimuth("Azimuth in which rows follow each other, clockwise from north; 0 for rows from west to east",
+                 "row_azimuth", "azimuth in which rows follow each other"),
     ] = 0.0  # fmt: skip
     pattern: Annotated[str | Sweep, Choice("How rows stand to each other", PATTERNS, title="pattern of the rows")] = (
         "staggered"
     )
-    heliostats: Annotated[int | Sweep | None, _COUNT] = None
+    heliostats: _Heliostats = None
 
 
 class Sector(Block):
@@ -127,8 +132,8 @@ class Sector(Block):
 
     azimuth: Annotated[
         float | Sweep,
-        Quantity("Azimuth of its middle, clockwise from north", "deg", ge=-360, le=360, dimension="sector_azimuth",
-                 title="azimuth of the middle of the sector"),
+        _azimuth("Azimuth of its middle, clockwise from north", "sector_azimuth",
+                 "azimuth of the middle of the sector"),
     ]  # fmt: skip
     width: Annotated[
         float | Sweep,
@@ -151,8 +156,8 @@ class Terrain(Block):
     ] = None  # fmt: skip
     azimuth: Annotated[
         float | Sweep | None,
-        Quantity("Azimuth in which even ground falls, clockwise from north", "deg", ge=-360, le=360,
-                 dimension="terrain_azimuth", title="azimuth in which the ground falls"),
+        _azimuth("Azimuth in which even ground falls, clockwise from north", "terrain_azimuth",
+                 "azimuth in which the ground falls"),
     ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:

@@ -196,7 +196,8 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
             yield source.problem(path, error.problems[0].message)
             continue
         if not found:
-            yield source.problem(path, f"no such file, looked for relative to the study file (got {shown(name)})")
+            hint = "; write folders with '/'" if "\\" in name else ""
+            yield source.problem(path, f"no such file, looked for relative to the study file{hint} (got {shown(name)})")
 
 
 def _place(problem: Problem) -> tuple[bool, int, int, str]:

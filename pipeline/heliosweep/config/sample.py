@@ -11,7 +11,7 @@ from pydantic import Field
 from heliosweep.config.block import Block
 from heliosweep.config.design import LATIN, LOCAL, MORRIS, RANDOM, REPLICATES, SOBOL, Design
 from heliosweep.config.drawn import Drawn
-from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, shown
+from heliosweep.config.faults import Fault, Invalid, did_you_mean, each, shown
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, Flag, Parameter, Quantity, Samples, Text
 
@@ -46,18 +46,17 @@ class Correlations(Parameter):
         """Return the entries. Raises Invalid."""
         if not isinstance(raw, list | tuple):
             raise Invalid("must be a list of [key, key, correlation]")
-        found, faults = [], Faults()
-        for position, entry in enumerate(raw):
-            with faults.under(position):
-                good = isinstance(entry, list | tuple) and len(entry) == 3
-                if not good or not all(isinstance(key, str) for key in entry[:2]):
-                    raise Invalid("must be [key, key, correlation]")
-                rho = entry[2]
-                if isinstance(rho, bool) or not isinstance(rho, int | float) or not -1 < rho < 1:
-                    raise Invalid(Fault("must be a number between -1 and 1, both excluded", (2,)))
-                found.append((entry[0], entry[1], float(rho)))
-        faults.check()
-        return tuple(found)
+
+        def pair(entry: Any) -> tuple[str, str, float]:
+            good = isinstance(entry, list | tuple) and len(entry) == 3
+            if not good or not all(isinstance(key, str) for key in entry[:2]):
+                raise Invalid("must be [key, key, correlation]")
+            rho = entry[2]
+            if isinstance(rho, bool) or not isinstance(rho, int | float) or not -1 < rho < 1:
+                raise Invalid(Fault("must be a number between -1 and 1, both excluded", (2,)))
+            return entry[0], entry[1], float(rho)
+
+        return tuple(each(raw, pair))
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of the list."""

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from heliosweep.config.block import Block, blocks_in
 from heliosweep.config.drawn import Drawn
-from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, one_of
+from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
 from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep, key_faults, read_items
 from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Schema, list_schema
@@ -182,11 +182,7 @@ def _read(declared: Parameter, extent: Any) -> Any:
             raise Invalid(error.under("choice")) from None
     if not isinstance(declared, Quantity):
         raise Invalid("is a name: write {choice: [...]}")
-    faults, ends = Faults(), []
-    for position, raw in enumerate(extent):
-        with faults.under(position):
-            ends.append(one.read(raw))
-    faults.check()
+    ends = each(extent, one.read)
     if ends[0] >= ends[1]:
         raise Invalid("the first number must be smaller than the second")
     if ends[1] - ends[0] < max(NARROW * max(map(abs, ends)), 1 / HUGE):

@@ -157,8 +157,8 @@ class Study(Block):
             With every problem found, each at its key.
         """
         # By name, since numbers depend on all that this module imports.
-        again = import_module("heliosweep.config.load").validated
-        return again(self._source, {self.family_name(): type(self)}, {**(changes or {}), **keys})
+        changed: Self = import_module("heliosweep.api").load(self, {**(changes or {}), **keys})
+        return changed
 
     @classmethod
     def family_name(cls) -> str:
@@ -243,8 +243,7 @@ class Study(Block):
     @property
     def study_id(self) -> str:
         """Twelve hexadecimal digits of the SHA-256 of :meth:`canonical`."""
-        text = json.dumps(self.canonical(), sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return hashlib.sha256(text.encode()).hexdigest()[:12]
+        return id_of(self.canonical())
 
     def resolved(self, place_of: Callable[[str], str] = str) -> dict[str, Any]:
         """Return the study with all defaults as plain data that loads to the same study.
@@ -290,6 +289,12 @@ class Study(Block):
             raise StudyError(self.problem(key, f"cannot read {in_short(name)}: {error.strerror}")) from None
         except ValueError as error:
             raise StudyError(self.problem(key, f"{in_short(name)} {error}")) from None
+
+
+def id_of(canonical: Mapping[str, Any]) -> str:
+    """Return the id of the study with this `Study.canonical`."""
+    text = json.dumps(canonical, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter, Any]]:

@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, nearest
+from heliosweep.config.faults import MAX_FAULTS, Fault, Faults, Invalid, did_you_mean, each, nearest
 
 if TYPE_CHECKING:  # it takes longer to import than reading a study
     from numpy.typing import NDArray
 
 MAX_POINTS = 10**15
-MAX_FAULTS = 100  # of one list; nobody reads more
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
 _TOO_FINE = "the steps are finer than the precision of numbers"
 _PRECISION = 2.0**-52
@@ -219,16 +218,16 @@ def read_items(raw: Sequence[Any], read: Callable[[Any], Any]) -> tuple[Any, ...
     """Read the entries of a list, which must not be empty nor hold a value twice. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
-    items: dict[Any, int] = {}
-    faults = Faults()
-    for position, entry in enumerate(raw):
-        if len(faults) > MAX_FAULTS:
-            break
-        with faults.under(position):
-            if items.setdefault(read(entry), position) != position:
-                raise Invalid("the same value stands in the list twice")
-    faults.check()
-    return tuple(items)
+    known = set()
+
+    def another(entry: Any) -> Any:
+        value = read(entry)
+        if value in known:
+            raise Invalid("the same value stands in the list twice")
+        known.add(value)
+        return value
+
+    return tuple(each(raw, another))
 
 
 def _read_range(raw: Mapping[str, Any], number: ReadNumber) -> Range:

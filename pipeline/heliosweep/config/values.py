@@ -17,14 +17,13 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from heliosweep.config import drawn, units
-from heliosweep.config.faults import Fault, Faults, Invalid, Path, did_you_mean, one_of, to_pydantic
-from heliosweep.config.sweep import MAX_FAULTS, Geometric, Listed, Range, Sweep, read_items, read_sweep
+from heliosweep.config.faults import COUNTS, Fault, Faults, Invalid, Path, did_you_mean, each, one_of, to_pydantic
+from heliosweep.config.sweep import Geometric, Listed, Range, Sweep, read_items, read_sweep
 
 _INFINITE = 1e300  # beyond it differences overflow
 _QUANTITY_PATTERN = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
 _ONCE = "must be a single value; it cannot be swept"
 _NOT_DRAWN = "must be a single value; it cannot be drawn from a distribution"
-_COUNTS = ("no", "one", "two", "three", "four")
 
 Schema = dict[str, Any]
 
@@ -435,15 +434,9 @@ class Numbers(Parameter):
     def _numbers(self, raw: Any) -> tuple[float, ...]:
         parts = self._parts()
         if not isinstance(raw, list | tuple) or len(raw) != len(parts):
-            count = _COUNTS[len(parts)] if len(parts) < len(_COUNTS) else len(parts)
+            count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else len(parts)
             raise Invalid(f"must be {count} numbers {self.form}")
-        numbers: list[Any] = []
-        faults = Faults()
-        for position, (part, item) in enumerate(zip(parts, raw, strict=True)):
-            with faults.under(position):
-                numbers.append(part.read(item))
-        faults.check()
-        return tuple(numbers)
+        return tuple(each(zip(parts, raw, strict=True), lambda pair: pair[0].read(pair[1])))
 
 
 @dataclass(frozen=True)
@@ -465,20 +458,18 @@ class ListOfNumbers(Numbers):
             raise Invalid(f"must be a list of {count}entries {self.form}")
         if not raw:
             raise Invalid(Fault(f"the list is empty: give at least one entry {self.form}", show_value=False))
-        found: dict[tuple[float, ...], int] = {}
-        faults = Faults()
-        for position, item in enumerate(raw):
-            if len(faults) > MAX_FAULTS:
-                break
-            with faults.under(position):
-                entry = self._numbers(item)
-                wrong = list(self.entry_faults(entry))
-                if (first := found.setdefault(entry, position)) != position:
-                    wrong.insert(0, Fault(f"is the same as entry {first} (counted from 0); leave one out"))
-                if wrong:
-                    raise Invalid(wrong)
-        faults.check()
-        return tuple(found)
+        first: dict[tuple[float, ...], int] = {}
+
+        def another(item: tuple[int, Any]) -> tuple[float, ...]:
+            position, entry = item[0], self._numbers(item[1])
+            wrong = list(self.entry_faults(entry))
+            if first.setdefault(entry, position) != position:
+                wrong.insert(0, Fault(f"is the same as entry {first[entry]} (counted from 0); leave one out"))
+            if wrong:
+                raise Invalid(wrong)
+            return entry
+
+        return tuple(each(enumerate(raw), another))
 
     def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
         """Yield what is wrong with an entry of good numbers."""

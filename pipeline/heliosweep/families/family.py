@@ -175,10 +175,10 @@ class Family:
         return _call(f"{type(self).__module__}.interactive", "views", result, default_views)
 
 
-def family_of_result(result: xr.Dataset, known: Mapping[str, Family]) -> Family | None:
-    """Family that tells of a result, its draws or its search; None where it is not `known`."""
+def family_of_result(result: xr.Dataset, known: Mapping[str, Family] | None = None) -> Family | None:
+    """Family that tells of a result, its draws or its search; None where it is not `known`, by default of all."""
     said = json.loads(result.attrs.get("study", "{}"))
-    family = known.get(said.get("family"))
+    family = (families() if known is None else known).get(said.get("family"))
     if family is None:
         return None
     family = family.of_draws("sample" in said)

@@ -15,7 +15,7 @@ from heliosweep.errors import StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid import statistics
 from heliosweep.grid.plan import Workload
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import BEST_VALUE, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -240,6 +240,8 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
     for name in ("cell_methods", "valid_range"):
         if name in one.attrs and words in {known for _, known, _ in _STATISTICS.values()}:
             attrs[name] = one.attrs[name]
+    if BEST_VALUE in one.attrs and words.startswith(("mean over the draws", "percentiles")):
+        attrs[BEST_VALUE] = one.attrs[BEST_VALUE]
     return attrs
 
 

@@ -19,7 +19,7 @@ from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
-from heliosweep.grid.regions import Cut, Variable, bytes_of
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
 from heliosweep.search.course import EVALUATION
 
 if TYPE_CHECKING:
@@ -143,7 +143,13 @@ class Searched(Family):
     def variables(self, study: Study) -> dict[str, Variable]:
         """What is kept of each evaluation: values of the searched keys, by dotted key, and its `results`."""
         keys = {key: Variable((EVALUATION,), {}) for key in _search(study).searched()}
-        return keys | {name: Variable((EVALUATION,), one.attrs) for name, one in self.results(study).items()}
+        found, ways = self.results(study), (("maximise", LARGEST), ("minimise", SMALLEST))
+        best = {
+            result_name(name, found): {BEST_VALUE: end} for way, end in ways for name in getattr(_search(study), way)
+        }
+        return keys | {
+            name: Variable((EVALUATION,), {**one.attrs, **best.get(name, {})}) for name, one in found.items()
+        }
 
     def coordinates(self, study: Study) -> xr.Dataset:
         """Labels that all evaluations share."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -25,6 +25,10 @@ SERIES_PARTS, LEAST_LENGTH = 8, 64
 STORAGE_BYTES = 2**20
 #: Values of passing variables that are finished at a time. [bytes]
 PASS_BYTES = 16 * 2**20
+
+
+#: Attribute by which a variable says that its largest or its smallest value is the best; without it neither is.
+BEST_VALUE, LARGEST, SMALLEST = "best_value", "largest", "smallest"
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,17 @@ class Variable:
     def kind(self) -> str:
         """Kind of the parts that hold it: ``series`` where it varies along ``time``, else ``points``."""
         return "series" if "time" in self.dims else "points"
+
+
+def with_best(
+    variables: Mapping[str, Variable], largest: Iterable[str], smallest: Iterable[str] = ()
+) -> dict[str, Variable]:
+    """The same variables, of which those that are named say which of their values is the best."""
+    best = dict.fromkeys(largest, LARGEST) | dict.fromkeys(smallest, SMALLEST)
+    return {
+        name: replace(one, attrs={**one.attrs, BEST_VALUE: best[name]}) if name in best else one
+        for name, one in variables.items()
+    }
 
 
 def of_kind(variables: Mapping[str, Variable], kind: str) -> dict[str, Variable]:

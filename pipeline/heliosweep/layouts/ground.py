@@ -26,6 +26,9 @@ Floats = NDArray[np.float64]
 MAX_BYTES = 64 * 2**20
 """Largest file of polygons that is read."""
 
+AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
+"""Attributes by which a result tells its polygons, by key of the study."""
+
 MAX_CELLS = 25_000_000
 """Heights of the largest grid that is read."""
 

@@ -16,7 +16,16 @@ from heliosweep.config.study import Dimension, Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.csv import read_csv
-from heliosweep.layouts.ground import AT_TOWER, Region, heights_at, read_heights, region_of, slope_heights
+from heliosweep.layouts.ground import (
+    AREAS,
+    AT_TOWER,
+    Region,
+    heights_at,
+    read_area,
+    read_heights,
+    region_of,
+    slope_heights,
+)
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.patterns import rows, spiral
 from heliosweep.layouts.radial_stagger import Zone, radial_stagger
@@ -114,6 +123,15 @@ class Layouts:
         paths = [None if name is None else self._study.resolve(name) for name in names]
         stamps = tuple(None if path is None else _stamp(path) for path in paths)
         return region_of(sectors, *paths, stamps, of("margin", block.margin) or 0.0, block.origin or AT_TOWER)
+
+    def areas(self) -> dict[str, str]:
+        """Polygons that are the same for all layouts, as WKT in metres, by the attribute that tells them."""
+        found = {}
+        for key, attribute in AREAS.items():
+            name = getattr(self._block, key)
+            if isinstance(name, str):
+                found[attribute] = read_area(self._study.resolve(name), f"{self._key}.{key}").wkt
+        return found
 
     def _spacing(self, rule: str | None, inner_radius: float, values: Mapping[str, Any]) -> Spacing | None:
         """The growing spacing of a study, from its receiver and mirrors. Raises StudyError."""

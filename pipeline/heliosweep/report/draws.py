@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -25,8 +25,30 @@ MOST_PANELS, MOST_BARS, MOST_DOTS = 6, 20, 4000
 FIRST_MEAN, SEQUENCES = 16, 8
 #: Rank correlation of keys that have the same draws.
 TIED = 0.9999
+#: Numbers of each key that bars are drawn of.
+_INDICES = {"first_order_index": "first-order index", "total_index": "total index"}
+_CHANGES = {"change_down": "one deviate less", "change_up": "one deviate more"}
 #: Results in the table of statistics, and rows of a table.
 MOST_ROWS = 60
+
+#: Of each kind of sensitivity: the numbers of each key, heads of the columns of its table, and what is said below.
+_TOLD = {
+    "sobol": (
+        ["first_order_index", "first_order_interval", "total_index", "total_interval"],
+        ["first-order index", "total index"],
+        "Behind each index stands half of its 95 % interval; * marks those wider than 0.1: draw more.",
+    ),
+    "morris": (
+        ["effect_mean", "effect_mean_magnitude", "effect_standard_deviation"],
+        ["mean effect", "mean magnitude", "standard deviation"],
+        "Change as the key goes from its 12.5 to its 87.5 % quantile.",
+    ),
+    "local": (
+        [*_CHANGES],
+        [*_CHANGES.values()],
+        "Change with one standard normal deviate less, and more, of the key, the others at their median.",
+    ),
+}
 
 
 class Draws:
@@ -90,10 +112,11 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Named
         yield NamedFigure("distribution", caption, _distribution(shown))
     if shown.sensitivity == "sobol":
         caption = f"What the variance of the {what} owes to each key, with 95 % intervals"
-        yield NamedFigure("sensitivity_indices", caption, _bars(shown))
+        yield NamedFigure("sensitivity_indices", caption, _bars(shown, _INDICES, "part of the variance"))
     if shown.sensitivity == "local":
         caption = f"Change of the {what} with one standard normal deviate of each key, the others at their median"
-        yield NamedFigure("tornado", caption, _tornado(shown))
+        label = f"change of the {axis_label(result[shown.headline])}"
+        yield NamedFigure("tornado", caption, _bars(shown, _CHANGES, label))
     if shown.sensitivity == "morris":
         caption = (
             f"Elementary effects of each key on the {what}: to the right it matters, upwards it bends or interacts"
@@ -153,16 +176,7 @@ def _alike(values: np.ndarray) -> list[str]:
 
 def _parameters(shown: Draws) -> Table:
     result, name, rows = shown.result, shown.headline, list[list[str]]()
-    columns = {
-        "sobol": ["first_order_index", "first_order_interval", "total_index", "total_interval"],
-        "morris": ["effect_mean", "effect_mean_magnitude", "effect_standard_deviation"],
-        "local": ["change_down", "change_up"],
-    }[shown.sensitivity]
-    notes = {
-        "sobol": "Behind each index stands half of its 95 % interval; * marks those wider than 0.1: draw more.",
-        "morris": "Change as the key goes from its 12.5 to its 87.5 % quantile.",
-        "local": "Change with one standard normal deviate less, and more, of the key, the others at their median.",
-    }[shown.sensitivity]
+    columns, header, note = _TOLD[shown.sensitivity]
     for point in shown.points()[: max(1, MOST_ROWS // result.sizes[PARAMETER])]:
         numbers = [shown.values(f"{name}_{column}", point) for column in columns]
         for at in _order(numbers[2 if shown.sensitivity == "sobol" else 1]):
@@ -172,18 +186,13 @@ def _parameters(shown: Draws) -> Table:
                 plus = "\N{PLUS-MINUS SIGN}"
                 cells = [f"{cells[k]} {plus} {cells[k + 1]}{wide[k // 2]}" for k in (0, 2)]
             rows.append([shown.where(point), shown.parameter(str(result[PARAMETER].to_numpy()[at])), *cells])
-    header = {
-        "sobol": ["first-order index", "total index"],
-        "morris": ["mean effect", "mean magnitude", "standard deviation"],
-        "local": ["one deviate less", "one deviate more"],
-    }[shown.sensitivity]
     unit = "" if shown.sensitivity == "sobol" else unit_of(result[name])
     several = any(row[0] for row in rows)
     rows = rows if several else [row[1:] for row in rows]
     words = [""] * several + ["key"]
     units = [*("" for _ in words), *(unit for _ in header)]
     return Table(
-        f"Sensitivity of the {title_of(result[name])}", [*words, *header], rows, range(len(words)), [notes], units
+        f"Sensitivity of the {title_of(result[name])}", [*words, *header], rows, range(len(words)), [note], units
     )
 
 
@@ -254,37 +263,23 @@ def _running(shown: Draws) -> Figure:
 
 
 @styled
-def _bars(shown: Draws) -> Figure:
+def _bars(shown: Draws, kinds: Mapping[str, str], label: str) -> Figure:
+    """Draw bars of some numbers of each key, with their intervals where they have some, the longest first."""
     figure, panels = _panels(shown, high=True)
     names, entries = shown.result[PARAMETER].to_numpy(), dict[str, Any]()
     for axes, point in panels:
-        total = shown.values(f"{shown.headline}_total_index", point)
-        order = _order(total)[:MOST_BARS]
-        for side, (kind, word) in enumerate((("first_order", "first-order index"), ("total", "total index"))):
-            values = shown.values(f"{shown.headline}_{kind}_index", point)[order]
-            half = shown.values(f"{shown.headline}_{kind}_interval", point)[order]
-            places = np.arange(order.size) + 0.2 * (2 * side - 1)
-            entries[word] = axes.barh(places, values, 0.38, xerr=half, color=COLOURS[(4, 0)[side]], ecolor="#333333",
-                                      error_kw={"elinewidth": 0.8, "capsize": 1.5})  # fmt: skip
-        _name_bars(axes, [shown.parameter(str(names[at])) for at in order])
-        axes.set_xlabel("part of the variance")
-        axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
-    legend(figure, entries)
-    return fit(figure, 0.62)
-
-
-@styled
-def _tornado(shown: Draws) -> Figure:
-    figure, panels = _panels(shown, high=True)
-    names, entries = shown.result[PARAMETER].to_numpy(), dict[str, Any]()
-    for axes, point in panels:
-        down, up = (shown.values(f"{shown.headline}_change_{end}", point) for end in ("down", "up"))
-        order = _order(np.maximum(np.abs(down), np.abs(up)))[:MOST_BARS]
-        for values, word, colour in ((down, "one deviate less", 0), (up, "one deviate more", 1)):
-            entries[word] = axes.barh(np.arange(order.size), values[order], 0.7, color=COLOURS[colour], alpha=0.8)
+        every = {kind: shown.values(f"{shown.headline}_{kind}", point) for kind in kinds}
+        order = _order(np.fmax.reduce(np.abs(list(every.values()))))[:MOST_BARS]
+        for side, (kind, values) in enumerate(every.items()):
+            interval = f"{shown.headline}_{kind.removesuffix('_index')}_interval"
+            half = shown.values(interval, point)[order] if interval in shown.result else None
+            shift, height, colours = (0.0, 0.7, (0, 1)) if half is None else (0.4 * side - 0.2, 0.38, (4, 0))
+            look: Any = {"color": COLOURS[colours[side]], "ecolor": "#333333"}
+            look |= {"xerr": half, "error_kw": {"elinewidth": 0.8, "capsize": 1.5}}
+            entries[kinds[kind]] = axes.barh(np.arange(order.size) + shift, values[order], height, **look)
         _name_bars(axes, [shown.parameter(str(names[at])) for at in order])
         axes.axvline(0, color="#444444", linewidth=0.8)
-        axes.set_xlabel(f"change of the {axis_label(shown.result[shown.headline])}")
+        axes.set_xlabel(label)
     legend(figure, entries)
     return fit(figure, 0.62)
 

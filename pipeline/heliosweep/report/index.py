@@ -15,8 +15,8 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
 from heliosweep.report.heads import head_of
-from heliosweep.report.page import OUTPUTS, PAGE, render
-from heliosweep.store.folder import read_manifest
+from heliosweep.report.page import PAGE, render
+from heliosweep.store.folder import OUTPUTS, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
 
 log = logging.getLogger("heliosweep")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
@@ -13,7 +13,7 @@ from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
 from heliosweep.report.contents import Table
-from heliosweep.report.labels import DEGREE, number_text
+from heliosweep.report.labels import DEGREE, NOTHING, number_text
 
 #: Values that are listed one by one; of more the first and the last.
 FEW = 6
@@ -21,7 +21,7 @@ FEW = 6
 MOST_ROWS = 60
 #: Blocks that the table does not repeat: the time is in the dates and hours, the others change no number.
 _ELSEWHERE = {"time", "family", "zip", "mode", *Study.DOES_NOT_MATTER}
-_ORDER = ("swept", "drawn", "fixed")
+_ORDER = ("searched", "swept", "drawn", "fixed")
 _NO_UNIT = ("1", "")
 
 
@@ -32,7 +32,8 @@ def inputs(study: Study | None, covers: Sequence[tuple[str, str]]) -> Table | No
     """
     rows = [[name, text, "", ""] for name, text in covers]
     if isinstance(study, Study):
-        found = sorted(_entries(study), key=lambda row: _ORDER.index(row[2].partition(",")[0]))
+        asked = (row for row, given in _entries(study) if given)
+        found = sorted(asked, key=lambda row: _ORDER.index(row[2].partition(",")[0]))
         rows = [row for row in found if not row[2].startswith("fixed")] + rows
         rows += [row for row in found if row[2].startswith("fixed")]
     if not rows:
@@ -44,24 +45,64 @@ def inputs(study: Study | None, covers: Sequence[tuple[str, str]]) -> Table | No
     )
 
 
-def _entries(block: Block, prefix: str = "") -> Iterator[list[str]]:
+def inputs_of_several(names: Sequence[str], inputs: Sequence[tuple[Study | None, Sequence[tuple[str, str]]]]) -> Table:
+    """Table of the inputs of several studies with a column for each, what differs first.
+
+    Of each study the same is told as by `inputs`, and its default where another one has something else.
+    """
+    told: dict[str, list[str]] = {}
+    given: set[str] = set()
+    for number, (study, covers) in enumerate(inputs):
+        rows = [([name, text, "", ""], True) for name, text in covers]
+        rows += _entries(study) if isinstance(study, Study) else []
+        for (name, text, how, key), asked in rows:
+            cells = told.setdefault(key or name, [name, *(NOTHING for _ in inputs), key])
+            cells[1 + number] = text if how in ("", "fixed") else f"{text} ({how})"
+            given |= {key or name} if asked else set()
+    differ = {key for key, cells in told.items() if len({*cells[1:-1]}) > 1}
+    order = [key for key in told if key in differ] + [key for key in told if key in given - differ]
+    return Table(
+        "What went in",
+        ["", *names, "key of the study"],
+        [told[key] for key in order[:MOST_ROWS]],
+        range(2 + len(names)),
+        [f"{len(differ)} differ, and come first." if differ else "None of them differ."]
+        + [f"The first {MOST_ROWS} of {len(order):,}; the study files have all."] * (len(order) > MOST_ROWS),
+        classes=["changed" if key in differ else "" for key in order[:MOST_ROWS]],
+    )
+
+
+def _entries(study: Study) -> Iterator[tuple[list[str], bool]]:
+    """Row of each key of a study, and whether it is not at its default; searched keys with their bounds."""
+    over: Mapping[str, Any] = study.search.over if study.search else {}
+    for row, asked in _rows(study):
+        *others, key = row
+        if key in over:
+            extent, declared = over[key], {name: one for name, one, _ in study.parameters()}[key]
+            ends = (
+                ", ".join(map(_text, extent["choice"])) if isinstance(extent, dict) else " to ".join(map(_text, extent))
+            )
+            others[1:] = f"{ends}{_after(declared)}", "searched"
+        yield [*others, key], asked or key in over
+
+
+def _rows(block: Block, prefix: str = "") -> Iterator[tuple[list[str], bool]]:
     for name, declared in type(block).model_fields.items():
         value, parameter, key = getattr(block, name), type(block).parameter(name), f"{prefix}{name}"
         if value is None or key in _ELSEWHERE:
             continue
         if isinstance(parameter, Quantity | Choice | FileName | Flag):
-            if value != declared.default:
-                text, how = _told(parameter, value)
-                yield [parameter.title or _words(key), text, how, key]
+            text, how = _told(parameter, value)
+            yield [parameter.title or _words(key), text, how, key], bool(value != declared.default)
         elif isinstance(value, Block):
-            yield from _entries(value, f"{key}.")
+            yield from _rows(value, f"{key}.")
         elif isinstance(value, tuple) and value and not isinstance(value[0], Block):
             count = f"{len(value)} {'entry' if len(value) == 1 else 'entries'}"
             one = _text(value) if len(value) <= FEW and not isinstance(value[0], tuple) else count
-            yield [_words(key), one, "fixed", key]
+            yield [_words(key), one, "fixed", key], True
         elif isinstance(value, tuple):
             for number, item in enumerate(value[:FEW]):
-                yield from _entries(item, f"{key}[{number}].")
+                yield from _rows(item, f"{key}[{number}].")
 
 
 def _words(key: str) -> str:
@@ -70,9 +111,7 @@ def _words(key: str) -> str:
 
 def _told(parameter: Parameter, value: Any) -> tuple[str, str]:
     """A value with its unit, and how it stands in the study."""
-    unit = getattr(parameter, "unit", "1")
-    space = "" if unit in ("deg", *_NO_UNIT) else "\N{NO-BREAK SPACE}"
-    after = space + (DEGREE if unit == "deg" else "" if unit in _NO_UNIT else unit)
+    after = _after(parameter)
     if isinstance(value, Distribution):
         first, second = map(_text, value.parts)
         spread = f"mean {first}, standard deviation {second}" if value.kind == "normal" else f"{first} to {second}"
@@ -86,6 +125,12 @@ def _told(parameter: Parameter, value: Any) -> tuple[str, str]:
         text = ", ".join(ends) if count <= FEW else f"{ends[0]} to {ends[1]}"
         return f"{text}{after}", f"swept, {count:,} {'value' if count == 1 else 'values'}"
     return f"{_text(value)}{'' if isinstance(value, str) else after}", "fixed"
+
+
+def _after(parameter: Parameter) -> str:
+    """Unit of a value, as it is printed behind it."""
+    unit = str(getattr(parameter, "unit", "1")).replace("m2", "m\N{SUPERSCRIPT TWO}")
+    return DEGREE if unit == "deg" else "" if unit in _NO_UNIT else f"\N{NO-BREAK SPACE}{unit}"
 
 
 def _text(value: Any) -> str:

@@ -58,6 +58,9 @@ MARKS = {
 #: Between light and dark, to be seen on both.
 GREY = "#80868c"
 
+#: Where a mirror stands, by coordinate.
+SIDES = {"x": "east (m)", "y": "north (m)", "z": "up (m)"}
+
 #: Tools by the keys that use them.
 KEYS = {
     **{f"Arrow{way.title()}": bk.ClickPanTool(direction=way) for way in ("left", "right", "up", "down")},
@@ -185,7 +188,7 @@ def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
         "along": list(view.along),
         "less": view.less,
         "named": not view.title,
-        "sides": [("x", "east (m)"), ("y", "north (m)")] if view.kind == "field" else [],
+        "sides": [(name, words) for name, words in SIDES.items() if name in made["places"]],
         "steps": [1, 1],
     }
     box = bk.BoxZoomTool(name="zoom", match_aspect=not _is_curved(view) and _to_scale(view, made))
@@ -246,13 +249,23 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
     if view.kind == "field":
         spec |= {"what": "heliostats"}
         sides: dict[str, Any] = {name: name for name in ("x", "y", "width", "height", "angle")}
-        source = bk.ColumnDataSource({name: [0, 1] for name in (*sides, "value", "text", "name")}, name="source")
+        source = bk.ColumnDataSource(
+            {name: [0, 1] for name in (*made["places"], "value", "text", "name")}, name="source"
+        )
+        at = [side for side in SIDES if side in made["places"]]
         fill: Any = {"field": "value", "transform": mapper}
         mirrors = bk.Rect(**sides, fill_color=fill, line_color=f"{GREY}88", line_width=0.4)
         hover.update(
             renderers=[plot.add_glyph(source, mirrors)],
-            tooltips=_tip(heliostat="@name", value="@text", east_north="@x{0.0}, @y{0.0} m"),
+            tooltips=_tip(
+                heliostat="@name",
+                value="@text",
+                **{"_".join(SIDES[side].split()[0] for side in at): f"{', '.join(f'@{side}{{0.0}}' for side in at)} m"},
+            ),
         )
+        for edges, dash in zip(made["areas"].values(), ("dashed", "dotted"), strict=False):
+            lines = bk.ColumnDataSource({axis: [ring[:, i] for ring in edges] for i, axis in enumerate(("xs", "ys"))})
+            plot.add_glyph(lines, bk.MultiLine(xs="xs", ys="ys", line_color=GREY, line_width=1.5, line_dash=dash))
         tower = bk.Scatter(x=0, y=0, marker="triangle", size=11, fill_color="#1c2126", line_color="#ffffff")
         plot.add_glyph(bk.ColumnDataSource({"x": [0]}), tower)
         titles = ["north (m)", "east (m)"]

@@ -26,10 +26,17 @@ _UNITS = {
     **{f"{unit} m-2": f"{unit}/m\N{SUPERSCRIPT TWO}" for unit in ("W", "kW", "MWh")},
 }
 
+#: Part of the values beyond zero on the one side that those on the other must reach to count.
+LEAST_SIDE = 0.02
+
 #: Letters of a name that a figure shows, and along an axis.
 MOST_LETTERS, TICK_LETTERS = 40, 24
 
-#: Dimensions whose values are words of the program, written with underscores there.
+#: Coordinates whose words speak for themselves.
+SPEAKING = ("site", "layout", "tracking")
+
+#: Coordinates whose words somebody wrote, which stay as they are; others have underscores, some of them for hyphens.
+_WRITTEN = ("site", "layout", "heliostat", "name", "id")
 _ENUMERATIONS = ("tracking", "model", "mount_kind", "source", "axis", "loss")
 
 
@@ -45,6 +52,11 @@ def is_fraction(array: xr.DataArray) -> bool:
     """Whether values are fractions of one, better read in percent."""
     valid = array.attrs.get("valid_range")
     return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
+
+
+def is_signed(low: float, high: float) -> bool:
+    """Whether values between these ends have a sign that matters: their colours then differ about zero."""
+    return min(-low, high) > LEAST_SIDE * max(-low, high)
 
 
 def is_flag(array: xr.DataArray) -> bool:
@@ -82,6 +94,17 @@ def axis_label(array: xr.DataArray) -> str:
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
 
+def labels_along(result: xr.Dataset, dim: str) -> xr.DataArray:
+    """What stands along a dimension: names, else its values, else the numbers 1, 2, ..."""
+    names = result.coords.get("name")
+    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
+        return names.reset_coords(drop=True)
+    if dim in result.coords:
+        return result[dim].reset_coords(drop=True)
+    words = {"long_name": dim.replace("_", " ")}
+    return xr.DataArray(np.arange(1, result.sizes[dim] + 1), dims=dim, name=dim, attrs=words)
+
+
 def latitude_text(latitude: float) -> str:
     """Latitude with its hemisphere."""
     hemisphere = "" if latitude == 0 else " N" if latitude > 0 else " S"
@@ -92,9 +115,9 @@ def value_text(coordinate: xr.DataArray) -> str:
     """One coordinate value with its unit, for instance ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
     value = coordinate.item()
     if isinstance(value, str):
-        if coordinate.name in _ENUMERATIONS:
-            return value.replace("_", "-")
-        return PurePath(value).stem if value.endswith(".csv") else value
+        if coordinate.name in _WRITTEN:
+            return PurePath(value).stem if value.endswith(".csv") else value
+        return value.replace("_", "-" if coordinate.name in _ENUMERATIONS else " ")
     if coordinate.dtype.kind in "mM":
         return str(coordinate.to_numpy().astype("datetime64[m]"))
     if is_latitude(coordinate):
@@ -121,7 +144,7 @@ def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
         return INFINITY if value > 0 else MINUS + INFINITY
     if math.isnan(value):
         return NOTHING
-    text = f"{value:+.{decimals}f}" if signed else f"{value:.{decimals}f}"
+    text = f"{value:+,.{decimals}f}" if signed else f"{value:,.{decimals}f}"
     if not text.strip("+-0."):
         text = text.lstrip("+-")
     return text.replace("-", MINUS)

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 import logging
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -31,7 +30,7 @@ from heliosweep.report.inputs import inputs
 from heliosweep.report.ranking import ranked
 from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
-from heliosweep.store.folder import MANIFEST, Manifest, Planned, Record, read_manifest
+from heliosweep.store.folder import MANIFEST, OUTPUTS, Manifest, Planned, Record, read_manifest
 from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
@@ -39,10 +38,11 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
+#: The family that tells of a result; None where nobody knows it.
+FamilyOf: TypeAlias = Callable[["xr.Dataset"], Any]
+
 PAGE = "report.html"
 
-#: Where results go when nobody says, and the only place where an index is written unasked.
-OUTPUTS = "outputs"
 FIGURES = "figures"
 
 #: Images of a page up to which they have all their pixels, and the scale of those beyond. [bytes]
@@ -91,7 +91,7 @@ class _Manifest(Manifest):
 
 def write_report(
     folder: str | os.PathLike[str],
-    families: Mapping[str, Any],
+    family_of: FamilyOf,
     study: Study | None = None,
     *,
     vector: Sequence[str] = (),
@@ -103,8 +103,8 @@ def write_report(
     folder : path
         Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` (of an
         unpacked archive: ``study.yaml``) are shown where they are. Of a damaged manifest, the page says so.
-    families : mapping of str to Family
-        The families by name. A result of any other is told by its numbers and dimensions.
+    family_of : callable
+        Gives the family of a result; without one, it is told by its numbers and dimensions.
     study : Study, optional
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
     vector : sequence of {"svg", "pdf"}
@@ -129,7 +129,7 @@ def write_report(
     if study is None:  # else it was checked or written just now
         sound(place, as_written=True)
     with blaming_damage(place), open_result(place) as result:
-        text = _page(place, locate(place).name, result, families, study, vector)
+        text = _page(place, locate(place).name, result, family_of(result), study, vector)
     write_whole(place / PAGE, text)
     return place / PAGE
 
@@ -138,18 +138,13 @@ def _page(
     place: Path,
     file: str,
     result: xr.Dataset,
-    families: Mapping[str, Any],
+    family: Any,
     study: Study | None,
     vector: Sequence[str],
 ) -> str:
     from heliosweep.report.interactive import explore, scripts
 
-    said = json.loads(result.attrs.get("study", "{}"))
-    family = families.get(said.get("family"))
-    if family and "sample" in said:
-        family = family.of_draws(True)
-    if family and said.get("search"):
-        family = family.search_of(result)
+    headlines = family.headlines if family else ()
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
     told = comparison.told(result, compared.values) if compared else result
@@ -162,20 +157,20 @@ def _page(
     went_in, fixed_is_told = None, False
     points = None
     with undrawn.noting("The table of inputs"):
-        asked = study or _study(place, family)
+        asked = study or study_beside(place, family)
         went_in = inputs(asked, sampled(result, asked))
         fixed_is_told = isinstance(asked, Study)
     with undrawn.noting("The interactive plots"):
         views, plots = explore(result, family.views(result) if family else default_views(result))
     with undrawn.noting("The tables of results"):
-        results = sections.results(result, family.tables(result) if family else (), family.headlines if family else ())
+        results = sections.results(result, family.tables(result) if family else (), headlines)
     with undrawn.noting("The ranking"):
-        points = ranked(result, family.headlines if family else ())
+        points = ranked(result, headlines)
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),
         heading=str(result.attrs.get("title", "A result")),
-        headline=sections.headline(result, family.headlines if family else ()),
+        headline=sections.headline(result, headlines),
         about=" \N{MIDDLE DOT} ".join(
             str(result.attrs[name]) for name in ("source", "study_id") if name in result.attrs
         ),
@@ -290,14 +285,17 @@ def _draw(
             path = folder / f"{named.name}.{kind}"
             write_whole(path, content)
             written.append(path.name)
-        shown = small(images["png"], 1.0 if embedded <= MOST_IMAGES else REDUCED)
-        embedded += len(shown)
-        width, height = (round(PIXELS * side) for side in named.figure.get_size_inches())
-        png = base64.b64encode(shown).decode()
-        yield {"caption": named.caption, "png": png, "width": width, "height": height}
+        embedded += len(shown := small(images["png"], 1.0 if embedded <= MOST_IMAGES else REDUCED))
+        yield embeddable(named, shown)
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
+
+
+def embeddable(named: NamedFigure, png: bytes) -> dict[str, Any]:
+    """A figure as the templates set it in a page."""
+    width, height = (round(PIXELS * side) for side in named.figure.get_size_inches())
+    return {"caption": named.caption, "png": base64.b64encode(png).decode(), "width": width, "height": height}
 
 
 def for_others(page: str) -> str:
@@ -323,7 +321,7 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     return compared
 
 
-def _study(place: Path, family: Any) -> Study | None:
+def study_beside(place: Path, family: Any) -> Study | None:
     """The study that lies beside a result; None where it cannot be read, as files that it names are elsewhere."""
     from heliosweep.config.load import load
 

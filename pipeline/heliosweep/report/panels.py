@@ -49,6 +49,8 @@ class Panel:
         Lower and upper end of the band about a line, or of the bars about points.
     marks : DataArray, optional
         Values that points over words are held against, a bar across the place of each word.
+    least_span : float, optional
+        Least height of the value axis, in place of that of the figure. [unit of the axis]
     """
 
     label: str
@@ -56,6 +58,7 @@ class Panel:
     title: str = ""
     bands: Mapping[str, tuple[xr.DataArray, xr.DataArray]] = field(default_factory=dict)
     marks: xr.DataArray | None = None
+    least_span: float | None = None
 
 
 def panels_over(
@@ -227,9 +230,10 @@ def _draw_points(axes: Axes, panel: Panel, looks: Mapping[str, dict[str, Any]], 
         look = {**looks[name], **_POINT}
         if ends.size:
             axes.errorbar(x, shown, np.abs(ends - shown), fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
-        for kept, face in ((y >= low, look["color"]), (y < low, "white")):
+        hollow = {"markerfacecolor": "white", "markeredgecolor": look["color"], "markeredgewidth": 1.0}
+        for kept, more in ((y >= low, {}), (y < low, hollow)):
             if kept.any():
-                axes.plot(x[kept], shown[kept], **look, markerfacecolor=face, clip_on=False, zorder=3, label=name)
+                axes.plot(x[kept], shown[kept], **(look | more), clip_on=False, zorder=3, label=name)
     if panel.marks is not None:
         axes.hlines(panel.marks, np.arange(count) - 0.4, np.arange(count) + 0.4, color="black", linewidth=1.8, zorder=2)
     between: Any = {"transform": axes.get_xaxis_transform(), "color": "#e2e2e2", "linewidth": 0.5, "zorder": 0}
@@ -254,6 +258,7 @@ def _scale(
         tick_decades(axes.yaxis, low, high)
         return
     low, high = axes.get_ylim()
+    least_span = least_span if panel.least_span is None else panel.least_span
     if high - low < 1.1 * least_span:
         low, high = (low + high) / 2 - least_span, (low + high) / 2 + least_span
     if ceiling is not None:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, title_of, unit_of, value_text
+from heliosweep.report.ground import rings, rises
+from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, is_signed, title_of, unit_of, value_text
 from heliosweep.report.selection import evenly, is_geometric
 from heliosweep.report.views import HELIOSTAT, View, is_joined, is_ordered, position
 
@@ -40,9 +41,6 @@ MOST_FOLDS, ROOMS, SIZE = 4, (28, 40, 60), 13
 #: Points up to which a line has marks, and the size of these. [CSS pixel]
 MOST_MARKS, MARK = 80, 6
 
-#: Dimensions whose words a user wrote: they stay as they are.
-_NAMED = ("site", "layout", HELIOSTAT)
-
 Kept = dict[str, np.ndarray]
 
 
@@ -54,7 +52,8 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
     dict
         ``quantities``: numbers over named dimensions, with name and unit, and for each value of ``view.less``
         (``shown[0]``: none) label, unit and range; ``dims``: title, words and place on the axis of each value;
-        ``start``: where switches stand; ``title``; ``thinned``: what was left out, in words; ``places`` of mirrors.
+        ``start``: where switches stand; ``title``; ``thinned``: what was left out, in words; ``places`` of mirrors,
+        ``areas`` of the field.
     """
     kept, names = thinned(result, view, _names(view), budget)
     arrays = {name: _array(result[name], kept) for name in names}
@@ -79,6 +78,7 @@ def view_payload(result: xr.Dataset, view: View, budget: int = PAGE_VALUES) -> d
         },
         "thinned": _said(result, kept),
         "places": _places(result, kept) if view.kind == "field" else {},
+        "areas": rings(result) if view.kind == "field" else {},
     }
 
 
@@ -192,13 +192,14 @@ def _words(array: xr.DataArray, numbers: Mapping[str, Any], dims: Mapping[str, A
             label = f"{title}, less that of {name}{f' ({unit})' if unit else ''}"
             difference = _range(values - values.take([i], axis))
             end = max(-difference["low"], difference["high"])
-            shown.append({**_label(label), "unit": unit, "low": -end, "high": end})
+            shown.append({**_label(label), "unit": unit, "low": -end, "high": end, "signed": True})
     return {"title": title, "heading": title[:1].upper() + title[1:], "shown": shown}
 
 
-def _range(values: np.ndarray) -> dict[str, float]:
+def _range(values: np.ndarray) -> dict[str, float | bool]:
     told = values[np.isfinite(values)]
-    return {"low": float(told.min()), "high": float(told.max())} if told.size else {"low": 0.0, "high": 1.0}
+    low, high = (float(told.min()), float(told.max())) if told.size else (0.0, 1.0)
+    return {"low": low, "high": high, "signed": is_signed(low, high)}
 
 
 def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]:
@@ -256,10 +257,7 @@ def _labels(result: xr.Dataset, dim: str, kept: np.ndarray) -> list[str]:
 
 
 def _word(value: xr.DataArray) -> str:
-    text = value_text(value)
-    if value.dtype.kind in "OU" and value.name not in _NAMED:
-        return text.replace("_", " ")
-    return text.removesuffix("T00:00") if value.dtype.kind == "M" else text
+    return value_text(value).removesuffix("T00:00") if value.dtype.kind == "M" else value_text(value)
 
 
 def _places(result: xr.Dataset, kept: Kept) -> dict[str, dict[str, Any]]:
@@ -268,7 +266,8 @@ def _places(result: xr.Dataset, kept: Kept) -> dict[str, dict[str, Any]]:
     spans = [np.nanmax(axis) - np.nanmin(axis) if np.isfinite(axis).any() else 0.0 for axis in (x, y)]
     number = max(1, int(np.isfinite(x).sum() / max(1, x.size // x.shape[-1])))
     packed = max(PACKING * math.sqrt(spans[0] * spans[1] / number), 1.0)
-    places = {name: _array(result[name], kept) for name in "xy"}
+    sides = "xyz" if "z" in result.coords and rises(result["z"].to_numpy()) else "xy"
+    places = {name: _array(result[name], kept) for name in sides}
     for side in ("width", "height"):
         name = f"heliostat_{side}"
         known = name in result.coords and set(map(str, result[name].dims)) <= set(kept)

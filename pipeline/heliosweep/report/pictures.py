@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
+from heliosweep.report.ground import rings, rises
+from heliosweep.report.labels import is_signed
 from heliosweep.report.layout import abreast, colour_bar, fit, label_outside, legend, sheet, tick
 from heliosweep.report.style import DIFFERENCES, NO_VALUE, VALUES, styled
 
@@ -40,6 +43,11 @@ _CROWD = 3000
 #: Part of the values that a colour scale holds; single wild ones have the colour of its end.
 HELD = 0.995
 
+#: How the edges of areas are drawn.
+_AREAS: dict[str, dict[str, Any]] = {
+    "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
+    "no heliostats": {"facecolor": "none", "edgecolor": "#888888", "linewidth": 0.7, "hatch": "////"},
+}
 _OUTLINE: dict[str, Any] = {"facecolor": "none", "edgecolor": "#333333", "linewidth": 0.5}
 Ends = tuple[tuple[float, float], tuple[float, float]]
 
@@ -119,11 +127,13 @@ def from_zero(label: str, maps: Sequence[np.ndarray], least: float = 1e-12, held
 
 
 def within(label: str, maps: Sequence[np.ndarray], palette: str = VALUES, held: float = HELD) -> Shades:
-    """Scale from the least to the largest value but for single wild ones, rounded outwards."""
+    """Scale from the least to the largest value but single wild ones, rounded outwards; about zero if signs differ."""
     values = _known(maps)
     if not values.size:
         return Shades(label, 0.0, 1.0, palette)
     low, high = (float(end) for end in np.quantile(values, [1 - held, held]))
+    if palette == VALUES and is_signed(low, high):
+        return about_zero(label, maps, held=held)
     lacking = max(0.01 * max(abs(low), abs(high)), 1e-12) - (high - low)
     if lacking > 0:  # all nearly the same
         low, high = low - lacking / 2, high + lacking / 2
@@ -150,6 +160,10 @@ class FieldMap:
         Sides of the mirrors. [m]
     values : ndarray, shape (n,)
         What is shown; NaN is grey.
+    z : ndarray, shape (n,), optional
+        Height of the ground at the mirrors, of which lines are drawn where it is not level. [m]
+    areas : mapping of str to sequence of ndarray, shape (corners, 2)
+        Edges of what `heliosweep.report.ground.rings` tells. [m]
     """
 
     title: str
@@ -158,12 +172,15 @@ class FieldMap:
     width: np.ndarray
     height: np.ndarray
     values: np.ndarray
+    z: np.ndarray | None = None
+    areas: Mapping[str, Sequence[np.ndarray]] = field(default_factory=dict)
     sides = ("east (m)", "north (m)")
 
     def ends(self) -> Ends:
         """All mirrors and the tower, with a margin."""
         placed = np.isfinite(self.x) & np.isfinite(self.y)
-        points = np.concatenate([[[0.0, 0.0]], np.stack([self.x, self.y], axis=-1)[placed]])
+        edges = [ring for rings in self.areas.values() for ring in rings]
+        points = np.concatenate([[[0.0, 0.0]], np.stack([self.x, self.y], axis=-1)[placed], *edges])
         low, high = points.min(axis=0), points.max(axis=0)
         margin = max(0.04 * float((high - low).max()), 1.2 * float(np.nanmax(self.width[placed], initial=0.0)), 1.0)
         return (low[0] - margin, high[0] + margin), (low[1] - margin, high[1] + margin)
@@ -191,7 +208,20 @@ class FieldMap:
         values = np.ma.masked_invalid(self.values[placed])
         squares = PolyCollection(corners, array=values, cmap=colours, norm=norm, rasterized=True, **edges)
         axes.add_collection(squares, autolim=False)
-        axes.plot(0, 0, "^", color="black", markersize=5, markeredgecolor="white", markeredgewidth=0.6, label="tower")
+        self._draw_ground(axes, placed)
+        axes.plot(0, 0, "^", color="black", markersize=5, markeredgecolor="white", markeredgewidth=0.6)
+
+    def _draw_ground(self, axes: Axes, placed: np.ndarray) -> None:
+        """Edges of the areas, and lines of the same height."""
+        for name, edges in self.areas.items():
+            for number, ring in enumerate(edges):
+                axes.add_patch(Polygon(ring, label="" if number else name, **_AREAS[name]))
+        if self.z is not None and rises(self.z):
+            with suppress(RuntimeError, ValueError):  # mirrors in one line have no ground between them
+                at = placed & np.isfinite(self.z)
+                steps = MaxNLocator(6).tick_values(self.z[at].min(), self.z[at].max())
+                lines = axes.tricontour(self.x[at], self.y[at], self.z[at], steps, colors="#333333", linewidths=0.5)
+                axes.clabel(lines, fontsize=5.5, fmt="%g m")
 
 
 def field_map(here: xr.Dataset, values: np.ndarray, title: str) -> FieldMap | None:
@@ -209,7 +239,8 @@ def field_map(here: xr.Dataset, values: np.ndarray, title: str) -> FieldMap | No
         np.broadcast_to(np.asarray(here[name] if name in here.coords else usual, dtype=float), x.shape)
         for name in ("heliostat_width", "heliostat_height")
     )
-    return FieldMap(title, x, y, width, height, np.asarray(values, dtype=float))
+    z = here["z"].to_numpy().astype(float) if "z" in here.coords and here["z"].dims == ("heliostat",) else None
+    return FieldMap(title, x, y, width, height, np.asarray(values, dtype=float), z, rings(here))
 
 
 def symbols(maps: Sequence[FieldMap], sized: bool = False, high: float = np.inf, missing: str = "no value") -> str:
@@ -226,6 +257,12 @@ def symbols(maps: Sequence[FieldMap], sized: bool = False, high: float = np.inf,
         else "Squares: heliostats, not to scale; triangle: tower."
     ]
     said += [] if np.isfinite(known).all() else [f"Grey: {missing}."]
+    said += ["Dashed: boundary of the field; hatched: where no heliostat may stand."] if maps[0].areas else []
+    said += (
+        ["Lines: height of the ground above the tower's base."]
+        if any(one.z is not None and rises(one.z) for one in maps)
+        else []
+    )
     over = int((known[np.isfinite(known)] > high * (1 + 1e-9)).sum())
     said += [f"{over} larger values have the colour of the scale's end."] if over else []
     return " ".join(said)
@@ -325,7 +362,7 @@ def picture_figure(
     if isinstance(colours, Shades):
         beyond = colours.beyond([one.values for one in pictures])
         colour_bar(figure, ScalarMappable(colours.norm, colours.colours), grid, colours.label, beyond)
-        legend(figure, dict(zip(*grid[0].get_legend_handles_labels()[::-1], strict=True)), loc="upper right")
+        legend(figure, dict(zip(*grid[0].get_legend_handles_labels()[::-1], strict=True)))
     else:
         drawn = np.unique(_known([one.values for one in pictures]))
         entries = {
@@ -361,9 +398,7 @@ def grid_figure(
         array = array.sortby(list(array.dims))
         y, x = (array[dim] for dim in array.dims)
         values = np.ma.masked_invalid(array.to_numpy().astype(float))
-        low, high = (float(values.min()), float(values.max())) if values.count() else (0.0, 1.0)
-        lacking = max(0.01 * max(abs(low), abs(high)) - (high - low), 0.0)  # all nearly the same
-        shades = Shades(label, low - lacking / 2, high + lacking / 2)
+        shades = within(label, [values.compressed()], held=1.0)
         sides = [edges(side.to_numpy(), log) for side, log in zip((x, y), logarithmic, strict=True)]
         mesh = axes.pcolormesh(*sides, values, cmap=shades.colours, norm=shades.norm, rasterized=True)
         axes.set_facecolor(NO_VALUE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -12,15 +11,24 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.grid.regions import BEST_VALUE, SMALLEST
 from heliosweep.report.contents import Table
-from heliosweep.report.labels import MINUS, flag_text, is_flag, number_text, printed, title_of, unit_of, value_text
-from heliosweep.report.sections import number_texts
+from heliosweep.report.labels import (
+    MINUS,
+    SPEAKING,
+    flag_text,
+    is_flag,
+    labels_along,
+    number_text,
+    printed,
+    title_of,
+    unit_of,
+    value_text,
+)
+from heliosweep.report.sections import decimals_of, number_texts
 
 #: Points that are ranked, cells of the table of all points, and results of which best and worst are told.
 MOST_POINTS, MOST_CELLS, MOST_RESULTS = 200_000, 10_000, 12
-
-#: Words in the name of a result of which the smallest value is the best; of all others it is the largest.
-LESS = ("error", "loss", "lost", "deviation", "std", "rms", "rmse", "uncertainty", "bias", "spillage", "waviness")
 
 
 @dataclass(frozen=True)
@@ -46,17 +54,8 @@ class Ranking:
     count: int
 
 
-def smallest_is_best(result: xr.Dataset, name: str) -> bool:
-    """Whether the smallest value of a result is the best: by the search that it was sought in, else by its name."""
-    search = json.loads(str(result.attrs.get("study", "{}"))).get("search") or {}
-    for way in ("minimise", "maximise"):
-        if {name, name.removeprefix("field_")} & {*search.get(way, ())}:
-            return way == "minimise"
-    return bool({*name.split("_")} & {*LESS})
-
-
 def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
-    """Rank the points of a result by each variable that has one number for each of them.
+    """Rank the points of a result by each variable that has one number for each of them and says which is best.
 
     Parameters
     ----------
@@ -82,16 +81,16 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
     values = {name: _values(arrays[name], dims) for name in ranks}
     if not np.isfinite(values[leading]).any():
         return None
-    labels = {str(dim): _labels(result, dim) for dim in dims}
+    labels = {str(dim): labels_along(result, dim) for dim in dims}
     along = {
         str(name): one
         for name, one in result.coords.items()
         if name not in dims and len(one.dims) == 1 and one.dims[0] in dims and one.dtype.kind in "fiuOU"
     }
-    told = [] if "evaluation" in dims else ranks[:MOST_RESULTS]  # a search tells its best where it keeps its bounds
+    told = [name for name in ranks if BEST_VALUE in arrays[name].attrs][:MOST_RESULTS]
+    told = [] if "evaluation" in dims else told  # a search tells its best where it keeps its bounds
     ends = [row for name in told if (row := _ends(result, name, values[name], dims, along)) is not None]
     header = ["result", "best", "at", "worst", "at"]
-    notes = ["By results whose names tell of an error or a loss the smallest value is the best, else the largest."]
     flags = {
         str(name): one
         for name, one in result.data_vars.items()
@@ -99,12 +98,17 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
     }
     points, numbers = _points(result, labels, along, values, {name: _flags(one, dims) for name, one in flags.items()})
     return Ranking(
-        Table("Best and worst points", header, ends, [0, 2, 4], notes),
-        _steps(result, leading, values[leading], dims),
+        Table("Best and worst points", header, ends, [0, 2, 4]),
+        _steps(result, leading, values[leading], dims) if leading in told else None,
         points,
         numbers,
         math.prod(shape),
     )
+
+
+def _smallest(array: xr.DataArray) -> bool:
+    """Whether the smallest value comes first: of variables that say so."""
+    return array.attrs.get(BEST_VALUE) == SMALLEST
 
 
 def _values(array: xr.DataArray, dims: Sequence[str]) -> np.ndarray:
@@ -120,16 +124,6 @@ def _flags(array: xr.DataArray, dims: Sequence[str]) -> np.ndarray:
     return np.array([words[value] for value in part.ravel().tolist()], dtype=object).reshape(part.shape)
 
 
-def _labels(result: xr.Dataset, dim: str) -> xr.DataArray:
-    """Names along a dimension, else its values, else numbers from 1."""
-    names = result.coords.get("name")
-    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
-        return names
-    if dim in result.coords:
-        return result[dim]
-    return xr.DataArray(np.arange(1, result.sizes[dim] + 1), dims=dim, name=dim, attrs={"long_name": dim})
-
-
 def _at(array: xr.DataArray, place: int) -> str:
     return value_text(array.reset_coords(drop=True)[place])
 
@@ -139,8 +133,10 @@ def _place(result: xr.Dataset, index: Sequence[int], dims: Sequence[str], along:
     words = []
     for dim, place in zip(dims, index, strict=True):
         tied = [one for one in along.values() if one.dims == (dim,)]
-        shown = [_labels(result, dim), *tied]
-        words += [f"{title_of(one).split(':')[0].split(',')[0]} {_at(one, place)}" for one in shown]
+        shown = [labels_along(result, dim), *tied]
+        for one in shown:
+            title = "" if one.name in SPEAKING else re.split("[:,]", title_of(one))[0]
+            words.append(f"{title} {_at(one, place)}".strip())
     return ", ".join(words)
 
 
@@ -151,7 +147,7 @@ def _ends(
     if not np.isfinite(values).any() or np.nanmin(values) == np.nanmax(values):
         return None
     low, high = (np.unravel_index(find(values), values.shape) for find in (np.nanargmin, np.nanargmax))
-    best, worst = (low, high) if smallest_is_best(result, name) else (high, low)
+    best, worst = (low, high) if _smallest(result[name]) else (high, low)
     texts = number_texts(np.array([values[best], values[worst]]), 4)
     unit = unit_of(result[name])
     shown = [f"{text} {unit}".rstrip() for text in texts]
@@ -159,11 +155,9 @@ def _ends(
     return [name.replace("_", " "), shown[0], places[0], shown[1], places[1]]
 
 
-def _steps(result: xr.Dataset, name: str, values: np.ndarray, dims: Sequence[str]) -> Table | None:
-    """What a step along each dimension away from the best point costs; None along mere numbers of evaluations."""
-    if "evaluation" in dims:
-        return None
-    find = np.nanargmin if smallest_is_best(result, name) else np.nanargmax
+def _steps(result: xr.Dataset, name: str, values: np.ndarray, dims: Sequence[str]) -> Table:
+    """What a step along each dimension away from the best point costs."""
+    find = np.nanargmin if _smallest(result[name]) else np.nanargmax
     best = tuple(map(int, np.unravel_index(find(values), values.shape)))
     rows, costs = [], []
     for axis, dim in enumerate(dims):
@@ -171,22 +165,16 @@ def _steps(result: xr.Dataset, name: str, values: np.ndarray, dims: Sequence[str
             place = best[axis] + step
             if 0 <= place < values.shape[axis]:
                 index = (*best[:axis], place, *best[axis + 1 :])
-                label = _labels(result, dim)
+                label = labels_along(result, dim)
                 rows.append([title_of(label).split(",")[0], _at(label, best[axis]), _at(label, place)])
                 costs.append(values[index] - values[best])
     unit = unit_of(result[name])
     unit = "percentage points" if unit == "%" else unit
-    texts = [number_text(cost, _decimals(costs), signed=True) for cost in costs]
+    texts = [number_text(cost, decimals_of(costs), signed=True) for cost in costs]
     cells = [[*row, text] for row, text in zip(rows, texts, strict=True)]
     header = ["step of", "from", "to", f"change of {name.replace('_', ' ')}"]
     note = f"From the best point, {_place(result, best, dims, {})}; all other values stay."
     return Table("A step away from the best point", header, cells, [0, 1, 2], [note], ["", "", "", unit])
-
-
-def _decimals(values: Sequence[float]) -> int:
-    """Decimals by which the smallest of several changes has two digits."""
-    finite = [abs(value) for value in values if math.isfinite(value) and value != 0]
-    return min(8, max(2, 1 - math.floor(math.log10(min(finite))))) if finite else 2
 
 
 def _points(
@@ -202,7 +190,8 @@ def _points(
     columns = {**{str(one.name): one for one in labels.values()}, **along}
     most = max(1, MOST_CELLS // (len(columns) + len(values) + len(flags)))
     flat = values[leading].ravel()
-    order = np.argsort(flat if smallest_is_best(result, leading) else -flat, kind="stable")[:most]
+    least = _smallest(result[leading])
+    order = np.argsort(flat if least else -flat, kind="stable")[:most]
     places = np.unravel_index(order, shape)
     position = dict(zip(labels, places, strict=True))
     cells: list[list[str]] = []
@@ -228,7 +217,9 @@ def _points(
     units += [*(unit_of(result[name]) for name in values), *("" for _ in flags)]
     words = [i for i, one in enumerate(columns.values()) if one.dtype.kind not in "fiu"]
     words += range(len(columns) + len(values), len(header))
-    notes = [f"The best {len(order):,} of {total:,} points by {leading.replace('_', ' ')}; all are in the data set."]
+    end = "smallest" if least else "largest"
+    by = leading.replace("_", " ")
+    notes = [f"The {len(order):,} of {total:,} points with the {end} {by}; all are in the data set."]
     return (
         Table("All points", header, list(zip(*cells, strict=True)), words, notes * (total > len(order)), units),
         [list(row) for row in zip(*numbers, strict=True)],

@@ -18,6 +18,7 @@ from heliosweep.report.labels import (
     coordinate_text,
     flag_text,
     is_flag,
+    labels_along,
     number_text,
     printed,
     title_of,
@@ -102,7 +103,8 @@ def numbers(
     sizes = [result.sizes[dim] for dim in dims]
     points = math.prod(sizes)
     indices = list(itertools.islice(np.ndindex(*sizes), MOST_ROWS))
-    labels = [[_label(result, dim, index[i]) for index in indices] for i, dim in enumerate(dims)]
+    known = [labels_along(result, dim) for dim in dims]
+    labels = [[value_text(one[index[i]]) for index in indices] for i, one in enumerate(known)]
     columns = [_texts(array, _leading(array.transpose(*dims), indices), digits) for array in arrays]
     titles = [title_of(result[dim]) if dim in result.coords else dim.replace("_", " ") for dim in dims]
     return Table(
@@ -127,12 +129,19 @@ def _texts(array: xr.DataArray, values: np.ndarray, digits: int) -> list[str]:
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
-    """Numbers of one column with the same decimals: none where all are whole, else two, or more for so many digits."""
+    """Numbers of one column with the same decimals: none where all are whole or large, else so many digits."""
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0
-    decimals = 2 if largest == 0.0 else min(8, max(2, digits - 1 - math.floor(math.log10(largest))))
+    least = 0 if largest >= 10_000 else 1 if largest >= 1_000 else 2
+    decimals = least if largest == 0.0 else min(8, max(least, digits - 1 - math.floor(math.log10(largest))))
     whole = finite.size > 0 and largest >= 1.0 and bool(np.all(finite == np.round(finite)))
     return [number_text(value, 0 if whole else decimals) for value in values]
+
+
+def decimals_of(values: Sequence[float]) -> int:
+    """Decimals by which the smallest of several changes has two digits."""
+    finite = [abs(value) for value in values if math.isfinite(value) and value != 0]
+    return min(8, max(2, 1 - math.floor(math.log10(min(finite))))) if finite else 2
 
 
 def _leading(array: xr.DataArray, indices: Sequence[tuple[int, ...]]) -> np.ndarray:
@@ -141,13 +150,6 @@ def _leading(array: xr.DataArray, indices: Sequence[tuple[int, ...]]) -> np.ndar
         return np.atleast_1d(printed(array))
     part = array.isel({array.dims[0]: slice(0, indices[-1][0] + 1)})
     return printed(part).reshape(-1)[: len(indices)]
-
-
-def _label(result: xr.Dataset, dim: str, index: int) -> str:
-    names = result.coords.get("name")
-    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
-        return str(names.to_numpy()[index])
-    return value_text(result[dim].isel({dim: index})) if dim in result.coords else str(index + 1)
 
 
 def _shared(result: xr.Dataset) -> str:
@@ -177,7 +179,7 @@ def headline(result: xr.Dataset, names: Collection[str]) -> str:
     unit = unit_of(array)
     space = "" if unit.startswith(DEGREE) else " "
     ends = dict.fromkeys(number_texts(np.array([values.min(), values.max()])))
-    return f"{title_of(array)}: {' to '.join(f'{text}{space}{unit}'.rstrip() for text in ends)}"
+    return f"{title_of(array)}: {' to '.join(ends)}{space}{unit}".rstrip()
 
 
 def made(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -8,16 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import DEGREE, axis_label, is_latitude, shortened, title_of, value_text
+from heliosweep.report.labels import DEGREE, SPEAKING, axis_label, is_latitude, shortened, title_of, value_text
 
 #: Position along some dimensions.
 Point = Mapping[str, int]
 
 #: Dimensions that are counted by their own name, not as values of something.
 _COUNTED = ("heliostat", "module", "day", "hour", "declination", "date", "camera")
-
-#: Dimensions whose words speak for themselves.
-_NAMES = ("site", "layout", "tracking")
 
 
 def evenly(length: int, most: int) -> list[int]:
@@ -166,7 +163,7 @@ class Shown:
     def full(self, dim: str, index: int) -> str:
         """One value with what it is."""
         value = self.value(dim, index)
-        speaks = dim not in self.result.coords or self.result[dim].dtype.kind == "M" or dim in _NAMES
+        speaks = dim not in self.result.coords or self.result[dim].dtype.kind == "M" or dim in SPEAKING
         return value if speaks else f"{self.title(dim)} {value}"
 
     def values(self, point: Point) -> str:

@@ -280,9 +280,18 @@ def plane_figure(
         named[APERTURE] = Patch(**_FACE)
     legend(figure, named, legend_title)
     fit(figure, 1.0)
+    for axes in grid:
+        _part_ticks(axes)
     for axes, plane in zip(grid, planes, strict=True):
         _write_texts(axes, plane.tracks)
     return figure
+
+
+def _part_ticks(axes: Axes) -> None:
+    """Leave out ticks along x where their numbers would touch each other."""
+    boxes = [label.get_window_extent() for label in axes.get_xticklabels() if label.get_text()]
+    if sum(box.width for box in boxes) > 0.8 * axes.get_window_extent().width:
+        axes.xaxis.set_major_locator(MaxNLocator(2, steps=[1, 2, 5, 10]))
 
 
 def _bright(scale: Shades) -> Colormap:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 import tempfile
 import threading
 import time
@@ -19,6 +18,7 @@ from heliosweep.config.execution import Execution
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
+from heliosweep.files import remove_at_once
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, in_result, parts_by_slab
@@ -30,7 +30,7 @@ from heliosweep.store import parts
 from heliosweep.store.encoding import Skeleton, slab_rows
 from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, words_of, write_manifest
 from heliosweep.store.parts import PartStore
-from heliosweep.store.read import open_result
+from heliosweep.store.read import import_no_other_arrays, open_result
 from heliosweep.store.result import publish
 
 if TYPE_CHECKING:
@@ -108,16 +108,15 @@ class Run:
             raise HeliosweepError("the files of the study were edited while it started; run it again")
         return work
 
-    def result(self, *, force: bool, progress: bool, meanwhile: Callable[[], None] | None = None) -> Path:
+    def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result in the folder, with its manifest and resolved study, from what is there and what is
         computed.
 
         With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
-        `meanwhile` is called by a thread of its own when computing begins.
         """
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete
-                parts.remove(self.folder / parts.WORKING)
+                remove_at_once(self.folder / parts.WORKING)
             return found
         _ = self.plan  # what does not fit is refused here, before anything is expanded
         _ = self.coordinates  # files are read once, at the start
@@ -128,8 +127,6 @@ class Run:
         if any(True for _ in self._missing(self.store)):
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
-            if meanwhile:
-                threading.Thread(target=meanwhile).start()
             with self.timed("compute"):
                 self._compute(self.store, progress)
         with self.timed("publish"):
@@ -203,7 +200,7 @@ class Run:
         """The working store of the folder, with what earlier runs have computed; or a new one."""
         place, plan = self.folder / parts.WORKING, self.plan
         if force:
-            parts.remove(place)
+            remove_at_once(place)
         if not place.exists():
             said = {**self.identity, "forced": force}
             return PartStore.create(place, said, plan.cuts, plan.variables, plan.workload.sizes)
@@ -355,32 +352,6 @@ def _failures(failed: dict[str, str], plan: Plan, store: PartStore) -> str:
             *lines,
         ]
     )
-
-
-def import_no_other_arrays() -> None:
-    """Keep xarray from importing dask.array and pint, a third of a second, to see whether an array is one of theirs.
-
-    None is, before someone has imported them. An xarray that keeps what it knows of them elsewhere imports them.
-    """
-    from xarray.namedarray import pycompat
-
-    known: Any = getattr(pycompat, "_cached_duck_array_modules", None)
-    real: Any = getattr(pycompat, "DuckArrayModule", None)
-    if known is None or real is None:
-        return
-
-    class Late:
-        def __init__(self, name: Any, module: str) -> None:
-            self._name, self._module = name, module
-
-        def __getattr__(self, of: str) -> Any:
-            if of == "type" and self._module not in sys.modules:
-                return ()
-            known[self._name] = real(self._name)
-            return getattr(known[self._name], of)
-
-    for name, module in (("dask", "dask.array"), ("pint", "pint")):
-        known.setdefault(name, Late(name, module))
 
 
 def prepare_kernels(family: Family, study: Study) -> None:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from heliosweep.config.search import population
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.searched import Searched, result_name
@@ -48,9 +49,7 @@ log = logging.getLogger("heliosweep")
 class _Task(NamedTuple):
     """A part of a generation, with what computes it."""
 
-    name: str
-    kind: str
-    region: dict[str, slice]
+    part: Part
     work: Work
 
 
@@ -62,8 +61,7 @@ class _Generations:
 
     def compute(self, task: _Task) -> dict[str, np.ndarray]:
         """Values of a part."""
-        part: Any = task
-        return task.work.compute(part)
+        return task.work.compute(task.part)
 
 
 class SearchRun(Run):
@@ -89,7 +87,7 @@ class SearchRun(Run):
     def identity(self) -> dict[str, Any]:
         """What the result belongs to: also the optimiser."""
         modules = self.family.numbers_from(self.study), "heliosweep.search.optimise"
-        found = identity_of(self.study, self.attributes, *modules)
+        found = identity_of(self.study, self._words, *modules)
         if len(self._search.goals()) > 1:
             found["code"] = {**found["code"], "deap": version_of("deap") or "missing"}
         return found
@@ -154,17 +152,11 @@ class SearchRun(Run):
                 len(signs),
                 search.budget,
                 search.seed,
-                self._size(),
+                population(len(search.over), len(signs)),
                 family.start(study),
             )
             store.sync()
         self._describe(course, dict(zip(results, np.array(rows).T, strict=True)), signs, limits)
-
-    def _size(self) -> int:
-        """Points of a generation."""
-        from heliosweep.config.search import population
-
-        return population(len(self._search.over), len(self._search.goals()))
 
     def _names(self) -> list[str]:
         """What is kept of each evaluation, in the order of the store."""
@@ -218,7 +210,7 @@ class SearchRun(Run):
         (swept,) = generation.dimensions()
         for slab, pieces in parts_by_slab({"points": plan.cuts["points"]}):
             parts: list[tuple[Part, dict[str, np.ndarray]]] = []
-            tasks: Iterator[Any] = (_Task(*part, work) for part in pieces)
+            tasks: Iterator[Any] = (_Task(part, work) for part in pieces)
             for outcome in compute_parts(pool(), tasks):
                 raise_if_interrupted()
                 if outcome.values is None:
@@ -228,7 +220,7 @@ class SearchRun(Run):
                         "command again when the cause is mended"
                     )
                 task: Any = outcome.part
-                parts.append((Part(task.name, task.kind, task.region), outcome.values))
+                parts.append((task.part, outcome.values))
             finished = work.finish(slab, partial(iter, parts))
             span = slab.region.get(swept.name, slice(0, len(built)))
             count = span.stop - span.start

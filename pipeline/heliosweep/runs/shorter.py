@@ -12,7 +12,7 @@ import numpy as np
 from heliosweep.config.design import LATIN, LOCAL
 from heliosweep.config.sample import SAMPLE
 from heliosweep.grid.regions import of_kind
-from heliosweep.store.manifest import Finished
+from heliosweep.store.manifest import Finished, as_json
 from heliosweep.store.read import open_stored
 
 if TYPE_CHECKING:
@@ -61,14 +61,7 @@ def _others(identity: dict[str, Any]) -> tuple[Any, Any]:
     """What the numbers of a draw depend on: the study without the number of draws and their statistics; the code."""
     study = identity["study"]
     sample = {key: value for key, value in (study.get(SAMPLE) or {}).items() if key not in ("size", "statistics")}
-    return _plain({**study, SAMPLE: sample}), dict(identity["code"])
-
-
-def _plain(value: Any) -> Any:
-    """Tuples as lists, as JSON has them."""
-    if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+    return as_json({**study, SAMPLE: sample}), dict(identity["code"])
 
 
 def _typed(values: np.ndarray, dtype: np.dtype) -> np.ndarray:

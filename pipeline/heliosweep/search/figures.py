@@ -97,7 +97,7 @@ def _map(result: xr.Dataset) -> Figure:
     axes.set(xlabel=axis_label(x), ylabel=axis_label(y))
     axes.grid(True)
     colour_bar(figure, shades, [axes], axis_label(result[goal]), "neither")
-    _legend(figure, result, {"evaluation": _KEPT, "bounds missed": _MISSED, "best": _BEST})
+    _legend(figure, result, {"evaluation": _KEPT | {"color": "#777777"}, "bounds missed": _MISSED, "best": _BEST})
     return fit(figure, 0.8)
 
 

@@ -24,18 +24,8 @@ from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
 from heliosweep.share import deposit
-from heliosweep.share.collection import collection_crate, collection_readme
-from heliosweep.share.texts import (
-    DRAFT,
-    METADATA,
-    Described,
-    Licence,
-    citation,
-    crate,
-    licence,
-    notebook,
-    readme,
-)
+from heliosweep.share.crate import METADATA, collection_crate, crate
+from heliosweep.share.texts import DRAFT, Described, Licence, citation, collection_readme, licence, notebook, readme
 from heliosweep.store.folder import manifest_text
 from heliosweep.store.read import open_stored, tree
 from heliosweep.store.targets import target_file

@@ -103,7 +103,22 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 
 
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
-    """Return the variables, and the coordinates along their dimensions."""
+    """Return variables over the same dimensions, and the coordinates along these."""
+    names = names_of(result, variables)
+    sets = {frozenset(result[name].dims) for name in names}
+    if len(sets) > 1:
+        told = "; ".join(f"over {', '.join(dims) or 'nothing'}: {', '.join(of)}" for dims, of in groups(result).items())
+        raise StudyError(
+            Problem(f"variables over different dimensions do not fit in one table; choose from those {told}")
+        )
+    dims = result[names[0]].dims
+    along = [name for name, label in result.coords.items() if label.dims and set(label.dims) <= set(dims)]
+    whole = result[names].transpose(*dims).reset_coords()[[*along, *names]].set_coords(along)
+    return whole.assign_coords({dim: np.arange(whole.sizes[dim]) for dim in dims if dim not in whole.coords})
+
+
+def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[str]:
+    """Names of variables that a user gives; all where none are given. Raises StudyError."""
     if not (variables is None or isinstance(variables, str | Iterable)):
         raise StudyError(
             Problem(f"must be the name of a variable, or a list of names (got {variables!r})", "variables")
@@ -117,16 +132,7 @@ def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dat
         raise StudyError(Problem(f"no such variable; the result has {known}", str(unknown[0])))
     if not names:
         raise StudyError(Problem("the result has no variables"))
-    sets = {frozenset(result[name].dims) for name in names}
-    if len(sets) > 1:
-        told = "; ".join(f"over {', '.join(dims) or 'nothing'}: {', '.join(of)}" for dims, of in groups(result).items())
-        raise StudyError(
-            Problem(f"variables over different dimensions do not fit in one table; choose from those {told}")
-        )
-    dims = result[names[0]].dims
-    along = [name for name, label in result.coords.items() if label.dims and set(label.dims) <= set(dims)]
-    whole = result[names].transpose(*dims).reset_coords()[[*along, *names]].set_coords(along)
-    return whole.assign_coords({dim: np.arange(whole.sizes[dim]) for dim in dims if dim not in whole.coords})
+    return [str(name) for name in names]
 
 
 def _frame(part: xr.Dataset) -> pd.DataFrame:

@@ -334,12 +334,20 @@ def _dimension(table: xr.DataArray, key: str) -> str:
     return next((name for name in names if name in table.dims), str(key))
 
 
-def label(table: xr.DataArray, name: Hashable, value: Any) -> Any:
+def label(table: xr.DataArray | xr.Dataset, name: Hashable, value: Any) -> Any:
     """Label of a dimension that a value means, which may be given as text. Raises StudyError."""
     if name not in table.dims:
         dims = ", ".join(map(str, table.dims))
         raise StudyError(Problem(f"is no dimension of the result; it has {dims}", f"select.{name}"))
     labels = table[name].to_numpy().tolist()
+    names = table["name"].to_numpy().tolist() if name == "heliostat" and "name" in table.coords else []
+    if names and isinstance(value, str):
+        named = [number for number, own in zip(labels, names, strict=True) if str(own) == value]
+        if len(named) > 1:
+            message = f"is the name of {len(named)} heliostats; choose a number of {named[:10]} (got {value})"
+            raise StudyError(Problem(message, "select.heliostat"))
+        if named:
+            return named[0]
     for one in labels:
         if one == value or str(one) == str(value):
             return one
@@ -348,5 +356,6 @@ def label(table: xr.DataArray, name: Hashable, value: Any) -> Any:
                 return one
         except (TypeError, ValueError):
             continue
-    shown = ", ".join(map(str, labels[:10])) + (", ..." if len(labels) > 10 else "")
+    known = names or labels
+    shown = ", ".join(map(str, known[:10])) + (", ..." if len(known) > 10 else "")
     raise StudyError(Problem(f"is not in the result; choose from {shown} (got {value})", f"select.{name}"))

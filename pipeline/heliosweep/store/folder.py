@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
+#: Where results go when nobody says: below the working directory. Only there an index is written unasked.
+OUTPUTS = "outputs"
 #: Names of a result, by format.
 FORMATS = {"netcdf": "result.nc", "zarr": "result.zarr"}
 RESULTS = tuple(FORMATS.values())

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep import __version__
-from heliosweep.config.study import Study
+from heliosweep.config.study import Study, id_of
 from heliosweep.errors import FORCE, HeliosweepError
 from heliosweep.files import sync, write_whole
 from heliosweep.grid.parameters import Parameters
@@ -50,13 +50,15 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
     Nothing differs from run to run: no clock time, host, user or path is told; those are in the manifest.
     """
     given = study.dataset.keywords if study.dataset else ()
+    canonical = study.canonical()
+    study_id = id_of(canonical)
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title or family.title,
         "summary": coverage.summary(study.description or family.title, study),
         "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *family.keywords, *given))),
         "source": f"heliosweep {__version__}, family {study.family}",
-        "history": f"computed by heliosweep {__version__} from study {study.study_id}",
+        "history": f"computed by heliosweep {__version__} from study {study_id}",
         "processing_level": "computed from a model",
         "references": "; ".join([*family.references, *study.references]),
         "standard_name_vocabulary": "CF Standard Name Table v90",
@@ -67,9 +69,9 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
         **dict(_people(study)),
         **dict(_where(study)),
         **dict(coverage.attributes(study)),
-        "id": study.study_id,
-        "study_id": study.study_id,
-        "study": json.dumps(study.canonical(), sort_keys=True, ensure_ascii=False),
+        "id": study_id,
+        "study_id": study_id,
+        "study": json.dumps(canonical, sort_keys=True, ensure_ascii=False),
     }
 
 
@@ -137,12 +139,13 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 
 def _environment() -> dict[str, Any]:
     """Versions and machine of this process."""
+    lock = installed()
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
-        "packages": {name: version_of(name) for name in _PACKAGES},
-        "lock": installed(),
+        "packages": {name: lock.get(name.lower()) for name in _PACKAGES},
+        "lock": lock,
         "commit": _commit(),
     }
 
@@ -219,9 +222,10 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
     ``attributes``: the words that go with it.
     """
     drawn = ("heliosweep.families.sampled",) if study.sample else ()
+    canonical = study.canonical()
     return {
-        "study_id": study.study_id,
-        "study": study.canonical(),
+        "study_id": id_of(canonical),
+        "study": canonical,
         "code": code_versions(*modules, *drawn) | ({"SALib": version_of("SALib")} if drawn else {}),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in words.items() if name not in _FOLLOWING},
@@ -250,7 +254,7 @@ def changes(before: Any, after: Any, key: str = "") -> list[str]:
             for name in keys
             for line in changes(before.get(name), after.get(name), f"{key}.{name}" if key else str(name))
         ]
-    if _plain(before) == _plain(after):
+    if as_json(before) == as_json(after):
         return []
     return [f"{key}: {_words(before)} -> {_words(after)}"]
 
@@ -262,11 +266,11 @@ def listed(before: Any, after: Any, most: int = 3) -> str:
     return "; ".join(lines[:most]) + more
 
 
-def _plain(value: Any) -> Any:
+def as_json(value: Any) -> Any:
     """Tuples as lists, as JSON has them."""
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+        return {str(name): as_json(entry) for name, entry in value.items()}
+    return [as_json(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _words(value: Any) -> str:

@@ -28,8 +28,7 @@ import numpy as np
 from pydantic_core import from_json
 
 from heliosweep.errors import FORCE, HeliosweepError
-from heliosweep.files import discard, sync, temporary_name, writing
-from heliosweep.files import remove as remove_tree
+from heliosweep.files import discard, remove_at_once, sync, temporary_name, writing
 from heliosweep.grid.regions import Cut, Part, Variable, of_kind, part_name, parts_of, shape_of
 
 if TYPE_CHECKING:
@@ -221,7 +220,7 @@ class PartStore:
         """Close it, and remove the folder."""
         with suppress(HeliosweepError):
             self.close()
-        remove(self.folder)
+        remove_at_once(self.folder)
 
     def __enter__(self) -> Self:
         return self
@@ -359,15 +358,6 @@ class _Done(Collection[str]):
         if not 0 <= number < len(self._places[kind]) or name != part_name(kind, number):
             raise KeyError(name)
         return kind, number
-
-
-def remove(folder: Path) -> None:
-    """Remove a working store, damaged or not: first its name, so that none is half removed. Raises HeliosweepError."""
-    with writing(folder):
-        if folder.exists():
-            doomed = temporary_name(folder)
-            folder.rename(doomed)
-            remove_tree(doomed)
 
 
 def _write_at(descriptor: int, start: int, content: bytes) -> None:

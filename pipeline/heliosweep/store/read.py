@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -77,6 +78,32 @@ def manifest_of(place: Path) -> dict[str, Any]:
     return manifest if manifest["result"]["file"] == place.name else {}
 
 
+def import_no_other_arrays() -> None:
+    """Keep xarray from importing dask.array and pint, a third of a second, to see whether an array is one of theirs.
+
+    None is, before someone has imported them. An xarray that keeps what it knows of them elsewhere imports them.
+    """
+    from xarray.namedarray import pycompat
+
+    known: Any = getattr(pycompat, "_cached_duck_array_modules", None)
+    real: Any = getattr(pycompat, "DuckArrayModule", None)
+    if known is None or real is None:
+        return
+
+    class Late:
+        def __init__(self, name: Any, module: str) -> None:
+            self._name, self._module = name, module
+
+        def __getattr__(self, of: str) -> Any:
+            if of == "type" and self._module not in sys.modules:
+                return ()
+            known[self._name] = real(self._name)
+            return getattr(known[self._name], of)
+
+    for name, module in (("dask", "dask.array"), ("pint", "pint")):
+        known.setdefault(name, Late(name, module))
+
+
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a result folder, or its ``result.nc`` or ``result.zarr``; safe also while other threads run studies.
 
@@ -87,6 +114,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
 
     from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
 
+    import_no_other_arrays()
     place = locate(path)
     if place.is_dir():
         read_metadata(place)

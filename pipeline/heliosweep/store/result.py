@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
-from heliosweep.files import discard, remove, sync, temporary_name, user_path, writing, written_whole
+from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.files import discard, remove_at_once, sync, temporary_name, user_path, writing, written_whole
 from heliosweep.grid.regions import Cut, Part, Variable
 from heliosweep.store.checks import sound
 from heliosweep.store.encoding import Skeleton, numbers, slab_digest, slab_rows, slabs_of
 from heliosweep.store.folder import DESCRIPTIONS, FORMATS, RESULTS, is_zarr
 from heliosweep.store.read import Stored, open_stored, plain
+from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,22 +78,14 @@ def _in_place_of_others(path: Path) -> Iterator[Path]:
             for name in DESCRIPTIONS:
                 path.with_name(name).unlink(missing_ok=True)
             if temporary.is_dir():  # which replaces nothing
-                remove_result(path)
+                remove_at_once(path)
             temporary.replace(path)
             for other in RESULTS:
                 if other != path.name:
-                    remove_result(path.with_name(other))
+                    remove_at_once(path.with_name(other))
             sync(path.parent)
     finally:
         discard(temporary)
-
-
-def remove_result(path: Path) -> None:
-    """Remove a result of either format, where there is one: first its name, so that none is half removed."""
-    if path.exists():
-        doomed = temporary_name(path)
-        path.rename(doomed)
-        remove(doomed)
 
 
 def export(
@@ -115,17 +108,9 @@ def export(
     place = user_path(source)
     if place.is_dir() and (place / FORMATS["zarr"]).is_dir():
         place = place / FORMATS["zarr"]
-    file = user_path(target) if target is not None else place.with_name(EXPORT)
-    refusals = {
-        "is a folder; name a file": file.is_dir(),
-        "must end in .nc, as NetCDF files do": file.suffix != ".nc",
-        f"exists already; {FORCE} replaces it": file.exists() and not force,
-        "cannot be written: its folder does not exist": not file.parent.is_dir(),
-    }
     if not is_zarr(place):
         raise StudyError(Problem("is no Zarr result, nor a folder with one; nothing to export", file=str(source)))
-    if said := [why for why, wrong in refusals.items() if wrong]:
-        raise StudyError(Problem(said[0], file=str(file)))
+    file = target_file(place.with_name(EXPORT) if target is None else target, force, endings=(".nc",))
     sound(place, as_written=True)
     from heliosweep.store.formats import netcdf_file
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from heliosweep.errors import FORCE, Problem, StudyError
 from heliosweep.files import named_in, user_path
@@ -66,24 +66,13 @@ def target_file(
 def sources_of(study: Study) -> set[Path]:
     """The study file, those that it includes and all files that they name, those of sites among them."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
+    from heliosweep.config.layers import file_names
     from heliosweep.config.source import read
 
     for path in (study.source.path, *study.source.bases) if study.source.path else ():
         written = read(path).data  # in that of the study, sites stand in the place of weather files
-        named = (written.get("site"), written.get("sites"))
-        paths |= {path, *(named_in(path.parent, name) for name in _file_names(named))}
+        paths |= {path, *(named_in(path.parent, name) for _, name in file_names(type(study), written))}
     return paths
-
-
-def _file_names(data: Any) -> Iterator[str]:
-    """Names below all keys ``file``."""
-    if isinstance(data, Mapping):
-        given = data.get("file")
-        yield from (name for name in (given if isinstance(given, list) else [given]) if isinstance(name, str))
-        data = list(data.values())
-    if isinstance(data, list | tuple):
-        for item in data:
-            yield from _file_names(item)
 
 
 def _is_same(file: Path, source: str | os.PathLike[str]) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from heliosweep import api
+from heliosweep import api, open_result
 from heliosweep.errors import HeliosweepError, PlanError, StudyError
 from heliosweep.families.family import families, study_classes
 from heliosweep.grid import lazy
@@ -103,7 +103,7 @@ def test_any_cut_and_engine_gives_the_same_bytes(
         digests.add(api.run(asked, tmp_path / str(number), report=False).path.read_bytes())
         built = api.build(asked).compute()
         assert list(built.data_vars) == list(in_result(api.family_of(asked).variables(asked)))
-        with api.open_result(tmp_path / str(number)) as result:
+        with open_result(tmp_path / str(number)) as result:
             assert all(built[name].values.tobytes() == result[name].values.tobytes() for name in built.data_vars)
     assert len(digests) == 1
 
@@ -217,6 +217,9 @@ def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
 
 
 def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
+    from functools import partial
+
+    from heliosweep.families.family import family_of_result
     from heliosweep.report.page import write_report
 
     for sensitivity, wanted in {
@@ -229,7 +232,7 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
         sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
         sample |= {"size": 16} if sensitivity != "local" else {}
         run(study(THREE, sample, scale=[1, 2]), folder)
-        page = write_report(folder, {"functions": known}).read_text(encoding="utf-8")
+        page = write_report(folder, partial(family_of_result, known={"functions": known})).read_text(encoding="utf-8")
         assert "could not be drawn" not in page
         assert {path.stem for path in (folder / "figures").glob("*.png")} == wanted
         assert "Drawn keys" in page

@@ -225,8 +225,10 @@ def _texts(image: Any) -> dict[str, Any]:
 
 
 def _fits(path: Path, name: str) -> Picture:
-    from astropy.io import fits
-
+    try:
+        from astropy.io import fits
+    except ImportError:
+        _fail(name, "is a FITS image, which needs the package astropy; to install it: pip install astropy")
     try:
         with _Reader(path, name) as file, fits.open(file, memmap=False, lazy_load_hdus=True) as units:
             number, unit = next(((at, one) for at, one in enumerate(units) if one.is_image and one.shape), (0, None))

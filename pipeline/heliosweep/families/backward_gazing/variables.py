@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, with_best
 from heliosweep.kernels.gazing.geometry import mirror_grid
 
 if TYPE_CHECKING:
@@ -331,6 +331,17 @@ MEASURED = {
     ),
 }
 
+#: Of which the smallest value is the best: errors without sign, and their bounds.
+_SMALLEST = tuple(
+    name.replace("%", axis)
+    for name in (
+        *("slope_rms_%", "canting_rms_%", "waviness_%", "cramer_rao_bound_%", "slope_uncertainty_%", "residual_rms"),
+        *("relative_error_%", "relative_error_%_median", "relative_error_%_low", "relative_error_%_high"),
+        "sun_fit_rms",
+    )
+    for axis in "xy"
+)
+
 #: Keys along which scenes differ by their random numbers alone.
 SEEDS = ("cameras.seed", "defects.seed", "profile_noise.seed")
 #: Percentiles over the seeds, by ending, and what they are called.
@@ -350,7 +361,8 @@ def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
     found = {name: replace(one, dims=(*dims, *one.dims)) for name, one in table.items()}
     if table is simulated and seeds:
         found |= over_seeds(tuple(dim for dim in dims if dim not in seeds))
-    return found
+    errors = (name for name in found if name.endswith("_standard_error"))
+    return with_best(found, ("usable_fraction", "lit_cameras"), (*_SMALLEST, *errors))
 
 
 def over_seeds(dims: tuple[str, ...]) -> dict[str, Variable]:

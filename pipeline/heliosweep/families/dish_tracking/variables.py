@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable
 
 if TYPE_CHECKING:
     from heliosweep.families.dish_tracking.study import DishTrackingStudy
@@ -20,7 +20,8 @@ _FACTOR = (
 
 
 def _factor(long_name: str, cell_methods: str) -> dict[str, Any]:
-    return {"units": "1", "long_name": long_name, "comment": _FACTOR, "cell_methods": cell_methods}
+    best = SMALLEST if "standard deviation" in long_name else LARGEST
+    return {"units": "1", "long_name": long_name, "comment": _FACTOR, "cell_methods": cell_methods, BEST_VALUE: best}
 
 
 def _error(long_name: str, method: str) -> dict[str, Any]:
@@ -29,6 +30,7 @@ def _error(long_name: str, method: str) -> dict[str, Any]:
         "long_name": long_name,
         "comment": "angle between the directions to the sun and of the focal axis",
         "cell_methods": _INSTANTS.format("date", method),
+        BEST_VALUE: SMALLEST,
     }
 
 
@@ -117,6 +119,7 @@ ERRORS: dict[str, dict[str, Any]] = {
         "units": "mrad",
         "long_name": "tracking error at each instant",
         "comment": "angle between the directions to the sun and of the focal axis; missing at instants left out",
+        BEST_VALUE: SMALLEST,
     },
 }
 SUN: dict[str, dict[str, Any]] = {
@@ -150,6 +153,7 @@ TOLERABLE: dict[str, dict[str, Any]] = {
         "comment": (
             "zero where no tilt suffices; missing where a tilt of 45 degrees still does, or where no date has a factor"
         ),
+        BEST_VALUE: LARGEST,
     },
 }
 

@@ -220,7 +220,7 @@ def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
     if _series(study):
         labels |= instants_of(parameters).coordinates()
     labels |= flux_labels(study)
-    return xr.Dataset(coords=labels, attrs=sun_attributes(study.time))
+    return xr.Dataset(coords=labels, attrs={**sun_attributes(study.time), **Layouts(study).areas()})
 
 
 def _shared_bytes(study: FieldEfficiencyStudy) -> int:

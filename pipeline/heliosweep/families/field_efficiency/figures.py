@@ -32,6 +32,9 @@ MOST_MAPS, LEAST_LATITUDES = 6, 4
 #: Figures of curves, one for each swept number.
 MOST_CURVES = 3
 
+#: Change of an efficiency below which it has no panel, and least height of a panel of energies. [%, MWh/m2]
+LEAST_CHANGE, LEAST_ENERGY = 0.05, 0.01
+
 #: Equinoxes and solstices by day of the year, and how far the nearest day may be away. [d]
 SEASONS = {80: "March equinox", 172: "June solstice", 266: "September equinox", 355: "December solstice"}
 NEAR = 10
@@ -174,16 +177,26 @@ def _curves(shown: Shown, methods: list[dict[str, int]], others: list[str]) -> I
     swept = [dim for dim in swept if shown.result.sizes[dim] >= (LEAST_LATITUDES if dim == "latitude" else 2)]
     for dim in sorted(swept, key=lambda dim: dim != "latitude")[:MOST_CURVES]:
         stands = shown.fixed(f"field_{_MAPPED}", _METHOD, dim)
-        panels = []
+        panels, same = [], list[str]()
         for name in names:
             array, scale = shown.result[name], 100 if is_fraction(shown.result[name]) else 1
             lines = {
                 _title(shown, one, {}).split(",")[0] if one else "": scale * at(array, stands, one) for one in methods
             }
-            panels.append(Panel(f"{name.removeprefix('field_').replace('_', ' ')} ({unit_of(array)})", lines))
+            words = name.removeprefix("field_").replace("_", " ")
+            changes = [float(line.max() - line.min()) for line in lines.values()]
+            if is_fraction(array) and np.isfinite(changes).any() and np.nanmax(changes) < LEAST_CHANGE:
+                same.append(words)
+                continue
+            panels.append(
+                Panel(f"{words} ({unit_of(array)})", lines, least_span=None if scale == 100 else LEAST_ENERGY)
+            )
+        if not panels:
+            continue
         figure = curve_figure(panels, shown.label(dim), logarithmic=is_geometric(shown.result[dim].to_numpy()))
         said = "Energy per mirror area and mean efficiencies" if _ENERGY in shown.result else "Mean efficiencies"
-        caption = f"{said} of the field over the period against {shown.title(dim)}.{shown.note(stands)}"
+        hardly = f" Less than {LEAST_CHANGE:g} % changes: {', '.join(same)}." if same else ""
+        caption = f"{said} of the field over the period against {shown.title(dim)}.{hardly}{shown.note(stands)}"
         yield NamedFigure(f"efficiency_over_{dim}", caption, figure)
 
 

@@ -89,7 +89,7 @@ def _received(result: xr.Dataset) -> str:
 
 def _energy(energy: float) -> str:
     """Energy with as many decimals as a bar has room for."""
-    return f"{energy:.0f}" if abs(energy) >= 1000 else f"{energy:.3g}"
+    return f"{energy:,.0f}" if abs(energy) >= 1000 else f"{energy:.3g}"
 
 
 @styled
@@ -197,7 +197,7 @@ def _hours(bars: dict[str, np.ndarray], words: Sequence[str], along: str) -> Fig
         entries[word] = axes.barh(range(len(bars)), every[:, part], left=start, color=colour, height=0.7)
         for row, (left, length) in enumerate(zip(start, every[:, part], strict=True)):
             if length > LEAST_NAMED * most:
-                axes.text(left + length / 2, row, f"{length:.0f}", ha="center", va="center", fontsize=7)
+                axes.text(left + length / 2, row, f"{length:,.0f}", ha="center", va="center", fontsize=7)
     axes.set(
         yticks=range(len(bars)), yticklabels=list(bars), ylim=(len(bars) - 0.5, -0.5), xlabel="time (h)", ylabel=along
     )
@@ -336,7 +336,8 @@ def tables(shown: Shown) -> Iterator[Table]:
     if "design_point_power" in result:
         known = [(name, name.replace("_", " ")) for name in ("peak_flux", "mean_flux")]
         known += [(f"field_design_point_{name}", name.removesuffix("_efficiency")) for name in order]
-        arrays = [named(*one) for one in ((power[0][0], "power"), *sizes, *known) if one[0] in result]
+        told = () if "field_receiver_energy" in result else sizes
+        arrays = [named(*one) for one in ((power[0][0], "power"), *told, *known) if one[0] in result]
         yield numbers(
             result,
             dims,
@@ -358,7 +359,7 @@ def _sums(result: xr.Dataset) -> str:
     """Sentence on what energies are sums of."""
     daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
     low, high = float(daylight.min()), float(daylight.max())
-    hours = f"{low:.0f} h" if high - low < 0.5 else f"{low:.0f} to {high:.0f} h"
+    hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
     year = DAYLIGHT[0] < low <= high < DAYLIGHT[1]
     said = (
         f"the {hours} of a year with the sun above the horizon" if year else f"{hours} with the sun above the horizon"

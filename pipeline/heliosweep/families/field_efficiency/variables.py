@@ -8,7 +8,7 @@ from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.families.field_efficiency.keep import keep_variables
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, with_best
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
@@ -156,6 +156,14 @@ ENERGY_NAMES = (
     *(*_ENERGIES, *_INSTANTS, *DESIGN, *(f"field_{name}" for name in (*DESIGN, *SERIES, *LIGHT_SERIES))),
     *("design_point_power", "instantaneous_power", "month", "stage", "cause"),
 )
+
+#: Of which the largest value is the best, also of the field, and of which the smallest; sizes and angles have no best.
+_LARGEST = (
+    *("receiver_energy", "heliostat_monthly_receiver_energy", "energy_per_mirror_area", "field_receiver_energy"),
+    *("field_energy_per_mirror_area", "monthly_receiver_energy", "hours_used", "design_point_power", "field_power"),
+    *("instantaneous_power", FACTORED, *EFFICIENCIES, *LIGHT, *DESIGN, *SERIES, *LIGHT_SERIES),
+)
+_SMALLEST = (CHECKED, "rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit")
 
 #: Of each heliostat, and of the field.
 PLACES = {
@@ -307,11 +315,6 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     elif study.weather is not None or study.design_point is not None:
         for name in ("field_heliostats", "field_mirror_area"):
             found[name] = Variable(swept, _described(*SIZES[name]), finished=True)
-    return (
-        found
-        | keep_variables(study, swept)
-        | flux_variables(study, swept)
-        | _of_energy(study, swept)
-        | _of_design_point(study, swept)
-        | _at_instants(study, swept)
-    )
+    found |= keep_variables(study, swept) | flux_variables(study, swept) | _of_energy(study, swept)
+    found |= _of_design_point(study, swept) | _at_instants(study, swept)
+    return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), _SMALLEST)

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.points import Points, instant_sizes, swept_dims
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, Variable
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, REACHES, TOO_NEAR
 
 if TYPE_CHECKING:
@@ -71,6 +71,7 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
             "missing on days without sun and where there is no heliostat",
             cell_methods="time: mean (over the hours with sun)",
             valid_range=[0.0, 1.0],
+            **{BEST_VALUE: LARGEST},
         ),
     }
 

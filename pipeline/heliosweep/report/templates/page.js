@@ -63,14 +63,14 @@ async function show(view) {
     const said = Array.from(values, (value) => words(value, shown.unit));
     const texts = across ? said.map((text, i) => `${words(across[i], shown.unit)}, ${text}`) : said;
     const names = drawn[1] ? spec.dims[drawn[1]].texts : [shown.label];
-    return { quantity, drawn, at, less, values, across, shown, texts, names, where: where.join(', ') };
+    return { quantity, drawn, at, values, across, shown, texts, names, where: where.join(', ') };
   }
 
   // Mirrors or pixels in the colours of their values.
-  function colour({ drawn, at, less, values, shown, texts }, [low, high]) {
+  function colour({ drawn, at, values, shown, texts }, [low, high]) {
     const mapper = named('mapper'), source = named('source');
     if (controls.scale.value === 'all' || low > high) ({ low, high } = shown);
-    const signed = less || (low < 0 && high > 0), end = Math.max(-low, high);
+    const { signed } = shown, end = Math.max(-low, high);
     if (signed) [low, high] = [-end, end]; // zero in the middle
     const size = Math.max(Math.abs(low), Math.abs(high)), alike = high - low <= 1e-9 * size;
     const room = alike ? 0.01 * size || 0.5 : 0;

@@ -10,7 +10,7 @@ import numpy as np
 from heliosweep.families.misalignment.blocks import ERRORS, Calibration
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flags, quantity
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, with_best
 from heliosweep.kernels.spots import fit as codes
 
 if TYPE_CHECKING:
@@ -39,6 +39,11 @@ _SIDES = {
     "y": ("to the right", "to the right of the aim point for someone in the field who looks at the receiver"),
     "z": ("upwards", "above the aim point, along the receiver's face"),
 }
+#: Of which the smallest value is the best.
+SMALLEST = (
+    *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
+    *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
+)
 _ANGLES = {"azimuth": "primary", "elevation": "secondary"}
 
 #: Residuals, and spots before and after the calibration: what is said of synthetic ones, at each instant, and of
@@ -92,7 +97,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             comment = f"{where}; {said[0] if synthetic else said[1]}"
             dims = each if synthetic else (*lead, "spot")
             found[name.format(side)] = quantity(dims, "m", f"{meaning}, {towards}", comment)
-    return found | angles(swept, each)
+    return with_best(found | angles(swept, each), (), SMALLEST)
 
 
 def angles(swept: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]:

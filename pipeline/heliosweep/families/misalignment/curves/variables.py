@@ -8,7 +8,7 @@ import numpy as np
 
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
 from heliosweep.families.misalignment.spots import quantity, spot_variables
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, with_best
 
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
@@ -87,4 +87,4 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         meaning = "error with which the spot lies on a line of detectors"
         comment = "the smallest, of either sign; missing where there is none"
         found["crossing_error"] = quantity(lines, "mrad", meaning, comment)
-    return found
+    return with_best(found, ("tracking_tolerance", "least_tolerance"))

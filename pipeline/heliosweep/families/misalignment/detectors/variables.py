@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heliosweep.families.misalignment.blocks import ERRORS, Detectors
-from heliosweep.families.misalignment.calibration.variables import EXACT, NO_SPOTS, angles
+from heliosweep.families.misalignment.calibration.variables import EXACT, NO_SPOTS, SMALLEST, angles
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flags, quantity
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, with_best
 from heliosweep.kernels.spots import traces as codes
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         meaning = "error with which the crossings were made"
         found["true_error"] = quantity((*lead, "parameter"), "mrad", meaning)
         found |= _loop(lead, each)
-    return found | angles(swept, each)
+    return with_best(found | angles(swept, each), ("crossed_fraction", "round_hit_fraction"), SMALLEST)
 
 
 def _seen(lead: tuple[str, ...], each: tuple[str, ...], whose: str) -> dict[str, Variable]:

@@ -1,0 +1,92 @@
+"""Results as workbooks of Excel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import heliosweep
+from heliosweep import HeliosweepError, StudyError, build, run, write_xlsx
+from heliosweep.cli import main
+from heliosweep.share import excel
+
+pytest.importorskip("openpyxl")
+
+
+@pytest.fixture(scope="module")
+def result(small):
+    return build(small()).compute()
+
+
+def sheets(path: Path) -> list[str]:
+    with pd.ExcelFile(path) as book:
+        return [str(name) for name in book.sheet_names]
+
+
+def test_a_sheet_for_each_group_of_variables_and_one_that_says_what_is_where(result, tmp_path):
+    book = pd.read_excel(write_xlsx(result, tmp_path / "all.xlsx"), sheet_name=None)
+    assert list(book) == ["contents", "latitude tracking heliostat", "latitude tracking"]
+    contents = {str(line["name"]): line for line in book["contents"].to_dict("records")}
+    assert (contents["receiver_height"]["value"], contents["receiver_height"]["unit"]) == (60, "m")
+    assert contents["field_optical_efficiency"]["sheet"] == "latitude tracking"
+    assert contents["optical_efficiency"]["meaning"] == result["optical_efficiency"].attrs["long_name"]
+    assert {str(name) for name in result.data_vars} <= set(contents)
+    field, name = book["latitude tracking"], "field_optical_efficiency"
+    assert list(field.columns[:2]) == ["latitude [degrees_north]", "tracking"]
+    np.testing.assert_array_equal(field[name], result[name].to_numpy().ravel())
+
+
+def test_named_variables_alone(result, tmp_path):
+    path = result.heliosweep.to_xlsx(tmp_path / "some.xlsx", "field_optical_efficiency")
+    assert sheets(path) == ["contents", "latitude tracking"]
+    with pytest.raises(StudyError, match="exists already"):
+        write_xlsx(result, path)
+    with pytest.raises(StudyError, match="no such variable"):
+        write_xlsx(result, tmp_path / "other.xlsx", "nothing")
+    with pytest.raises(StudyError, match=r"must end in \.xlsx"):
+        write_xlsx(result, tmp_path / "other.xls")
+
+
+def test_what_does_not_fit_a_sheet(result, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(excel, "MOST_ROWS", 10)
+    with pytest.raises(StudyError, match="has 192 rows, and a sheet of Excel 10; write it as"):
+        write_xlsx(result, tmp_path / "r.xlsx", "optical_efficiency")
+    assert sheets(write_xlsx(result, tmp_path / "r.xlsx")) == ["contents", "latitude tracking"]
+    assert "left out: cosine_efficiency" in caplog.text
+
+
+def test_text_is_text(result, tmp_path):
+    tables = {"a/b": pd.DataFrame({"formula": ["=1+1"], "bell": ["\x07"]}), "A:B": pd.DataFrame({"n": [1]})}
+    book = pd.read_excel(write_xlsx(result, tmp_path / "r.xlsx", tables=tables), sheet_name=None)
+    assert list(book)[1:3] == ["a b", "A B 2"]
+    assert book["a b"].to_numpy().tolist() == [["=1+1", "\\x07"]]
+
+
+def test_without_openpyxl_the_remedy_is_named(result, tmp_path, monkeypatch):
+    monkeypatch.setattr(excel, "find_spec", lambda name: None)
+    with pytest.raises(HeliosweepError, match="needs the package openpyxl; to install it: pip install openpyxl"):
+        write_xlsx(result, tmp_path / "r.xlsx")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_adds_the_tables_of_the_page_and_published_numbers(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "published.csv").write_text("quantity,published,unit,tolerance\nfield_cosine_efficiency,1,1,1\n")
+    study = small(
+        site={"latitude": 40},
+        tracking="azimuth_elevation",
+        design_point={"day": 80, "solar_hour": 12, "dni": 950},
+        report={"published": {"file": "published.csv", "source": "Nobody (2026)"}},
+    )
+    heliosweep.save(study, "study.yaml")
+    run("study.yaml")
+    assert main(["export", "study.yaml", "-o", "r.xlsx"]) == 0
+    assert capsys.readouterr().out == "r.xlsx\n"
+    book = pd.read_excel("r.xlsx", sheet_name=None)
+    assert "published numbers" in book
+    tables = build(study).heliosweep.tables()
+    assert len(book) > len(tables) > 0
+    assert main(["export", "study.yaml", "-o", "r.txt"]) == 2
