@@ -40,15 +40,16 @@ WHOLE, BLOCKS, BLOCK = 11_000, 8, 1_000
 def operations(latitude: int, method: str) -> float:
     """Operations for each heliostat-instant on the field of 317, one lane of each stage counted in its source.
 
-    A frame, two pairs of axes, and stage by stage as often as `events` counts: projection and separating axes, area of
-    an image, separating axes and areas of overlaps, edges that images leave visible. The few lanes of the general way
-    are left out.
+    A frame, two pairs of axes, and stage by stage as often as `events` counts: projection along one axis, along the
+    other and separating axes, area of an image, separating axes and areas of overlaps, edges that images leave
+    visible. The few lanes of the general way are left out.
     """
     stages = (
-        counted(images.project, loop=0),
+        counted(images._project_along_v),
+        counted(images._project_along_u),
         counted(images._areas_of),
         counted(unions._overlapping, loop=0),
-        counted(overlaps.shared_by_two, loop=0),
+        counted(overlaps.shared_by_two),
         counted(boundaries._cover) + counted(boundaries._shorten),
         counted(boundaries.prepare) + counted(boundaries._add_open),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.field import efficiency as stages
 from heliosweep.kernels.field import unions
 from heliosweep.kernels.field.efficiency import _sorted, aimed
-from heliosweep.kernels.field.images import AXES_ROWS, Images, axes, images_of
+from heliosweep.kernels.field.images import AXES_ROWS, IMAGE_ROWS, Images, _project_along_v, axes, images_of
 from heliosweep.kernels.field.neighbours import beam, bin_field, no_candidates, search_all
 from heliosweep.kernels.field.packets import FRAME_ROWS, half_sides
 from heliosweep.kernels.vectors import PACKET, ROW, rows
@@ -18,7 +18,7 @@ from tests.kernels.field.fields import Field
 
 Floats = NDArray[np.float64]
 
-EVENTS = ("candidates", "images", "tests of pairs", "pairs", "covers", "outlines")
+EVENTS = ("candidates", "level", "images", "tests of pairs", "pairs", "covers", "outlines")
 #: Every few packets and heliostats are counted.
 PACKETS, HELIOSTATS = 2, 3
 
@@ -26,9 +26,9 @@ PACKETS, HELIOSTATS = 2, 3
 def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     """Mean numbers for each heliostat-instant, by the names of `EVENTS`.
 
-    Candidates for shade and block, images whose area is computed, tests of two images: of all lanes of a packet, if one
-    of them has the image, or two. Areas that two images share: of the lanes where only two overlap; where more do,
-    pairs of images that may cover one another's edges, and images.
+    Candidates for shade and block, those of them neither above nor below the test mirror; images whose area is computed
+    and tests of two images, of all lanes of a packet if one of them has the image, or two. Areas that two images share:
+    of the lanes where only two overlap; where more do, pairs of images that may cover one another's edges, and images.
     """
     mirrors = aimed(*field)
     sun, order, first = _sorted(mirrors, sun, tracking, 0, len(mirrors.x))
@@ -37,6 +37,7 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     everyone = stages.Halo(np.arange(count), np.arange(count))
     lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(4))
     frames, images, room = rows(count * FRAME_ROWS), images_of(count), unions.room_for(count)
+    spare = (count - 1) * IMAGE_ROWS * ROW
     found: Counter[str] = Counter()
     for p in range(0, len(first) - 1, PACKETS):
         lanes, instants = stages._directions(sun, order[first[p] : first[p + 1]], lines.to_sun), first[p + 1] - first[p]
@@ -45,14 +46,19 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
             half_sides(frames, i * FRAME_ROWS * ROW, lines.to_sun, mirrors, i, tracking, lanes)
         for i in range(p % HELIOSTATS, count, HELIOSTATS):
             made = candidates = 0
+            real = -1 if instants == PACKET else (1 << int(instants)) - 1  # the lanes that are not copies of the last
             for some, directions in ((shaders, lines.to_sun), (blockers, lines.to_target)):
                 for c in range(3):
                     lines.to_target[c * ROW : (c + 1) * ROW] = mirrors.aim[i, c]
                 axes(lines.views, frames, i * FRAME_ROWS * ROW, directions, lanes)
                 scene = mirrors, everyone, frames, directions, lines.views
+                named = some.names[some.first[i] : some.first[i + 1]]
+                for j in named:
+                    to = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+                    level = _project_along_v(images.rows, spare, lines.views, frames, j * FRAME_ROWS * ROW, *to, lanes)
+                    found["level"] += _count(int(level) & real)
+                candidates += len(named)
                 made = int(stages._make_images(i, i, some, *scene, images, made, lanes))
-                candidates += int(some.first[i + 1] - some.first[i])
-            real = -1 if instants == PACKET else (1 << int(instants)) - 1  # the lanes that are not copies of the last
             found["heliostat-instants"] += int(instants)
             found["candidates"] += candidates * int(instants)
             found["images"] += made * int(instants)

@@ -1,5 +1,6 @@
 """Machine code of kernels: made where Python calls a kernel, and kept on disk for the next process."""
 
+import gc
 import hashlib
 import os
 import pickle
@@ -128,15 +129,18 @@ def compile_in_parts(whole: Any, part: Any) -> None:
 
 @contextmanager
 def _parts() -> Iterator[None]:
-    """Compile with `_Library`."""
+    """Compile with `_Library`, and without collecting garbage: among so many live objects that takes a tenth."""
     cpu_target.target_context.refresh()  # what comes with the compiler is to be whole
     codegen = cpu_target.target_context.codegen()
-    library = codegen._library_class
+    library, collecting = codegen._library_class, gc.isenabled()
     codegen._library_class = _Library
+    gc.disable()
     try:
         yield
     finally:
         codegen._library_class = library
+        if collecting:
+            gc.enable()
 
 
 class _Library(JITCodeLibrary):

@@ -26,9 +26,8 @@ Integers = NDArray[np.int64]
 SLOTS = 32
 """Most images of a group of lanes, each a bit of an integer."""
 
-WIDTH = GROUP
-"""Most lanes that are done together. How many are is a variable, though it is always this: a loop of known short length
-would not become vector code that first tests whether the places that it reads and writes overlap."""
+WIDTH = 2 * GROUP
+"""Most lanes that are done together: of one group alone every step would wait for the one before."""
 
 _A, _B, _SLOPES, _TURN, _COUNTS = 2 * WIDTH, 4 * WIDTH, 6 * WIDTH, 10 * WIDTH, 11 * WIDTH
 SLOT = 19 * WIDTH

@@ -38,7 +38,7 @@ from heliosweep.kernels.field.packets import (
 )
 from heliosweep.kernels.field.polygons import SQUARE
 from heliosweep.kernels.field.unions import room_for, unions
-from heliosweep.kernels.vectors import GROUP, ROW, rows
+from heliosweep.kernels.vectors import GROUP, PACKET, ROW, rows
 
 Floats = NDArray[np.float64]
 
@@ -323,12 +323,20 @@ def _weigh(result, packet, t, part, weighted):
 
 @inner
 def _sum(row, start, count):
-    """Sum of a row, in a fixed order, of eight sums that a processor can make side by side."""
-    a = b = c = d = e = f = g = h = 0.0
-    whole = count // 8 * 8
-    for k in range(start, start + whole, 8):
-        a, b, c, d = a + row[k], b + row[k + 1], c + row[k + 2], d + row[k + 3]
-        e, f, g, h = e + row[k + 4], f + row[k + 5], g + row[k + 6], h + row[k + 7]
+    """Sum of a row, in a fixed order: eight sums side by side, which the lanes behind the packet hold, and the rest."""
+    start, whole, sums = max(start, 0), count // 8 * 8, max(start, 0) + PACKET
+    if count == PACKET:  # in the form that becomes vector code
+        for k in range(count // 8):
+            m = start + k
+            half = ((row[m] + row[m + 8]) + row[m + 16]) + row[m + 24]
+            row[sums + k] = (((half + row[m + 32]) + row[m + 40]) + row[m + 48]) + row[m + 56]
+    else:
+        for k in range(8):
+            row[sums + k] = 0.0
+        for k in range(whole):
+            row[sums + k % 8] += row[start + k]
+    a, b, c, d = row[sums], row[sums + 1], row[sums + 2], row[sums + 3]
+    e, f, g, h = row[sums + 4], row[sums + 5], row[sums + 6], row[sums + 7]
     total = ((a + b) + (c + d)) + ((e + f) + (g + h))
     for k in range(start + whole, start + count):
         total += row[k]

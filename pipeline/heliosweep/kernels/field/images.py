@@ -91,21 +91,47 @@ def project(
     mirror begins at `f` in `frames` [m], and (dx, dy, dz) leads from the centre of the test mirror to its own [m].
     `apart` says that the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     """
-    out, o, f = images.rows, max(m, 0) * IMAGE_ROWS * ROW, max(f, 0)
-    images.apart[m] = apart
-    behind, found = 0.0 if apart else -np.inf, np.int64(0)
+    o, behind, found = m * IMAGE_ROWS * ROW, 0.0 if apart else -np.inf, np.int64(0)
+    near = _project_along_v(images.rows, o, views, frames, f, dx, dy, dz, lanes)
+    start, stop = next_run(0, near, lanes)
+    while start < stop:
+        found |= (
+            _project_along_u(
+                images.rows, o + start, views, start, frames, f + start, directions, dx, dy, dz, behind, stop - start
+            )
+            << start
+        )
+        start, stop = next_run(stop, near, lanes)
+    images.apart[m], images.present[m] = apart, found
+    return found
+
+
+@inner
+def _project_along_v(out, o, views, frames, f, dx, dy, dz, lanes):
+    """Write the y of an image, and no area; returns the lanes in which it is neither above nor below the square."""
+    o, f, found = max(o, 0), max(f, 0), np.int64(0)
     for k in range(lanes):
-        ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
         vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
-        px, py, pz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
-        qx, qy, qz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
-        cx, cy = dx * ux + dy * uy + dz * uz, dx * vx + dy * vy + dz * vz
-        ax, ay = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
-        bx, by = qx * ux + qy * uy + qz * uz, qx * vx + qy * vy + qz * vz
-        ahead = dx * directions[k] + dy * directions[ROW + k] + dz * directions[2 * ROW + k]
-        out[o + k], out[o + ROW + k] = cx, cy
-        out[o + 2 * ROW + k], out[o + 3 * ROW + k] = ax, ay
-        out[o + 4 * ROW + k], out[o + 5 * ROW + k] = bx, by
+        cy = dx * vx + dy * vy + dz * vz
+        ay = frames[f + k] * vx + frames[f + ROW + k] * vy + frames[f + 2 * ROW + k] * vz
+        by = frames[f + 3 * ROW + k] * vx + frames[f + 4 * ROW + k] * vy + frames[f + 5 * ROW + k] * vz
+        out[o + ROW + k], out[o + 3 * ROW + k], out[o + 5 * ROW + k], out[o + AREA + k] = cy, ay, by, 0.0
+        found |= np.int64(abs(cy) - abs(ay) - abs(by) < 1.0) << k
+    return found
+
+
+@inner
+def _project_along_u(out, o, views, v, frames, f, directions, dx, dy, dz, behind, lanes):
+    """Write the x of an image in a run of lanes; returns those in which it may cover something."""
+    o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
+    for k in range(lanes):
+        ux, uy, uz = views[v + k], views[v + ROW + k], views[v + 2 * ROW + k]
+        cx, cy = dx * ux + dy * uy + dz * uz, out[o + ROW + k]
+        ax = frames[f + k] * ux + frames[f + ROW + k] * uy + frames[f + 2 * ROW + k] * uz
+        bx = frames[f + 3 * ROW + k] * ux + frames[f + 4 * ROW + k] * uy + frames[f + 5 * ROW + k] * uz
+        ay, by = out[o + 3 * ROW + k], out[o + 5 * ROW + k]
+        ahead = dx * directions[v + k] + dy * directions[v + ROW + k] + dz * directions[v + 2 * ROW + k]
+        out[o + k], out[o + 2 * ROW + k], out[o + 4 * ROW + k] = cx, ax, bx
         turn = abs(ax * by - ay * bx)
         gap = larger(abs(cx) - abs(ax) - abs(bx), abs(cy) - abs(ay) - abs(by)) - 1.0
         gap = larger(gap, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
@@ -113,7 +139,6 @@ def project(
         hit = (gap < 0.0) & (ahead > behind)
         out[o + AREA + k] = 1.0 if hit else 0.0
         found |= np.int64(hit) << k
-    images.present[m] = found
     return found
 
 
@@ -136,14 +161,21 @@ def measure(
 @inner
 def _areas(images, o, some, lanes):
     """Write the area on the square where there is a chance of one, for runs of groups of lanes that have some."""
-    start = np.int64(0)
-    while start < lanes:
-        stop = start
-        while stop < lanes and some >> stop & LANES != 0:
-            stop += GROUP
-        if stop > start:
-            _areas_of(images, o + start, stop - start)
-        start = stop + GROUP
+    start, stop = next_run(0, some, lanes)
+    while start < stop:
+        _areas_of(images, o + start, stop - start)
+        start, stop = next_run(stop, some, lanes)
+
+
+@inner
+def next_run(start: int, some: int, lanes: int) -> tuple[int, int]:
+    """Begin and end of the next run of groups of lanes that have some lanes, from a group on; equal where none is."""
+    while start < lanes and some >> start & LANES == 0:
+        start += GROUP
+    stop = start
+    while stop < lanes and some >> stop & LANES != 0:
+        stop += GROUP
+    return start, stop
 
 
 @inner

@@ -1,130 +1,105 @@
-"""Areas that the square shares with two images, for packed lanes.
+"""Areas that the square shares with two images.
 
-Areas come without branches and without ties. An image is followed as a closed chain of segments. To clip it by the
-square, each segment is cut at x = -1 and x = 1 and what is beyond is pushed onto these lines; then the same at y = -1
-and y = 1. A segment becomes one along x, the part inside, one along x, and one along y to the start of the next. The
-chain may run to and fro along a side; that cancels. In the coordinates of the other image, which make that the square,
-`edge_term` gives the area that this leaves, by Green's theorem. Each step is a clamp, continuous in the corners: there
-are no ties to break. Directions of segments are known and carried along, never taken from differences of corners.
+The boundary of the first image within the square has eight parts: what the square leaves of its four edges, and what it
+leaves of the square's. The same crossings bound both, so that the parts close up. In coordinates of the second image,
+which make that the square, `edge_term` gives the area that this leaves, by Green's theorem. Where an edge of the first
+runs along a side of the square and next to it, their crossing is ill defined: such lanes are left to another way. Edges
+of the two images may tie: each step is a clamp there, continuous in the corners.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.field.polygons import edge_term, slope, slopes, unit
-from heliosweep.kernels.vectors import GROUP, ROW
+from heliosweep.kernels.field.polygons import edge_term, larger, slope, slopes, smaller, unit
+from heliosweep.kernels.vectors import ROW
 
 Floats = NDArray[np.float64]
 
-_IMAGE = 6 * ROW
-"""Rows of a packed image: centre and half edges, as in `images`."""
-SHARED = 2 * _IMAGE
-"""Start of the row of areas."""
-OVERLAP_ROWS = SHARED // ROW + 1
-"""Rows of room that is needed."""
+_LEAST = 1e-140
+"""Component of an edge along an axis: the edge is taken as turned by next to nothing, so that nothing is infinite."""
+_ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
+"""Components of edges across a side of the square, distances from it, and areas, below which lanes are left out."""
 
 
 @inner
-def pack(images: Floats, image: int, names: NDArray[np.int64], active: int, room: Floats, place: int) -> int:
-    """Copy the first `active` lanes `names` of an image next to each other, to `room`, as image 0 or 1 (`place`).
+def shared_by_two(images: Floats, one: int, other: int, shared: Floats, lanes: int) -> np.int64:
+    """Write the areas of the square and two images together; returns the lanes where they may be wrong.
 
-    The image begins at `image` in `images`. Returns the number of lanes, filled up to whole groups by the last one; the
-    names, shape (PACKET,), are filled up too.
+    The images begin at `one` and `other` in `images`.
     """
-    filled = -(-active // GROUP) * GROUP
-    for k in range(active, filled):
-        names[k] = names[active - 1]
-    for row in range(0, 6 * ROW, ROW):
-        for k in range(filled):
-            room[place * _IMAGE + row + k] = images[image + row + names[k]]
-    return filled
-
-
-@inner
-def shared_by_two(room: Floats, lanes: int) -> None:
-    """Write the areas of the square and two packed images together."""
+    one, other, tied = max(one, 0), max(other, 0), np.int64(0)
     for k in range(lanes):
-        sides = _sides(room, 0, k)
-        to, turn = _coordinates(room, _IMAGE, k)
-        e, f, _, h, i, _ = to
-        x, y = slopes(e, h), slopes(f, i)
-        a, b = slopes(*_turned(to, *_edge(room, 0, 2, k))), slopes(*_turned(to, *_edge(room, 0, 4, k)))
-        area = (_green(sides[0], sides[1], a, x, y, to) + _green(sides[1], sides[2], b, x, y, to)) + (
-            _green(sides[2], sides[3], a, x, y, to) + _green(sides[3], sides[0], b, x, y, to)
-        )
-        room[SHARED + k] = abs(area * turn)
+        cx, cy = images[one + k], images[one + ROW + k]
+        ax, ay = _turned(images[one + 2 * ROW + k]), _turned(images[one + 3 * ROW + k])
+        bx, by = _turned(images[one + 4 * ROW + k]), _turned(images[one + 5 * ROW + k])
+        gx, gy = images[other + k], images[other + ROW + k]
+        px, py = images[other + 2 * ROW + k], images[other + 3 * ROW + k]
+        qx, qy = images[other + 4 * ROW + k], images[other + 5 * ROW + k]
+        # Coordinates of the second image: (x e + y f + g, x h + y i + j).
+        turn = px * qy - py * qx
+        scale = slope(1.0, turn)
+        e, f, h, i = qy * scale, -qx * scale, -py * scale, px * scale
+        g, j = -(gx * e + gy * f), -(gx * h + gy * i)
+        ux, uy, vx, vy = ax * e + ay * f, ax * h + ay * i, bx * e + by * f, bx * h + by * i
+        mx, my = cx * e + (cy * f + g), cx * h + (cy * i + j)
+        (u_rise, u_run), (v_rise, v_run) = slopes(ux, uy), slopes(vx, vy)
+        (x_rise, x_run), (y_rise, y_run) = slopes(e, h), slopes(f, i)
+        inverse_a, inverse_b = 1.0 / (ax * ay), 1.0 / (bx * by)
+        rx, ry, sx, sy = ay * inverse_a, ax * inverse_a, by * inverse_b, bx * inverse_b
+        low, high, e0, w0, n0, s0 = _within(cx - bx, cy - by, ax, ay, rx, ry)
+        total = _part(mx - vx, my - vy, ux, uy, low, high, u_rise, u_run)
+        low, high, e1, w1, n1, s1 = _within(cx + bx, cy + by, ax, ay, rx, ry)
+        total -= _part(mx + vx, my + vy, ux, uy, low, high, u_rise, u_run)
+        low, high, e2, w2, n2, s2 = _within(cx + ax, cy + ay, bx, by, sx, sy)
+        total += _part(mx + ux, my + uy, vx, vy, low, high, v_rise, v_run)
+        low, high, e3, w3, n3, s3 = _within(cx - ax, cy - ay, bx, by, sx, sy)
+        total -= _part(mx - ux, my - uy, vx, vy, low, high, v_rise, v_run)
+        area = ax * by - ay * bx
+        total = total if area > 0.0 else -total
+        low, high = _between(e0, e1, e2, e3)
+        total += _part(g + e, j + h, f, i, low, high, y_rise, y_run)
+        low, high = _between(w0, w1, w2, w3)
+        total -= _part(g - e, j - h, f, i, low, high, y_rise, y_run)
+        low, high = _between(n0, n1, n2, n3)
+        total -= _part(g + f, j + i, e, h, low, high, x_rise, x_run)
+        low, high = _between(s0, s1, s2, s3)
+        total += _part(g - f, j - i, e, h, low, high, x_rise, x_run)
+        shared[k] = abs(total * turn)
+        near = _tied(cx, bx, ax) | _tied(cy, by, ay) | _tied(cx, ax, bx) | _tied(cy, ay, by) | (abs(area) < _THIN)
+        tied |= np.int64(near) << k
+    return tied
 
 
 @inline
-def _edge(room, image, row, k):
-    """A half edge of a packed image, or its centre."""
-    return room[image + row * ROW + k], room[image + (row + 1) * ROW + k]
+def _turned(value):
+    """A component of an edge, never nothing."""
+    return value if abs(value) > _LEAST else _LEAST
 
 
 @inline
-def _coordinates(room, image, k):
-    """Map of points to coordinates of an image, (x e + y f + g, x h + y i + j), and the area of its unit."""
-    cx, cy = _edge(room, image, 0, k)
-    px, py = _edge(room, image, 2, k)
-    qx, qy = _edge(room, image, 4, k)
-    turn = px * qy - py * qx
-    scale = slope(1.0, turn)
-    e, f, h, i = qy * scale, -qx * scale, -py * scale, px * scale
-    return (e, f, -(cx * e + cy * f), h, i, -(cx * h + cy * i)), turn
+def _within(px, py, dx, dy, r, s):
+    """Part of the edge p + t d within the square; y where it crosses x = 1 and x = -1, x where it crosses y = 1, -1."""
+    east, west, north, south = (1.0 - px) * r, (-1.0 - px) * r, (1.0 - py) * s, (-1.0 - py) * s
+    low = unit(larger(smaller(east, west), smaller(north, south)))
+    high = larger(smaller(smaller(larger(east, west), larger(north, south)), 1.0), low)
+    return low, high, py + east * dy, py + west * dy, px + north * dx, px + south * dx
 
 
 @inline
-def _turned(to, x, y):
-    """A direction in coordinates of an image."""
-    return x * to[0] + y * to[1], x * to[3] + y * to[4]
+def _between(a, b, c, d):
+    """Part of a side of the square between two crossings and between two others."""
+    low = unit(larger(smaller(a, b), smaller(c, d)))
+    return low, larger(smaller(smaller(larger(a, b), larger(c, d)), 1.0), low)
 
 
 @inline
-def _moved(to, x, y):
-    """A point in coordinates of an image."""
-    return x * to[0] + (y * to[1] + to[2]), x * to[3] + (y * to[4] + to[5])
+def _part(px, py, dx, dy, low, high, rise, run):
+    """Green's term of a part of the line p + t d."""
+    return edge_term(px + low * dx, py + low * dy, px + high * dx, py + high * dy, rise, run)
 
 
 @inline
-def _sides(room, image, k):
-    """The four edges of an image clipped by the square."""
-    cx, cy = _edge(room, image, 0, k)
-    ax, ay = _edge(room, image, 2, k)
-    bx, by = _edge(room, image, 4, k)
-    a, b = slopes(ax, ay), slopes(bx, by)
-    x0, y0, x1, y1 = cx - ax - bx, cy - ay - by, cx + ax - bx, cy + ay - by
-    x2, y2, x3, y3 = cx + ax + bx, cy + ay + by, cx - ax + bx, cy - ay + by
-    return (
-        _clipped(x0, y0, x1, y1, a),
-        _clipped(x1, y1, x2, y2, b),
-        _clipped(x2, y2, x3, y3, a),
-        _clipped(x3, y3, x0, y0, b),
-    )
-
-
-@inline
-def _clipped(px, py, qx, qy, along):
-    """Clip an edge: from (x0, c0) along x to (xa, c0), along the edge to (xb, c1), along x to (x1, c1)."""
-    rise, run = along
-    x0, x1 = unit(px), unit(qx)
-    y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
-    c0, c1 = unit(y0), unit(y1)
-    return x0, c0, unit(x0 + (c0 - y0) * run), unit(x1 + (c1 - y1) * run), c1, x1
-
-
-@inline
-def _green(side, following, along, x, y, to):
-    """Green's terms of one clipped edge, with the segment along y to the start of the following one."""
-    x0, c0, xa, xb, c1, x1 = side
-    p, q = _moved(to, x0, c0)
-    pa, qa = _moved(to, xa, c0)
-    pb, qb = _moved(to, xb, c1)
-    pc, qc = _moved(to, x1, c1)
-    pd, qd = _moved(to, following[0], following[1])
-    return (
-        edge_term(p, q, pa, qa, x[0], x[1])
-        + edge_term(pa, qa, pb, qb, along[0], along[1])
-        + edge_term(pb, qb, pc, qc, x[0], x[1])
-        + edge_term(pc, qc, pd, qd, y[0], y[1])
-    )
+def _tied(middle, half, along):
+    """Whether one of two edges runs nearly along a side of the square and next to it."""
+    return (abs(along) < _ALONG) & ((abs(abs(middle + half) - 1.0) < _NEXT) | (abs(abs(middle - half) - 1.0) < _NEXT))

@@ -15,14 +15,16 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.boundaries import SLOT, SLOTS, WIDTH, Group, group_of_lanes, prepare, union_areas
-from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, outline, straddles
-from heliosweep.kernels.field.overlaps import OVERLAP_ROWS, SHARED, pack, shared_by_two
+from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, next_run, outline, straddles
+from heliosweep.kernels.field.overlaps import shared_by_two
 from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps, larger, smaller
 from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 _NOTHING = 1e-14
 """Area of an image that is not put together with others: no wider than rounding, its corners may be in disorder."""
 
+_FEW = 8
+"""Images up to which two groups of lanes are put together at once: of more, each has many that the other has not."""
 _MOST = 24
 """Images of a lane that overlap others up to which they are put together."""
 _BLOCK, _BOTH = ROW, 2 * ROW
@@ -37,10 +39,8 @@ class Room(NamedTuple):
 
     meeting: Integers
     """Lanes in which each image overlaps another."""
-    lanes: Integers
-    """Names of lanes that are packed."""
-    overlaps: Floats
-    """Rows of packed lanes."""
+    shared: Floats
+    """Areas that two images share, a row."""
     group: Group
     """Of a group of lanes."""
     areas: Floats
@@ -58,8 +58,7 @@ def room_for(count: int) -> Room:
     """Scratch for so many images."""
     return Room(
         np.zeros(count, np.int64),
-        np.empty(ROW, np.int64),
-        rows(OVERLAP_ROWS),
+        rows(1),
         group_of_lanes(),
         np.empty(count),
         np.empty(count, np.int64),
@@ -92,7 +91,7 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
             general, many = general | crowded, many & ~crowded
     _add_areas(images.rows, shading, count, many, total, room.meeting, lanes)
     if two != 0:
-        _subtract_overlaps(images.rows, two, shading, count, total, room, lanes)
+        general |= _subtract_overlaps(images.rows, two, shading, count, total, room, lanes)
     if many != 0:
         general |= _put_together(images.rows, many, shading, count, total, room, lanes)
     for k in range(lanes if general != 0 else 0):
@@ -194,24 +193,29 @@ def _more_than_two(meeting, count):
 
 @inner
 def _subtract_overlaps(images, some, shading, count, total, room, lanes):
-    """Subtract what two images share in lanes where only two overlap."""
+    """Subtract what two images share in lanes where only two overlap; returns the lanes where edges tie."""
+    tied = np.int64(0)
     for m in range(count):
         for n in range(m if room.meeting[m] & some != 0 else 0):
             both = room.meeting[n] & room.meeting[m] & some
-            if both != 0:
-                active = np.int64(0)
-                for k in range(lanes):
-                    room.lanes[active] = k
-                    active += both >> k & 1
-                filled = pack(images, n * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(0))
-                pack(images, m * IMAGE_ROWS * ROW, room.lanes, active, room.overlaps, np.int64(1))
-                shared_by_two(room.overlaps, filled)
-                kind = _BLOCK if n >= shading else np.int64(0)
-                for g in range(active):
-                    k, shared = room.lanes[g], room.overlaps[SHARED + g]
-                    total[_BOTH + k] -= shared
-                    if m < shading or n >= shading:
-                        total[kind + k] -= shared
+            start, stop = next_run(0, both, lanes)
+            while start < stop:
+                one, other = n * IMAGE_ROWS * ROW + start, m * IMAGE_ROWS * ROW + start
+                tied |= (shared_by_two(images, one, other, room.shared, stop - start) << start) & both
+                _subtract(room.shared, both >> start, total, _BOTH + start, stop - start)
+                if m < shading or n >= shading:
+                    kind = _BLOCK if n >= shading else np.int64(0)
+                    _subtract(room.shared, both >> start, total, kind + start, stop - start)
+                start, stop = next_run(stop, both, lanes)
+    return tied
+
+
+@inner
+def _subtract(shared, some, total, row, lanes):
+    """Subtract what is shared in some lanes."""
+    row = max(row, 0)
+    for k in range(lanes):
+        total[row + k] -= shared[k] if some >> k & 1 else 0.0
 
 
 @inner
@@ -235,10 +239,10 @@ def _put_together(images, some, shading, count, total, room, lanes):
         if some >> start & LANES != 0:
             while filled < WIDTH and start + filled < lanes and some >> start + filled & LANES != 0:
                 filled += GROUP
-            if not _fits(room.meeting, some & _lanes(start, filled), count):
+            if _images(room.meeting, some & _lanes(start, filled), count) > _FEW:
                 filled = GROUP
             here = some & _lanes(start, filled)
-            if _fits(room.meeting, here, count):
+            if _images(room.meeting, here, count) <= SLOTS:
                 tied |= _put_group_together(images, here, shading, count, total, room, start, filled)
             else:
                 for k in range(start, start + filled):
@@ -254,12 +258,12 @@ def _lanes(start, count):
 
 
 @inner
-def _fits(meeting, here, count):
-    """Whether there is room for all images that overlap others in some lanes."""
+def _images(meeting, here, count):
+    """Number of images that overlap others in some lanes."""
     found = np.int64(0)
     for m in range(count):
         found += np.int64(meeting[m] & here != 0)
-    return found <= SLOTS
+    return found
 
 
 @inner
