@@ -294,9 +294,11 @@ def test_what_is_wrong_is_told(year, blocks, message):
 def test_what_points_share_is_computed_once_and_changes_no_bit(year, monkeypatch, method):
     """Errors of mirrors, irradiance and limits, swept on several fields, or drawn with a key that moves mirrors."""
     optics = {**BLOCKS["optics"], "method": method}
-    swept = year(tracking="azimuth_elevation",
-                 optics={**optics, "slope_error": [1.5, 3], "reflectivity": [0.9, 0.95]}, limits={"dni": [100, 400]}, receiver={**BLOCKS["receiver"], "height": [30, 40]},
-                 time={"clock": "weather", "months": [3, 6]})  # fmt: skip
+    swept = year(
+        tracking="azimuth_elevation", limits={"dni": [100, 400]}, time={"clock": "weather", "months": [3, 6]},
+        optics={**optics, "slope_error": [1.5, 3], "reflectivity": [0.9, 0.95]},
+        receiver={**BLOCKS["receiver"], "height": [30, 40]},
+    )  # fmt: skip
     drawn = year(
         tracking="azimuth_elevation", limits={"dni": 300}, time={"clock": "weather", "months": [3]},
         optics={**optics, "slope_error": {"uniform": [1.5, 3]}, "reflectivity": {"uniform": [0.9, 0.95]}},
