@@ -260,7 +260,7 @@ def _inner_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    seconds, fresh = warm_field(bool(study.output.outlines))
+    seconds, fresh = warm_field(bool(study.output.outlines), _shared_bytes(study) > 0)
     if study.optics is None:
         return seconds, fresh
     more, also = warm_intercept(study.output.flux_map is not None)
