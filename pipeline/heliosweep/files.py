@@ -11,11 +11,15 @@ import os
 import platform
 import shutil
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache, wraps
 from pathlib import Path
+from typing import Any, TypeVar
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
+
+T = TypeVar("T")
 
 _numbers = itertools.count()
 #: Tells this process from an earlier one of the same number: in a container that starts again, every run has it.
@@ -24,6 +28,27 @@ _token = os.urandom(3).hex()
 _FULL = 2**20
 #: Begins the name of a file that the package pvlib brings, as ``pvlib:data/723170TYA.CSV``.
 PVLIB = "pvlib:"
+
+
+def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """Keep what a function makes of a file, its first argument, of the last `most` calls while the file is the same."""
+
+    def decorated(read: Callable[..., T]) -> Callable[..., T]:
+        @lru_cache(most)
+        def kept(stamp: object, path: Path, *args: Any, **kwargs: Any) -> T:
+            return read(path, *args, **kwargs)
+
+        @wraps(read)
+        def reading(path: Path, *args: Any, **kwargs: Any) -> T:
+            try:
+                status = path.stat()
+            except (OSError, ValueError):  # as a name that holds a NUL
+                return read(path, *args, **kwargs)
+            return kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
+
+        return reading
+
+    return decorated
 
 
 def user_path(path: str | os.PathLike[str]) -> Path:

@@ -64,6 +64,7 @@ def test_columns_and_their_types(written):
         "\ufeffX (m),Y [m],z,name\n0,61.3,0.5,A1\n-12.25,100,0,A 2\n",
         "X Position (m),Y Position (m),Z Position (m),Name\n0,61.3,0.5,A1\n-12.25,100,0,A 2\n",
         "X Position (m);Y Position (m);Z Position (m);Name\n0;61,3;0,5;A1\n-12,25;100;0;A 2\n",
+        "sep=;\nX Position (m);Y Position (m);Z Position (m);Name\n0;61,3;0,5;A1\n-12,25;100;0;A 2\n",
         'x-location\ty-location\tz-location\tname\n"0"\t61,30\t0,5\tA1\n-12,25\t100\t0\tA 2\n'.replace('"', ""),
     ],
 )

@@ -162,7 +162,6 @@ def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch):
         run(tmp_path / "first")
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")  # of a cluster's sockets, which are closed after it
 @pytest.mark.parametrize("scheduler", ["synchronous", "processes", pytest.param("distributed", marks=pytest.mark.long)])
 def test_the_same_bytes_by_any_engine(ran, tmp_path, scheduler):
     said = {**ONE, "search": SEARCH, "execution": {"scheduler": scheduler, "workers": 2, "chunks": {"heliostat": 9}}}

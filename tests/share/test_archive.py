@@ -214,7 +214,7 @@ def test_damaged_and_unfinished(result):
     with pytest.raises(HeliosweepError, match="NOT all right"):
         pack_result(result)
     path.unlink()
-    with pytest.raises(HeliosweepError, match="only a whole result"):
+    with pytest.raises(HeliosweepError, match="must be finished and undamaged"):
         pack_result(result)
     assert [place.name for place in result.parent.iterdir()] == [result.name]
 

@@ -10,6 +10,7 @@ import os
 import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self, get_args
@@ -110,13 +111,31 @@ class Study(Block):
             del copied.__dict__[name]
         return copied
 
-    def check(self) -> Iterable[Problem]:
-        """Yield what is wrong between blocks or with named files; runs when every block is right by itself."""
+    def examinations(self) -> Iterable[Callable[[Any], Iterable[Problem | str]]]:
+        """Return functions of the study that yield problems between blocks or with named files, and warnings as text.
+
+        They are called once, and each whatever the others find or raise.
+        """
         return ()
 
+    @cached_property
+    def _findings(self) -> tuple[Problem | str, ...]:
+        found: dict[Problem | str, None] = {}  # a file that two of them read is wrong once
+        for examine in self.examinations():
+            try:
+                for one in examine(self):
+                    found[one] = None
+            except StudyError as error:
+                found |= dict.fromkeys(error.problems)
+        return tuple(found)
+
+    def check(self) -> Iterable[Problem]:
+        """Return what is wrong between blocks or with named files; runs when every block is right by itself."""
+        return [one for one in self._findings if isinstance(one, Problem)]
+
     def notes(self) -> Iterable[str]:
-        """Yield what the user should be warned of in a study that is valid."""
-        return ()
+        """Return what the user should be warned of in a study that is valid."""
+        return [one for one in self._findings if isinstance(one, str)]
 
     @property
     def source(self) -> Source:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -30,6 +30,7 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.tables import Column, Table, numbers, table_lines, table_text
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, WeatherTime
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import read_once
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -101,8 +102,7 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
     for number, name in enumerate(block.file.values() if swept else (block.file,)):
         path = study.resolve(name)
         try:
-            stamp = path.stat().st_mtime_ns if path.exists() else None
-            found.append(_read(path, block.label, block.timezone, stamp))
+            found.append(_kept(path, block.label, block.timezone))
         except StudyError as error:
             key = f"weather.file[{number}]" if swept else "weather.file"
             problems += (
@@ -121,12 +121,6 @@ def _of_months(file: WeatherFile, months: NDArray[np.float64]) -> WeatherFile:
     kept = np.isin(file.month, months)
     arrays = {name: getattr(file, name)[kept] for name in ("utc", "month", "dni", "wind")}
     return replace(file, **arrays)
-
-
-@lru_cache(maxsize=8)
-def _read(path: Path, label: str | None, timezone: str | None, stamp: int | None) -> WeatherFile:
-    """Read a file once while it does not change (`stamp`)."""
-    return read_weather(path, label, timezone)
 
 
 def read_weather(path: Path, label: str | None = None, timezone: str | None = None) -> WeatherFile:
@@ -339,3 +333,6 @@ def _fail(table: Table, message: str) -> NoReturn:
     table.add(message)
     table.finish()
     raise AssertionError
+
+
+_kept = read_once(8)(read_weather)

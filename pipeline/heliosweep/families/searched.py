@@ -111,7 +111,8 @@ class Searched(Family):
 
     def results(self, study: Study) -> dict[str, Variable]:
         """Results with one number for each point, which may be sought and bounded."""
-        one = self.generation(study, [{key: _value(study, key) for key in _search(study).searched()}])
+        given = {key: value for key, _, value in study.parameters()}
+        one = self.generation(study, [{key: given[key] for key in _search(study).searched()}])
         (swept,), sizes = one.dimensions(), self.family.workload(one).sizes
         return {
             name: each
@@ -235,10 +236,6 @@ def result_name(name: str, known: Iterable[str]) -> str:
 def _search(study: Study) -> Any:
     assert study.search is not None
     return study.search
-
-
-def _value(study: Study, key: str) -> Any:
-    return next(value for known, _, value in study.parameters() if known == key)
 
 
 def _with(study: Study, values: Mapping[str, Any], changes: Mapping[str, Any]) -> Study:

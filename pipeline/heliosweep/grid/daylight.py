@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any
 
@@ -15,6 +15,7 @@ from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime
 from heliosweep.config.zones import parse_timezone, to_utc
+from heliosweep.errors import Problem
 from heliosweep.kernels.sun import clock as sun
 
 #: Places times days that are looked at; of larger studies nothing is said here.
@@ -45,6 +46,19 @@ def dark_latitudes(study: Study) -> tuple[NDArray[np.float64], bool]:
     ]
     down = np.concatenate(heights) <= 0
     return np.concatenate(latitudes)[down], bool(down.all())
+
+
+def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
+    """Problem of a study in which the sun never rises; a warning of where it does not, and what is `missing` there."""
+    dark, everywhere = dark_latitudes(study)
+    if everywhere and isinstance(study.time, SolarTime):  # type: ignore[attr-defined]
+        yield study.problem("time.hours", "the sun never rises at these latitudes, days and hours")
+    elif everywhere:
+        yield study.problem("time.window", "the sun never rises at these sites on these dates in this window")
+    elif dark.size:
+        listed = ", ".join(f"{value:g}" for value in dark[:6])
+        more = f" and {dark.size - 6} more" if dark.size > 6 else ""
+        yield f"the sun never rises at latitude {listed}{more} deg: {missing}"
 
 
 def _days(time: SolarTime | CivilTime) -> int:

@@ -61,6 +61,43 @@ class Variable:
         return "series" if "time" in self.dims else "points"
 
 
+def quantity(
+    dims: tuple[str, ...],
+    units: str,
+    long_name: str,
+    comment: str = "",
+    *,
+    dtype: str = "float64",
+    finished: bool = False,
+    **more: Any,
+) -> Variable:
+    """Variable of numbers; `more` are further attributes."""
+    said = {"comment": comment} if comment else {}
+    attrs = {"units": units, "long_name": long_name, **said, **more}
+    return Variable(dims, attrs, np.dtype(dtype), finished)
+
+
+def flags(
+    dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
+) -> Variable:
+    """Variable of codes with a meaning each; of sums of several codes with the `kind` ``flag_masks``."""
+    attrs: dict[str, Any] = {
+        kind: np.array(list(meanings), np.int8),
+        "flag_meanings": " ".join(meanings.values()),
+    }
+    return quantity(dims, "1", long_name, comment, dtype="int8", **attrs)
+
+
+def pair(
+    name: str, words: Mapping[str, str], dims: tuple[str, ...], units: str, long_name: str, comment: str = ""
+) -> dict[str, Variable]:
+    """A quantity along both axes: ``%`` in the name stands for a key of `words`, in the long name for its word."""
+    return {
+        name.replace("%", axis): quantity(dims, units, long_name.replace("%", word), comment)
+        for axis, word in words.items()
+    }
+
+
 def with_best(
     variables: Mapping[str, Variable], largest: Iterable[str], smallest: Iterable[str] = ()
 ) -> dict[str, Variable]:

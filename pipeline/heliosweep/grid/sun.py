@@ -7,14 +7,18 @@ rounding of the SPA's own Julian day.
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.config.times import CivilTime, SolarTime, SunDirections, WeatherTime
 from heliosweep.config.weather_files import weather_files
+from heliosweep.files import PVLIB, named_in
 from heliosweep.grid.clock import Instants, civil_instants, direction_instant, solar_instants, weather_intervals
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels.sun import clock
@@ -201,11 +205,20 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
         if not abs(fixed) < 86400.0:
             raise ValueError(f"delta_t must be less than a day, not {fixed} s")
         return np.full(last - first + 1, float(fixed))
-    from pvlib import spa
-
     months = np.arange(first, last + 1).astype("datetime64[D]").astype("datetime64[M]").astype(int)
     each = np.arange(months[0], months[-1] + 1)
-    return np.asarray(spa.calculate_deltat(1970 + each // 12, each % 12 + 1), np.float64)[months - months[0]]
+    return np.asarray(_spa().calculate_deltat(1970 + each // 12, each % 12 + 1), np.float64)[months - months[0]]
+
+
+@cache
+def _spa() -> Any:
+    """Pvlib's module of the SPA alone: to import all of pvlib takes half a second."""
+    spec = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _year_of(nanoseconds: int) -> int:
@@ -221,12 +234,11 @@ def _new_year(year: int) -> int:
 @lru_cache(maxsize=256)
 def _splines(year: int) -> NDArray[np.float64]:
     """Splines of the days of a year, in terrestrial time."""
-    from pvlib import spa
-
+    position = _spa().solar_position
     days = np.arange(_new_year(year) - MARGIN, _new_year(year + 1) + MARGIN + 1)
     unix = days * 86400.0
-    apparent, ascension, declination = spa.solar_position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, sst=True)[:3]
-    (distance,) = spa.solar_position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, esd=True)[:1]
+    apparent, ascension, declination = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, sst=True)[:3]
+    (distance,) = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, esd=True)[:1]
     # The equation of the equinoxes goes with the right ascension: both depend on terrestrial time alone.
     mean = 360.0 * sidereal_time(days, 0.0)
     alpha = np.radians(ascension - (apparent - mean))

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.spreadsheets import separator_of, split_title, variable_name
+from heliosweep.config.spreadsheets import separator_of, split_title, told_separator, variable_name
 from heliosweep.config.tables import Table, numbers, table_lines, table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
@@ -100,6 +100,8 @@ def _solarpilot_form(lines: Sequence[str]) -> tuple[str, int | None] | None:
     `lines` are those that hold something. A layout has no header: None stands for it.
     """
     for position, line in enumerate(lines[: _MOST_PREAMBLE + 1]):
+        if position == 0 and told_separator(line):
+            continue
         separator = separator_of(line)
         fields = _fields(line, separator)
         plain = [_letters(split_title(field)[0]) for field in fields]

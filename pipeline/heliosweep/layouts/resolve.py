@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from heliosweep.config.layouts import GENERATORS
+from heliosweep.config.sample import drawn_keys
 from heliosweep.config.study import Dimension, Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.csv import read_csv
 from heliosweep.layouts.ground import (
@@ -33,6 +36,9 @@ from heliosweep.layouts.spacing import Spacing
 
 #: Columns of a layout that are mirror sizes; they stand for ``heliostat.width`` and ``heliostat.height``.
 SIZE_COLUMNS = ("width", "height")
+
+#: Points of a sweep, and heliostats in all of them, that are checked; kernels flag what is wrong in any, or are exact.
+MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 
 #: Keys of the plant that a growing spacing depends on.
 SPACED_BY = ("receiver.height", "heliostat.pivot_height", "heliostat.width", "heliostat.height")
@@ -109,6 +115,36 @@ class Layouts:
             return layout if self._block.terrain is None else self._raised(layout, of)
         except StudyError as error:
             raise StudyError(map(partial(self._located, file), error.problems)) from None
+
+    def some(self, worst: Mapping[str, Callable[..., Any]] | None = None) -> Iterator[tuple[Layout, dict[str, Any]]]:
+        """Some of the layouts, each with the values of all keys that come together with it and matter, to be checked.
+
+        `worst` names those beside the keys of the layout, and which of their values is the worst, `min` or `max`: the
+        only one to look at where nothing that matters is tied to the key. Of drawn keys the worst that can be drawn
+        counts.
+        """
+        study, worst = self._study, worst or {}
+        given = {key: value for key, _, value in study.parameters()}
+        drawn = {key: worst[key](value.ends()) for key, value in drawn_keys(study).items() if key in worst}
+        matters = [key for key in study.sweeps() if self.depend_on(key) or (key in worst and key not in drawn)]
+        dims = [dim for dim in study.dimensions() if any(key in dim.sweeps for key in matters)]
+        looked_at = 0
+        for index in itertools.islice(itertools.product(*(self._positions(dim, worst) for dim in dims)), MAX_POINTS):
+            values = given | values_at(dims, index) | drawn
+            layout = self.at(values)
+            yield layout, values
+            looked_at += len(layout)
+            if looked_at > MAX_HELIOSTATS:
+                return
+
+    def _positions(self, dim: Dimension, worst: Mapping[str, Callable[..., Any]]) -> Sequence[int]:
+        """Positions along a dimension to look at: the worst of a key that stands alone, many of those of tied keys."""
+        keys = [key for key in dim.sweeps if self.depend_on(key) or key in worst]
+        if len(keys) > 1 or self.depend_on(keys[0]):
+            return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
+        sweep = dim.sweeps[keys[0]]
+        candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
+        return (worst[keys[0]](candidates, key=sweep.__getitem__),)
 
     def _region(self, of: Callable[[str, Any], Any]) -> Region | None:
         """Where heliostats may stand; one object for the same ground. Raises StudyError."""

@@ -129,7 +129,7 @@ class _Packed(NamedTuple):
         """Check a result folder. Raises HeliosweepError, StudyError."""
         found = verify(place)  # which refuses what is no file
         if not (found.ok and found.finished):
-            raise HeliosweepError(f"not packed, for only a whole result is:\n{found.text}")
+            raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found.text}")
         study = load(next(place / name for name in _STUDIES if (place / name).exists()), study_classes())
         places = placed(study)
         manifest = json.loads((place / "manifest.json").read_text(encoding="utf-8"))
@@ -149,7 +149,7 @@ class _Packed(NamedTuple):
                 {name: one for name, one in stored.variables.items() if name in labels},
                 {name: one for name, one in stored.variables.items() if name not in labels},
                 dict(sorted(keys.items())),
-                _licence(study, license, draft),
+                _licence(place, study, license, draft),
             )
         return cls(place, described, result, places, manifest["result"]["sha256"])
 
@@ -183,7 +183,7 @@ class _Packed(NamedTuple):
         archive.add_text("SHA256SUMS", archive.sums)
 
 
-def _licence(study: Study, given: str | None, draft: bool) -> Licence:
+def _licence(place: Path, study: Study, given: str | None, draft: bool) -> Licence:
     """The licence. Raises StudyError where it or the creators are missing, but of a draft."""
     said = given if given is not None else (study.dataset.license if study.dataset else None)
     missing = [
@@ -192,7 +192,7 @@ def _licence(study: Study, given: str | None, draft: bool) -> Licence:
     ]
     if missing and not draft:
         how = "add it to the study and run it again, which computes nothing anew, or pack a --draft"
-        raise StudyError([Problem(f"an archive to publish needs {one}; {how}", file=study.family) for one in missing])
+        raise StudyError([Problem(f"an archive to publish needs {one}; {how}", file=str(place)) for one in missing])
     for one in missing:
         log.warning("a draft, not to be published: it needs %s", one)
     return Licence(said or DRAFT)

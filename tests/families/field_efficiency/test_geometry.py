@@ -7,7 +7,7 @@ import pytest
 from shapely.geometry import MultiPoint
 
 from heliosweep import api
-from heliosweep.families.field_efficiency.geometry import land_area
+from heliosweep.families.field_efficiency.values import land_area
 
 GEOMETRY = {"field_geometry": True}
 

@@ -39,21 +39,6 @@ SIMULATED = (
 )  # fmt: skip
 
 
-def check(study: BackwardGazingStudy) -> tuple[list[Problem], list[str]]:
-    """Problems that make a study useless whose blocks are right by themselves, and notes: what its user may want.
-
-    Problems are located in the study file or a file that it names.
-    """
-    found: dict[Problem | str, None] = {}  # a file that two checks read is wrong once
-    for find in (_modules, _pixels, _canting, _cameras, _focal_length, _maps, _profile, _layout, _measured):
-        try:
-            for one in find(study):
-                found[one] = None
-        except StudyError as error:
-            found |= dict.fromkeys(error.problems)
-    return [one for one in found if isinstance(one, Problem)], [one for one in found if isinstance(one, str)]
-
-
 def reserved(study: BackwardGazingStudy) -> frozenset[str]:
     """Names that columns of a layout must leave to the result: its variables, labels and dimensions."""
     from heliosweep.families.backward_gazing import variables as told  # xarray is not for studies without a layout
@@ -97,6 +82,8 @@ def _pixels(study: BackwardGazingStudy) -> Found:
             message = f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide"
             hint = "lower it, or make heliostat.pixel smaller"
             yield study.problem("erosion", f"{message}; {hint} (got {lost:g})")
+    if study.output.maps and isinstance(study.heliostat.pixel, Sweep):
+        yield study.problem("output.maps", "must be false where heliostat.pixel is swept: each pixel has its own grid")
 
 
 def _canting(study: BackwardGazingStudy) -> Found:
@@ -146,12 +133,6 @@ def _focal_length(study: BackwardGazingStudy) -> Found:
         if value is not None and min(ends(value)) <= least:
             message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
             yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
-
-
-def _maps(study: BackwardGazingStudy) -> Found:
-    """Maps of a study have one grid."""
-    if study.output.maps and isinstance(study.heliostat.pixel, Sweep):
-        yield study.problem("output.maps", "must be false where heliostat.pixel is swept: each pixel has its own grid")
 
 
 def _profile(study: BackwardGazingStudy) -> Found:
@@ -336,3 +317,6 @@ def _level_problems(study: BackwardGazingStudy, seen: Shots) -> Found:
         yield study.problem("images", f"{message}, and slopes need three cameras; expose longer, or correct 'white'")
     elif dark:
         yield (f"{dark[0]} is dark: its brightest pixels are below {least:g} of the level of white; it is left out")
+
+
+EXAMINATIONS = (_modules, _pixels, _canting, _cameras, _focal_length, _profile, _layout, _measured)

@@ -71,7 +71,7 @@ def errors(shown: Gazing) -> Iterator[NamedFigure]:
             Panel(
                 f"error of {direction} slope\n(% of the canting)",
                 lines,
-                "" if end == "y" else _title(shown, where, module),
+                "" if end == "y" else ", ".join(filter(None, [shown.values(where), shown.fulls(module)])),
                 bands,
                 _marks(shown, f"relative_error_{end}", where, module),
             )
@@ -389,10 +389,6 @@ def _over(
 def _median(result: xr.Dataset) -> str:
     """End of the name of the relative error: its median over the seeds where there is one."""
     return "_median" if f"{_ERROR}_median" in result else ""
-
-
-def _title(shown: Gazing, where: Point, module: Point) -> str:
-    return ", ".join(filter(None, [shown.values(where), shown.fulls(module)]))
 
 
 def _over_seeds(result: xr.Dataset) -> str:

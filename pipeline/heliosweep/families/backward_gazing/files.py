@@ -18,7 +18,6 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -30,6 +29,7 @@ from heliosweep.config.tables import Column, read_table
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.image_blocks import Metadata
+from heliosweep.files import read_once
 
 #: Largest file, and pixels of an image. [bytes, 1]
 MAX_BYTES, MAX_PIXELS = 512 * 2**20, 25_000_000
@@ -78,6 +78,7 @@ class Picture:
         return next((2.0**bits - 1.0 for bits in (8, 10, 12, 14, 16) if highest == 2.0**bits - 1.0), self.top)
 
 
+@read_once(6)
 def read_picture(path: Path, name: str = "") -> Picture:
     """Read an image.
 
@@ -105,12 +106,6 @@ def read_picture(path: Path, name: str = "") -> Picture:
         _fail(name, "is a folder, not an image" if path.is_dir() else "is not a regular file")
     if status.st_size > MAX_BYTES:
         _fail(name, f"is larger than {MAX_BYTES // 2**20} MiB; cut the image to the heliostat")
-    return _read_image(path, status.st_mtime_ns, status.st_size, name)
-
-
-@lru_cache(maxsize=6)
-def _read_image(path: Path, stamp: int, size: int, name: str) -> Picture:
-    """Read a file once while it does not change."""
     try:
         with path.open("rb") as file:
             head = file.read(16)
@@ -373,6 +368,7 @@ class ProfileTable(NamedTuple):
         return int(np.count_nonzero(np.diff(self.brightness) > 0.0))
 
 
+@read_once(4)
 def read_profile(path: Path, name: str) -> ProfileTable:
     """Read a sun profile.
 
@@ -389,16 +385,6 @@ def read_profile(path: Path, name: str) -> ProfileTable:
     StudyError
         If the file cannot be read or is no such table; every problem at its line.
     """
-    try:
-        stamp = path.stat().st_mtime_ns
-    except OSError:
-        stamp = None
-    return _read_table(path, stamp, name)
-
-
-@lru_cache(maxsize=4)
-def _read_table(path: Path, stamp: int | None, name: str) -> ProfileTable:
-    """Read a file once while it does not change (`stamp`)."""
     table = read_table(path, name, COLUMNS, rows="angles", most_bytes=MAX_TABLE_BYTES)
     angles, brightness = (table.column(key) for key in COLUMNS)
     before = None

@@ -97,7 +97,9 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     rectified, register = _stated(study, "rectified"), _stated(study, "registration")
     if rectified is None:
         told = np.any(marked) or np.any(np.isfinite(focal)) or register
-        rectified = not told and pictures[0].levels.shape == _grid_shape(study)
+        pixel, rectified = study.heliostat.pixel, False
+        if not told and not isinstance(pixel, Sweep):
+            rectified = pictures[0].levels.shape == mirror_grid(study.heliostat.rectangles, pixel).module.shape
     if register is None:
         register = ~np.isfinite(focal)
     found = ~marked & register & (not rectified)
@@ -131,12 +133,6 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
         math.nan if noise is None else noise,
         tuple(said),
     )
-
-
-def _grid_shape(study: BackwardGazingStudy) -> tuple[int, int]:
-    """Rows and columns of images on the grid of the mirror."""
-    pixel = study.heliostat.pixel
-    return mirror_grid(study.heliostat.rectangles, pixel).module.shape if isinstance(pixel, float | int) else (0, 0)
 
 
 def bright_level(image: Floats) -> float:

@@ -235,7 +235,13 @@ def of_point(point: Point, given: Given, with_maps: bool, raw: bool) -> dict[str
     except Failure as failure:
         return {"scene_status": failure.status}
     least = bound(seen, point, given)
-    values = _errors(seen, point, given) | _sight(seen, least)
+    mean, rms, _ = seen.over_modules(1e3 * (seen.net - seen.true))
+    entered = 1e3 * np.hypot(*np.transpose(point.canting_scale * np.array(given.canting)))
+    relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
+    values: dict[str, Any] = (
+        by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
+    )
+    values |= _sight(seen, least)
     deviations = []
     for method in given.solver.methods:
         own = bound(seen, point, given, "A") if given.solver.fit_gain and method == "A" else least
@@ -248,14 +254,6 @@ def of_point(point: Point, given: Given, with_maps: bool, raw: bool) -> dict[str
 
 
 _remembered = lru_cache(maxsize=4)(of_point)
-
-
-def _errors(seen: Observation, point: Point, given: Given) -> dict[str, Any]:
-    """Errors of the slopes of each module, shape (M, T, modules). [mrad], [percent]"""
-    mean, rms, _ = seen.over_modules(1e3 * (seen.net - seen.true))
-    entered = 1e3 * np.hypot(*np.transpose(point.canting_scale * np.array(given.canting)))
-    relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
-    return by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
 
 
 def _sight(seen: Observation, least: Floats) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -122,17 +121,9 @@ class BackwardGazingStudy(Study):
         """True where LM finds slopes by the smooth curve nearest to a table."""
         return (self.fit_profile or ("smooth" if self.mode == "measured" else "table")) == "smooth"
 
-    @cached_property
-    def _checked(self) -> tuple[list[Problem], list[str]]:
-        return checks.check(self)
-
-    def check(self) -> list[Problem]:
-        """Return what is wrong between blocks or with named files."""
-        return self._checked[0]
-
-    def notes(self) -> list[str]:
-        """Return warnings."""
-        return self._checked[1]
+    def examinations(self) -> Iterable[Callable[[BackwardGazingStudy], Iterable[Problem | str]]]:
+        """Return what looks for problems between blocks or with named files."""
+        return checks.EXAMINATIONS
 
     def _simulated_faults(self) -> Iterator[Fault]:
         measured = {

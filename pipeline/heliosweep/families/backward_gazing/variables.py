@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import Variable, with_best
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.gazing.geometry import mirror_grid
 
 if TYPE_CHECKING:
@@ -56,35 +56,18 @@ OF_MODULE = (*OF_METHOD, "module")
 _HOUR = ("heliostat", "hour")
 
 
-def _quantity(dims: tuple[str, ...], units: str, long_name: str, comment: str = "", **more: Any) -> Variable:
-    said = {"comment": comment} if comment else {}
-    return Variable(dims, {"units": units, "long_name": long_name, **said, **more})
-
-
 def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", units: str = "mrad") -> dict[str, Any]:
     """A quantity in both directions; ``%`` in the name stands for x or y, in the long name for the direction."""
-    words = {"x": "horizontal", "y": "vertical"}
-    return {
-        name.replace("%", axis): _quantity(dims, units, long_name.replace("%", word), comment)
-        for axis, word in words.items()
-    }
+    return pair(name, {"x": "horizontal", "y": "vertical"}, dims, units, long_name, comment)
 
 
 def _part(dims: tuple[str, ...], long_name: str, comment: str = "") -> Variable:
     """A part of a whole, from 0 to 1."""
-    return _quantity(dims, "1", long_name, comment, valid_range=[0.0, 1.0])
-
-
-def _flags(
-    dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
-) -> Variable:
-    """Numbers with meanings, of which each value has one, or the sum of several with ``flag_masks``."""
-    attrs = {kind: np.array(list(meanings), np.int8), "flag_meanings": " ".join(meanings.values())}
-    return replace(_quantity(dims, "1", long_name, comment, **attrs), dtype=np.dtype(np.int8))
+    return quantity(dims, "1", long_name, comment, valid_range=[0.0, 1.0])
 
 
 def _quality(bits: Mapping[int, str], comment: str = "") -> Variable:
-    return _flags(("slope_method", *PLANE), "what is doubtful about a slope", bits, comment, "flag_masks")
+    return flags(("slope_method", *PLANE), "what is doubtful about a slope", bits, comment, "flag_masks")
 
 
 #: What a plant wants to know, with standard errors.
@@ -115,12 +98,12 @@ _ESTIMATES = {
         "standard error of the % pointing",
         "of the scatter of the modules that decide the median, and of the focal length, alone",
     ),
-    "focal_length_estimate": _quantity(OF_METHOD, "m", "focal length of the modules"),
-    "focal_length_standard_error": _quantity(
+    "focal_length_estimate": quantity(OF_METHOD, "m", "focal length of the modules"),
+    "focal_length_standard_error": quantity(
         OF_METHOD, "m", "standard error of the focal length of the modules", "of scatter alone"
     ),
     **{
-        f"focal_length_{end}{ending}": _quantity(
+        f"focal_length_{end}{ending}": quantity(
             OF_MODULE, "m", f"{what}{end}er principal focal length of a module", said
         )
         for end in ("long", "short")
@@ -129,13 +112,13 @@ _ESTIMATES = {
             ("_standard_error", "standard error of the ", "of scatter alone"),
         )
     },
-    "focal_axis": _quantity(
+    "focal_axis": quantity(
         OF_MODULE,
         "degree",
         "direction of the longer principal focal length of a module, from horizontal towards up",
         "as seen from the target; without meaning where its standard error is large, as that of a sphere is",
     ),
-    "focal_axis_standard_error": _quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
+    "focal_axis_standard_error": quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
     "usable_fraction": _part(("slope_method", "module"), "part of the eroded module for which there are slopes"),
     "lit_cameras": _part(
         ("module",), "part of the cameras that see the sun in the module", "mean over the pixels of the eroded module"
@@ -145,7 +128,7 @@ _ESTIMATES = {
 _BOUND = "least standard deviation that the cameras leave to % slopes of a pixel"
 
 _EVALUATIONS = {
-    "evaluations": _quantity(
+    "evaluations": quantity(
         ("slope_method",),
         "1",
         "evaluations of the merit by the search at a pixel",
@@ -155,22 +138,22 @@ _EVALUATIONS = {
 _DISC = ("disc_fraction",)
 #: Of the sun.
 _SUN = {
-    "sun_brightness": _quantity(_DISC, "1", "brightness of the sun's profile relative to the centre of the disc"),
-    "sun_formula": _quantity(_DISC, "1", "brightness by the formula of Jose that is nearest to the sun's profile"),
-    "sun_limb_fit": _quantity((), "1", "brightness of the limb over that of the centre, A, of the nearest formula"),
-    "sun_exponent_fit": _quantity((), "1", "exponent xi of the nearest formula of Jose"),
-    "sun_radius_fit": _quantity(
+    "sun_brightness": quantity(_DISC, "1", "brightness of the sun's profile relative to the centre of the disc"),
+    "sun_formula": quantity(_DISC, "1", "brightness by the formula of Jose that is nearest to the sun's profile"),
+    "sun_limb_fit": quantity((), "1", "brightness of the limb over that of the centre, A, of the nearest formula"),
+    "sun_exponent_fit": quantity((), "1", "exponent xi of the nearest formula of Jose"),
+    "sun_radius_fit": quantity(
         (), "mrad", "angular radius eps_max of the nearest formula", "at which the profile ends"
     ),
-    "sun_fit_rms": _quantity((), "1", "root mean square of the sun's profile less the nearest formula"),
+    "sun_fit_rms": quantity((), "1", "root mean square of the sun's profile less the nearest formula"),
 }
 
 #: Of the whole scene.
 _SCENE = {
-    "scene_status": _flags((), "whether there are slopes, and why not", STATUS),
-    "incidence": _quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
+    "scene_status": flags((), "whether there are slopes, and why not", STATUS),
+    "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
 }
-_MASK = _flags(PLANE, "which pixels count", dict(enumerate(MASKS)))
+_MASK = flags(PLANE, "which pixels count", dict(enumerate(MASKS)))
 _NET = (
     "error of a pixel: slope found, less the slope that the same method finds on images of the ideal heliostat without "
     "noise or error of gain, less the true slope; over the pixels of the eroded module that have slopes"
@@ -202,7 +185,7 @@ SIMULATED = {
 }
 #: With ``output: {maps: true}``.
 MAPS = {
-    "image": _quantity(
+    "image": quantity(
         ("camera", *PLANE),
         "1",
         "brightness relative to the sun's centre",
@@ -233,7 +216,7 @@ RAW = {
 
 #: Heliostats of a field.
 FIELD = {
-    "slant_range": _quantity(("heliostat",), "m", "distance from the heliostat's centre to the target's"),
+    "slant_range": quantity(("heliostat",), "m", "distance from the heliostat's centre to the target's"),
     **{name: replace(one, dims=_HOUR) for name, one in _SCENE.items()},
     **_both(
         "slope_rms_%",
@@ -256,15 +239,15 @@ FIELD = {
 
 #: Where the program has found the heliostat in an image, in the order of `measured.registered`.
 REGISTERED = {
-    "registered_roll": _quantity(
+    "registered_roll": quantity(
         ("camera",), "degree", "turn of the camera as it is found, clockwise for someone behind it", "as ROLL"
     ),
-    "registered_column": _quantity(("camera",), "1", "column of the heliostat's centre as it is found", "as CENTREU"),
-    "registered_row": _quantity(("camera",), "1", "row of the heliostat's centre as it is found", "as CENTREV"),
-    "registered_focal_length": _quantity(
+    "registered_column": quantity(("camera",), "1", "column of the heliostat's centre as it is found", "as CENTREU"),
+    "registered_row": quantity(("camera",), "1", "row of the heliostat's centre as it is found", "as CENTREV"),
+    "registered_focal_length": quantity(
         ("camera",), "1", "focal length of the camera over the side of a pixel as it is found", "as FOCALPIX"
     ),
-    "registration_residual": _quantity(
+    "registration_residual": quantity(
         ("camera",), "1", "root mean square distance of the modules' edges from where they should be, in pixels"
     ),
 }
@@ -288,16 +271,16 @@ MEASURED = {
         ("camera",), "part of the mirror's pixels in which an image is saturated", "these are not used"
     ),
     **REGISTERED,
-    "white_level": _quantity(("camera",), "1", "level of the sun's centre, the dark level included"),
-    "pixel_noise": _quantity(
+    "white_level": quantity(("camera",), "1", "level of the sun's centre, the dark level included"),
+    "pixel_noise": quantity(
         (),
         "1",
         "standard deviation of a pixel of the images relative to the sun's centre",
         "as the study states it, or from the median of the squared residuals of LM",
     ),
-    "gain": _quantity((), "1", "median over the pixels of the gain that LM finds", "1 where no gain is fitted"),
+    "gain": quantity((), "1", "median over the pixels of the gain that LM finds", "1 where no gain is fitted"),
     **_SCENE,
-    "image": _quantity(
+    "image": quantity(
         ("camera", *PLANE),
         "1",
         "brightness relative to the sun's centre",
@@ -318,7 +301,7 @@ MEASURED = {
         "profile, of the geometry, or of one camera's gain against another's does not show in it (the last shifts all "
         "slopes alike, as a pointing error would)",
     ),
-    "residual_rms": _quantity(
+    "residual_rms": quantity(
         (*OF_METHOD, *PLANE),
         "1",
         "root mean square over the lit cameras of the brightness seen less that of the slopes found",

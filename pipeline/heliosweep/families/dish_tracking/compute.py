@@ -120,14 +120,10 @@ def coordinates(study: DishTrackingStudy) -> xr.Dataset:
         labels["required_factor"] = xr.DataArray(required, dims="required_factor", attrs=attrs)
     if study.output.time_series:
         labels |= instants_of(parameters).coordinates()
-    return xr.Dataset(coords=labels, attrs=_sun_attributes(study))
-
-
-def _sun_attributes(study: DishTrackingStudy) -> dict[str, str]:
     sun = study.ephemeris
     air = f"{sun.pressure:g} hPa and {sun.temperature:g} deg C"
     elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric, {air} without effect"
-    return sun_attributes(study.time, sun.delta_t, elevation)
+    return xr.Dataset(coords=labels, attrs=sun_attributes(study.time, sun.delta_t, elevation))
 
 
 def _months(study: DishTrackingStudy) -> tuple[np.ndarray, np.ndarray]:

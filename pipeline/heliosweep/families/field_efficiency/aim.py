@@ -187,17 +187,12 @@ def _off(way: Way, centre: Floats) -> Iterator[Problem]:
         beyond = np.maximum(beyond, np.abs(off @ across) - 0.5 * float(values["width"]))
     away = np.maximum(apart, beyond)
     bad = np.flatnonzero(~((away <= SLACK) & seen))
-    problems = (
-        Problem(
-            f"heliostat {row} aims "
-            + ("at a side of the receiver that it does not see" if away[row] <= SLACK else _far(float(away[row])))
-            + f": {', '.join(f'{key} {value:.6g}' for key, value in zip(COLUMNS, points[row], strict=True))}",
-            file=layout.name, line=None if layout.lines is None else int(layout.lines[row]),
-        )
-        for row in bad
-    )  # fmt: skip
-    yield from listed(problems, MAX_LISTED, len(bad), "more of this kind")
 
+    def problem(row: int) -> Problem:
+        far = f"{away[row]:.4g} m off the receiver" if np.isfinite(away[row]) else "nowhere"
+        what = "at a side of the receiver that it does not see" if away[row] <= SLACK else far
+        place = ", ".join(f"{key} {value:.6g}" for key, value in zip(COLUMNS, points[row], strict=True))
+        line = None if layout.lines is None else int(layout.lines[row])
+        return Problem(f"heliostat {row} aims {what}: {place}", file=layout.name, line=line)
 
-def _far(away: float) -> str:
-    return f"{away:.4g} m off the receiver" if np.isfinite(away) else "nowhere"
+    yield from listed(map(problem, bad.tolist()), MAX_LISTED, len(bad), "more of this kind")

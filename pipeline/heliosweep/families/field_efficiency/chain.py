@@ -184,12 +184,6 @@ def _errors(values: Mapping[str, Any], rest: Floats) -> Errors:
     return Errors(u, v, 1e-3 * float(values["specularity_error"]))
 
 
-def _turns(layout: Layout) -> Floats:
-    """Turns of the normals by columns of a layout, shape (N, 2). [rad]"""
-    columns = (layout.columns.get(name, np.zeros(len(layout))) for name in TURN_COLUMNS)
-    return 1e-3 * np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
-
-
 def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout, start: int, stop: int) -> Floats:
     """Errors of the mounts of heliostats start..stop, shape (N, 6); (0, 6) where none are given. [rad]"""
     if inputs.mounts is not None:
@@ -287,7 +281,8 @@ class Way(NamedTuple):
         gaussian = values["method"] == "gaussian"
         tables, blurred = (_NO_TABLES, errors) if gaussian else self.inputs.tables_of(values, errors)
         cant = 0.5 / slant if values["canting"] == "on_axis" else np.zeros(len(slant))
-        turn = _turns(self.layout)[start:stop]
+        turns = [self.layout.columns.get(name, np.zeros(len(self.layout))) for name in TURN_COLUMNS]
+        turn = 1e-3 * np.stack(turns, axis=1).astype(np.float64)[start:stop]
         mounts = _mount_errors(values, self.inputs, self.layout, start, stop)
         return Scene(
             centre, target, sides, curve_of(values["focus"], slant), cant, turn, facets, mirrors[6], blurred,

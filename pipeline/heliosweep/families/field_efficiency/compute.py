@@ -16,10 +16,9 @@ from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import cell_seconds, flux_labels, flux_sizes
 from heliosweep.families.field_efficiency.flux_sums import FluxSums
-from heliosweep.families.field_efficiency.geometry import land_area, mirror_area
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.selection import Kept, part_of, select
-from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants
+from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants, land_area, mirror_area
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
     ANGLES,
@@ -55,9 +54,9 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 #: Time of one heliostat and instant on one core: with the sun in the zenith, and more by a power of 1 / sine of its
-#: elevation, for more mirrors stand in the way, up to all of them, a time that grows with the root of their number; and
-#: likewise with the elevation of the target. Measured on radial staggers of 317 to 100,000 heliostats. [s, 1]
-SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS = 15e-9, 9e-9, 1.5, 45e-9
+#: elevation, for more mirrors stand in the way, up to nearly all of them, a time that grows with the root of their
+#: number; likewise with the elevation of the target. Measured on radial staggers of 317 to 100,000 heliostats. [s, 1]
+SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS = 14e-9, 9e-9, 1.5, 60e-9
 #: Time of the intercept of one heliostat and direction of the sun, by kind of receiver, of its interpolation to an
 #: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
 SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}
@@ -173,7 +172,7 @@ def _seconds(parameters: Parameters) -> tuple[float, float]:
     lit = sine[sine > 0]
     if not lit.size:
         return SECONDS_SHADED, 1.0
-    each = np.minimum(SECONDS_SHADED * lit**-POWER, max(most, SECONDS_SHADED)) + blocked
+    each = 1.0 / (lit**POWER / SECONDS_SHADED + 1.0 / most) + blocked
     return float(each.sum() / sine.size), lit.size / sine.size
 
 
@@ -267,9 +266,7 @@ def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     return seconds + more, fresh or also
 
 
-def inputs(study: FieldEfficiencyStudy) -> Inputs:
-    """Layouts of the study, and the contents of its other files."""
-    return Inputs(study)
+inputs = Inputs
 
 
 def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.Dataset:

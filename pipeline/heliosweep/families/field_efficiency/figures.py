@@ -14,8 +14,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.field_efficiency import figures_energy as energy
-from heliosweep.families.field_efficiency.figures_flux import flux_figures
-from heliosweep.families.field_efficiency.figures_mirrors import motion_maps, outline_figures
+from heliosweep.families.field_efficiency.figures_surfaces import flux_figures, motion_maps, outline_figures
 from heliosweep.families.field_efficiency.variables import ANGLE_SERIES
 from heliosweep.report.contents import NamedFigure, Table, one_by_one
 from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed, unit_of

@@ -61,12 +61,12 @@ class _Loss(NamedTuple):
 def losses(shown: Shown, methods: Sequence[Point], stands: Point, along: str | None) -> Iterator[NamedFigure]:
     """Waterfall from the incident to the received energy, a panel for each place and method."""
     result, places = shown.result, shown.chosen(along, MOST_PANELS)
-    points = [{**stands, **method, **place} for place in places for method in methods]
+    points = [{**stands, **method, **place} for place, method in product(places, methods)]
     taken = np.array([at(result["loss"], point).to_numpy() for point in points])
     happens = (taken != 0).any(axis=0)
     stages = [_STAGES.get(stage, stage) for stage in result["stage"].to_numpy()[happens]]
     panels = []
-    for point, (place, method), lost in zip(points, _pairs(places, methods), taken[:, happens], strict=True):
+    for point, (place, method), lost in zip(points, product(places, methods), taken[:, happens], strict=True):
         incident, received = (float(at(result[f"field_{name}_energy"], point)) for name in ("incident", "receiver"))
         left = incident - np.cumsum(lost)
         title = ", ".join(filter(None, [shown.fulls(place), shown.values(method)]))
@@ -77,10 +77,6 @@ def losses(shown: Shown, methods: Sequence[Point], stands: Point, along: str | N
         f"{_received(result)}, in percent of the first.{shown.note(stands, places)}"
     )
     yield NamedFigure("energy_losses", caption, _waterfalls(panels, len(methods) if len(methods) > 1 else 2))
-
-
-def _pairs(places: Sequence[Point], methods: Sequence[Point]) -> list[tuple[Point, Point]]:
-    return [(place, method) for place in places for method in methods]
 
 
 def _received(result: xr.Dataset) -> str:
@@ -214,12 +210,13 @@ def ranks(shown: Shown, methods: Sequence[Point], stands: Point, along: str | No
         return
     each: dict[str, xr.DataArray] = {}
     share: dict[str, xr.DataArray] = {}
-    for place, method in _pairs(places, methods):
+    for place, method in product(places, methods):
         here = result[["rank", "energy_per_mirror_area", "receiver_energy"]].isel({**stands, **place, **method})
         order = np.argsort(here["rank"].to_numpy())[: int(here["rank"].notnull().sum())]
         if not order.size:  # a field that receives nothing
             continue
-        name, rank = _line(shown, place, method), {"rank": ("rank", np.arange(1, order.size + 1))}
+        name = ", ".join(filter(None, [shown.values(place), shown.values(method)]))
+        rank = {"rank": ("rank", np.arange(1, order.size + 1))}
         each[name] = xr.DataArray(here["energy_per_mirror_area"].to_numpy()[order], rank)
         energy = np.cumsum(here["receiver_energy"].to_numpy()[order])
         share[name] = xr.DataArray(100 * energy / energy[-1], rank)
@@ -235,10 +232,6 @@ def ranks(shown: Shown, methods: Sequence[Point], stands: Point, along: str | No
     )
     figure = curve_figure(panels, "rank of the heliostat", least_span=1e-3)
     yield NamedFigure("energy_by_rank", caption, figure)
-
-
-def _line(shown: Shown, place: Point, method: Point) -> str:
-    return ", ".join(filter(None, [shown.values(place), shown.values(method)]))
 
 
 def durations(shown: Shown, methods: Sequence[Point], stands: Point, along: str | None) -> Iterator[NamedFigure]:

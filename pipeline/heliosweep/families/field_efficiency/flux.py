@@ -12,7 +12,7 @@ from heliosweep.config.block import Block
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Quantity
 from heliosweep.grid.clock import instant_count
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, quantity
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
@@ -84,11 +84,10 @@ def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[
             continue
         if name == "power_above_limit" and wanted.limit is None:
             continue
-        attrs: dict[str, Any] = {"units": units, "long_name": long_name}
-        attrs["comment"] = comment.format(wanted.limit if name == "power_above_limit" else words)
-        if units == "1":
-            attrs["valid_range"] = [0.0, 1.0]
-        found[name] = Variable((*swept, *DIMS) if name.endswith("map") else swept, attrs)
+        dims = (*swept, *DIMS) if name.endswith("map") else swept
+        more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if units == "1" else {}
+        comment = comment.format(wanted.limit if name == "power_above_limit" else words)
+        found[name] = quantity(dims, units, long_name, comment, **more)
     return found
 
 

@@ -5,7 +5,7 @@ The heliostats that are kept are then computed again, without the others.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 from heliosweep.config.block import Block
@@ -13,9 +13,7 @@ from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SunDirections
 from heliosweep.config.values import Choice, Quantity
-from heliosweep.errors import Problem
-from heliosweep.grid.regions import Variable
-from heliosweep.layouts.layout import Layout
+from heliosweep.grid.regions import Variable, quantity
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
@@ -92,21 +90,11 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
         yield Fault("are for a field that is not cut; remove them, or 'keep'", ("output", "outlines"))
 
 
-def keep_problems(study: FieldEfficiencyStudy, layouts: Iterable[Layout]) -> Iterator[Problem]:
-    """Yield what is wrong with the number of heliostats that are kept, of some layouts of a study."""
-    if study.keep is None or study.keep.heliostats is None:
-        return
-    most, least = max(ends(study.keep.heliostats)), min(map(len, layouts))
-    if most > least:
-        message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
-        yield study.problem("keep.heliostats", message)
-
-
 def keep_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
     """Variables that tell which heliostats are kept."""
     if study.keep is None:
         return {}
     return {
-        name: Variable((*swept, "heliostat"), {"units": "1", "long_name": long_name, "comment": comment})
+        name: quantity((*swept, "heliostat"), "1", long_name, comment)
         for name, (long_name, comment) in _DESCRIBED.items()
     }

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import datetime as dt
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,28 +17,27 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Layout as LayoutBlock
 from heliosweep.config.blocks import Output, Site, Sites
 from heliosweep.config.faults import Fault
-from heliosweep.config.sample import drawn_keys
 from heliosweep.config.sites import civil_clock_problems, site_table
-from heliosweep.config.study import Dimension, Study, parameters
-from heliosweep.config.sweep import Listed, Sweep, ends
+from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.config.weather import DIMENSIONS, Limits, Weather
-from heliosweep.errors import Problem, StudyError
+from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
 from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
 from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
-from heliosweep.families.field_efficiency.keep import Keep, keep_faults, keep_problems
+from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import ENERGY_NAMES
 from heliosweep.grid.clock import instant_count
-from heliosweep.grid.daylight import dark_latitudes
+from heliosweep.grid.daylight import dark_places
 from heliosweep.grid.weather_checks import check_weather, weather_faults
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts.layout import Layout, check_layout
-from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, values_at
+from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 
 TRACKING = {
     "spinning_elevation": "turned about the line of sight to the target, then tilted",
@@ -53,9 +51,6 @@ _SITE_OR_DIRECTIONS: JsonDict = {
     "then": {"not": {"anyOf": _SITE}},
     "else": {"oneOf": _SITE},
 }
-
-#: Points of a sweep, and heliostats in all of them, that are looked at here; the kernels would be exact for any.
-MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 
 _EFFICIENCIES = [f"{kind}_efficiency" for kind in ("cosine", "shading", "blocking", "optical")]
 #: Names that columns of a layout must leave to the result.
@@ -197,23 +192,9 @@ class FieldEfficiencyStudy(Study):
         names = super().dimension_names()
         return names | {"weather.file": "site"} if self.sites is not None and "weather.file" in names else names
 
-    @cached_property
-    def _found(self) -> list[Problem | str]:
-        found: list[Problem | str] = []
-        for look in (_sun, _mirrors, _tower, _light, _aim, _keep, check_weather):
-            try:
-                found += look(self)
-            except StudyError as error:
-                found += (problem for problem in error.problems if problem not in found)
-        return found
-
-    def check(self) -> list[Problem]:
-        """Return what is wrong between blocks, with the layout or with the sun."""
-        return [found for found in self._found if isinstance(found, Problem)]
-
-    def notes(self) -> list[str]:
-        """Return warnings: mirrors that may touch, latitudes without sun."""
-        return [found for found in self._found if isinstance(found, str)]
+    def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
+        """Return what looks for problems between blocks, with the layout or with the sun."""
+        return _sun, _mirrors, _tower, _light, _aim, _keep, check_weather
 
 
 STUDY = FieldEfficiencyStudy
@@ -228,25 +209,14 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         elif min(heights) <= 0:
             yield "the result is missing (NaN) where the sun is not above the horizon"
         return
-    solar = isinstance(study.time, SolarTime)
-    if not solar and (missing := list(civil_clock_problems(study))):
+    if not isinstance(study.time, SolarTime) and (missing := list(civil_clock_problems(study))):
         yield from missing
         return
     yield from _design_point(study)
     if isinstance(study.time, WeatherTime):
         return
-    dark, everywhere = dark_latitudes(study)
-    if everywhere and solar:
-        yield study.problem("time.hours", "the sun never rises at these latitudes, days and hours")
-    elif everywhere:
-        yield study.problem("time.window", "the sun never rises at these sites on these dates in this window")
-    elif dark.size:
-        listed = ", ".join(f"{value:g}" for value in dark[:6])
-        listed += f" and {dark.size - 6} more" if dark.size > 6 else ""
-        said = "efficiencies are missing (NaN) there, and energies are 0"
-        if study.weather is None:
-            said = "the result is missing (NaN) there"
-        yield f"the sun never rises at latitude {listed} deg: {said}"
+    missing_there = "efficiencies are missing (NaN) there, and energies are 0"
+    yield from dark_places(study, "the result is missing (NaN) there" if study.weather is None else missing_there)
 
 
 def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
@@ -264,8 +234,7 @@ def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """Mirrors must have a size, and room to turn."""
-    seen: set[str] = set()
-    for layout, values in _points(study, {f"heliostat.{side}": max for side in SIZE_COLUMNS}):
+    for layout, values in Layouts(study, RESERVED).some({f"heliostat.{side}": max for side in SIZE_COLUMNS}):
         problems = list(_sizes_missing(study, layout))
         if problems:
             yield from problems
@@ -274,15 +243,14 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             layout.columns[side] if side in layout.columns else values[f"heliostat.{side}"] for side in SIZE_COLUMNS
         )
         colliding, touching = (_in_study(study, layout, found) for found in check_layout(layout, width, height))
-        found: list[Problem | str] = [*colliding, *map(str, touching)]
-        yield from (each for each in found if str(each) not in seen)
-        seen.update(map(str, found))
+        yield from colliding
+        yield from map(str, touching)
 
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The receiver must be above the mirrors; it is the aim of all."""
     aimed: set[str] = set()
-    for layout, values in _points(study, {"heliostat.pivot_height": max, "receiver.height": min}):
+    for layout, values in Layouts(study, RESERVED).some({"heliostat.pivot_height": max, "receiver.height": min}):
         used = study.aim is not None and study.aim.strategy == "layout"
         if "aim_x" in layout.columns and not used and layout.name not in aimed:
             aimed.add(layout.name)
@@ -298,7 +266,8 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The way of the light must be possible."""
     if study.optics is not None:
-        yield from light_faults(study, _points(study, {"heliostat.pivot_height": min, "receiver.height": max}))
+        points = Layouts(study, RESERVED).some({"heliostat.pivot_height": min, "receiver.height": max})
+        yield from light_faults(study, points)
 
 
 def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
@@ -309,13 +278,18 @@ def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     ends: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
     if study.aim.strategy == "spread":  # must have room somewhere
         ends = [ends[0] | {"receiver.height_extent": max}]
-    points = itertools.chain.from_iterable(_points(study, extremes) for extremes in ends)
+    points = itertools.chain.from_iterable(Layouts(study, RESERVED).some(extremes) for extremes in ends)
     yield from aim_problems(study, itertools.takewhile(lambda point: not any(_sizes_missing(study, point[0])), points))
 
 
 def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
     """No more heliostats must be kept than there are."""
-    yield from keep_problems(study, (layout for layout, _ in _points(study, {})))
+    if study.keep is not None and study.keep.heliostats is not None:
+        most = max(ends(study.keep.heliostats))
+        least = min(len(layout) for layout, _ in Layouts(study, RESERVED).some())
+        if most > least:
+            message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
+            yield study.problem("keep.heliostats", message)
 
 
 def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
@@ -337,37 +311,3 @@ def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem])
         return found
     more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""
     return [study.problem("layout", found[0].message + more)]
-
-
-def _points(
-    study: FieldEfficiencyStudy, worst: Mapping[str, Callable[..., float]]
-) -> Iterator[tuple[Layout, dict[str, Any]]]:
-    """The layouts, each with the values of all keys that come together with it and matter.
-
-    `worst` names those beside the keys of the layout, and which of their values is the worst, `min` or `max`: the only
-    one to look at where nothing that matters is tied to the key. Of drawn keys the worst that can be drawn counts.
-    """
-    layouts = Layouts(study, RESERVED)
-    given = {key: value for key, _, value in parameters(study)}
-    drawn = {key: worst[key](value.ends()) for key, value in drawn_keys(study).items() if key in worst}
-    matters = [key for key in study.sweeps() if layouts.depend_on(key) or (key in worst and key not in drawn)]
-    dims = [dim for dim in study.dimensions() if any(key in dim.sweeps for key in matters)]
-    looked_at = 0
-    positions = (_positions(dim, worst, layouts) for dim in dims)
-    for index in itertools.islice(itertools.product(*positions), MAX_POINTS):
-        values = given | values_at(dims, index) | drawn
-        layout = layouts.at(values)
-        yield layout, values
-        looked_at += len(layout)
-        if looked_at > MAX_HELIOSTATS:
-            return
-
-
-def _positions(dim: Dimension, worst: Mapping[str, Callable[..., Any]], layouts: Layouts) -> Sequence[int]:
-    """Positions along a dimension to look at: the worst of a key that stands alone, many of those of tied keys."""
-    keys = [key for key in dim.sweeps if layouts.depend_on(key) or key in worst]
-    if len(keys) > 1 or layouts.depend_on(keys[0]):
-        return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
-    sweep = dim.sweeps[keys[0]]
-    candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
-    return (worst[keys[0]](candidates, key=sweep.__getitem__),)

@@ -1,7 +1,11 @@
-"""Values of some heliostats of a field: means and energies over the instants, at each instant, at a design point."""
+"""Values of some heliostats of a field: means and energies over the instants, at each instant, at a design point.
+
+And the size of a field: mirrors, and the land that they take; Chong and Tan (2012), Table 1.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -23,6 +27,7 @@ from heliosweep.families.field_efficiency.variables import (
 from heliosweep.kernels.field import efficiency
 
 if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.optics import FacetGrid
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 Floats = NDArray[np.float64]
@@ -169,3 +174,34 @@ def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:
     elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
     found = {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0, "sun_elevation": elevation}
     return found if hours is None else {**found, "dni": hours.dni[part]}
+
+
+def mirror_area(width: Floats, height: Floats, facets: FacetGrid | None) -> Floats:
+    """Area of mirrors of some width and height, without the gaps between their facets. [m2]"""
+    if facets is None:
+        return width * height
+    return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)
+
+
+def land_area(x: Floats, y: Floats, radius: float) -> float:
+    """Area within the line that runs `radius` [m] outside the convex hull of the centres, at x and y [m]. [m2]"""
+    corners = _hull(sorted(set(zip(x.tolist(), y.tolist(), strict=True))))
+    sides = list(zip(corners, corners[1:] + corners[:1], strict=True))
+    area = sum(px * qy - qx * py for (px, py), (qx, qy) in sides) / 2
+    return area + radius * sum(math.dist(p, q) for p, q in sides) + math.pi * radius**2
+
+
+def _hull(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Corners of the convex hull of sorted points, counter-clockwise (Andrew's monotone chain)."""
+    hull: list[tuple[float, float]] = []
+    for side in (points, points[::-1]):
+        chain: list[tuple[float, float]] = []
+        for x, y in side:
+            while len(chain) > 1:
+                (ax, ay), (bx, by) = chain[-2:]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
+                    break
+                chain.pop()
+            chain.append((x, y))
+        hull += chain[:-1]
+    return hull or points

@@ -8,7 +8,7 @@ from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.families.field_efficiency.keep import keep_variables
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import Variable, with_best
+from heliosweep.grid.regions import Variable, quantity, with_best
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
@@ -193,21 +193,17 @@ OUTLINES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 }
 
 
-def _described(units: str, long_name: str, comment: str = "") -> dict[str, Any]:
-    return {"units": units, "long_name": long_name} | ({"comment": comment} if comment else {})
-
-
-def _of_axes(directions: bool) -> dict[str, dict[str, Any]]:
-    """Attributes of the angles of both axes, at directions of the sun or over the period."""
-    found = {}
+def _of_axes(swept: tuple[str, ...], directions: bool) -> dict[str, Variable]:
+    """Angles of both axes of each heliostat, at directions of the sun or over the period."""
+    found, dims = {}, (*swept, "heliostat")
     for axis, comment in _AXES.items():
         name = f"{axis}_angle"
         if directions:
-            found[name] = _described("degree", f"angle of the {axis} axis", comment)
+            found[name] = quantity(dims, "degree", f"angle of the {axis} axis", comment)
             continue
         for what, words, units in _MOTION:
             more = _RATE if what == "rate" else _COUNTED if axis == "primary" else ""
-            found[f"{name}_{what}"] = _described(units, words.format(f"angle of the {axis} axis"), comment + more)
+            found[f"{name}_{what}"] = quantity(dims, units, words.format(f"angle of the {axis} axis"), comment + more)
     return found
 
 
@@ -216,10 +212,9 @@ def _of_energy(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str,
     found = {}
     received = _TOWARDS if study.optics is None else _RECEIVED
     for name, (dims, finished, units, long_name, comment) in _ENERGIES.items() if study.weather is not None else ():
-        attrs = _described(units, long_name.format(received), comment.format(loss=_LOSS))
-        if units == "MWh":
-            attrs["cell_methods"] = "time: sum"
-        found[name] = Variable((*swept, *dims), attrs, finished=finished)
+        more, words = {"cell_methods": "time: sum"} if units == "MWh" else {}, long_name.format(received)
+        dims, comment = (*swept, *dims), comment.format(loss=_LOSS)
+        found[name] = quantity(dims, units, words, comment, finished=finished, **more)
     return found
 
 
@@ -236,7 +231,7 @@ def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dic
         attrs = {**one.attrs, "long_name": f"mean {one.attrs['long_name']} of the field", "cell_methods": _AREA}
         found[f"field_{name}"] = Variable(swept, attrs, finished=True)
     power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
-    found["design_point_power"] = Variable(swept, _described("MW", f"{power} at the design point"), finished=True)
+    found["design_point_power"] = quantity(swept, "MW", f"{power} at the design point", finished=True)
     return found
 
 
@@ -254,19 +249,17 @@ def _at_instants(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[st
         for name, words in series.items():
             found[name] = Variable((*swept, "time", "heliostat"), _attrs(*words))
         if study.weather is not None:
-            attrs = _described("kW", f"{power} at each instant", "0 where the field does not work")
-            found["instantaneous_power"] = Variable((*swept, "time", "heliostat"), attrs)
+            words = f"{power} at each instant", "0 where the field does not work"
+            found["instantaneous_power"] = quantity((*swept, "time", "heliostat"), "kW", *words)
         if study.output.tracking_angles:
             for name, comment in zip(ANGLE_SERIES, _AXES.values(), strict=True):
-                long_name = f"angle of the {name.split('_')[1]} axis at each instant"
-                found[name] = Variable(
-                    (*swept, "time", "heliostat"), _described("degree", long_name, f"{comment}; missing at night")
-                )
+                words = f"angle of the {name.split('_')[1]} axis at each instant", f"{comment}; missing at night"
+                found[name] = quantity((*swept, "time", "heliostat"), "degree", *words)
     for name, (long_name, comment) in series.items() if of_field else ():
         found[f"field_{name}"] = Variable((*swept, "time"), _attrs(f"mean {long_name}, of the field", comment, _AREA))
     for name, (units, long_name, comment) in _INSTANTS.items() if of_field else ():
         if study.weather is not None or name.startswith("sun"):
-            found[name] = Variable((*swept, "time"), _described(units, long_name.format(power=power), comment))
+            found[name] = quantity((*swept, "time"), units, long_name.format(power=power), comment)
     return found
 
 
@@ -302,19 +295,19 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     )
     if study.optics is not None:
         said = "interpolated less computed at the instants at which it was checked; 0 where all instants are computed"
-        attrs = _described("1", "largest error of the intercept of each heliostat that was found", said)
-        found[CHECKED] = Variable((*swept, "heliostat"), attrs)
+        words = "largest error of the intercept of each heliostat that was found"
+        found[CHECKED] = quantity((*swept, "heliostat"), "1", words, said)
     if study.output.tracking_angles:
-        found |= {name: Variable((*swept, "heliostat"), attrs) for name, attrs in _of_axes(directions).items()}
+        found |= _of_axes(swept, directions)
     if study.output.outlines:
-        for name, (dims, units, *words) in OUTLINES.items():
-            found[name] = Variable((*swept, "heliostat", "effect", *dims), _described(units, *words))
+        for name, (dims, units, *told) in OUTLINES.items():
+            found[name] = quantity((*swept, "heliostat", "effect", *dims), units, *told)
     if study.output.field_geometry:
         for known, dims in ((PLACES, (*swept, "heliostat")), (SIZES, swept)):
-            found |= {name: Variable(dims, _described(*told), finished=True) for name, told in known.items()}
+            found |= {name: quantity(dims, *told, finished=True) for name, told in known.items()}
     elif study.weather is not None or study.design_point is not None:
         for name in ("field_heliostats", "field_mirror_area"):
-            found[name] = Variable(swept, _described(*SIZES[name]), finished=True)
+            found[name] = quantity(swept, *SIZES[name], finished=True)
     found |= keep_variables(study, swept) | flux_variables(study, swept) | _of_energy(study, swept)
     found |= _of_design_point(study, swept) | _at_instants(study, swept)
     return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), _SMALLEST)

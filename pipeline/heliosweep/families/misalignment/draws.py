@@ -11,7 +11,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
 NOISE_STREAMS = (100, 101)
+#: Numbers of noise of one draw that have room among the counts of the generator.
+MOST_NUMBERS = 2**24
 #: Numbers that the generator makes at one count.
 _BATCH = 4
 
@@ -75,9 +77,9 @@ def standard_deviates(
     result = np.zeros((numbers.size, samples, len(errors)))
     for stream, error in enumerate(errors):
         if isinstance(error, Distribution):
-            draw = standard_normals if error.kind == NORMAL else _between_ones
-            own = seed if error.seed is None else error.seed
-            result[..., stream] = draw(own, stream, numbers, samples, first)
+            which = seed if error.seed is None else error.seed, stream, numbers, samples, first
+            normal = error.kind == NORMAL
+            result[..., stream] = standard_normals(*which) if normal else 2.0 * standard_uniforms(*which) - 1.0
     return result
 
 
@@ -97,5 +99,19 @@ def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
     return np.array([error.width if isinstance(error, Distribution) else 0.0 for error in errors])
 
 
-def _between_ones(seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int) -> NDArray[np.float64]:
-    return 2.0 * standard_uniforms(seed, stream, heliostats, samples, first) - 1.0
+def drawn_errors(
+    points: Points, block: MountErrors, samples: int, part: slice = slice(None)
+) -> Iterator[NDArray[np.float64]]:
+    """The six errors at each point in turn, of some heliostats and all draws, shape (H, samples, 6). [mrad]"""
+    deviates = standard_deviates(block.errors(), points.numbers[part], samples, block.seed or 0)
+    spreads = np.outer(points.values("mount_errors.scale"), widths_of(block.errors()))
+    for mean, spread in zip(mean_errors(points, block), spreads, strict=True):
+        yield mean + spread * deviates
+
+
+def noise_of_draws(
+    seed: int, stream: int, heliostats: NDArray[np.int64], samples: int, count: int
+) -> NDArray[np.float64]:
+    """So many standard normal numbers of each draw, whatever the others, shape (H, samples, count)."""
+    each = [standard_normals(seed, stream, heliostats, count, sample * MOST_NUMBERS) for sample in range(samples)]
+    return np.stack(each, axis=1)

@@ -24,8 +24,8 @@ FARTHEST_SPOT = 0.2
 FARTHEST_CROSSING = 0.1
 
 
-def table_problems(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
-    """Problems of measured spots or crossings: keys that do not go with them, and the file itself."""
+def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
+    """Problems and warnings of measured spots or crossings: keys that do not go with them, and the file itself."""
     table = study.table_of_spots()
     if table is None:
         return
@@ -63,16 +63,16 @@ def table_problems(study: MisalignmentStudy, notes: list[str]) -> Iterator[Probl
         message = f"{needed} errors need {least} {what} of a heliostat, and none has so many"
         yield study.problem(key.replace(what, "parameters"), message)
     elif few.size:
-        notes.append(f"heliostat {_listed(few)}: fewer {what} than {needed} errors need; nothing is estimated there")
+        yield f"heliostat {_listed(few)}: fewer {what} than {needed} errors need; nothing is estimated there"
     none = np.flatnonzero(counts == 0)
     if none.size:
         missing = f"no {what} in the file, or none with a weight above 0"
-        notes.append(f"heliostat {_listed(none)}: {missing}; nothing is estimated there")
+        yield f"heliostat {_listed(none)}: {missing}; nothing is estimated there"
     still = np.flatnonzero((equations >= needed) & (counts > 0) & ~measured.moved(len(counts)))
     if still.size and needed > 2:
         message = f"all {what} are of one sun; more than two errors cannot be told apart there"
-        notes.append(f"heliostat {_listed(still)}: {message}")
-    notes.extend(_names_as_numbers(study))
+        yield f"heliostat {_listed(still)}: {message}"
+    yield from _names_as_numbers(study)
 
 
 def _far_spots(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:

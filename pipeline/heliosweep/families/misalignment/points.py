@@ -5,7 +5,6 @@ Days and hours are two axes, on the solar or the civil clock.
 
 from __future__ import annotations
 
-import datetime as dt
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -140,11 +139,6 @@ def sun_of(parameters: Parameters, instants: DayHours) -> NDArray[np.float64]:
     return found.reshape(-1, instants.count, 3)
 
 
-def instant_attributes(study: MisalignmentStudy) -> dict[str, str]:
-    """Global attributes of a result that tell its sun and its sampling."""
-    return {"sun_position": "as given"} if study.time is None else sun_attributes(study.time)
-
-
 @lru_cache(maxsize=16)
 def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
     """Universal time of each hour of each date on a wall clock, shape (dates, hours).
@@ -163,13 +157,9 @@ def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
             since = np.round((seconds - offset.total_seconds()) * 1e9).astype("timedelta64[ns]")
             row[:] = np.datetime64(date, "ns") + since
         else:
-            row[:] = [_shown(date, float(second), zone) for second in seconds]
+            each = (to_utc(date, float(second), zone) for second in seconds)
+            row[:] = [np.datetime64(utc.replace(tzinfo=None) if is_shown else "NaT", "ns") for utc, is_shown in each]
     return table
-
-
-def _shown(date: dt.date, seconds: float, zone: dt.tzinfo) -> np.datetime64:
-    utc, is_shown = to_utc(date, seconds, zone)
-    return np.datetime64(utc.replace(tzinfo=None) if is_shown else "NaT", "ns")
 
 
 def _wall_seconds(time: CivilTime) -> NDArray[np.float64]:
@@ -220,7 +210,8 @@ def coordinates_of(study: MisalignmentStudy, keys: Sequence[str] = ()) -> xr.Dat
         **places_of(study).coordinates(),
         **day_hours(parameters).labels,
     }
-    return xr.Dataset(coords=labels, attrs=instant_attributes(study))
+    attrs = {"sun_position": "as given"} if study.time is None else sun_attributes(study.time)
+    return xr.Dataset(coords=labels, attrs=attrs)
 
 
 class Points(NamedTuple):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.points import Points, instant_sizes, swept_dims
-from heliosweep.grid.regions import BEST_VALUE, LARGEST, Variable
+from heliosweep.grid.regions import Variable, flags, quantity, with_best
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, REACHES, TOO_NEAR
 
 if TYPE_CHECKING:
@@ -26,6 +25,9 @@ MOST_VALUES = 2**24
 #: Dimensions of the instants.
 DAYS_AND_HOURS = ("day", "declination", "date", "hour")
 
+#: Axes of the receiver's plane.
+SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
+
 _STATUS = {
     NO_HELIOSTAT: "no_heliostat",
     REACHES: "reaches_the_plane",
@@ -38,29 +40,13 @@ _STATUS = {
 _SEEN = "for someone in the field who looks at the receiver; missing where spot_status is not 0"
 
 
-def quantity(dims: tuple[str, ...], units: str, long_name: str, comment: str = "", **more: Any) -> Variable:
-    """Variable of real numbers."""
-    said = {"comment": comment} if comment else {}
-    return Variable(dims, {"units": units, "long_name": long_name, **said, **more})
-
-
-def flags(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
-    """Variable of codes, from the meaning of each."""
-    attrs = {"flag_values": np.array(list(meanings), np.int8), "flag_meanings": " ".join(meanings.values())}
-    return replace(quantity(dims, "1", long_name, comment, **attrs), dtype=np.dtype(np.int8))
-
-
 def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Spots, flags and the hit fraction of each day."""
     day, hour = instant_sizes(study)
     dims = (*swept_dims(study), "heliostat", day, hour)
-    return {
-        "spot_y": quantity(
-            dims, "m", "spot on the receiver's plane, to the right of the aim point", f"to the right {_SEEN}"
-        ),
-        "spot_z": quantity(
-            dims, "m", "spot on the receiver's plane, above the aim point", f"up along the face {_SEEN}"
-        ),
+    found = {
+        "spot_y": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['y']}", f"to the right {_SEEN}"),
+        "spot_z": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['z']}", f"up along the face {_SEEN}"),
         "spot_status": flags(dims, "whether there is a spot, and why not", _STATUS),
         "is_real": flags(dims, "whether the reflected ray reaches the receiver's plane", {0: "no_spot", 1: "spot"}),
         "inside": flags(dims, "whether the spot lies in the aperture", {0: "outside_or_no_spot", 1: "inside"}),
@@ -71,9 +57,9 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
             "missing on days without sun and where there is no heliostat",
             cell_methods="time: mean (over the hours with sun)",
             valid_range=[0.0, 1.0],
-            **{BEST_VALUE: LARGEST},
         ),
     }
+    return with_best(found, ("hit_fraction",))
 
 
 def spot_values(points: Points, spots: NDArray[np.float64]) -> dict[str, NDArray[Any]]:

@@ -6,7 +6,6 @@ import datetime as dt
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from heliosweep.config.faults import did_you_mean, one_of
 from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
 from heliosweep.errors import Problem, StudyError, listed
+from heliosweep.files import read_once
 
 #: Largest file, and spots in it. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
@@ -143,6 +143,16 @@ class MeasuredSpots:
         """Spots of the heliostat with most of them."""
         return int(np.bincount(self.heliostat).max(initial=1))
 
+    def of(self, first: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Rows of the spots of so many heliostats from a number on, list after list.
+
+        With each the heliostat that it is of, counted from the first, and its own number in the list.
+        """
+        order = np.argsort(self.heliostat, kind="stable")
+        of = self.heliostat[order] - first
+        order, of = (array[(of >= 0) & (of < count)] for array in (order, of))
+        return order, of, np.arange(of.size) - np.searchsorted(of, np.arange(count))[of]
+
     def moved(self, count: int) -> NDArray[np.bool_]:
         """Heliostats whose spots with a weight are of more than one sun, or command, shape (count,)."""
         used = np.flatnonzero(self.weight > 0)
@@ -168,6 +178,7 @@ class MeasuredSpots:
         return replace(self, sun=np.array(sun, np.float64))
 
 
+@read_once(4)
 def spots_under_suns(
     path: Path,
     count: int,
@@ -179,23 +190,6 @@ def spots_under_suns(
 
     Those with times have none without a longitude.
     """
-    try:
-        stamp = path.stat().st_mtime_ns
-    except OSError:
-        stamp = 0
-    return _read_cached(path, stamp, count, names, place, crossings)
-
-
-@lru_cache(maxsize=4)
-def _read_cached(
-    path: Path,
-    stamp: int,
-    count: int,
-    names: tuple[str, ...],
-    place: tuple[float, float | None, float],
-    crossings: bool,
-) -> MeasuredSpots:
-    """Read a file once while it does not change (`stamp`)."""
     measured = read_spots(path, count, names, crossings=crossings)
     latitude, longitude, altitude = place
     if not measured.timed or longitude is None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -34,14 +33,12 @@ from heliosweep.families.misalignment.blocks import (
     Statistics,
     Sun,
 )
-from heliosweep.families.misalignment.measured import table_problems
+from heliosweep.families.misalignment.measured import examine_table
 from heliosweep.families.misalignment.spots_file import MeasuredSpots, spots_under_suns
-from heliosweep.grid.daylight import dark_latitudes
+from heliosweep.grid.daylight import dark_places
 from heliosweep.layouts.layout import Layout as Places
 from heliosweep.layouts.resolve import Layouts
 
-#: Layouts of a sweep, and heliostats in all of them, that are looked at here; the kernels flag what is wrong in any.
-MAX_LAYOUTS, MAX_HELIOSTATS = 50, 300_000
 #: Written out, as the modules of the variables load the kernels, which validation has no time for; a test compares.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
@@ -122,29 +119,17 @@ class MisalignmentStudy(Study):
     def rules(self) -> Iterator[Fault]:
         """Check that there are heliostats, a sun and the blocks of the mode, and no others."""
         yield from self.output.without_series()
-        yield from self._place_faults()
+        if self.layout is None and self.heliostats.positions is None:
+            yield Fault("give 'heliostats: {positions: [[x, y, z], ...]}' or a 'layout'", show_value=False)
+        elif self.layout is not None and self.heliostats.positions is not None:
+            yield Fault("give 'positions' or a 'layout', not both", ("heliostats", "positions"), show_value=False)
         yield from self._sun_faults()
         yield from self._mode_faults()
         yield from self._idle_faults()
 
-    @cached_property
-    def _checked(self) -> tuple[list[Problem], list[str]]:
-        problems: list[Problem] = []
-        notes: list[str] = []
-        for find in (_sun, _days_used, _distances, table_problems):
-            try:
-                problems += find(self, notes)
-            except StudyError as error:
-                problems += (problem for problem in error.problems if problem not in problems)
-        return problems, notes
-
-    def check(self) -> list[Problem]:
-        """Return what is wrong between blocks, with the layout or with the sun."""
-        return self._checked[0]
-
-    def notes(self) -> list[str]:
-        """Return warnings."""
-        return self._checked[1]
+    def examinations(self) -> Iterable[Callable[[MisalignmentStudy], Iterable[Problem | str]]]:
+        """Return what looks for problems between blocks, with the layout or with the sun."""
+        return _sun, _days_used, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
         """Number of heliostats of the first layout, and their names where they have some."""
@@ -182,12 +167,6 @@ class MisalignmentStudy(Study):
             message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
             raise StudyError(self.problem("site.longitude", message))
         return measured
-
-    def _place_faults(self) -> Iterator[Fault]:
-        if self.layout is None and self.heliostats.positions is None:
-            yield Fault("give 'heliostats: {positions: [[x, y, z], ...]}' or a 'layout'", show_value=False)
-        elif self.layout is not None and self.heliostats.positions is not None:
-            yield Fault("give 'positions' or a 'layout', not both", ("heliostats", "positions"), show_value=False)
 
     def _sun_faults(self) -> Iterator[Fault]:
         if self.site is not None and self.sites is not None:
@@ -267,24 +246,17 @@ def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
             yield Fault("must rise", ("time", key), show_value=False)
 
 
-def _sun(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
+def _sun(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The sun must rise at some site; where it does not at another, there are no spots there."""
     if study.time is None:
         return
-    solar = isinstance(study.time, SolarTime)
-    if not solar and (missing := list(civil_clock_problems(study))):
+    if isinstance(study.time, CivilTime) and (missing := list(civil_clock_problems(study))):
         yield from missing
-        return
-    dark, everywhere = dark_latitudes(study)
-    if everywhere:
-        key, what = ("time.hours", "latitudes, days and hours") if solar else ("time.window", "sites, dates and hours")
-        yield study.problem(key, f"the sun never rises at these {what}")
-    elif dark.size:
-        listed = ", ".join(f"{value:g}" for value in dark[:6]) + (" and others" if dark.size > 6 else "")
-        notes.append(f"the sun never rises at latitude {listed} deg: there are no spots (NaN) there")
+    else:
+        yield from dark_places(study, "there are no spots (NaN) there")
 
 
-def _days_used(study: MisalignmentStudy, _: list[str]) -> Iterator[Problem]:
+def _days_used(study: MisalignmentStudy) -> Iterator[Problem]:
     """Spots can be taken only on days that there are."""
     used = None if study.calibration is None else study.calibration.days_used
     if used is None or study.time is None:
@@ -297,14 +269,15 @@ def _days_used(study: MisalignmentStudy, _: list[str]) -> Iterator[Problem]:
         yield study.problem("calibration.days_used", message)
 
 
-def _distances(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
+def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
     offsets = [_sizes(value) for value in (study.mount.mirror_offset, study.mount.axis_offset)]
     least, most = (sum(ends) for ends in zip(*offsets, strict=True))
     heights = ends(study.receiver.height)
     above = ends(study.heliostats.pivot_height or 0.0)
     behind = near = count = 0
-    for layout in _layouts(study):
+    pivots = Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)
+    for layout in [pivots] if study.layout is None else (each for each, _ in Layouts(study, RESERVED).some()):
         z = [layout.z + pivot - aim for pivot in above for aim in heights]
         farthest = np.sqrt(layout.x**2 + layout.y**2 + np.max(np.square(z), axis=0))
         nearest = np.sqrt(layout.x**2 + layout.y**2 + np.min(np.square(z), axis=0))
@@ -323,12 +296,12 @@ def _distances(study: MisalignmentStudy, notes: list[str]) -> Iterator[Problem]:
         near += int(np.count_nonzero(most >= nearest)) if most > 0 else 0
         behind += int(np.count_nonzero(_always_behind(study, layout, z)))
     if near:
-        notes.append(
+        yield (
             f"{near:,} of {count:,} heliostats are not farther from the aim point than the largest offsets of the "
             f"mirror, {most:g} m: there they have no spots"
         )
     if behind:
-        notes.append(
+        yield (
             f"{behind:,} of {count:,} heliostats stand on the plane of the receiver or behind it: they have no spots"
         )
 
@@ -342,23 +315,6 @@ def _always_behind(study: MisalignmentStudy, layout: Places, heights: list[NDArr
     out = np.cos(up) * (np.sin(around) * layout.x + np.cos(around) * layout.y)
     before: NDArray[np.bool_] = np.max([out + np.sin(up) * z for z in heights], axis=0) <= 0
     return before
-
-
-def _layouts(study: MisalignmentStudy) -> Iterator[Places]:
-    """Yield the layouts to look at; the positions of the study as one."""
-    if study.layout is None:
-        yield Places(*np.array(study.heliostats.positions).T)
-        return
-    layouts = Layouts(study, RESERVED)
-    dims = layouts.dimensions
-    evenly = (np.linspace(0, len(dim) - 1, min(len(dim), MAX_LAYOUTS)).round().astype(int).tolist() for dim in dims)
-    looked_at = 0
-    for index in itertools.islice(itertools.product(*evenly), MAX_LAYOUTS):
-        layout = layouts[index]
-        yield layout
-        looked_at += len(layout)
-        if looked_at > MAX_HELIOSTATS:
-            return
 
 
 def _sizes(value: float | Sweep) -> tuple[float, float]:

@@ -126,16 +126,14 @@ def from_measured(mounts: Mounts, numbers: NDArray[np.int64], measured: Measured
     spots of all heliostats, with their suns; options as for `from_synthetic`.
     """
     count, most = numbers.size, measured.most
-    order = np.argsort(measured.heliostat, kind="stable")
-    of = measured.heliostat[order] - numbers[0]
-    order, of = (array[(of >= 0) & (of < count)] for array in (order, of))
-    first = np.searchsorted(of, np.arange(count + 1))
-    position = np.arange(of.size) - first[of]
+    order, of, position = measured.of(int(numbers[0]), count)
     sun, angles = measured.sun[order], measured.angles[order]
     ideal = bool(np.isnan(angles).any())
     if ideal:
         angles = aim(mounts.frames[of], sun, mounts.towards[of], _NONE, mounts.offsets)
-    spots = Spots(first, sun, angles, measured.position[order], measured.weight[order])
+    spots = Spots(
+        np.searchsorted(of, np.arange(count + 1)), sun, angles, measured.position[order], measured.weight[order]
+    )
     found = mounts.calibrate(spots, 1, **options)
 
     def padded(values: Floats) -> Floats:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from heliosweep.families.misalignment.blocks import ERRORS, Calibration
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
-from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flags, quantity
-from heliosweep.grid.regions import Variable, with_best
+from heliosweep.families.misalignment.spots import NO_HELIOSTAT, SIDES
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.spots import fit as codes
 
 if TYPE_CHECKING:
@@ -35,16 +32,19 @@ STATUS = {
 #: What has an estimate that commands may take.
 KNOWN = (codes.ESTIMATED, codes.INDISTINCT, EXACT, DOUBTFUL)
 
-_SIDES = {
-    "y": ("to the right", "to the right of the aim point for someone in the field who looks at the receiver"),
-    "z": ("upwards", "above the aim point, along the receiver's face"),
+#: Errors, the one that is known least among them.
+LEAST_KNOWN = dict(enumerate(("nothing_estimated", *ERRORS), -1))
+_TOWARDS = {"y": "to the right", "z": "upwards"}
+_WHERE = {
+    "y": f"{SIDES['y']} for someone in the field who looks at the receiver",
+    "z": f"{SIDES['z']}, along the receiver's face",
 }
+_AXES = {"azimuth": "primary", "elevation": "secondary"}
 #: Of which the smallest value is the best.
 SMALLEST = (
     *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
     *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
 )
-_ANGLES = {"azimuth": "primary", "elevation": "secondary"}
 
 #: Residuals, and spots before and after the calibration: what is said of synthetic ones, at each instant, and of
 #: measured ones, each.
@@ -82,51 +82,37 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     block, swept, instants = calibration_block(study), swept_dims(study), tuple(instant_sizes(study))
     lead = (*swept, *(("sample",) if draw_count(study) else ()), "heliostat")
     each, synthetic = (*lead, *instants), block.spots is None
-    found = _estimates(lead)
-    if block.condition_limit is not None:
-        limit = {"condition_limit": float(block.condition_limit)}
-        given = found["condition_number"]
-        found["condition_number"] = replace(given, attrs={**given.attrs, **limit})
+    limit: dict[str, Any] = {} if block.condition_limit is None else {"condition_limit": float(block.condition_limit)}
+    found = _estimates(lead, limit)
     if synthetic:
         meaning = "error with which the synthetic spots were made"
         found["true_error"] = quantity((*lead, "parameter"), "mrad", meaning)
     else:
-        found |= _angular(lead)
+        meaning = "root mean square of the angle between measured and predicted spot, seen from the pivot"
+        comment = "of the beam, which turns by twice the angle of the mirror; over the spots used"
+        found |= {
+            "beam_residual_rms": quantity(lead, "mrad", meaning, f"{comment}, with the estimated errors"),
+            "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{meaning}, without calibration", comment),
+        }
     for name, (meaning, *said) in _SPOTS.items():
-        for side, (towards, where) in _SIDES.items():
+        for side, where in _WHERE.items():
             comment = f"{where}; {said[0] if synthetic else said[1]}"
             dims = each if synthetic else (*lead, "spot")
-            found[name.format(side)] = quantity(dims, "m", f"{meaning}, {towards}", comment)
+            found[name.format(side)] = quantity(dims, "m", f"{meaning}, {_TOWARDS[side]}", comment)
     return with_best(found | angles(swept, each), (), SMALLEST)
 
 
 def angles(swept: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]:
     """Commanded angles with and without correction, the latter without a dimension of draws."""
-    found = {}
-    for name, axis in _ANGLES.items():
-        meaning = f"angle to command of the {axis} axis with the estimated errors"
-        comment = "missing without sun, in the blind cone and where no estimate is to be trusted"
-        found[f"corrected_{name}"] = quantity(each, "degree", meaning, comment)
-    for name, axis in _ANGLES.items():
-        meaning = f"angle commanded of the {axis} axis without calibration"
-        shared = (*swept, *(dim for dim in each[len(swept) :] if dim != "sample"))
-        found[f"nominal_{name}"] = quantity(shared, "degree", meaning)
-    return found
+    meaning = "angle to command of the % axis with the estimated errors"
+    comment = "missing without sun, in the blind cone and where no estimate is to be trusted"
+    shared = (*swept, *(dim for dim in each[len(swept) :] if dim != "sample"))
+    corrected = pair("corrected_%", _AXES, each, "degree", meaning, comment)
+    return corrected | pair("nominal_%", _AXES, shared, "degree", "angle commanded of the % axis without calibration")
 
 
-def _angular(lead: tuple[str, ...]) -> dict[str, Variable]:
-    """Residuals of measured spots as angles, of the calibrated mount and of one without errors."""
-    meaning = "root mean square of the angle between measured and predicted spot, seen from the pivot"
-    comment = "of the beam, which turns by twice the angle of the mirror; over the spots used"
-    return {
-        "beam_residual_rms": quantity(lead, "mrad", meaning, f"{comment}, with the estimated errors"),
-        "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{meaning}, without calibration", comment),
-    }
-
-
-def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:
+def _estimates(lead: tuple[str, ...], limit: dict[str, Any]) -> dict[str, Variable]:
     """What is estimated of each heliostat and draw."""
-    count = np.dtype(np.int32)
     return {
         "estimated_error": quantity(
             (*lead, "parameter"),
@@ -156,6 +142,7 @@ def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:
             "1",
             "condition number of the Jacobian at the estimate",
             "largest over smallest singular value, all errors in the same unit",
+            **limit,
         ),
         "residual_rms": quantity(
             lead, "m", "root mean square of the residuals, per coordinate", "over the spots used, outliers among them"
@@ -167,20 +154,18 @@ def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:
             "to first order, by the block of the hat matrix of each spot; missing where a spot alone determines some "
             "combination of the errors",
         ),
-        "spots_used": replace(quantity(lead, "1", "number of spots used"), dtype=count),
-        "instants_without_command": replace(
-            quantity(
-                lead,
-                "1",
-                "instants with sun and an estimate at which no command brings the beam to the aim point",
-                "in the blind cone of the mount, or nearer to the aim point than the offsets of the mirror",
-            ),
-            dtype=count,
+        "spots_used": quantity(lead, "1", "number of spots used", dtype="int32"),
+        "instants_without_command": quantity(
+            lead,
+            "1",
+            "instants with sun and an estimate at which no command brings the beam to the aim point",
+            "in the blind cone of the mount, or nearer to the aim point than the offsets of the mirror",
+            dtype="int32",
         ),
         "calibration_status": flags(lead, "whether the errors are estimated, and why not", STATUS),
         "least_known_direction": flags(
             lead,
             "error with the largest part in the combination of errors that the spots know least",
-            dict(enumerate(("nothing_estimated", *ERRORS), -1)),
+            LEAST_KNOWN,
         ),
     }

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from heliosweep.families.misalignment.blocks import AXES, ERRORS, SOURCES
-from heliosweep.families.misalignment.curves.mirrors import OUTLINE, beams, mirrors
+from heliosweep.families.misalignment.calibration.fits import Mounts
 from heliosweep.families.misalignment.curves.variables import COEFFICIENTS, size_dims, variables
+from heliosweep.families.misalignment.draws import mean_errors
 from heliosweep.families.misalignment.points import (
     Points,
     codes_of,
@@ -20,26 +22,28 @@ from heliosweep.families.misalignment.points import (
     place_bytes,
     places_of,
 )
-from heliosweep.families.misalignment.spots import spot_values, status_remarks
+from heliosweep.families.misalignment.spots import SIDES, spot_values, status_remarks
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
+from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.curves import deviation_curves
-from heliosweep.kernels.spots.deviation import deviation_spots
+from heliosweep.kernels.spots.deviation import AZIMUTH, CANTING, ELEVATION, TILT, deviation_spots
 from heliosweep.kernels.warm import warm_curves
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from heliosweep.families.misalignment.spots_file import MeasuredSpots
     from heliosweep.families.misalignment.study import MisalignmentStudy
     from heliosweep.grid.layout_axis import LayoutAxis
     from heliosweep.grid.regions import Region
-    from heliosweep.kernels.spots.traces import Stand
+
+Floats = NDArray[np.float64]
 
 #: Time of a spot, and of what belongs to a whole curve at one instant, on one core. [s]
 SECONDS_PER_SPOT, SECONDS_PER_CURVE, SECONDS_PER_CROSSING = 40e-9, 700e-9, 500e-9
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 20e-6
+#: Points of the outline of a spot.
+OUTLINE = 36
 
 _LABELS = ("error.source", "error.axis", "error.size")
 _DETECTOR = {"long_name": "number of the line of detectors, from 0", "units": "1"}
@@ -101,22 +105,17 @@ def coordinates(study: MisalignmentStudy) -> xr.Dataset:
 
 def _measured(spots: MeasuredSpots, count: int) -> dict[str, Any]:
     """Measured spots as coordinates, those of each heliostat in the order of the file."""
-    order = np.argsort(spots.heliostat, kind="stable")
-    of = spots.heliostat[order]
+    order, of, number = spots.of(0, count)
     table = np.full((count, spots.most, 2), np.nan)
-    table[of, np.arange(of.size) - np.searchsorted(of, np.arange(count))[of]] = spots.position[order]
-    meant = {"y": "to the right of the aim point", "z": "above the aim point"}
+    table[of, number] = spots.position[order]
+    dims, attrs = ("heliostat", "spot"), {side: f"measured spot, {where}" for side, where in SIDES.items()}
     return {
-        f"measured_{side}": (
-            ("heliostat", "spot"),
-            table[..., i],
-            {"long_name": f"measured spot, {where}", "units": "m"},
-        )
-        for i, (side, where) in enumerate(meant.items())
+        f"measured_{side}": (dims, table[..., i], {"long_name": words, "units": "m"})
+        for i, (side, words) in enumerate(attrs.items())
     }
 
 
-def _lines(study: MisalignmentStudy) -> NDArray[np.float64]:
+def _lines(study: MisalignmentStudy) -> Floats:
     """Lines of detectors, shape (L, 3)."""
     lines = () if study.detectors is None else study.detectors.lines or ()
     return np.array(lines, np.float64).reshape(-1, 3)
@@ -143,7 +142,7 @@ def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.
     one_size = tuple(slice(0, 1) if dim in alone else slice(None) for dim in lengths)
     numbers = np.arange(sizes.size).reshape(tuple(lengths.values()))
     first = numbers[one_size].ravel()
-    stood: list[Stand] = []
+    stood: list[traces.Stand] = []
     stands = None
     if study.mount_errors is not None or study.beam is not None:
         each = np.broadcast_to(np.arange(first.size).reshape(numbers[one_size].shape), numbers.shape).ravel()
@@ -165,11 +164,7 @@ def compute(study: MisalignmentStudy, places: LayoutAxis, region: Region) -> xr.
 
 
 def _of_curves(
-    points: Points,
-    source: NDArray[np.int64],
-    axis: NDArray[np.int64],
-    lines: NDArray[np.float64],
-    stands: NDArray[np.float64] | None,
+    points: Points, source: NDArray[np.int64], axis: NDArray[np.int64], lines: Floats, stands: Floats | None
 ) -> dict[str, NDArray[Any]]:
     """Variables of whole curves, shape (P, H, T, ...), from codes of the error, lines of detectors and `mirrors`."""
     curves = deviation_curves(points.setting, source, axis, points.sun, points.pivots, lines, stands)
@@ -189,7 +184,7 @@ def _of_curves(
     return made
 
 
-def _least(points: Points, tolerance: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+def _least(points: Points, tolerance: Floats) -> dict[str, NDArray[Any]]:
     """Least tolerance of all instants, and its day and hour: the first of several."""
     first = np.where(np.isnan(tolerance), np.inf, tolerance).argmin(axis=-1)
     least = np.take_along_axis(tolerance, first[..., np.newaxis], axis=-1)[..., 0]
@@ -201,3 +196,56 @@ def _least(points: Points, tolerance: NDArray[np.float64]) -> dict[str, NDArray[
             missing = np.datetime64("NaT", "ns") if label.dtype.kind == "M" else np.nan
             made[f"{dim}_of_least_tolerance"] = np.where(np.isfinite(made["least_tolerance"]), label, missing)
     return made
+
+
+def mirrors(study: MisalignmentStudy, points: Points, some: NDArray[np.int64]) -> list[traces.Stand]:
+    """How the mirrors of some points stand, of shape (H, T), at the commands of mounts without errors."""
+    errors = np.zeros((len(points.setting.kind), len(ERRORS)))
+    if study.mount_errors is not None:
+        errors = mean_errors(points, study.mount_errors) * 1e-3
+    found = []
+    for point in some.tolist():
+        actual = errors[point]
+        mounts = Mounts.of(points, point)
+        frames, towards = mounts.frames[:, np.newaxis], mounts.towards[:, np.newaxis]
+        found.append(traces.stand(frames, mounts.ideal(), actual, towards, mounts.offsets))
+    return found
+
+
+def beams(
+    points: Points,
+    stands: list[traces.Stand],
+    errors: tuple[NDArray[np.int64], NDArray[np.int64], Floats],
+    real: NDArray[np.bool_],
+) -> dict[str, NDArray[Any]]:
+    """Outlines of the spots and edges of the traces of beams that open as cones, shape (P, H, T, ...).
+
+    Of the mirrors of each point, codes of source and axis of the error and its sizes [rad], and where there is a spot.
+
+    The edges are those of the rays that come from the points of the sun nearest to and farthest from the axis of the
+    error: while the mirror turns about an axis in it each draws a conic, and the beam all that lies between.
+    """
+    divergence, made = points.values("beam.divergence"), np.full((*real.shape, OUTLINE + 2, 2), np.nan)
+    for point, (stand, source, axis, size) in enumerate(zip(stands, *errors, strict=True)):
+        half, mounts = 0.5e-3 * float(divergence[point]), Mounts.of(points, point)
+        about = {ELEVATION: stand.right, AZIMUTH: -stand.up}.get(int(axis), -stand.primary)
+        arm = {CANTING: 0.0 * stand.arm, TILT: stand.pole + stand.arm}.get(int(source), stand.arm)
+        normal, centre = _turned(about, stand.normal, size), stand.centre - arm + _turned(about, arm, size)
+        ray = traces.reflected(normal, mounts.sun)
+        outline = traces.beam_outline(centre, ray, mounts.face, half, OUTLINE)
+        side = about - traces.dot(about, mounts.sun)[..., np.newaxis] * mounts.sun
+        with np.errstate(divide="ignore", invalid="ignore"):
+            side = side / np.sqrt(traces.dot(side, side))[..., np.newaxis]
+        suns = (np.cos(half) * mounts.sun + sign * np.sin(half) * side for sign in (1.0, -1.0))
+        edges = [traces.spots(centre, traces.reflected(normal, sun), mounts.face) for sun in suns]
+        made[point] = np.concatenate([outline, np.stack(edges, axis=-2)], axis=-2)
+    made[~real] = np.nan
+    names = {"outline": made[..., :OUTLINE, :], "edge": made[..., OUTLINE:, :]}
+    return {f"{name}_{side}": array[..., i] for name, array in names.items() for i, side in enumerate("yz")}
+
+
+def _turned(axis: Floats, vector: Floats, angle: float) -> Floats:
+    """Vectors turned about unit axes. [rad]"""
+    still = traces.dot(axis, vector)[..., np.newaxis] * axis
+    turned: Floats = still + np.cos(angle) * (vector - still) + np.sin(angle) * np.cross(axis, vector)
+    return turned

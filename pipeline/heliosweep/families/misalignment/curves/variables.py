@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
-from heliosweep.families.misalignment.spots import quantity, spot_variables
-from heliosweep.grid.regions import Variable, with_best
+from heliosweep.families.misalignment.spots import SIDES, spot_variables
+from heliosweep.grid.regions import Variable, pair, quantity, with_best
 
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
@@ -52,22 +52,13 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             instants, "1", "eccentricity of the deviation curve", "below 1 an ellipse, above 1 a hyperbola"
         ),
     }
-    sides = {"y": "to the right of the aim point", "z": "above the aim point"}
-    for side, where in sides.items():
-        meaning = f"focus of the deviation curve within its real branch, {where}"
-        found[f"focus_{side}"] = quantity(instants, "m", meaning)
+    found |= pair("focus_%", SIDES, instants, "m", "focus of the deviation curve within its real branch, %")
     if study.beam is not None:
         dims = (*swept_dims(study), "heliostat", day, hour)
-        for side, where in sides.items():
-            found[f"outline_{side}"] = quantity(
-                (*dims, "outline"),
-                "m",
-                f"outline of the spot of the beam, {where}",
-                "of a beam from the mirror's centre",
-            )
-        for side, where in sides.items():
-            meaning = f"edge of the trace that the beam draws while the error changes, {where}"
-            found[f"edge_{side}"] = quantity((*dims, "edge"), "m", meaning)
+        comment = "of a beam from the mirror's centre"
+        found |= pair("outline_%", SIDES, (*dims, "outline"), "m", "outline of the spot of the beam, %", comment)
+        meaning = "edge of the trace that the beam draws while the error changes, %"
+        found |= pair("edge_%", SIDES, (*dims, "edge"), "m", meaning)
     found["least_tolerance"] = quantity(curve, "mrad", "least tolerance of all days and hours", _INFINITE)
     if study.time is not None:
         of_least = {
@@ -81,9 +72,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         found["hour_of_least_tolerance"] = quantity(curve, "h", "hour of the least tolerance", _FIRST)
     if study.detectors is not None:
         lines = (*instants, "detector")
-        for side, where in sides.items():
-            meaning = f"crossing of the deviation curve and a line of detectors, {where}"
-            found[f"crossing_{side}"] = quantity(lines, "m", meaning, _CROSSED)
+        meaning = "crossing of the deviation curve and a line of detectors, %"
+        found |= pair("crossing_%", SIDES, lines, "m", meaning, _CROSSED)
         meaning = "error with which the spot lies on a line of detectors"
         comment = "the smallest, of either sign; missing where there is none"
         found["crossing_error"] = quantity(lines, "mrad", meaning, comment)

@@ -179,10 +179,7 @@ def from_table(site: Site, options: Options, numbers: NDArray[np.int64], measure
     angles = site.commands(np.zeros((count, 1, 1, len(ERRORS))))
     mirror = site.stand(angles)
     values = sights(site, *site.crossings(mirror), mirror)
-    order = np.argsort(measured.heliostat, kind="stable")
-    of = measured.heliostat[order] - numbers[0]
-    order, of = (array[(of >= 0) & (of < count)] for array in (order, of))
-    position = np.arange(of.size) - np.searchsorted(of, np.arange(count + 1))[of]
+    order, of, position = measured.of(int(numbers[0]), count)
     sun, commanded = measured.sun[order], measured.angles[order]
     if np.isnan(commanded).any():
         mounts = site.mounts

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from heliosweep.families.misalignment.blocks import ERRORS, Detectors
-from heliosweep.families.misalignment.calibration.variables import EXACT, NO_SPOTS, SMALLEST, angles
+from heliosweep.families.misalignment.blocks import Detectors
+from heliosweep.families.misalignment.calibration.variables import EXACT, LEAST_KNOWN, NO_SPOTS, SMALLEST, angles
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
-from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flags, quantity
-from heliosweep.grid.regions import Variable, with_best
+from heliosweep.families.misalignment.spots import NO_HELIOSTAT, SIDES
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.spots import traces as codes
 
 if TYPE_CHECKING:
@@ -41,7 +38,7 @@ SIGHT = {
 NONE, BY_INVERSION, BY_LEAST_SQUARES = 0, 1, 2
 _METHODS = {NONE: "none", BY_INVERSION: "exact_inversion", BY_LEAST_SQUARES: "least_squares"}
 
-_SIDES = {"y": "to the right of the aim point", "z": "above the aim point, along the receiver's face"}
+_SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
 _CROSSED = "rising along the array; missing where there are no more"
 
 
@@ -78,13 +75,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 def _seen(lead: tuple[str, ...], each: tuple[str, ...], whose: str) -> dict[str, Variable]:
     """Crossings of traces and arrays."""
     dims = (*each, "trace", "detector", "crossing")
-    found = {
-        f"crossing_{side}": quantity(
-            dims, "m", f"crossing of a trace and an array of detectors {whose}, {where}", _CROSSED
-        )
-        for side, where in _SIDES.items()
-    }
-    return found | {
+    meaning = f"crossing of a trace and an array of detectors {whose}, %"
+    return pair("crossing_%", _SIDES, dims, "m", meaning, _CROSSED) | {
         "crossing_place": quantity(
             dims,
             "m",
@@ -116,15 +108,13 @@ def _at_instants(each: tuple[str, ...]) -> dict[str, Variable]:
     """The misalignment from the crossings of one instant."""
     found = {}
     for name, axis in (("azimuth", "primary"), ("elevation", "secondary")):
-        found[f"instant_{name}_error"] = quantity(
-            each,
-            "mrad",
-            f"angle by which the mirror stands off the command about the {axis} axis, from one instant's crossings",
-            "all other errors are taken to be zero",
+        meaning = (
+            f"angle by which the mirror stands off the command about the {axis} axis, from one instant's crossings"
         )
-        found[f"instant_{name}_standard_error"] = quantity(
-            each, "mrad", f"standard error of instant_{name}_error", "from noise and pitch of the detectors; 0 without"
-        )
+        found[f"instant_{name}_error"] = quantity(each, "mrad", meaning, "all other errors are taken to be zero")
+        comment = "from noise and pitch of the detectors; 0 without"
+        meaning = f"standard error of instant_{name}_error"
+        found[f"instant_{name}_standard_error"] = quantity(each, "mrad", meaning, comment)
     return found | {"inversion": flags(each, "how the misalignment at an instant was found", _METHODS)}
 
 
@@ -152,15 +142,18 @@ def _estimates(lead: tuple[str, ...]) -> dict[str, Variable]:
             "largest over smallest singular value, all errors in the same unit",
         ),
         "residual_rms": quantity(lead, "m", "root mean square of measured minus predicted crossings, along the arrays"),
-        "crossings_used": replace(
-            quantity(lead, "1", "number of crossings used", "without those where a trace all but runs along an array"),
-            dtype=np.dtype(np.int32),
+        "crossings_used": quantity(
+            lead,
+            "1",
+            "number of crossings used",
+            "without those where a trace all but runs along an array",
+            dtype="int32",
         ),
         "calibration_status": flags(lead, "whether the errors are estimated, and why not", STATUS),
         "least_known_direction": flags(
             lead,
             "error with the largest part in the combination of errors that the crossings know least",
-            dict(enumerate(("nothing_estimated", *ERRORS), -1)),
+            LEAST_KNOWN,
         ),
     }
 
@@ -177,7 +170,5 @@ def _loop(lead: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]:
             rounds, "1", "part of the instants with light in which the spot lies in the aperture", "round 0: before any"
         ),
     }
-    for when, meaning in (("before", "before any correction"), ("after", "after the last round")):
-        for side, where in _SIDES.items():
-            found[f"spot_{side}_{when}"] = quantity(each, "m", f"spot {meaning}, {where}")
-    return found
+    before = pair("spot_%_before", _SIDES, each, "m", "spot before any correction, %")
+    return found | before | pair("spot_%_after", _SIDES, each, "m", "spot after the last round, %")

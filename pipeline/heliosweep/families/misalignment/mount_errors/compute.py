@@ -15,7 +15,7 @@ import xarray as xr
 
 from heliosweep.config.distribution import NORMAL, Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.draws import mean_errors, standard_deviates, widths_of
+from heliosweep.families.misalignment.draws import drawn_errors, mean_errors
 from heliosweep.families.misalignment.mount_errors.variables import TOLERANCE_AXES, errors_block, is_drawn, variables
 from heliosweep.families.misalignment.points import (
     Points,
@@ -155,8 +155,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 def _statistics(points: Points, block: MountErrors, percentiles: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     """Statistics over the draws, shape (P, H, T, ...), and the mean hit fraction of each day."""
-    samples, errors = block.draws(), block.errors()
-    mean, width, scale = mean_errors(points, block), widths_of(errors), points.values("mount_errors.scale")
+    samples = block.draws()
     shape = (*points.absent.shape, points.instants.count)
     made = {name: np.full(shape, np.nan) for name in _MOMENTS.values()}
     made["spot_status"] = np.full(shape, NO_HELIOSTAT, np.int8)
@@ -164,9 +163,8 @@ def _statistics(points: Points, block: MountErrors, percentiles: NDArray[np.floa
     step = _at_a_time(samples)
     for start in range(0, points.numbers.size, step):
         part = slice(start, start + step)
-        deviates = standard_deviates(errors, points.numbers[part], samples, block.seed or 0)
-        for point in range(scale.size):
-            actual = (mean[point] + (scale[point] * width) * deviates) * 1e-3
+        for point, drawn in enumerate(drawn_errors(points, block, samples, part)):
+            actual = drawn * 1e-3
             here = points.only(np.array([point]))
             found = spot_statistics(
                 here.setting, actual[np.newaxis], _UNKNOWN, here.sun, here.pivots[:, part], percentiles

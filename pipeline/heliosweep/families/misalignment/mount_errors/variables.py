@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
-from heliosweep.families.misalignment.spots import NO_HELIOSTAT, flags, quantity, spot_variables
-from heliosweep.grid.regions import Variable, with_best
+from heliosweep.families.misalignment.spots import NO_HELIOSTAT, spot_variables
+from heliosweep.grid.regions import Variable, flags, quantity, with_best
 from heliosweep.kernels.spots import receiver
 
 if TYPE_CHECKING:
@@ -86,7 +85,6 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     found["day_hit_fraction"] = quantity(dims[:-1], "1", hits, cell_methods=_DAY_MEAN)
     hits = "fraction of the draws and heliostats whose spot lies in the aperture"
     comment = "mean over the heliostats, each counting the same; missing without sun"
-    field = quantity((*swept, day, hour), "1", hits, comment, cell_methods=_MEAN)
-    found["field_hit_fraction"] = replace(field, finished=True)
+    found["field_hit_fraction"] = quantity((*swept, day, hour), "1", hits, comment, finished=True, cell_methods=_MEAN)
     largest = ("hit_fraction", "real_fraction", "remaining_tolerance", "day_hit_fraction", "field_hit_fraction")
     return with_best(found, largest, ("spot_y_variance", "spot_z_variance"))

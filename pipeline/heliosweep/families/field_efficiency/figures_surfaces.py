@@ -1,4 +1,8 @@
-"""Figures of mirrors: how far their axes turn; outlines of shadows, after Figure 4 of Chong and Tan (2012)."""
+"""Figures of mirrors and of the receiver's surface.
+
+How far the axes of the mirrors turn; outlines of shadows, after Figure 4 of Chong and Tan (2012); the flux on the
+receiver, of a cylinder unrolled by azimuth, and the peak flux over what is swept.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +11,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
 from heliosweep.report.contents import NamedFigure
-from heliosweep.report.labels import number_text
-from heliosweep.report.layout import fit, label_outside, legend, sheet
-from heliosweep.report.pictures import COLUMNS, field_map, from_zero, picture_figure, symbols
-from heliosweep.report.selection import Point, Shown, at
+from heliosweep.report.labels import axis_label, number_text, unit_of
+from heliosweep.report.layout import colour_bar, fit, label_outside, legend, sheet
+from heliosweep.report.panels import Panel, curve_figure
+from heliosweep.report.pictures import COLUMNS, Shades, edges, field_map, from_zero, picture_figure, symbols
+from heliosweep.report.selection import Point, Shown, at, is_geometric
 from heliosweep.report.style import COLOURS, styled
 
 #: Places (directions of the sun) of which outlines are drawn.
@@ -27,14 +33,22 @@ _LOOKS = {
     "shading": ("shadow of the heliostat with this number", COLOURS[0], ""),
     "blocking": ("hidden from the receiver by the one with this number", COLOURS[1], "///"),
 }
-_RANGE = "{}_angle_range"
+#: Maps of one figure.
+MOST_MAPS = 6
+#: Height over width of a map, at the least and at the most.
+ASPECTS = (0.35, 1.4)
+_CELLS = ("flux_row", "flux_column")
+_SAID = {
+    "flux_map": "Flux on the receiver, mean over each cell",
+    "energy_flux_map": "Energy on the receiver over the period, mean over each cell",
+}
 
 
 def motion_maps(shown: Shown, methods: Sequence[Point], stands: Point, along: str | None) -> Iterator[NamedFigure]:
     """Maps of the range of motion of both axes."""
     places = shown.chosen(along, COLUMNS)
     for axis in ("primary", "secondary"):
-        name = _RANGE.format(axis)
+        name = f"{axis}_angle_range"
         maps = []
         for method in methods:
             for place in places:
@@ -123,3 +137,65 @@ def _draw(axes: Axes, one: xr.Dataset, effect: str) -> None:
             x, y = corners.mean(axis=0)
             halo = [withStroke(linewidth=2, foreground="white")]
             axes.text(x, y, number, ha="center", va="center", color=colour, path_effects=halo)
+
+
+def flux_figures(shown: Shown, methods: Sequence[Point], stands: Point, along: str | None) -> Iterator[NamedFigure]:
+    """Maps of the flux and of the energy, and curves of peak flux and intercept over each swept number."""
+    for name in (name for name in _SAID if shown.has(name)):
+        dims = [str(dim) for dim in shown.result[name].dims if dim not in _CELLS]
+        over = next((dim for dim in ("aim_levels", along) if dim in dims), None)
+        fixed = shown.fixed(name, *_CELLS, over, *(dim for method in methods for dim in method))
+        places = shown.chosen(over, max(1, MOST_MAPS // len(methods)))
+        points = [{**method, **place} for method in methods for place in places]
+        maps = [at(shown.result[name], fixed, point).transpose(*_CELLS).load() for point in points]
+        titles = []
+        for one, point in zip(maps, points, strict=True):
+            told = f"peak {float(one.max()):.4g}, mean {float(one.mean(skipna=False)):.4g} {unit_of(one)}"
+            titles.append("\n".join(filter(None, [shown.fulls(point), told if one.notnull().all() else "no value"])))
+        shades = from_zero(axis_label(shown.result[name]), [one.to_numpy() for one in maps], held=1.0)
+        turned = maps[0]["flux_column"].attrs["units"] == "degree"
+        more = "; the cylinder is unrolled by the azimuth of its surface, clockwise from north" if turned else ""
+        comment = shown.result[name].attrs["comment"].partition(", of all heliostats together, ")[2]
+        words = f"{_SAID[name]}{f', {comment}' if comment else ''}{more}."
+        yield NamedFigure(f"{name}s", words + shown.note(fixed, places), _flux_maps(maps, titles, shades))
+    if shown.has("peak_flux"):
+        yield from _curves(shown, methods)
+
+
+@styled
+def _flux_maps(maps: Sequence[xr.DataArray], titles: Sequence[str], shades: Shades) -> Figure:
+    """Draw maps on one colour scale."""
+    columns = min(len(maps), 2)
+    figure, grid = sheet(len(maps), columns)
+    for axes, one, title in zip(grid, maps, titles, strict=True):
+        # A single cell is all around a cylinder, or has a length of its own where its size is not told.
+        alone = 360.0 if one["flux_column"].attrs["units"] == "degree" else 1.0
+        up = edges(one["flux_row"].to_numpy())
+        right = edges(one["flux_column"].to_numpy(), alone=alone)
+        values = np.ma.masked_invalid(one.to_numpy())
+        axes.pcolormesh(right, up, values, cmap=shades.colours, norm=shades.norm, rasterized=True)
+        axes.set(title=title)
+        if one["flux_column"].attrs["units"] == "degree":
+            axes.set_xticks(range(0, 361, 90))
+    upwards = f"height ({unit_of(maps[0]['flux_row']) or '1'})"
+    label_outside(grid, columns, axis_label(maps[0]["flux_column"]), [upwards] * len(grid))
+    colour_bar(figure, ScalarMappable(shades.norm, shades.colours), grid, shades.label, "neither")
+    same = maps[0]["flux_column"].attrs["units"] == maps[0]["flux_row"].attrs["units"]
+    return fit(figure, float(np.clip(np.ptp(up) / np.ptp(right), *ASPECTS)) if same else ASPECTS[0])
+
+
+def _curves(shown: Shown, methods: Sequence[Point]) -> Iterator[NamedFigure]:
+    """Peak flux and intercept over each swept number."""
+    dims = [str(dim) for dim in shown.result["peak_flux"].dims if dim not in methods[0] and shown.is_number(str(dim))]
+    for dim in dims[:2]:
+        fixed = shown.fixed("peak_flux", dim, *methods[0])
+        panels = [
+            Panel(label, {shown.values(one): scale * at(shown.result[name], fixed, one) for one in methods})
+            for name, label, scale in (
+                ("peak_flux", "peak flux (kW/m\N{SUPERSCRIPT TWO})", 1.0),
+                ("field_intercept_efficiency", "intercept efficiency (%)", 100.0),
+            )
+        ]
+        figure = curve_figure(panels, shown.label(dim), logarithmic=is_geometric(shown.result[dim].to_numpy()))
+        caption = f"Largest flux of a cell, and intercept of the field, against {shown.title(dim)}."
+        yield NamedFigure(f"peak_flux_over_{dim}", caption + shown.note(fixed), figure)
