@@ -290,10 +290,9 @@ def test_what_is_wrong_is_told(year, blocks, message):
         api.plan(year(**blocks))
 
 
-@pytest.mark.parametrize("method", ["gaussian", "accurate"])
-def test_what_points_share_is_computed_once_and_changes_no_bit(year, monkeypatch, method):
+def test_what_points_share_is_computed_once_and_changes_no_bit(year, monkeypatch):
     """Errors of mirrors, irradiance and limits, swept on several fields, or drawn with a key that moves mirrors."""
-    optics = {**BLOCKS["optics"], "method": method}
+    optics = BLOCKS["optics"]
     swept = year(
         tracking="azimuth_elevation", limits={"dni": [100, 400]}, time={"clock": "weather", "months": [3, 6]},
         optics={**optics, "slope_error": [1.5, 3], "reflectivity": [0.9, 0.95]},
