@@ -68,7 +68,7 @@ def test_a_page_over_two_results(pair, tmp_path):
     rows = [row for row in rows_of(shown, text) if row]
     # What differs comes first.
     assert rows[0][1:] == ["60 m", "90 m", "receiver.height"]
-    assert "1 differ, and come first." in shown.text
+    assert "What differs comes first." in shown.text
     came = next(row for row in rows if row[0].startswith("mean optical efficiency"))
     first = 100 * swept()["field_optical_efficiency"].to_numpy()[0, 0]
     assert came[1] == "latitude 0\N{DEGREE SIGN}, spinning-elevation"

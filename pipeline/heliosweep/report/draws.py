@@ -108,24 +108,24 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Named
         return
     what = title_of(result[shown.headline])
     if f"{shown.headline}_sample_mean" in result:
-        caption = f"Distribution of the {what}: its draws, their mean, and percentiles"
+        caption = f"Distribution of the {what}: its draws, their mean, and percentiles."
         yield NamedFigure("distribution", caption, _distribution(shown))
     if shown.sensitivity == "sobol":
-        caption = f"What the variance of the {what} owes to each key, with 95 % intervals"
+        caption = f"What the variance of the {what} owes to each key, with 95 % intervals."
         yield NamedFigure("sensitivity_indices", caption, _bars(shown, _INDICES, "part of the variance"))
     if shown.sensitivity == "local":
-        caption = f"Change of the {what} with one standard normal deviate of each key, the others at their median"
+        caption = f"Change of the {what} with one standard normal deviate of each key, the others at their median."
         label = f"change of the {axis_label(result[shown.headline])}"
         yield NamedFigure("tornado", caption, _bars(shown, _CHANGES, label))
     if shown.sensitivity == "morris":
         caption = (
-            f"Elementary effects of each key on the {what}: to the right it matters, upwards it bends or interacts"
+            f"Elementary effects of each key on the {what}: to the right it matters, upwards it bends or interacts."
         )
         yield NamedFigure("elementary_effects", caption, _effects(shown))
     if f"{shown.headline}_sample_mean" in result:
         if any(one.dtype.kind == "f" for one in shown.keys):
-            yield NamedFigure("leading_keys", f"Draws of the {what} over the keys it follows most", _scatter(shown))
-        caption = f"Mean of the {what} over the first draws, with its standard error"
+            yield NamedFigure("leading_keys", f"Draws of the {what} over the keys it follows most.", _scatter(shown))
+        caption = f"Mean of the {what} over the first draws, with its standard error."
         yield NamedFigure("running_mean", caption, _running(shown))
 
 
@@ -138,12 +138,13 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
         yield _statistics(shown)
     if PARAMETER in result.sizes:
         yield _parameters(shown)
+    design = str(result.attrs.get("sample_design", ""))
     yield Table(
         "Drawn keys",
         ["key", "distribution", "unit"],
         [[title_of(one), str(one.attrs["distribution"]), str(one.attrs.get("units", ""))] for one in shown.keys],
         words=range(3),
-        notes=[f"{result.attrs.get('sample_design', '')}."],
+        notes=[f"{design[:1].upper()}{design[1:]}."],
     )
 
 

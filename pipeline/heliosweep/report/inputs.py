@@ -13,7 +13,7 @@ from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
 from heliosweep.report.contents import Table
-from heliosweep.report.labels import DEGREE, NOTHING, number_text
+from heliosweep.report.labels import DEGREE, number_text
 
 #: Values that are listed one by one; of more the first and the last.
 FEW = 6
@@ -32,7 +32,7 @@ def inputs(study: Study | None, covers: Sequence[tuple[str, str]]) -> Table | No
     """
     rows = [[name, text, "", ""] for name, text in covers]
     if isinstance(study, Study):
-        asked = (row for row, given in _entries(study) if given)
+        asked = (row for row, given in entries(study) if given)
         found = sorted(asked, key=lambda row: _ORDER.index(row[2].partition(",")[0]))
         rows = [row for row in found if not row[2].startswith("fixed")] + rows
         rows += [row for row in found if row[2].startswith("fixed")]
@@ -45,34 +45,7 @@ def inputs(study: Study | None, covers: Sequence[tuple[str, str]]) -> Table | No
     )
 
 
-def inputs_of_several(names: Sequence[str], inputs: Sequence[tuple[Study | None, Sequence[tuple[str, str]]]]) -> Table:
-    """Table of the inputs of several studies with a column for each, what differs first.
-
-    Of each study the same is told as by `inputs`, and its default where another one has something else.
-    """
-    told: dict[str, list[str]] = {}
-    given: set[str] = set()
-    for number, (study, covers) in enumerate(inputs):
-        rows = [([name, text, "", ""], True) for name, text in covers]
-        rows += _entries(study) if isinstance(study, Study) else []
-        for (name, text, how, key), asked in rows:
-            cells = told.setdefault(key or name, [name, *(NOTHING for _ in inputs), key])
-            cells[1 + number] = text if how in ("", "fixed") else f"{text} ({how})"
-            given |= {key or name} if asked else set()
-    differ = {key for key, cells in told.items() if len({*cells[1:-1]}) > 1}
-    order = [key for key in told if key in differ] + [key for key in told if key in given - differ]
-    return Table(
-        "What went in",
-        ["", *names, "key of the study"],
-        [told[key] for key in order[:MOST_ROWS]],
-        range(2 + len(names)),
-        [f"{len(differ)} differ, and come first." if differ else "None of them differ."]
-        + [f"The first {MOST_ROWS} of {len(order):,}; the study files have all."] * (len(order) > MOST_ROWS),
-        classes=["changed" if key in differ else "" for key in order[:MOST_ROWS]],
-    )
-
-
-def _entries(study: Study) -> Iterator[tuple[list[str], bool]]:
+def entries(study: Study) -> Iterator[tuple[list[str], bool]]:
     """Row of each key of a study, and whether it is not at its default; searched keys with their bounds."""
     over: Mapping[str, Any] = study.search.over if study.search else {}
     for row, asked in _rows(study):

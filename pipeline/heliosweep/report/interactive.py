@@ -61,6 +61,9 @@ GREY = "#80868c"
 #: Where a mirror stands, by coordinate.
 SIDES = {"x": "east (m)", "y": "north (m)", "z": "up (m)"}
 
+#: What is said of the edges of a field.
+AREAS = "Dashed: boundary of the field; dotted: where no heliostat may stand."
+
 #: Tools by the keys that use them.
 KEYS = {
     **{f"Arrow{way.title()}": bk.ClickPanTool(direction=way) for way in ("left", "right", "up", "down")},
@@ -82,7 +85,7 @@ def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, A
                 "id": name,
                 "kind": view.kind,
                 "title": made["title"],
-                "caption": " ".join(filter(None, [view.caption, made["thinned"]])),
+                "caption": " ".join(filter(None, [view.caption, AREAS * bool(made["areas"]), made["thinned"]])),
                 "switches": _switches(view, made),
                 "lines": [(dim, one) for dim, one in made["dims"].items() if one["looks"]] if _is_curved(view) else [],
                 "aspect": _aspect(view, made),
@@ -277,8 +280,9 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
         pixels = bk.Image(image="image", x=x, y=y, dw=width, dh=height, color_mapper=mapper)
         hover.update(renderers=[plot.add_glyph(source, pixels)], tooltips=_tip(value="@image", at="$x, $y"))
         titles = [one["label"] for one in dims]
-    for place, title in zip(("left", "below"), titles, strict=True):
-        _axis(plot, place, title)
+    tickers = [_ticker(one) for one in dims] if view.kind == "raster" else [bk.BasicTicker(), bk.BasicTicker()]
+    for place, title, ticker in zip(("left", "below"), titles, tickers, strict=True):
+        _axis(plot, place, title, ticker=ticker)
     bar = ColorBar(
         name="bar",
         color_mapper=mapper,
@@ -291,6 +295,11 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
         **_fonts("title"),
     )
     plot.add_layout(bar, "below")
+
+
+def _ticker(dim: Mapping[str, Any]) -> bk.Ticker:
+    """Ticks along a dimension of numbers, at its own steps."""
+    return bk.AdaptiveTicker(mantissas=dim["steps"], base=10) if dim["steps"] else bk.BasicTicker()
 
 
 def _side(at: np.ndarray) -> tuple[float, float]:
@@ -323,7 +332,7 @@ def _curves(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str, A
         if one["kind"] == "date":
             _axis(plot, "below", "", dim, kind=bk.DatetimeAxis)
         elif one["joined"] and one["kind"] == "number":
-            _axis(plot, "below", "", dim)
+            _axis(plot, "below", "", dim, ticker=_ticker(one))
         else:
             chosen = range(0, len(one["texts"]), -(-len(one["texts"]) // MOST_TICKS))
             slanted = one["kind"] == "word" and len(one["texts"]) > 5

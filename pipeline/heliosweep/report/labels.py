@@ -29,6 +29,10 @@ _UNITS = {
 #: Part of the values beyond zero on the one side that those on the other must reach to count.
 LEAST_SIDE = 0.02
 
+#: Steps of ticks along a circle of degrees, along a day of hours, and along anything else.
+STEPS = {"degree": (1, 1.5, 3, 4.5, 9), "h": (1, 2, 3, 6)}
+ROUND = (1, 2, 2.5, 5)
+
 #: Letters of a name that a figure shows, and along an axis.
 MOST_LETTERS, TICK_LETTERS = 40, 24
 
@@ -92,6 +96,12 @@ def axis_label(array: xr.DataArray) -> str:
     """Label of an axis: name and unit."""
     unit = unit_of(array)
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
+
+
+def steps_of(coordinate: xr.DataArray) -> tuple[float, ...]:
+    """Steps of ticks that a person would choose along a coordinate: 15, 45 and 90 along a circle."""
+    units, span = str(coordinate.attrs.get("units")), float(np.ptp(coordinate.to_numpy()))
+    return STEPS.get(units, ROUND) if units != "degree" or span > 60 else ROUND
 
 
 def labels_along(result: xr.Dataset, dim: str) -> xr.DataArray:

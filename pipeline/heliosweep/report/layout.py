@@ -19,15 +19,11 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from heliosweep.report.labels import is_latitude, latitude_text
+from heliosweep.report.labels import ROUND, is_latitude, latitude_text, steps_of
 from heliosweep.report.style import PlainPowers
 
 #: Width of a figure over both columns of a journal page, of one with a single panel, and its largest height. [inch]
 PAGE_WIDTH, SINGLE_WIDTH, MOST_HEIGHT = 7.2, 4.8, 9.6
-
-#: Steps of ticks along a circle of degrees, along a day of hours, and along anything else.
-_STEPS = {"degree": [1, 1.5, 3, 4.5, 9, 10], "h": [1, 2, 3, 6, 10]}
-_ROUND = [1, 2, 2.5, 5, 10]
 
 
 def abreast(count: int, most: int) -> int:
@@ -86,7 +82,7 @@ def colour_bar(figure: Figure, mappable: ScalarMappable, axes: Sequence[Axes], l
         shrink=0.85 if alone else 0.6,
         pad=0.03,
         aspect=30 if alone else 45,
-        ticks=MaxNLocator(5 if alone else 7, steps=_ROUND),
+        ticks=MaxNLocator(5 if alone else 7, steps=[*ROUND, 10]),
     )
     bar.outline.set_linewidth(0.5)
     return bar
@@ -102,9 +98,8 @@ def tick(axis: Axis, coordinate: xr.DataArray, logarithmic: bool = False, most: 
         axis.set_major_formatter(PlainPowers())
         axis.set_minor_formatter(PlainPowers(labelOnlyBase=False))
     else:
-        values, units = coordinate.to_numpy(), str(coordinate.attrs.get("units"))
+        values, steps = coordinate.to_numpy(), [*steps_of(coordinate), 10]
         span = np.ptp(values)
-        steps = _STEPS.get(units, _ROUND) if units != "degree" or span > 60 else _ROUND
         if is_latitude(coordinate):
             steps = [1, 1.5, 2, 3, 5, 10]
             axis.set_major_formatter(FuncFormatter(lambda value, _: latitude_text(round(value, 6))))

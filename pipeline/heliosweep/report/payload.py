@@ -12,7 +12,16 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.report.ground import rings, rises
-from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, is_signed, title_of, unit_of, value_text
+from heliosweep.report.labels import (
+    axis_label,
+    coordinate_text,
+    is_fraction,
+    is_signed,
+    steps_of,
+    title_of,
+    unit_of,
+    value_text,
+)
 from heliosweep.report.selection import evenly, is_geometric
 from heliosweep.report.views import HELIOSTAT, View, is_joined, is_ordered, position
 
@@ -204,7 +213,7 @@ def _range(values: np.ndarray) -> dict[str, float | bool]:
 
 def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]:
     """Title, label and kind of one dimension, the words for its values, and their places along an axis."""
-    kind, joined = "word", False
+    kind, joined, steps = "word", False, tuple[float, ...]()
     if dim not in result.coords:
         title, texts = _title(result, dim), _labels(result, dim, kept)
         label, at = title, np.arange(kept.size, dtype=float)
@@ -213,6 +222,7 @@ def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]
         title, label = _title(result, dim), axis_label(coordinate).split(":")[0]
         texts, joined = _texts(result, coordinate, kept), is_joined(result, dim)
         kind, at = _axis(coordinate.to_numpy(), joined)
+        steps = steps_of(coordinate) if kind == "number" else ()
     return {
         "title": title,
         "prefix": "" if kind == "word" else f"{title} ",
@@ -220,6 +230,7 @@ def _dimension(result: xr.Dataset, dim: str, kept: np.ndarray) -> dict[str, Any]
         "kind": kind,
         "joined": joined,
         "at": at,
+        "steps": list(steps),
         "texts": texts,
         "size": MARK if kept.size <= MOST_MARKS or not joined else 0,
     }

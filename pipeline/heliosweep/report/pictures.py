@@ -21,7 +21,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from heliosweep.report.ground import rings, rises
-from heliosweep.report.labels import is_signed
+from heliosweep.report.labels import MINUS, is_signed
 from heliosweep.report.layout import abreast, colour_bar, fit, label_outside, legend, sheet, tick
 from heliosweep.report.style import DIFFERENCES, NO_VALUE, VALUES, styled
 
@@ -221,7 +221,9 @@ class FieldMap:
                 at = placed & np.isfinite(self.z)
                 steps = MaxNLocator(6).tick_values(self.z[at].min(), self.z[at].max())
                 lines = axes.tricontour(self.x[at], self.y[at], self.z[at], steps, colors="#333333", linewidths=0.5)
-                axes.clabel(lines, fontsize=5.5, fmt="%g m")
+                labels = axes.clabel(lines, fontsize=5.5, fmt=lambda height: f"{height:g} m".replace("-", MINUS))
+                for label in labels:
+                    label.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
 
 
 def field_map(here: xr.Dataset, values: np.ndarray, title: str) -> FieldMap | None:

@@ -78,7 +78,7 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
     dims = [str(dim) for dim in arrays[leading].dims if arrays[leading].sizes[dim] > 1]
     shape = tuple(result.sizes[dim] for dim in dims)
     ranks = [leading, *(name for name in arrays if name != leading and {*arrays[name].dims} == {*arrays[leading].dims})]
-    values = {name: _values(arrays[name], dims) for name in ranks}
+    values = {name: np.asarray(printed(_over(arrays[name], dims)), dtype=float) for name in ranks}
     if not np.isfinite(values[leading]).any():
         return None
     labels = {str(dim): labels_along(result, dim) for dim in dims}
@@ -96,7 +96,9 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
         for name, one in result.data_vars.items()
         if is_flag(one) and {*one.dims} == {*arrays[leading].dims}
     }
-    points, numbers = _points(result, labels, along, values, {name: _flags(one, dims) for name, one in flags.items()})
+    points, numbers = _points(
+        result, labels, along, values, {name: _flags(_over(one, dims)) for name, one in flags.items()}
+    )
     return Ranking(
         Table("Best and worst points", header, ends, [0, 2, 4]),
         _steps(result, leading, values[leading], dims) if leading in told else None,
@@ -111,15 +113,14 @@ def _smallest(array: xr.DataArray) -> bool:
     return array.attrs.get(BEST_VALUE) == SMALLEST
 
 
-def _values(array: xr.DataArray, dims: Sequence[str]) -> np.ndarray:
-    """Values in the unit that is printed, over the dimensions of the points."""
-    part = array.squeeze([dim for dim in array.dims if dim not in dims]).transpose(*dims)
-    return np.asarray(printed(part), dtype=float)
+def _over(array: xr.DataArray, dims: Sequence[str]) -> xr.DataArray:
+    """An array over the dimensions of the points."""
+    return array.squeeze([dim for dim in array.dims if dim not in dims]).transpose(*dims)
 
 
-def _flags(array: xr.DataArray, dims: Sequence[str]) -> np.ndarray:
-    """Words that flags stand for, over the dimensions of the points."""
-    part = array.squeeze([dim for dim in array.dims if dim not in dims]).transpose(*dims).to_numpy()
+def _flags(array: xr.DataArray) -> np.ndarray:
+    """Words that flags stand for."""
+    part = array.to_numpy()
     words = {value: flag_text(array, value) for value in np.unique(part).tolist()}
     return np.array([words[value] for value in part.ravel().tolist()], dtype=object).reshape(part.shape)
 

@@ -14,9 +14,11 @@ from urllib.parse import quote
 import numpy as np
 import xarray as xr
 
+from heliosweep.config.study import Study
 from heliosweep.files import user_path, write_whole
 from heliosweep.report.contents import NamedFigure, Table
-from heliosweep.report.inputs import inputs_of_several
+from heliosweep.report.inputs import MOST_ROWS as MOST_INPUTS
+from heliosweep.report.inputs import entries
 from heliosweep.report.interactive import explore, scripts
 from heliosweep.report.labels import (
     NOTHING,
@@ -123,7 +125,7 @@ def _page(places: Sequence[Path], results: Mapping[str, xr.Dataset], family_of: 
             _entry(name, folder, result, file) for (name, result), folder in zip(results.items(), folders, strict=True)
         ],
         remarks=_remarks(joined, same),
-        went_in=inputs_of_several(list(results), list(zip(studies, covers, strict=True))),
+        went_in=_went_in(list(results), list(zip(studies, covers, strict=True))),
         came_out=came_out(joined, headlines) or _ranges(results, headlines),
         figures=[embeddable(one, small(image(one.figure))) for one in drawn],
         views=frames,
@@ -223,6 +225,33 @@ def _remarks(joined: xr.Dataset, same: bool) -> list[str]:
         return ["These results have no numbers at the same points in common: they are told by their ranges."]
     moved = "Heliostats stand in other places, or are others: there are maps beside each other, and no difference maps."
     return [] if same else [moved]
+
+
+def _went_in(names: Sequence[str], inputs: Sequence[tuple[Study | None, Sequence[tuple[str, str]]]]) -> Table:
+    """Table of the inputs of several studies with a column for each, what differs first.
+
+    Of each study the same is told as by `inputs`, and its default where another one has something else.
+    """
+    told: dict[str, list[str]] = {}
+    given: set[str] = set()
+    for number, (study, covers) in enumerate(inputs):
+        rows = [([name, text, "", ""], True) for name, text in covers]
+        rows += entries(study) if isinstance(study, Study) else []
+        for (name, text, how, key), asked in rows:
+            cells = told.setdefault(key or name, [name, *(NOTHING for _ in inputs), key])
+            cells[1 + number] = text if how in ("", "fixed") else f"{text} ({how})"
+            given |= {key or name} if asked else set()
+    differ = {key for key, cells in told.items() if len({*cells[1:-1]}) > 1}
+    order = [key for key in told if key in differ] + [key for key in told if key in given - differ]
+    return Table(
+        "What went in",
+        ["", *names, "key of the study"],
+        [told[key] for key in order[:MOST_INPUTS]],
+        range(2 + len(names)),
+        ["What differs comes first." if differ else "Nothing differs."]
+        + [f"The first {MOST_INPUTS} of {len(order):,}; the study files have all."] * (len(order) > MOST_INPUTS),
+        classes=["changed" if key in differ else "" for key in order[:MOST_INPUTS]],
+    )
 
 
 def came_out(joined: xr.Dataset, headlines: Sequence[str]) -> Table | None:

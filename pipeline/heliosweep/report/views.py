@@ -86,7 +86,7 @@ def default_views(result: xr.Dataset) -> Iterator[View]:
     yield View("field", "Map of the field", names, (HELIOSTAT,), less=words(result))
     yield View("raster", "Pictures", names, PIXELS, less=words(result))
     numbers = [str(dim) for dim in result.sizes if dim not in PIXELS and is_ordered(result, str(dim))]
-    dims = [dim for dim in numbers if dim != HELIOSTAT and result.sizes[dim] >= LEAST_CURVE]
+    dims = [dim for dim in numbers if dim not in (HELIOSTAT, "sample") and result.sizes[dim] >= LEAST_CURVE]
     flat = [name for name in names if not set(PIXELS) <= set(result[name].dims)]
     few = [name for name in flat if HELIOSTAT not in result[name].dims or result.sizes[HELIOSTAT] < FIELD]
     yield View("curves", "", few or flat, dims, lines=[words(result)])

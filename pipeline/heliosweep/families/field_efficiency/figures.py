@@ -163,7 +163,7 @@ def _sheets(name: str, caption: str, maps: list[list[FieldMap]], shades: Shades)
         chosen = slice(-(-columns * part // parts), -(-columns * (part + 1) // parts))
         drawn = [one for row in maps for one in row[chosen]]
         which = f" (Part {part + 1} of {parts}.)" if parts > 1 else ""
-        figure = picture_figure(drawn, shades, len(drawn) // len(maps) if len(maps) > 1 else 0)
+        figure = picture_figure(drawn, shades, len(drawn) // len(maps) if len(maps) > 1 and columns > 1 else 0)
         yield NamedFigure(name if part == 0 else f"{name}_{part + 1}", caption + which, figure)
 
 

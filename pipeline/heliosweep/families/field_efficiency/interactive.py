@@ -27,7 +27,8 @@ def views(result: xr.Dataset) -> Iterator[View]:
         (HELIOSTAT,),
         less="tracking",
         start={"latitude": 0.0},
-        caption=f"{said}. Each square is a mirror laid flat with a side towards the tower (triangle).",
+        caption=f"{said}. Each square is a mirror laid flat with a side towards the tower (triangle)"
+        f"{', grey where it is left out' if 'kept' in result else ''}.",
     )
     fields = [f"field_{name}" for name in (*_ENERGY[:1], *_LIGHT, *_ENERGY[1:2])]
     others = [variables.FACTORED, "design_point_power", "hours_used"]

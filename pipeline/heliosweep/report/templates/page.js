@@ -167,4 +167,8 @@ const sight = new IntersectionObserver((seen) => {
   for (const { target, isIntersecting } of seen) if (isIntersecting) show(target);
 }, { rootMargin: '300px' });
 views.forEach((view) => sight.observe(view));
+// Who prints without scrolling gets every plot: they are drawn when there is time, one after the other.
+const rest = [...views], idle = window.requestIdleCallback ?? setTimeout;
+const next = async () => { if (rest.length) { await show(rest.shift()); idle(next); } };
+idle(next);
 addEventListener('beforeprint', () => views.forEach(show));
