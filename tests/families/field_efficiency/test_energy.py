@@ -12,6 +12,10 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency import known
+from heliosweep.grid.lazy import Work
+from heliosweep.grid.regions import Part
+from heliosweep.kernels.field import efficiency
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from tests.families.studies import computed
 
@@ -257,3 +261,41 @@ def test_studies_without_these_blocks_have_no_energies(small):
 def test_what_is_wrong_is_told(year, blocks, message):
     with pytest.raises(StudyError, match=message):
         api.plan(year(**blocks))
+
+
+def test_what_points_share_is_computed_once_and_changes_no_bit(year, monkeypatch):
+    """Errors of mirrors, irradiance and limits, swept on several fields, or drawn with a key that moves mirrors."""
+    optics = BLOCKS["optics"]
+    swept = year(
+        tracking="azimuth_elevation", limits={"dni": [100, 400]}, time={"clock": "weather", "months": [3, 6]},
+        optics={**optics, "slope_error": [1.5, 3], "reflectivity": [0.9, 0.95]},
+        receiver={**BLOCKS["receiver"], "height": [30, 40]},
+    )  # fmt: skip
+    drawn = year(
+        tracking="azimuth_elevation", limits={"dni": 300}, time={"clock": "weather", "months": [3]},
+        optics={**optics, "slope_error": {"uniform": [1.5, 3]}, "reflectivity": {"uniform": [0.9, 0.95]}},
+        weather={"file": str(TMY3), "dni_factor": {"normal": [1, 0.05]}},
+        receiver={**BLOCKS["receiver"], "height": {"uniform": [30, 31]}}, sample={"size": 3, "sensitivity": "morris"},
+    )  # fmt: skip
+    looked: list[int] = []
+
+    def counting(kernel: Any) -> Any:
+        def counted(*given: Any) -> Any:
+            looked.append(int(np.sum(given[7][:, 2] > 0)) * (given[9] - given[8]))
+            return kernel(*given)
+
+        return counted
+
+    for name in ("field_series", "field_energies"):
+        monkeypatch.setattr(efficiency, name, counting(getattr(efficiency, name)))
+    for study in (swept, drawn):
+        plan = api.plan(study)
+        whole = Part("whole", "points", {dim: slice(0, size) for dim, size in plan.cuts["points"].sizes.items()})
+        made, counts = [], []
+        for most in (2**27, 0):
+            monkeypatch.setattr(known, "MOST_BYTES", most)
+            looked.clear()
+            made.append(Work(api.family_of(study), study, plan.variables, plan.workload.sizes).compute(whole))
+            counts.append(sum(looked))
+        assert all(made[1][name].tobytes() == values.tobytes() for name, values in made[0].items())
+        assert counts[0] < 0.6 * counts[1]
