@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import signal
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ import pytest
 from hypothesis import settings
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from heliosweep.api import family_of, load
+from heliosweep.api import build, family_of, load
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels import compiled
+from tests.families.studies import study
 from tests.faults.attempts import attempts, pytest_addoption, pytest_configure
 
 __all__ = ["attempts", "pytest_addoption", "pytest_configure"]  # what the tests of faults bring to all
@@ -61,15 +62,16 @@ def pytest_sessionstart(session: pytest.Session) -> None:
             family_of(study).prepare(study)
 
 
+@cache
+def shipped(name: str) -> Any:
+    """The result of a shipped study, computed once in each process."""
+    return build(load(STUDIES / f"{name}.yaml")).compute()
+
+
 @pytest.fixture(scope="session")
 def small() -> Callable[..., Study]:
     """Make a small field study; keyword arguments replace whole blocks, None removes one."""
-
-    def make(**blocks: Any) -> Study:
-        content = {**copy.deepcopy(SMALL), **blocks}
-        return load({key: value for key, value in content.items() if value is not None})
-
-    return make
+    return partial(study, SMALL)
 
 
 @pytest.fixture

@@ -89,11 +89,12 @@ def test_planning_a_field_imports_no_labelled_arrays(tmp_path):
     assert done.stderr.splitlines()[-1] == "set()"
 
 
-def test_faces_import_nothing_heavy():
+def test_faces_and_the_studies_of_all_families_import_nothing_heavy():
     code = (
-        "import sys, heliosweep, heliosweep.cli, heliosweep.api\n"
-        "from heliosweep.families.family import study_classes\n"
-        "assert dict(study_classes())\n"
+        "import sys, yaml, heliosweep, heliosweep.cli, heliosweep.api\n"
+        "from heliosweep.families.family import families\n"
+        "for family in families().values():\n"
+        "    heliosweep.load(yaml.safe_load(family.example())).dimensions()\n"
         "print(*{name.partition('.')[0] for name in sys.modules})"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

@@ -181,7 +181,7 @@ def test_every_sensitivity_loads_as_it_was_resolved() -> None:
         assert len(design_of(study)) == {"local": 3, "morris": 20}.get(sample.get("sensitivity", ""), 10)
 
 
-def test_names_are_drawn() -> None:
+def test_names_and_whole_numbers_are_drawn_from_a_list() -> None:
     content = _study({"normal": [11, 0.02]}, 11, 95)
     drawn = {"discrete": {"values": ["azimuth_elevation", "spinning_elevation"], "weights": [0.25, 0.75]}}
     study: Any = load_mapping(content | {"tracking": drawn, "sample": {"size": 64}}, REGISTRY)
@@ -197,5 +197,8 @@ def test_names_are_drawn() -> None:
     ):
         with pytest.raises(StudyError, match=message):
             load_mapping(content | {"tracking": wrong, "sample": {"size": 64}}, REGISTRY)
+    rings = {"radial_stagger": {"clearance": 18, "inner_radius": 60, "rings": {"normal": [2, 1]}}}
+    with pytest.raises(StudyError, match=r"rings.normal: whole numbers are drawn by {discrete"):
+        load_mapping(content | {"layout": rings, "sample": {"size": 64}}, REGISTRY)
     with pytest.raises(StudyError, match="cannot be drawn"):
         load_mapping(content | {"sample": {"size": 64, "design": drawn}}, REGISTRY)

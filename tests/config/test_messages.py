@@ -10,23 +10,15 @@ import pytest
 from heliosweep import api
 from heliosweep.config.load import MAX_PROBLEMS, _refusal, load, load_mapping
 from heliosweep.errors import Problem, StudyError
+from tests import bad_studies
 
-from .bad_studies import BAD_STUDIES
 from .conftest import LINES, REGISTRY
 
-PYDANTIC = ("Input should", "valid ", "Extra inputs", "Field required", "Value error", "pydantic", "type=")
 
-
-@pytest.mark.parametrize(("block", "text", "said"), BAD_STUDIES, ids=[text[:60] for _, text, _ in BAD_STUDIES])
-def test_bad_study(block: str, text: str, said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("case", bad_studies.read(Path(__file__).with_name("bad_studies.txt")))
+def test_bad_study(case: bad_studies.Bad, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    lines = [text] if block == "file" else (LINES | {block: text}).values()
-    Path("study.yaml").write_text("\n".join([*lines, ""]), encoding="utf-8")
-    with pytest.raises(StudyError) as error:
-        load("study.yaml", REGISTRY)
-    assert str(error.value).split("\n") == said
-    assert error.value.exit_code == 2
-    assert not any(phrase in str(error.value) for phrase in PYDANTIC if "not valid YAML" not in str(error.value))
+    bad_studies.check(case, LINES, REGISTRY)
 
 
 def test_all_problems_at_once(refused) -> None:

@@ -151,20 +151,20 @@ def hostile_folder(folder: Path) -> Path:
     (folder / "nul.csv").write_bytes(b"x,y\n1,\0\n")
     (folder / "unreadable.csv").write_text("x,y\n1,2\n")
     (folder / "unreadable.csv").chmod(0)
-    (folder / "bomb.png").write_bytes(_png(50_000, 50_000))
+    (folder / "bomb.png").write_bytes(png(50_000, 50_000, chunk(b"IDAT", zlib.compress(bytes(100_000), 9))))
     (folder / "truncated.png").write_bytes((STUDIES / "images/sun.png").read_bytes()[:200])
     return folder
 
 
-def _png(width: int, height: int) -> bytes:
-    """Return the smallest file that claims to be an image of that size."""
+def chunk(kind: bytes, data: bytes = b"") -> bytes:
+    """Return a chunk of a PNG."""
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    data = zlib.compress(bytes(100_000), 9)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+def png(width: int, height: int, *chunks: bytes, depth: int = 8) -> bytes:
+    """Return a PNG that claims to be of that size, whatever its chunks hold."""
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + b"".join([header, *chunks, chunk(b"IEND")])
 
 
 def _raw(random: Random) -> str:

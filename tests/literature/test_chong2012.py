@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from heliosweep import api
-from tests.conftest import STUDIES
+from tests.conftest import STUDIES, shipped
 
 
 def test_sampling_bias_that_the_paper_s_step_carries():
@@ -41,38 +41,12 @@ def test_sampling_bias_that_the_paper_s_step_carries():
 
 
 def test_maps_are_symmetric_as_figures_6_to_8_show():
-    """East-west at every latitude, north-south too at the equator; at 30 deg N the north is better than the south."""
-    study = api.load(STUDIES / "chong2012_maps.yaml").model_dump()
-    assert study["layout"]["file"] == "layouts/chong2012.csv"
-    blocks = {
-        "family": "field_efficiency",
-        "site": {"latitude": [0, 30]},
-        "tracking": ["spinning_elevation", "azimuth_elevation"],
-        "time": {
-            "clock": "solar",
-            "days": {"start": 1, "stop": 365, "step": 28},
-            "hours": {"start": 8, "stop": 16, "step": 0.5},
-            "sampling": "midpoint",
-        },
-        "layout": {"radial_stagger": {"clearance": 16, "zones": [{"start": 61.3, "rings": 4, "pitch": 15}]}},
-        "heliostat": {"width": 11.1, "height": 11.1, "pivot_height": 7},
-        "receiver": {"height": 95},
-    }
-    result = api.build(api.load(blocks)).compute()
-    places = np.round(np.column_stack([result["x"], result["y"]]), 6) + 0.0
-    order = {tuple(place): row for row, place in enumerate(places)}
-    east_west = [order[tuple(place * [-1, 1] + 0.0)] for place in places]
+    """Each has its like in the east or west; north to south at the equator those of rings 1 to 4 only.
+
+    At 30 deg N the north is better than the south.
+    """
+    result = shipped("chong2012_maps")
     efficiency = result["optical_efficiency"]
-    np.testing.assert_allclose(efficiency.isel(heliostat=east_west), efficiency, atol=1e-12)
-    north, south = result["y"] > 30, result["y"] < -30
-    at_30 = efficiency.sel(latitude=30)
-    assert (at_30.where(north).mean("heliostat") > at_30.where(south).mean("heliostat") + 0.05).all()
-
-
-def test_which_heliostats_mirror_each_other():
-    """Each has its like in the east or west; north to south at the equator those of rings 1 to 4 only."""
-    result = api.build(api.load(STUDIES / "chong2012_maps.yaml"))
-    efficiency = result["optical_efficiency"].compute()
     places = np.round(np.column_stack([result["x"], result["y"]]), 6) + 0.0
     rows = {tuple(place): row for row, place in enumerate(places)}
     east_west = [rows[tuple(place * [-1, 1] + 0.0)] for place in places]
@@ -87,3 +61,8 @@ def test_which_heliostats_mirror_each_other():
     np.testing.assert_allclose(
         gain.sel(tracking=["spinning_elevation", "azimuth_elevation"]), [0.0275, 0.0482], atol=5e-5
     )
+    at_30 = efficiency.sel(latitude=30)
+    in_the_north, in_the_south = (
+        at_30.where(place).mean("heliostat") for place in (result["y"] > 30, result["y"] < -30)
+    )
+    assert (in_the_north > in_the_south + 0.05).all()

@@ -8,25 +8,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from heliosweep import api
-from tests.conftest import STUDIES
+from tests.conftest import shipped
 from tests.literature import liu2022_readings as readings
-
-
-def result(name):
-    return api.build(api.load(STUDIES / f"liu2022_{name}.yaml"))
 
 
 def test_longitude_effect_is_the_window_s():
     """With daylight only and the rigid model all six sites lie between 0.634 and 0.646 on 21 June."""
-    mean = result("daylight")["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid").compute()
+    mean = shipped("liu2022_daylight")["effective_tracking_factor_mean"].sel(date="2021-06-21", model="rigid")
     assert mean.sizes == {"site": 6}
     assert 0.6335 <= float(mean.min()) <= float(mean.max()) <= 0.6460
 
 
 def test_the_first_reading_is_the_package_s():
     first = {key: words[0] for key, words in readings.CHOICES.items()}
-    solstice = result("solstice")["effective_tracking_factor"].isel(date=0).sel(axis_tilt=0.1).compute()
+    solstice = shipped("liu2022_solstice")["effective_tracking_factor"].isel(date=0).sel(axis_tilt=0.1)
     for level, steep in ((0.0, 0.0), (0.2, 0.0), (0.0, -0.4)):
         here = solstice.sel(home_azimuth_offset=level, home_elevation_offset=steep)
         np.testing.assert_allclose(readings.factor("Dunhuang", first, level, steep), here, rtol=0, atol=1e-12)

@@ -7,23 +7,13 @@ Optics Express 27(8), A257 (2019), from the shipped studies: what tables of clai
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from heliosweep import api
 from heliosweep.kernels.sun.clock import solar_clock
-from tests.conftest import STUDIES
+from tests.conftest import shipped
 
 
-@pytest.fixture(scope="module")
-def result():
-    return {
-        name: api.build(api.load(STUDIES / f"{name}.yaml")).compute()
-        for name in ("deviation_curves", "figure7_hyperbolas")
-    }
-
-
-def test_figure_7_spots_lie_on_the_hyperbolas(result):
-    traces = result["figure7_hyperbolas"]
+def test_figure_7_spots_lie_on_the_hyperbolas():
+    traces = shipped("figure7_hyperbolas")
     traces = traces.sel(error_size=traces["error_size"] != 0)  # that spot is the origin
     y, z = traces["spot_y"], traces["spot_z"]
     a, b, c, d, e, f = (traces["conic"].sel(conic_coefficient=name) for name in "ABCDEF")
@@ -31,8 +21,8 @@ def test_figure_7_spots_lie_on_the_hyperbolas(result):
     assert float((abs(a * y * y + b * y * z + c * z * z + d * y + e * z + f) / size).max()) < 1e-12
 
 
-def test_figure_4_curves_are_conics_that_turn_with_the_hour(result):
-    curves = result["deviation_curves"].sel(source="canting")
+def test_figure_4_curves_are_conics_that_turn_with_the_hour():
+    curves = shipped("deviation_curves").sel(source="canting")
     assert bool((curves["eccentricity"] > 1).all())
     up = curves.sel(axis="elevation", error_size=12)
     lean = np.degrees(np.arctan2(up["spot_y"], up["spot_z"])).isel(day=0)
@@ -40,9 +30,9 @@ def test_figure_4_curves_are_conics_that_turn_with_the_hour(result):
     assert bool((lean.sel(hour=12) > lean.sel(hour=16)).all())
 
 
-def test_the_aim_of_equations_16_and_17_misses_by_what_the_table_says(result):
+def test_the_aim_of_equations_16_and_17_misses_by_what_the_table_says():
     """Section 3, in plain NumPy: the mirror 0.5 m before the pivot is left out of the aim, then put in step by step."""
-    curves = result["deviation_curves"]
+    curves = shipped("deviation_curves")
     pivots = np.stack([curves[axis] for axis in "xyz"], axis=-1)[:, None] - [0.0, 0.0, 143.0]
     sun = solar_clock(np.radians(37.4), np.radians(23.45), curves["hour"].to_numpy())
     centre, missed = pivots + 0.0 * sun, []

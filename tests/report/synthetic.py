@@ -75,14 +75,19 @@ def with_series(dataset: xr.Dataset, labels: Mapping[str, Any]) -> xr.Dataset:
     return dataset.assign({name: (dims, values, _attributes([name])[name])}).assign_coords(labels)
 
 
-def assert_readable(named: NamedFigure, words: Collection[str] = ()) -> None:
-    """The caption is a sentence, every axis has a unit but those of some words, and nothing is cut off."""
+def assert_readable(named: NamedFigure, words: Collection[str] = (), shared: bool = False) -> None:
+    """The caption is sentences, every axis has a unit but those of some words, and nothing is cut off.
+
+    Axes that are `shared` have it at one of them.
+    """
     assert named.caption.endswith((".", ".)"))
+    assert "  " not in named.caption
+    labels = [label for axes in named.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
+    assert all(label.endswith(")") or label in words for label in labels), (named.name, labels)
     for axes in named.figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             if any(label.get_visible() and label.get_text() for label in axis.get_ticklabels()):
-                label = axis.get_label_text()
-                assert label.endswith(")") or label in words, (named.name, label)
+                assert axis.get_label_text() or (shared and any(one.endswith(")") for one in labels)), named.name
     assert is_inside(named.figure), named.name
 
 

@@ -340,12 +340,13 @@ def test_what_is_wrong_is_said_where_it_stands(said, message):
             "site.latitude: has 2 values, and a search has one result for each evaluation",
         ),
         ({"receiver": {"height": [40, 60]}}, "receiver.height: has 2 values, and a search has one result"),
+        ({"receiver": {"height": {"normal": [40, 1]}}}, "receiver.height: is drawn from a distribution, which cannot"),
         (
             {"report": {"published": {"file": "README.md", "source": "x"}}},
             "report.published: is for the grid of a sweep",
         ),
     ],
-    ids=["swept", "swept and searched", "published"],
+    ids=["swept", "swept and searched", "drawn", "published"],
 )
 def test_what_cannot_stand_beside_a_search(blocks, message, monkeypatch):
     monkeypatch.chdir(Path(__file__).parents[2])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from heliosweep.config.block import Block, blocks_in
+from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
 from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep, key_faults, read_items
@@ -213,6 +214,9 @@ def search_problems(study: Study) -> Iterator[Problem]:
         return
     given = {key: (declared, value) for key, declared, value in study.parameters()}
     for key, sweep in study.sweeps().items():
+        if isinstance(sweep, Drawn):
+            yield study.problem(key, "is drawn from a distribution, which cannot stand beside a search: give one value")
+            continue
         message = f"has {len(sweep)} values, and a search has one result for each evaluation: give one value, or search"
         yield study.problem(key, f"{message} over it as {{choice: [...]}}")
     for key, extent in search.over.items():

@@ -269,10 +269,9 @@ class Quantity(Parameter):
             raise Invalid(_NOT_DRAWN)
         low = max((bound for bound in (self.ge, self.gt) if bound is not None), default=-math.inf)
         high = min((bound for bound in (self.le, self.lt) if bound is not None), default=math.inf)
-        found = drawn.read_drawn(raw, self._number, self._check, low, high)
-        if self.integer and found.kind != drawn.DISCRETE:
-            raise Invalid(Fault("whole numbers are drawn by {discrete: {values, weights}}", (found.kind,)))
-        return found
+        if self.integer and (continuous := [key for key in drawn.PARTS if isinstance(raw, Mapping) and key in raw]):
+            raise Invalid(Fault("whole numbers are drawn by {discrete: {values, weights}}", (continuous[0],)))
+        return drawn.read_drawn(raw, self._number, self._check, low, high)
 
     def bounds(self) -> str:
         """Return the bounds in words, such as ``between -90 and 90 deg``; empty if there are none."""

@@ -29,14 +29,17 @@ def _timed(work: Callable[P, None]) -> Callable[P, tuple[float, bool]]:
 
 
 @_timed
-def warm_field(outlines: bool = False) -> None:
-    """Make the kernels of heliostat fields ready, of the outlines of shadows too where they are asked for."""
-    from heliosweep.kernels.field.efficiency import field_sums
+def warm_field(outlines: bool = False, shared: bool = False) -> None:
+    """Make the kernels of heliostat fields ready, of outlines of shadows and of shared points too where asked for."""
+    from heliosweep.kernels.field.efficiency import field_sums, known_energies
     from heliosweep.kernels.outlines import mirror_outlines
 
     place, side = np.array([10.0, 30.0]), np.ones(2)
     sun = np.array([[0.0, 0.0, 1.0]])
     field_sums(place, place, side, side, side, 50.0, 0, sun, 0, 2)
+    if shared:
+        number = np.zeros(1, np.int64)
+        known_energies(np.ones((1, 1, 4)), number, sun, np.ones((2, 1)), number, 1)
     if outlines:
         mirror_outlines(place, place, side, side, side, 50.0, 0, sun[0], 0, 2, 1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,13 @@ import xarray as xr
 from heliosweep.families.backward_gazing.variables import FIELD, MAPS, NODES, SIMULATED, over_seeds
 from heliosweep.grid.regions import Variable
 from heliosweep.kernels.gazing.geometry import mirror_grid, themis_8
+from tests.families import gallery
 
 METHODS = ("A", "O1", "O2", "LM")
 REFERENTIALS = ("none", "roll", "exact")
 CANTING = {"2": [0, -1], "3": [0, 1]}
 UNITS = {"sun_azimuth": "degree", "camera_radius": "m", "latitude": "degrees_north", "camera_noise": "1"}
+attributes = partial(gallery.attributes, units=UNITS)
 #: Error of each method by referential. [mrad]
 ERRORS = {"A": (0.15, 0.03, 2e-4), "O1": (0.14, 0.02, 3e-4), "O2": (1e-4,) * 3, "LM": (3e-6,) * 3}
 
@@ -53,7 +56,7 @@ def result(
         data |= {name: _made(rest, inner, name, one, grid) for name, one in over_seeds(()).items()}
     used = {dim for array in data.values() for dim in array.dims}
     labels: dict[str, Any] = {
-        name: (name, values, _attributes(name)) for name, values in {**sweep, **inner}.items() if name in used
+        name: (name, values, attributes(name)) for name, values in {**sweep, **inner}.items() if name in used
     }
     sides = {"y": heliostat.centre[:, 0], "z": heliostat.centre[:, 1]}
     sides |= {"width": heliostat.size[:, 0], "height": heliostat.size[:, 1]}
@@ -77,7 +80,7 @@ def field(hours: Sequence[float] = (9, 12, 15), count: int = 317, sweep: Mapping
         data[f"slope_rms_{end}"] = data[f"slope_rms_{end}"] * xr.DataArray(0.2 + far / 100, dims="heliostat")
     data["slant_range"] = xr.DataArray(far, dims="heliostat", attrs={"units": "m"})
     data["usable_fraction"] = (data["usable_fraction"] * xr.DataArray(300 / far, dims="heliostat")).clip(0, 1)
-    labels: dict[str, Any] = {name: (name, values, _attributes(name)) for name, values in {**sweep, **inner}.items()}
+    labels: dict[str, Any] = {name: (name, values, attributes(name)) for name, values in {**sweep, **inner}.items()}
     labels |= {axis: ("heliostat", values, {"units": "m"}) for axis, values in zip("xy", place, strict=True)}
     about = {"title": "Field", "mode": "field", "study": json.dumps({"family": "backward_gazing"})}
     return xr.Dataset(data, labels, about)
@@ -118,7 +121,3 @@ def _made(
     if name == "quality":
         values = xr.where(values > 1.08, 1, 0)
     return values.transpose(*sizes).assign_attrs(variable.attrs).astype(variable.dtype)
-
-
-def _attributes(name: str) -> dict[str, Any]:
-    return {"long_name": name.replace("_", " "), **({"units": UNITS[name]} if name in UNITS else {})}

@@ -12,7 +12,6 @@ from heliosweep import api
 from heliosweep.families.backward_gazing.field import mixed_seed, remarks
 from heliosweep.families.backward_gazing.variables import BEHIND, NO_SUN, SEEN
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
-from heliosweep.store.read import file_digest
 
 LAYOUT = "x,y,z,row\n0,150,0,1\n-40,140,1,1\n120,90,0,2\n20,-130,0,3\n"
 SMALL: dict[str, Any] = {
@@ -105,19 +104,6 @@ def test_accuracy_follows_the_bound(make):
     lm = result.sel({"slope_method": "LM", "referential": "exact"}).isel(hour=0)
     for name in "xy":
         np.testing.assert_allclose(lm[f"slope_rms_{name}"], lm[f"cramer_rao_bound_{name}"], rtol=0.15)
-
-
-def test_same_bytes_whatever_the_scheduler_and_the_chunks(make, tmp_path):
-    executions = [
-        {"scheduler": "synchronous"},
-        {"scheduler": "threads", "chunks": {"heliostat": 1}},
-        {"scheduler": "threads", "chunks": {"heliostat": 3, "receiver_height": 2}},
-    ]
-    digests = set()
-    for number, execution in enumerate(executions):
-        one = make({"receiver_height": [80, 95], "hours": [12]}, cameras={"noise": 0.01}, execution=execution)
-        digests.add(file_digest(api.run(one, tmp_path / str(number), report=False).path))
-    assert len(digests) == 1
 
 
 def test_the_plan_foresees_the_result(make):

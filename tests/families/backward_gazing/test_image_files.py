@@ -10,6 +10,7 @@ from PIL import Image, PngImagePlugin
 
 from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing.files import KEYS, MAX_PIXELS, read_picture
+from tests.faults.mutations import chunk, png
 
 LEVELS = (np.arange(48).reshape(6, 8) * 53).astype(np.uint16)
 
@@ -162,13 +163,8 @@ def test_huge_sizes_in_a_header_take_no_memory(tmp_path):
     (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
     assert "truncated" in said(tmp_path / "a.npy")
 
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
     for side in (6000, 20_000, 2**30):
-        size = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 16, 0, 0, 0, 0))
-        pixels = chunk(b"IDAT", zlib.compress(bytes(1000)))
-        (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + size + pixels + chunk(b"IEND", b""))
+        (tmp_path / "a.png").write_bytes(png(side, side, chunk(b"IDAT", zlib.compress(bytes(1000))), depth=16))
         assert f"{MAX_PIXELS:,}" in said(tmp_path / "a.png")
 
     for side, words in ((6000, f"{MAX_PIXELS:,}"), (10**9, "copy it again")):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,8 +9,8 @@ import xarray as xr
 from heliosweep.families.backward_gazing.figures import MOST_FIGURES, figures
 from heliosweep.families.backward_gazing.variables import MAPS, MEASURED, RAW, SIMULATED
 from heliosweep.report.comparison import Comparison, told
-from heliosweep.report.style import image
 from tests.families.backward_gazing import report_results as results
+from tests.families.gallery import Gallery, nothing
 
 PROFILES = {"sun_profile": ["jose", "noisy"]}
 SUNS = {"sun_azimuth": [60.0, 0.0, 30.0]}
@@ -25,12 +23,6 @@ def published(dataset, end=""):
     places = {"slope_method": "A", "module": "2", "sun_profile": "noisy", "referential": "none"}
     one = Comparison(f"relative_error_x{end}", places, 13.0, 14.6, 1.0, "percent", 1)
     return told(dataset, [one])
-
-
-def nothing(dataset):
-    """The same without a value."""
-    missing = {name: array * np.nan for name, array in dataset.data_vars.items() if array.dtype == float}
-    return dataset.assign(missing).assign_attrs(dataset.attrs)
 
 
 def shuffled(dataset):
@@ -80,13 +72,22 @@ CASES = {
     "field over latitudes": lambda: results.field(count=30, sweep={"latitude": [10.0, 37.4, 50.0]}),
     "field without slopes": lambda: nothing(results.field(count=20)),
 }
-
-
-@pytest.fixture(scope="module", params=CASES)
-def case(request):
-    found = drawn_case(request.param)
-    assert all(image(named.figure).startswith(b"\x89PNG") for named in found.values())
-    return found
+#: Names of the figures of some cases.
+EXPECTED = {
+    "maps": "images slope_maps slope_errors quality errors canting sun_profile sun_disc effort",
+    "one module, one method": "images slope_maps slope_errors quality errors canting sun_profile sun_disc",
+    "raw slopes": "images slope_maps slope_errors quality errors canting sun_profile sun_disc raw_slopes effort",
+    "table": "errors canting effort",
+    "suns": "errors canting errors_over_sun_azimuth rms_errors_over_sun_azimuth sight_over_sun_azimuth effort",
+    "many modules": "errors_jose errors_noisy canting effort",
+    "nothing": "quality",
+    "measured": "images slope_maps slope_uncertainty residuals which_pixels_count quality canting sun_profile sun_disc",
+    "measured, nothing": "which_pixels_count quality",
+    "field": "accuracy_map usable_map accuracy_over_distance",
+    "field without slopes": "",
+}
+GALLERY = Gallery(figures, MOST_FIGURES, CASES, EXPECTED, ("method", "module"), shared=True)
+drawn, result_of = GALLERY.find, GALLERY.result
 
 
 def bars_of(axes):
@@ -95,95 +96,29 @@ def bars_of(axes):
     return np.array([segment[:, 1] for segment in segments if len(segment) == 2])
 
 
-def drawn(dataset):
-    return {named.name: named for named in figures(dataset)}
-
-
-@cache
-def dataset_of(name):
-    return CASES[name]()
-
-
-@cache
-def drawn_case(name):
-    return drawn(dataset_of(name))
-
-
-def test_axes_say_what_they_are_in_which_unit(case):
-    assert len(case) <= MOST_FIGURES
-    for named in case.values():
-        assert named.caption.endswith(".")
-        assert "  " not in named.caption
-        for axes in named.figure.axes:
-            for axis in (axes.xaxis, axes.yaxis):
-                numbers = [text.get_text() for text in axis.get_ticklabels() if text.get_visible() and text.get_text()]
-                label = axis.get_label_text()
-                assert not label or label.endswith(")") or label in ("method", "module"), named.name
-                if not numbers or axes.get_label() == "<colorbar>":
-                    continue
-                labels = [label, *(other.get_ylabel() for other in named.figure.axes)]
-                labels += [other.get_xlabel() for other in named.figure.axes]
-                assert any(label.endswith(")") for label in labels), named.name
-
-
-def test_nothing_is_cut_off(case):
-    for named in case.values():
-        box = named.figure.get_tightbbox()
-        width, height = named.figure.get_size_inches()
-        assert box.x0 >= -1e-9, named.name
-        assert box.y0 >= -1e-9, named.name
-        assert box.x1 <= width + 1e-9, named.name
-        assert box.y1 <= height + 1e-9, named.name
-        assert height <= 10, named.name
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("maps", "images slope_maps slope_errors quality errors canting sun_profile sun_disc effort"),
-        ("one module, one method", "images slope_maps slope_errors quality errors canting sun_profile sun_disc"),
-        ("raw slopes", "images slope_maps slope_errors quality errors canting sun_profile sun_disc raw_slopes effort"),
-        ("table", "errors canting effort"),
-        ("suns", "errors canting errors_over_sun_azimuth rms_errors_over_sun_azimuth sight_over_sun_azimuth effort"),
-        ("many modules", "errors_jose errors_noisy canting effort"),
-        ("nothing", "quality"),
-        (
-            "measured",
-            "images slope_maps slope_uncertainty residuals which_pixels_count quality canting sun_profile sun_disc",
-        ),
-        ("measured, nothing", "which_pixels_count quality"),
-        ("field", "accuracy_map usable_map accuracy_over_distance"),
-        ("field without slopes", ""),
-    ],
-)
-def test_figures_follow_what_the_result_holds(name, expected):
-    assert list(drawn_case(name)) == expected.split()
-
-
 def test_maps_of_two_numbers_and_curves_over_each():
-    found = drawn_case("two numbers")
+    found = {named.name: named for named in figures(result_of("two numbers"))}
     assert "accuracy_over_camera_noise_and_camera_radius" in found
     titles = [axes.get_title() for axes in found["errors_over_camera_radius"].figure.axes]
-    assert titles == [f"{one}, {way}" for one in ("square", "cross") for way in ("horizontal", "vertical")]
+    assert titles == [f"{shape}, {way}" for shape in ("square", "cross") for way in ("horizontal", "vertical")]
     assert found["errors_over_camera_noise"].figure.axes[0].get_xscale() == "log"
 
 
 def test_slopes_of_all_methods_have_one_scale_and_stand_in_their_column():
-    dataset, found = dataset_of("maps"), drawn_case("maps")
-    figure = found["slope_maps"].figure
-    pictures = figure.axes[:-1]
+    dataset = result_of("maps")
+    pictures = drawn(dataset, "slope_maps").figure.axes[:-1]
     assert len(pictures) == 4 * 4
     assert [axes.get_title() for axes in pictures[:5]] == ["A, none", "O1, none", "O2", "LM", ""]
     assert len({axes.images[0].get_clim() for axes in pictures}) == 1
     here = dataset["slope_y"].isel(sun_profile=1, slope_method=3, referential=0)
     np.testing.assert_array_equal(np.ma.filled(pictures[15].images[0].get_array(), np.nan), here)
-    errors = found["slope_errors"].figure.axes[0].images[0].get_array()
+    errors = drawn(dataset, "slope_errors").figure.axes[0].images[0].get_array()
     here = dataset.isel(sun_profile=0, slope_method=0, referential=0)
     np.testing.assert_array_equal(np.ma.filled(errors, np.nan), here["slope_x"] - here["true_slope_x"])
 
 
 def test_error_bars_reach_from_5_to_95_percent_about_the_median_and_published_numbers_are_marked():
-    dataset, named = dataset_of("table"), drawn_case("table")["errors"]
+    dataset, named = result_of("table"), drawn(result_of("table"), "errors")
     assert [axes.get_title() for axes in named.figure.axes] == ["jose, module 2", "noisy, module 2", "", ""]
     here = dataset.sel({"sun_profile": "noisy", "module": 2, "slope_method": "A", "referential": "none"})
     ends = [float(here["relative_error_x_low"]), float(here["relative_error_x_high"])]
@@ -194,11 +129,11 @@ def test_error_bars_reach_from_5_to_95_percent_about_the_median_and_published_nu
     assert [segment[0, 1] for marks in black for segment in marks.get_segments() if len(segment)] == [14.6]
     assert "median over 5 seeds" in named.caption
     assert "Black: published." in named.caption
-    assert "published" not in drawn(results.result({**PROFILES, **SEEDS}))["errors"].caption
+    assert "published" not in drawn(results.result({**PROFILES, **SEEDS}), "errors").caption
 
 
 def test_curves_have_the_colour_of_the_method_and_the_dashes_of_the_referential():
-    dataset, figure = dataset_of("suns"), drawn_case("suns")["errors_over_sun_azimuth"].figure
+    dataset, figure = result_of("suns"), drawn(result_of("suns"), "errors_over_sun_azimuth").figure
     lines = {line.get_label(): line for line in figure.axes[0].get_lines()}
     assert list(lines) == [f"{m}, {r}" for m in ("A", "O1") for r in results.REFERENTIALS] + ["O2", "LM"]
     assert lines["A, none"].get_color() == lines["A, exact"].get_color() != lines["O2"].get_color()
@@ -211,7 +146,7 @@ def test_curves_have_the_colour_of_the_method_and_the_dashes_of_the_referential(
 
 
 def test_scatter_is_that_of_all_seeds_beside_the_bound():
-    dataset, named = dataset_of("noises"), drawn_case("noises")["rms_errors_over_camera_noise"]
+    dataset, named = result_of("noises"), drawn(result_of("noises"), "rms_errors_over_camera_noise")
     lines = {line.get_label(): line.get_ydata() for line in named.figure.axes[0].get_lines()}
     here = dataset.sel({"slope_method": "LM", "referential": "none", "module": 2})
     np.testing.assert_allclose(lines["LM"], np.sqrt((here["slope_rms_x"] ** 2).mean("camera_seed")))
@@ -221,18 +156,18 @@ def test_scatter_is_that_of_all_seeds_beside_the_bound():
 
 def test_canting_is_told_less_the_entered_one_with_95_percent_intervals():
     dataset = results.result(methods=["LM"], referentials=["exact"])
-    figure = drawn(dataset)["canting"].figure
+    figure = drawn(dataset, "canting").figure
     bars = bars_of(figure.axes[1])
     true = np.array([0, -1, 1, 0, 0, 0, 0, 0])
     one = dataset.isel(slope_method=0, referential=0)
     np.testing.assert_allclose(bars.mean(axis=1), one["canting_y"] - true, atol=1e-15)
     np.testing.assert_allclose(np.ptp(bars, axis=1) / 2, 1.959964 * one["canting_y_standard_error"], rtol=1e-6)
     assert figure.axes[1].get_ylabel().startswith("error of vertical")
-    assert drawn_case("measured")["canting"].figure.axes[1].get_ylabel().startswith("vertical")
+    assert drawn(result_of("measured"), "canting").figure.axes[1].get_ylabel().startswith("vertical")
 
 
 def test_field_maps_show_the_larger_direction_of_every_heliostat():
-    dataset, figure = dataset_of("field"), drawn_case("field")["accuracy_map"].figure
+    dataset, figure = result_of("field"), drawn(result_of("field"), "accuracy_map").figure
     (squares,) = figure.axes[1].collections
     here = dataset.sel({"hour": 12, "slope_method": "LM", "referential": "exact"})
     np.testing.assert_array_equal(squares.get_array(), np.maximum(here["slope_rms_x"], here["slope_rms_y"]))
@@ -242,37 +177,18 @@ def test_field_maps_show_the_larger_direction_of_every_heliostat():
 def test_captions_say_where_the_rest_stands():
     dataset = results.result({**SUNS, **NOISES}, methods=["LM"], modules=1).assign_coords(camera_radius=0.24)
     dataset["camera_radius"].attrs["units"] = "m"
-    caption = drawn(dataset)["errors_over_sun_azimuth"].caption
+    caption = drawn(dataset, "errors_over_sun_azimuth").caption
     assert "noise of the cameras 0.01 (one of 3)" in caption
     assert "radius of the cameras 0.24 m" in caption
 
 
-@pytest.mark.usefixtures("unplaced")
-def test_values_are_read_only_where_they_are_drawn():
-    dataset = results.result(SUNS, methods=["LM"], modules=2, maps=True, pixel=0.6)
-    lazy = dataset.chunk({"module": 1})
-    assert list(drawn(lazy)) == list(drawn(dataset))
-    assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())
-
-
-@pytest.mark.usefixtures("unplaced")
-@pytest.mark.parametrize("make", [results.result, measured, results.field])
-def test_missing_variables_leave_figures_out(make):
-    small = {"count": 9} if make is results.field else {"methods": ["LM"], "modules": 1, "pixel": 0.6}
-    dataset = make(**small)
-    every, names = set(drawn(dataset)), list(map(str, dataset.data_vars))
-    for start in range(3):
-        assert set(drawn(dataset.drop_vars(names[start::3]))) <= every
-    assert not drawn(xr.Dataset())
-
-
 def test_raw_slopes_and_their_difference_stand_beside_each_other():
     """Figure 7: rows horizontal and vertical, the third picture the first less the second."""
-    dataset = dataset_of("raw slopes")
+    dataset = result_of("raw slopes")
     exact = dataset.assign(
         {f"slope_{end}": dataset[f"raw_slope_{end}"] - dataset[f"raw_ideal_slope_{end}"] for end in "xy"}
     )
-    axes = drawn(exact)["raw_slopes"].figure.axes[:6]
+    axes = drawn(exact, "raw_slopes").figure.axes[:6]
     assert [one.get_title() for one in axes[:3]] == ["with the defects", "without", "difference"]
     for row in (0, 3):
         first, second, third = (np.ma.filled(one.images[0].get_array(), np.nan) for one in axes[row : row + 3])
@@ -280,8 +196,8 @@ def test_raw_slopes_and_their_difference_stand_beside_each_other():
 
 
 def test_the_sun_is_drawn_over_angles_with_the_fit_in_the_caption():
-    dataset = dataset_of("measured")
+    dataset = result_of("measured")
     radius = np.asarray(dataset["sun_radius_fit"]).ravel()[0]
-    named = drawn_case("measured")["sun_profile"]
+    named = drawn(result_of("measured"), "sun_profile")
     assert named.figure.axes[0].lines[0].get_xdata()[-1] == pytest.approx(radius)
     assert f"eps_max = {radius:.3f} mrad" in named.caption

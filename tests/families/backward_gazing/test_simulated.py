@@ -18,13 +18,13 @@ from heliosweep.kernels.gazing.lm import fit_slopes
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
 from heliosweep.kernels.sun.profiles import jose, render
 from heliosweep.kernels.sun.tables import normal_draws
-from heliosweep.store.read import file_digest
+from tests.families import studies
 
 from .test_study import study
 
 
 def computed(**blocks: Any) -> Any:
-    return api.build(study(**blocks)).compute()
+    return studies.computed(study(**blocks))
 
 
 def test_results_are_those_of_the_kernels():
@@ -156,27 +156,6 @@ def test_each_image_set_is_made_once(monkeypatch):
     )  # fmt: skip
     assert sorted(point.sun_profile for point in made)[-3:] == ["noisy"] * 3
     assert 1 <= len(made) - 3 <= 3  # of the clean sun once in each thread at the most
-
-
-SWEEP: dict[str, Any] = {
-    "cameras": {"noise": 0.01, "seed": [0, 1, 2], "radius": [0.2, 0.3]},
-    "sun_profile": ["jose", "noisy"],
-    "defects": {"canting": {"2": [0, -1]}, "waviness": 0.2, "canting_scale": [0.5, 1]},
-    "output": {"maps": True},
-}
-
-
-def test_same_bytes_whatever_the_scheduler_and_the_chunks(tmp_path):
-    executions = [
-        {"scheduler": "synchronous"},
-        {"scheduler": "threads", "chunks": {"camera_seed": 2, "sun_profile": 2, "canting_scale": 2}},
-        {"scheduler": "processes", "workers": 2, "chunks": {"camera_seed": 1, "camera_radius": 1}},
-    ]
-    digests = set()
-    for number, execution in enumerate(executions):
-        result = api.run(study(**SWEEP, execution=execution), tmp_path / str(number), report=False)
-        digests.add(file_digest(result.path))
-    assert len(digests) == 1
 
 
 def test_heliostat_that_no_camera_sees_is_masked_and_said_so():

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,12 @@ import jsonschema
 import pytest
 
 from heliosweep import api
-from heliosweep.config.load import load
 from heliosweep.config.study import json_schema
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.families.backward_gazing.checks import reserved
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy
-
-from .bad_studies import BAD, BAD_FIELDS, FIELD_LINES, FILES, LINES
+from tests import bad_studies
+from tests.families import studies
 
 REGISTRY = {"backward_gazing": BackwardGazingStudy}
 SMALL: dict[str, Any] = {
@@ -29,33 +27,55 @@ SMALL: dict[str, Any] = {
     "defects": {"canting": {"2": [0, -1], "3": [0, 1]}},
     "erosion": 1,
 }
+study = partial(studies.study, SMALL)
+
+#: A good study, one line a block: a test replaces single lines.
+LINES = {
+    "family": "family: backward_gazing",
+    "mode": "mode: simulated",
+    "heliostat": "heliostat: {distance: 120, pixel: 0.3}",
+    "target": "target: {azimuth: 0, elevation: 44}",
+    "sun": "sun: {azimuth: 30, elevation: 60}",
+    "cameras": "cameras: {radius: 0.24}",
+    "defects": "defects: {canting: {2: [0, -1]}}",
+    "profile": "sun_profile: jose",
+    "erosion": "erosion: 1",
+}
+
+#: Tables that the bad studies name.
+FILES = {
+    "negative.csv": "angle,brightness\n0,1\n1,0.9\n2,-0.1\n3,0.8\n4.36,0.7\n",
+    "flat.csv": "angle,brightness\n0,1\n1,1\n2,1\n4.36,1\n",
+    "even.csv": "angle,brightness\n0,1\n1,1\n2,1\n3,0.99999\n4.36,0.99999\n",
+    "spike.csv": "angle,brightness\n0,1\n1,0.9\n2,1e300\n3,0.8\n4.36,0.7\n",
+    "long.csv": "angle,brightness\n0,1\n1,0." + 140_000 * "9" + "\n",
+    "taken.csv": "x,y,slope_rms_x,row,camera_radius,pointing_x,module_y\n0,150,1,1,1,1,1\n",
+    "head.csv": "angle,light\n0,1\n",
+    "order.csv": "angle,brightness\n0.1,1\n1,x\n1,0.9\n0.5,0.8\n4.36,0.7\n",
+    "near.csv": "x,y\n100,60\n0.5,0.5\n",
+}
+#: Lines of a field instead of one heliostat.
+FIELD_LINES = LINES | {"heliostat": "heliostat: {pixel: 0.3}", "target": "target: {tilt: 30}", "sun": ""}
 
 
-def study(**blocks: Any) -> Any:
-    content = {**copy.deepcopy(SMALL), **blocks}
-    return api.load({key: value for key, value in content.items() if value is not None})
-
-
-def said_of(folder: Path, lines: dict[str, str]) -> list[str]:
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The working folder, with the tables that bad studies name."""
     for name, text in FILES.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    (folder / "study.yaml").write_text("\n".join([*lines.values(), ""]), encoding="utf-8")
-    with pytest.raises(StudyError) as error:
-        load("study.yaml", REGISTRY)
-    assert error.value.exit_code == 2
-    return [line.removeprefix("study.yaml:") for line in str(error.value).split("\n")]
-
-
-@pytest.mark.parametrize(("block", "text", "said"), BAD, ids=[text[:60] or f"no {block}" for block, text, _ in BAD])
-def test_bad_study(block: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
+        (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    assert said_of(tmp_path, LINES | {block: text}) == said
 
 
-@pytest.mark.parametrize(("block", "text", "said"), BAD_FIELDS, ids=[text[40:100] for _, text, _ in BAD_FIELDS])
-def test_bad_field(block: str, text: str, said: list[str], tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert said_of(tmp_path, FIELD_LINES | {block: text}) == said
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("case", bad_studies.read(Path(__file__).with_name("bad_studies.txt")))
+def test_bad_study(case: bad_studies.Bad) -> None:
+    bad_studies.check(case, LINES, REGISTRY)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("case", bad_studies.read(Path(__file__).with_name("bad_fields.txt")))
+def test_bad_field(case: bad_studies.Bad) -> None:
+    bad_studies.check(case, FIELD_LINES, REGISTRY)
 
 
 def test_keys_of_canting_are_numbers_in_the_file():
@@ -77,7 +97,7 @@ def test_resolved_study_loads_to_the_same_study(tmp_path):
     )
     path = tmp_path / "again.yaml"
     path.write_text(one.to_yaml(), encoding="utf-8")
-    again = load(path, REGISTRY)
+    again: Any = api.load(path)
     assert again == one
     assert again.study_id == one.study_id
     assert again.method == ("LM",)
@@ -142,16 +162,6 @@ def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
 def test_maps_of_swept_pixels_are_refused():
     with pytest.raises(StudyError, match=r"output\.maps: must be false where heliostat\.pixel is swept"):
         study(heliostat={"distance": 120, "pixel": [0.2, 0.3]}, output={"maps": True})
-
-
-def test_validating_imports_no_compiler(tmp_path):
-    path = tmp_path / "study.yaml"
-    path.write_text("\n".join(LINES.values()), encoding="utf-8")
-    code = (
-        f"import sys, heliosweep; heliosweep.load({str(path)!r}); print(*{{n.partition('.')[0] for n in sys.modules}})"
-    )
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"numba", "xarray", "dask", "scipy", "matplotlib"} & set(loaded)
 
 
 def test_what_lm_fits_and_levels_of_cameras():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from heliosweep.families.dish_tracking.study import Ephemeris
 from heliosweep.families.dish_tracking.windows import windows_of
 from heliosweep.kernels import dish
 from heliosweep.kernels.dish import UP, WEIGHT, pack_windows
+from tests.families import studies
 
 SMALL: dict[str, Any] = {
     "family": "dish_tracking",
@@ -33,13 +34,11 @@ SMALL: dict[str, Any] = {
 }
 
 
-def study(**blocks: Any) -> Any:
-    content = {**copy.deepcopy(SMALL), **blocks}
-    return api.load({key: value for key, value in content.items() if value is not None})
+study = partial(studies.study, SMALL)
 
 
 def computed(**blocks: Any) -> Any:
-    return api.build(study(**blocks)).compute()
+    return studies.computed(study(**blocks))
 
 
 def time(**changes: Any) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgba
 from heliosweep.families.dish_tracking import variables
 from heliosweep.families.dish_tracking.figures import MOST_FIGURES, figures
 from heliosweep.report.style import NO_VALUE
-from tests.report.synthetic import assert_readable
+from tests.families import gallery
 
 UNITS = {
     "latitude": "degrees_north",
@@ -29,6 +29,7 @@ DAY = np.array(["2021-06-21"], dtype="datetime64[ns]")
 YEAR = np.arange("2021-01-01", "2022-01-01", 7, dtype="datetime64[D]").astype("datetime64[ns]")
 LATITUDES = {"latitude": np.arange(-60.0, 61, 10)}
 SITES = {"site": ["Dunhuang", "Naqu", "Kunming"]}
+attributes = partial(gallery.attributes, units=UNITS)
 
 
 def result(sweep=None, dates=DAY, required=(), **scalars):
@@ -63,10 +64,6 @@ def result(sweep=None, dates=DAY, required=(), **scalars):
     return xr.Dataset(data, labels)
 
 
-def attributes(name):
-    return {"long_name": name.replace("_", " "), **({"units": UNITS[name]} if name in UNITS else {})}
-
-
 def sited(*args, **others):
     dataset = result(*args, **others)
     return dataset.assign_coords(latitude=("site", [40.13, 31.29, 25.0], attributes("latitude")))
@@ -87,26 +84,6 @@ def dark(dataset):
 def perfect(dataset):
     """The same with a factor of one everywhere."""
     return dataset.assign({name: array * 0 + 1 for name, array in dataset.data_vars.items() if array.dtype == float})
-
-
-def drawn(dataset):
-    """Figures by name, each laid out."""
-    found = {named.name: named for named in figures(dataset)}
-    for named in found.values():
-        named.figure.draw_without_rendering()
-    return found
-
-
-def one(dataset, name):
-    """One figure, and those before it are not laid out."""
-    named = next(named for named in figures(dataset) if named.name == name)
-    named.figure.draw_without_rendering()
-    return named
-
-
-@cache
-def case(name):
-    return drawn(CASES[name]())
 
 
 OFFSETS = np.linspace(-1, 1, 9)
@@ -153,56 +130,24 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_figures_are_few_and_can_be_read(name):
-    found = case(name)
-    assert len(found) <= MOST_FIGURES
-    for named in found.values():
-        assert_readable(named, ("site", "model"))
-        assert len(named.figure.axes) <= 8
-        assert all(len(axes.get_lines()) <= 20 for axes in named.figure.axes)
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("no sweep", []),
-        ("no sweep over a year", ["factor_over_year", "factor_by_month"]),
-        ("directions", ["factor_over_axis_tilt_direction"]),
-        ("sites", ["factor_over_axis_tilt_direction", "directions_over_site"]),
-        ("sites alone", ["directions_over_site"]),
-        (
-            "latitudes",
-            [
-                "factor_over_axis_tilt_direction",
-                "deviation_over_axis_tilt_direction",
-                "directions_over_latitude",
-                "directions_over_axis_tilt",
-                "factor_over_year",
-                "factor_by_month",
-                "months_over_directions",
-                "extremes",
-                "latitude_map",
-                "tolerable_axis_tilt",
-            ],
-        ),
-        (
-            "offsets",
-            [
-                "factor_over_axis_tilt_direction",
-                "offsets_over_axis_tilt_direction",
-                "directions_over_offsets",
-                "tracking_errors",
-            ],
-        ),
-    ],
-)
-def test_figures_follow_what_is_swept(name, expected):
-    assert list(case(name)) == expected
+EXPECTED = {
+    "no sweep": "",
+    "no sweep over a year": "factor_over_year factor_by_month",
+    "directions": "factor_over_axis_tilt_direction",
+    "sites": "factor_over_axis_tilt_direction directions_over_site",
+    "sites alone": "directions_over_site",
+    "latitudes": "factor_over_axis_tilt_direction deviation_over_axis_tilt_direction directions_over_latitude "
+    "directions_over_axis_tilt factor_over_year factor_by_month months_over_directions extremes latitude_map "
+    "tolerable_axis_tilt",
+    "offsets": "factor_over_axis_tilt_direction offsets_over_axis_tilt_direction directions_over_offsets "
+    "tracking_errors",
+}
+GALLERY = gallery.Gallery(figures, MOST_FIGURES, CASES, EXPECTED, ("site", "model"), crowd=(8, 20))
+one = GALLERY.one
 
 
 def test_offsets_are_drawn_with_the_other_one_at_zero():
-    dataset = CASES["offsets"]()
+    dataset = GALLERY.result("offsets")
     factor = dataset["effective_tracking_factor"].isel(date=0)
     level, steep = one(dataset, "offsets_over_axis_tilt_direction").figure.axes
     at_zero = factor.sel(home_elevation_offset=0.0)
@@ -264,8 +209,8 @@ def test_year_shows_the_nearest_of_four_directions_around_the_circle():
 
 
 def test_months_have_the_deviation_as_band():
-    dataset = CASES["no sweep over a year with tilts"]()
-    axes = case("no sweep over a year with tilts")["factor_by_month"].figure.axes[0]
+    dataset = GALLERY.result("no sweep over a year with tilts")
+    axes = one(dataset, "factor_by_month").figure.axes[0]
     mean, deviation = (dataset[f"monthly_effective_tracking_factor_{name}"] for name in ("mean", "std"))
     np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), mean)
     heights = axes.collections[0].get_paths()[0].vertices[:, 1]
@@ -316,9 +261,3 @@ def test_captions_say_where_the_rest_stands():
     assert "Fixed: axis tilt 0.1\N{DEGREE SIGN} (one of 3), model rigid, tolerance 4 mrad." in caption
     assert "Shown are 4 of 12 values of direction of the tilt and 6 of 13 values of latitude." in caption
     assert "offset" not in caption
-
-
-def test_values_are_read_only_where_they_are_drawn():
-    lazy = CASES["two directions"]().chunk({"date": 10})
-    assert [named.name for named in figures(lazy)] == list(case("two directions"))
-    assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())

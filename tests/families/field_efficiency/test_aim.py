@@ -13,7 +13,8 @@ from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency import compute as module
 from heliosweep.families.field_efficiency.aim import aims, turns
 from heliosweep.kernels.field.efficiency import field_sums
-from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, computed, lit  # noqa: F401
+from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, lit  # noqa: F401
+from tests.families.studies import computed
 
 NOON = {"clock": "sun", "azimuth": 170, "elevation": 50}
 FIELD = np.array([[0, 70, 0], [40, 60, 1], [70, 0, 0], [30, -80, 0], [-60, -50, 2], [-90, 20, 0]], float)

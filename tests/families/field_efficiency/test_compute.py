@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from pvlib import solarposition
@@ -13,6 +11,7 @@ from heliosweep.families.field_efficiency import compute
 from heliosweep.kernels.field import efficiency as field
 from heliosweep.kernels.field import packets as mounts
 from heliosweep.kernels.sun import clock as sun
+from tests.families.studies import computed
 
 CIVIL = {
     "clock": "civil",
@@ -21,10 +20,6 @@ CIVIL = {
     "window": {"start": "00:00", "stop": "24:00", "step": "2 h"},
     "sampling": "left",
 }
-
-
-def computed(study: Any) -> Any:
-    return api.build(study).compute()
 
 
 def test_one_point_is_the_kernel_s_sum_over_the_instants(small):
@@ -86,18 +81,6 @@ def test_zip_ties_parameters_on_one_dimension(small):
     )
     assert result["field_optical_efficiency"].dims == ("latitude", "tracking", "heliostat_width")
     assert result["heliostat_height"].dims == ("heliostat_width",)
-
-
-def test_layouts_of_different_length_are_padded(small):
-    result = computed(small(layout={"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": [1, 2]}}))
-    count = result["x"].notnull().sum("heliostat")
-    assert count.values.tolist()[0] < count.values.tolist()[1] == result.sizes["heliostat"]
-    assert (result["optical_efficiency"].notnull().sum("heliostat") == count).all()
-    short = computed(small(layout={"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 1}}))
-    for name in short.data_vars:
-        values = result[name].sel(rings=1)
-        values = values.isel(heliostat=slice(0, int(count[0]))) if "heliostat" in values.dims else values
-        np.testing.assert_array_equal(values, short[name])
 
 
 def test_layout_files_can_be_swept_and_keep_their_columns(small, tmp_path):
@@ -197,3 +180,18 @@ def test_the_plan_foresees_low_suns_and_low_targets(small):
     for elevation, measured in ((75.0, 1.9e-8), (16.0, 1.08e-7), (1.0, 9e-7)):
         assert 1 / 1.5 < each(317, 95.0, elevation) / measured < 1.5
     assert 1 / 1.5 < each(100_000, 300.0, 70.0) / 2.3e-7 < 1.5
+
+
+def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):
+    """`output` is no part of the study's identity, so annual values must have the same bits with and without series."""
+    plain, series = (small(output={"time_series": on}) for on in (False, True))
+    assert plain.study_id == series.study_id
+    with (
+        api.run(plain, tmp_path / "plain", report=False).open() as annual,
+        api.run(series, tmp_path / "series", report=False).open() as both,
+    ):
+        for name in annual.data_vars:
+            np.testing.assert_array_equal(annual[name], both[name])
+        for name in ("cosine", "shading", "blocking", "optical"):
+            mean = both[f"instantaneous_{name}_efficiency"].mean("time")
+            np.testing.assert_allclose(mean, both[f"{name}_efficiency"], rtol=1e-13)

@@ -12,8 +12,12 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency import known
+from heliosweep.grid.lazy import Work
+from heliosweep.grid.regions import Part
+from heliosweep.kernels.field import efficiency
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
-from heliosweep.store.read import file_digest
+from tests.families.studies import computed
 
 TMY3 = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
 BLOCKS: dict[str, Any] = {
@@ -38,10 +42,6 @@ def year(small):
         return small(**{**BLOCKS, **blocks})
 
     return make
-
-
-def computed(study: Any) -> xr.Dataset:
-    return api.build(study).compute()
 
 
 @pytest.fixture(scope="module")
@@ -144,29 +144,6 @@ def test_series_sum_to_the_energies(year, hourly):
     np.testing.assert_allclose(power.sum("time") * 1e-3, hourly["receiver_energy"], rtol=1e-12)
     total = hourly["instantaneous_total_efficiency"].mean("heliostat")
     np.testing.assert_allclose(hourly["field_instantaneous_total_efficiency"], total, rtol=1e-13)
-
-
-@pytest.mark.parametrize("output", [{}, {"time_series": True, "compression": "zlib"}, {"field_series": True}])
-def test_same_bytes_however_it_is_cut(year, tmp_path, output):
-    executions: list[dict[str, Any]] = [
-        {"scheduler": "synchronous"},
-        {"scheduler": "threads", "workers": 2, "chunks": {"heliostat": 3, "time": 1000}},
-    ]
-    digests = set()
-    for number, execution in enumerate(executions):
-        study = year(execution=execution, output=output, limits=LIMITS)
-        digests.add(file_digest(api.run(study, tmp_path / str(number), report=False).path))
-    assert len(digests) == 1
-
-
-def test_padded_layouts_do_not_count(year):
-    rings = {"clearance": 13, "inner_radius": 25}
-    both = computed(year(layout={"radial_stagger": {**rings, "heliostats": [4, 20]}}, limits=LIMITS))
-    short = computed(year(layout={"radial_stagger": {**rings, "heliostats": 4}}, limits=LIMITS))
-    for name in short.data_vars:
-        values = both[name].sel(heliostat_count=4)
-        values = values.isel(heliostat=slice(0, 4)) if "heliostat" in values.dims else values
-        np.testing.assert_array_equal(values, short[name])
 
 
 def test_facets_have_no_gaps_in_their_area(year):
@@ -284,3 +261,41 @@ def test_studies_without_these_blocks_have_no_energies(small):
 def test_what_is_wrong_is_told(year, blocks, message):
     with pytest.raises(StudyError, match=message):
         api.plan(year(**blocks))
+
+
+def test_what_points_share_is_computed_once_and_changes_no_bit(year, monkeypatch):
+    """Errors of mirrors, irradiance and limits, swept on several fields, or drawn with a key that moves mirrors."""
+    optics = BLOCKS["optics"]
+    swept = year(
+        tracking="azimuth_elevation", limits={"dni": [100, 400]}, time={"clock": "weather", "months": [3, 6]},
+        optics={**optics, "slope_error": [1.5, 3], "reflectivity": [0.9, 0.95]},
+        receiver={**BLOCKS["receiver"], "height": [30, 40]},
+    )  # fmt: skip
+    drawn = year(
+        tracking="azimuth_elevation", limits={"dni": 300}, time={"clock": "weather", "months": [3]},
+        optics={**optics, "slope_error": {"uniform": [1.5, 3]}, "reflectivity": {"uniform": [0.9, 0.95]}},
+        weather={"file": str(TMY3), "dni_factor": {"normal": [1, 0.05]}},
+        receiver={**BLOCKS["receiver"], "height": {"uniform": [30, 31]}}, sample={"size": 3, "sensitivity": "morris"},
+    )  # fmt: skip
+    looked: list[int] = []
+
+    def counting(kernel: Any) -> Any:
+        def counted(*given: Any) -> Any:
+            looked.append(int(np.sum(given[7][:, 2] > 0)) * (given[9] - given[8]))
+            return kernel(*given)
+
+        return counted
+
+    for name in ("field_series", "field_energies"):
+        monkeypatch.setattr(efficiency, name, counting(getattr(efficiency, name)))
+    for study in (swept, drawn):
+        plan = api.plan(study)
+        whole = Part("whole", "points", {dim: slice(0, size) for dim, size in plan.cuts["points"].sizes.items()})
+        made, counts = [], []
+        for most in (2**27, 0):
+            monkeypatch.setattr(known, "MOST_BYTES", most)
+            looked.clear()
+            made.append(Work(api.family_of(study), study, plan.variables, plan.workload.sizes).compute(whole))
+            counts.append(sum(looked))
+        assert all(made[1][name].tobytes() == values.tobytes() for name, values in made[0].items())
+        assert counts[0] < 0.6 * counts[1]

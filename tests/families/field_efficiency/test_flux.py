@@ -10,7 +10,8 @@ from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency import figures, interactive
 from heliosweep.report.views import usable
 from tests.families.field_efficiency.test_aim import NOON
-from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, computed, lit  # noqa: F401
+from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, lit  # noqa: F401
+from tests.families.studies import computed
 
 MAP = {"columns": 8, "rows": 6, "limit": 60}
 YEAR = {"clock": "civil", "timezone": "+00:00", "dates": {"start": "2021-01-04", "stop": "2021-12-24", "step": 15},

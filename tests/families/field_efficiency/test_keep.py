@@ -14,8 +14,8 @@ from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.selection import best
 from heliosweep.share.fields import layout_of, write_layout
-from heliosweep.store.read import file_digest
 from tests.families.field_efficiency.test_energy import BLOCKS
+from tests.families.studies import computed
 
 DESIGN = {"day": 80, "solar_hour": 12, "dni": 950}
 RINGS = {"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 5}}
@@ -27,10 +27,6 @@ YEAR: dict[str, Any] = {
     "design_point": DESIGN,
 }
 PLACE = {"site": {"latitude": 40}, "tracking": "azimuth_elevation"}
-
-
-def computed(study: Any) -> xr.Dataset:
-    return api.build(study).compute()
 
 
 def by_itself(study_of: Any, blocks: dict[str, Any], cut: xr.Dataset, path: Any) -> xr.Dataset:
@@ -130,20 +126,6 @@ def test_the_fewest_for_a_power(each, wanted):
     reached = np.cumsum(np.sort(power)[::-1])
     expected = min(int(np.searchsorted(reached, wanted)) + 1, power.size)
     assert abs(found.rows.size - expected) <= (min(abs(reached - wanted)) < 1e-9)
-
-
-def test_the_same_bytes_whatever_computes_them(small, tmp_path):
-    digests = set()
-    executions: list[dict[str, Any]] = [
-        {"scheduler": "synchronous"}, {"scheduler": "processes", "workers": 2},
-        {"scheduler": "threads", "workers": 3, "chunks": {"kept_heliostats": 1, "time": 3, "latitude": 1}},
-    ]  # fmt: skip
-    for number, execution in enumerate(executions):
-        study = small(
-            keep={"heliostats": [10, 30], "by": "optical_efficiency"}, execution=execution, output={"time_series": True}
-        )
-        digests.add(file_digest(api.run(study, tmp_path / str(number), report=False).path))
-    assert len(digests) == 1
 
 
 def test_at_night_the_first_are_kept(small):

@@ -11,17 +11,14 @@ import pytest
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.chain import Air, transmittance
-from tests.conftest import STUDIES
+from tests.conftest import shipped
+from tests.families.studies import computed
 
 RECEIVER = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 7}
 OPTICS = {
     "sun_shape": {"kind": "pillbox"}, "slope_error": 2, "reflectivity": 0.9, "cleanliness": 0.95,
     "attenuation": "delsol_clear",
 }  # fmt: skip
-
-
-def computed(study: Any) -> Any:
-    return api.build(study).compute()
 
 
 @pytest.fixture
@@ -60,25 +57,6 @@ def test_what_was_there_keeps_its_bits(lit, small):
         np.testing.assert_array_equal(result[name], plain[name])
     np.testing.assert_allclose(result["total_efficiency"], plain["optical_efficiency"], rtol=1e-12)
     assert "total_efficiency" not in plain
-
-
-@pytest.mark.parametrize("output", [{"time_series": False}, {"time_series": True}])
-def test_any_cut_gives_the_same_bits(lit, output):
-    time = {
-        "clock": "solar",
-        "days": {"start": 1, "stop": 365, "step": 10},
-        "hours": {"start": 0, "stop": 24, "step": 1},
-    }
-    flat = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": 7, "height_extent": 7}
-    study = lit(
-        time={**time, "sampling": "midpoint"}, output=output, tracking="spinning_elevation", receiver=flat,
-        layout={"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 16}},
-    )  # fmt: skip
-    whole = computed(study)
-    chunks = {"heliostat": 7, **({"time": 100} if output["time_series"] else {})}
-    cut = computed(study.model_copy(update={"execution": study.execution.model_copy(update={"chunks": chunks})}))
-    for name in whole.data_vars:
-        np.testing.assert_array_equal(whole[name], cut[name])
 
 
 def test_the_quick_method_is_near(lit):
@@ -153,7 +131,7 @@ def test_a_receiver_below_the_ground_is_told(lit):
 
 def test_the_round_robin():
     """Intercepts of the round robin's heliostat, converged."""
-    result = api.build(api.load(STUDIES / "round_robin_2025.yaml")).compute()
+    result = shipped("round_robin_2025")
     wanted = {
         ("round_robin_north.csv", "flat"): 0.849936,
         ("round_robin_north.csv", "slant"): 0.990732,

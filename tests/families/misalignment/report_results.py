@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.blocks import ERRORS
+from tests.families import gallery
 
 POSITIONS = ((-16, 150, 0), (-60, 300, 0), (-120, 600, 0), (45, 150, 0), (120, 300, 0), (200, 500, 0))
 SIZES = np.arange(-12.0, 13.0)
@@ -19,6 +21,7 @@ Numbers = Sequence[float] | np.ndarray
 UNITS = {"error_size": "mrad", "hour": "h", "declination": "degree", "latitude": "degrees_north", "days_used": "1"}
 UNITS |= dict.fromkeys(ERRORS, "mrad") | {"receiver_height": "m", "noise": "m", "percentile": "1"}
 UNITS |= {"sun_azimuth": "degree", "sun_elevation": "degree", "error_scale": "1"}
+attributes = partial(gallery.attributes, units=UNITS)
 
 
 def suns(latitude: float, days: Numbers, hours: Numbers) -> np.ndarray:
@@ -53,10 +56,6 @@ def spots(sun: np.ndarray, pivots: np.ndarray, axis: str, mrad: np.ndarray, heig
         hit = ray * far[..., np.newaxis] - to_aim
     real = far > 0
     return np.where(real, -hit[..., 0], np.nan), np.where(real, hit[..., 2], np.nan)
-
-
-def attributes(name: str) -> dict[str, Any]:
-    return {"long_name": name.replace("_", " "), **({"units": UNITS[name]} if name in UNITS else {})}
 
 
 def labelled(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import dask
@@ -10,6 +9,9 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.families.misalignment.blocks import ERRORS
+from tests.families.studies import study
+
+__all__ = ["CALIBRATION", "CURVES", "MOUNT_ERRORS", "SWEPT", "Content", "computed", "study"]
 
 Content = dict[str, Any]
 
@@ -46,12 +48,14 @@ CALIBRATION: Content = {
     "mount": {"mirror_offset": 0.5, "axis_offset": 0.2, "pedestal_height": 4, "axis_azimuth": 20},
     "mount_errors": dict(zip(ERRORS, (1.5, -0.8, 0.9, -1.2, 0.6, -0.7), strict=True)),
 }
-
-
-def study(base: Content, **changes: Any) -> Any:
-    """A study with some blocks replaced; None removes one."""
-    content = {**copy.deepcopy(base), **changes}
-    return api.load({key: value for key, value in content.items() if value is not None})
+SWEPT: Content = {
+    **CURVES,
+    "time": {"clock": "solar", "days": [80, 172], "hours": [8, 12, 16]},
+    "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": [0, 0.5]},
+    "heliostats": {"positions": [[10 * k - 40, 100 + 7 * k, k] for k in range(9)]},
+    "detectors": {"lines": [[1, 0, 2]]},
+    "error": {"source": ["canting", "tilt"], "axis": ["elevation", "azimuth"], "size": [-3, 0, 3]},
+}
 
 
 def computed(made: Any, **chunks: int) -> xr.Dataset:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.calibration import compute as calibration
@@ -16,7 +15,7 @@ from heliosweep.families.misalignment.calibration.fits import _known, _rms, _sta
 from heliosweep.families.misalignment.calibration.variables import DOUBTFUL, EXACT, NO_SPOTS
 from heliosweep.kernels.spots.calibration import Calibration, Spots
 from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
-from tests.conftest import STUDIES
+from tests.conftest import shipped
 
 from . import studies
 from .mount_twin import Twin, solar_vector
@@ -126,17 +125,6 @@ def test_heliostats_that_are_not_there_or_see_nothing():
     assert list(calibration.remarks(result)) == [
         "1 of 2 calibrations have no spots that could be used: nothing is estimated (calibration_status 6)"
     ]
-
-
-def test_shorter_layouts_are_padded():
-    layout = {"radial_stagger": {"clearance": 12, "inner_radius": 60, "heliostats": [3, 5]}}
-    made = study({"parameters": 4, "noise": 0.01}, heliostats=None, layout=layout, receiver={
-        "height": 143, "tilt": -60, "width": 9, "height_extent": 9})  # fmt: skip
-    result = computed(made)
-    assert (result.calibration_status[0] == [ESTIMATED] * 3 + [-1] * 2).all()
-    assert (result.calibration_status[1] == ESTIMATED).all()
-    assert np.isnan(result.nominal_azimuth[0, 3:]).all()
-    assert np.isnan(result.spot_y_before[0, 3:]).all()
 
 
 def test_remarks_of_what_spots_cannot_tell():
@@ -276,7 +264,7 @@ def test_commanded_angles_are_taken_as_they_are_given(tmp_path):
 
 
 def test_times_give_the_sun_of_the_site():
-    result = api.build(api.load(STUDIES / "calibration_measured.yaml")).compute()
+    result = shipped("calibration_measured")
     truth = np.array(
         [[1.8, -0.9, 0.6, -0.4], [-2.1, 0.7, -0.8, 0.5], [0.9, 1.6, 0.3, 0.9], [-0.6, -1.4, 1.1, -0.2]]
     )  # as the table says

@@ -11,12 +11,10 @@ import pytest
 
 from heliosweep import api
 from heliosweep.families.misalignment.points import instant_sizes, wall_clock
-from heliosweep.families.misalignment.spots import NO_HELIOSTAT
 from heliosweep.families.misalignment.spots import status_remarks as remarks
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
 
 from . import studies
-from .test_same_bytes import SWEPT
 
 ORACLE = Path(__file__).parents[2] / "data" / "misalignment_oracle.csv"
 
@@ -170,18 +168,11 @@ def test_clocks_of_sites_may_differ():
     np.testing.assert_array_equal(a["spot_y"], b["spot_y"])
 
 
-def test_layouts_are_padded_with_heliostats_that_are_not_there(tmp_path):
-    for name, rows in (("a.csv", ["0,60,1", "20,90,2", "-30,80,0"]), ("b.csv", ["0,60,1"])):
-        (tmp_path / name).write_text("\n".join(["x,y,z", *rows, ""]), encoding="utf-8")
-    layout = {"file": [str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]}
-    result = computed(layout=layout, heliostats={"pivot_height": [3, 5]}, error=error())
-    padded = result.sel(layout="b.csv").isel(heliostat=slice(1, None))
-    assert (padded["spot_status"] == NO_HELIOSTAT).all()
-    for name in ("spot_y", "tracking_tolerance", "hit_fraction", "least_tolerance"):
-        assert bool(padded[name].isnull().all()), name
-    assert not padded["inside"].any()
+def test_heliostats_of_a_layout_stand_above_its_ground(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z\n0,60,1\n20,90,2\n-30,80,0\n", encoding="utf-8")
+    result = computed(layout={"file": str(tmp_path / "a.csv")}, heliostats={"pivot_height": [3, 5]}, error=error())
     same = computed(heliostats={"positions": [[0, 60, 6], [20, 90, 7], [-30, 80, 5]]}, error=error())
-    np.testing.assert_array_equal(result["spot_y"].sel(layout="a.csv", pivot_height=5), same["spot_y"])
+    np.testing.assert_array_equal(result["spot_y"].sel(pivot_height=5), same["spot_y"])
 
 
 def test_sizes_tied_to_another_key_stay_a_dimension_of_the_curves():
@@ -224,10 +215,10 @@ def test_detectors():
 
 def test_points_of_a_sweep_are_those_of_single_studies():
     receiver = studies.CURVES["receiver"]
-    result = studies.computed(studies.study(SWEPT, receiver={**receiver, "azimuth": [0, 30]}))
+    result = studies.computed(studies.study(studies.SWEPT, receiver={**receiver, "azimuth": [0, 30]}))
     single = studies.computed(
         studies.study(
-            SWEPT,
+            studies.SWEPT,
             mount={"kind": "target_aligned", "mirror_offset": 0.5},
             receiver={**receiver, "azimuth": 30},
             error=error(axis="azimuth", source="tilt", size=-3),

@@ -213,15 +213,6 @@ def test_night_and_heliostats_behind_the_receiver():
     assert float(result.beam_error_rms.isel(heliostat=0).sel(round=1)) < 5e-12
 
 
-def test_layouts_that_are_shorter_are_padded():
-    layout = {"radial_stagger": {"clearance": 12, "inner_radius": 60, "heliostats": [3, 5]}}
-    result = computed(heliostats=None, layout=layout, receiver={**BASE["receiver"], "tilt": -60})
-    assert (result.detector_status[0, 3:] == -1).all()
-    assert (result.calibration_status[0, 3:] == -1).all()
-    assert np.isnan(result.estimated_error[0, 3:]).all()
-    assert (result.misses_array[0, 3:] == 0).all()
-
-
 def test_a_crossing_at_a_corner_or_an_end_is_one():
     """Corners are laid where a trace crosses a straight array; due north of the tower at noon also at y = 0."""
     blocks = {

@@ -259,26 +259,6 @@ def test_the_result_says_what_was_drawn() -> None:
     assert made.tolerance_axis.values.tolist() == ["elevation", "azimuth"]
 
 
-@pytest.mark.parametrize("errors", [FIXED, drawn(9, **ALL_DRAWN)], ids=["fixed", "drawn"])
-def test_shorter_layouts_are_padded_and_change_nothing(errors: dict[str, Any]) -> None:
-    def field(rings: Any) -> xr.Dataset:
-        layout = {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": rings}}
-        receiver = studies.MOUNT_ERRORS["receiver"] | {"tilt": -90}
-        return computed(study(layout=layout, heliostats={"pivot_height": 5}, mount_errors=errors, receiver=receiver))
-
-    both, short = field([1, 2]), field(1)
-    count = short.sizes["heliostat"]
-    first = both.isel(rings=0)
-    assert both.sizes["heliostat"] > count
-    for name in short.data_vars:
-        if "heliostat" not in short[name].dims:
-            np.testing.assert_array_equal(first[name], short[name])
-            continue
-        np.testing.assert_array_equal(first[name].isel(heliostat=slice(count)), short[name])
-        padding = first[name].isel(heliostat=slice(count, None))
-        assert bool(padding.isnull().all() if padding.dtype.kind == "f" else (padding <= 0).all()), name
-
-
 def test_a_sun_that_stands_still_and_several_sites() -> None:
     lamp = {"azimuth": [90, 180], "elevation": 40}
     made = computed(study(mount_errors=drawn(9, **ALL_DRAWN), sun=lamp, time=None))

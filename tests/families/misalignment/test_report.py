@@ -9,7 +9,7 @@ from matplotlib.patches import Ellipse, Rectangle
 
 from heliosweep.families.misalignment.curves.figures import conic_curve, other_focus
 from heliosweep.families.misalignment.figures import MOST_FIGURES, figures
-from heliosweep.report.style import image
+from tests.families.gallery import Gallery, nothing
 from tests.families.misalignment import report_results as results
 
 HOURS = np.arange(6.0, 19)
@@ -20,12 +20,6 @@ FIELD = {"axis": ["azimuth", "elevation"], "error_size": [-4.0, 4.0]}
 def shuffled(dataset):
     """The same with the sweep's, heliostats' and hours' order turned around."""
     return dataset.isel({dim: slice(None, None, -1) for dim in dataset.dims if dim not in ("parameter",)})
-
-
-def nothing(dataset):
-    """The same without a value."""
-    missing = {name: array * np.nan for name, array in dataset.data_vars.items() if array.dtype == float}
-    return dataset.assign(missing).assign_attrs(dataset.attrs)
 
 
 def gaps(dataset):
@@ -112,45 +106,8 @@ EXPECTED = {
     "calibration without a value": "",
     "calibration of measured spots": "before_after",
 }
-
-
-@pytest.fixture(scope="module", params=CASES)
-def case(request):
-    found = {named.name: named for named in figures(CASES[request.param]())}
-    assert " ".join(found) == EXPECTED.get(request.param, " ".join(found))
-    for number, named in enumerate(found.values()):
-        if number == 0:
-            assert image(named.figure).startswith(b"\x89PNG")
-        named.figure.draw_without_rendering()
-    return found
-
-
-def one_of(dataset, name):
-    """One of the figures; those behind it are not drawn."""
-    return next(named for named in figures(dataset) if named.name == name)
-
-
-def test_axes_say_what_they_are_in_which_unit(case):
-    assert len(case) <= MOST_FIGURES
-    for named in case.values():
-        assert named.caption.endswith(".")
-        assert "  " not in named.caption
-        for axes in named.figure.axes:
-            for axis in (axes.xaxis, axes.yaxis):
-                if any(label.get_visible() and label.get_text() for label in axis.get_ticklabels()):
-                    labels = [axis.get_label_text(), *(other.get_xlabel() for other in named.figure.axes)]
-                    assert any(label.endswith(")") for label in labels), named.name
-
-
-def test_nothing_is_cut_off(case):
-    for named in case.values():
-        box = named.figure.get_tightbbox()
-        width, height = named.figure.get_size_inches()
-        assert box.x0 >= -1e-9, named.name
-        assert box.y0 >= -1e-9, named.name
-        assert box.x1 <= width + 1e-9, named.name
-        assert box.y1 <= height + 1e-9, named.name
-        assert height <= 10, named.name
+GALLERY = Gallery(figures, MOST_FIGURES, CASES, EXPECTED, shared=True)
+one_of = GALLERY.find
 
 
 def test_curves_pass_through_the_aim_and_show_the_spots_in_the_order_of_the_error():
@@ -230,26 +187,6 @@ def test_captions_say_where_the_rest_stands():
     assert "Shown are 3 of 13 hours." in caption
     assert "source canting (one of 2), day 172 (one of 3)" in caption
     assert "latitude 37.4\N{DEGREE SIGN} N" in caption
-
-
-@pytest.mark.usefixtures("unplaced")
-def test_values_are_read_only_where_they_are_drawn():
-    dataset = results.curves(hours=HOURS)
-    lazy = dataset.chunk({"heliostat": 1})
-    assert [named.name for named in figures(lazy)] == [named.name for named in figures(dataset)]
-    assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values())
-
-
-@pytest.mark.usefixtures("unplaced")
-def test_missing_variables_leave_figures_out():
-    # Few points of each dimension: all the figures of many, sooner.
-    sweep = {"axis": ["elevation", "azimuth"], "error_size": [-4.0, 0.0, 4.0]}
-    dataset = results.curves(hours=(8, 12, 16), sweep=sweep, pivots=results.POSITIONS[:1])
-    whole = {named.name for named in figures(dataset)}
-    assert len(whole) == 5
-    for name in dataset.data_vars:
-        assert {named.name for named in figures(dataset.drop_vars(str(name)))} <= whole
-    assert not list(figures(xr.Dataset()))
 
 
 @pytest.mark.parametrize("coefficients", [[1.0, 0.3, -2.0, 4.0, 1.0, 0.2], [1.0, 0.3, 2.0, 4.0, 1.0, 0.2]])

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.field import packets as mounts
-from heliosweep.kernels.field.efficiency import UNWEIGHTED, aimed, field_energies, field_series, field_sums, sweep
+from heliosweep.kernels.field.efficiency import (
+    UNWEIGHTED,
+    aimed,
+    field_energies,
+    field_series,
+    field_sums,
+    known_energies,
+    sweep,
+)
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, packet_order
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
@@ -146,6 +154,17 @@ def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
     np.testing.assert_array_equal(np.concatenate(parts), sums)
     whole = field_energies(*field, tracking, sun, 0, 40, weights, period, 5)
     np.testing.assert_array_equal(whole[..., 5], whole[..., 6])
+    # Of efficiencies that are known, wherever they are kept, and of those of which the sun is taken away.
+    place = rng.permutation(200)
+    known = np.empty((40, 200, 4))
+    known[:, place] = field_series(*field, tracking, sun, 0, 40).transpose(2, 1, 0)
+    np.testing.assert_array_equal(known_energies(known, place, sun, weights, period, 5, part), sums)
+    np.testing.assert_array_equal(known_energies(known, place, sun, weights, period, 5), whole)
+    fewer = np.where(rng.random(200)[:, np.newaxis] < 0.4, [0.0, 0.0, -1.0], sun)
+    np.testing.assert_array_equal(
+        known_energies(known, place, fewer, weights, period, 5, part),
+        field_energies(*field, tracking, fewer, 0, 40, weights, period, 5, part),
+    )
 
 
 def test_nothing_to_do():

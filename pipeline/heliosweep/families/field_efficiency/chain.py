@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.distribution import Distribution
+from heliosweep.families.field_efficiency import known
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes, read_sun
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.blocks import ERRORS
@@ -95,6 +96,13 @@ def _vant_hull(far: Floats, air: Air) -> Floats:
 _AIR = {key: Air._field_defaults[key] for key in ("visibility", "water_vapour")}
 
 
+#: Last parts of the keys that the intercept does not depend on.
+_AFTER_INTERCEPT = (
+    *("reflectivity", "cleanliness", "rate", "washing_interval"),
+    *("attenuation", "visibility", "water_vapour"),
+)
+
+
 class Inputs(LayoutAxis):
     """The layouts of a study, and what its files tell of the way of the light: read once."""
 
@@ -111,6 +119,7 @@ class Inputs(LayoutAxis):
         self._tables: dict[Errors, tuple[Tables, Errors]] = {}
         self._slopes: dict[tuple[Any, ...], tuple[Floats, Floats]] = {}
         self._kept: dict[tuple[int, ...], Any] = {}
+        self.known = known.Known()
 
     def kept(self, position: tuple[int, ...], choose: Callable[[], Any]) -> Any:
         """Heliostats that are kept at a point of the result, as `choose` tells; those of the last point are known."""
@@ -289,6 +298,7 @@ def light(
     months: NDArray[np.int64] | None,
     start: int,
     stop: int,
+    shared: known.SharedField | None = None,
 ) -> Light:
     """Parts of the light of heliostats start..stop that are left.
 
@@ -307,15 +317,24 @@ def light(
         Month of each instant, 0 to 11, for cleanliness by month.
     start, stop : int
         First heliostat, and the one after the last.
+    shared : SharedField, optional
+        What is known of the field from other points.
     """
     values = way.values
     scene = way.scene(mirrors, start, stop)
-    slant, error = np.sqrt(np.sum((scene.target - scene.centre) ** 2, axis=1)), np.zeros(stop - start)
-    if values["method"] == "gaussian":
+    slant = np.sqrt(np.sum((scene.target - scene.centre) ** 2, axis=1))
+
+    def intercepted() -> tuple[Floats, Floats]:
+        if values["method"] != "gaussian":
+            return course(scene, sun, None if place[0] is None else math.radians(place[0]))
         spread = way.inputs.sun_of(values).spread
-        intercept = hflcal.intercepts(*scene[:4], spread, scene.errors, scene.receiver, sun)
+        return hflcal.intercepts(*scene[:4], spread, scene.errors, scene.receiver, sun), np.zeros(stop - start)
+
+    if shared is None:
+        intercept, error = intercepted()
     else:
-        intercept, error = course(scene, sun, None if place[0] is None else math.radians(place[0]))
+        given = (place[0], *(value for name, value in values.items() if name not in _AFTER_INTERCEPT))
+        intercept, error = known.intercept(shared, sun, start, stop, given, intercepted)
     visibility, water_vapour = (values[key] if values[key] is not None else default for key, default in _AIR.items())
     air = Air(visibility, water_vapour, float(place[2] or 0.0), float(values["height"]))
     reflected = values["reflectivity"] * _cleanliness(way.study, values, months)

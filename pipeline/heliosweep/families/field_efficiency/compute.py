@@ -10,7 +10,7 @@ import numpy as np
 
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import SunDirections
-from heliosweep.families.field_efficiency import energy
+from heliosweep.families.field_efficiency import energy, known
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, values_of
@@ -63,6 +63,8 @@ SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}
 SECONDS_INTERPOLATED, SECONDS_GAUSSIAN, MISSED = 0.1e-6, 40e-9, 0.03
 #: Of one value at each instant, what is held of the heliostats of a block; and their least number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
+#: Time of the sums of one heliostat and lit instant whose efficiencies are known. [s]
+SECONDS_KNOWN = 12e-9
 #: Overhead of a parameter point. [s]
 SECONDS_PER_POINT = 100e-6
 #: Time of the angles of one heliostat at one instant, and of one heliostat whatever the instants. [s]
@@ -83,6 +85,9 @@ _LABELS = (
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
+
+#: Keys that move neither mirrors nor the sun.
+_FIXED_FIELD = ("optics.", "weather.", "limits.")
 
 #: Labels of the dimensions beside those of heliostats and instants, and what they are.
 _NAMED = {
@@ -106,6 +111,9 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
     angles = study.output.tracking_angles
     seconds, lit = _seconds(parameters)
+    held_bytes = _shared_bytes(study)
+    if held_bytes and not any(_moving(study)):
+        seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts = len(Layouts(study))
     method = None if study.optics is None else study.optics.method
@@ -127,7 +135,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         held = 8 if _series(study) else 4 * _complete(study)
         block = held * min(BLOCK_BYTES, 8 * instants * heliostats)
         each = 4 * (24 + 40 * angles) + 200 * (study.weather is not None)
-        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + each * instants + block
+        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + each * instants + block + held_bytes
 
     return Workload(
         parameters=parameters.sizes,
@@ -214,6 +222,26 @@ def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
     return xr.Dataset(coords=labels, attrs={**sun_attributes(study.time), **Layouts(study).areas()})
 
 
+def _shared_bytes(study: FieldEfficiencyStudy) -> int:
+    """Memory for what points with the same mirrors and sun share; 0 where they do not follow each other. [bytes]
+
+    They do where the last dimension moves neither, or where each draw differs from the one before in few keys.
+    """
+    moving = _moving(study)
+    if all(moving) or study.weather is None or study.keep is not None:
+        return 0
+    if any(moving) and (study.sample is None or study.sample.sensitivity is None):
+        return 0
+    each = known.BYTES * longest(study) * instant_count(study.time)
+    return each if each <= known.MOST_BYTES else 0
+
+
+def _moving(study: FieldEfficiencyStudy) -> list[bool]:
+    """Which keys of the last dimension move mirrors or the sun; none where nothing is swept."""
+    keys = [key for dim in study.dimensions()[-1:] for key in dim.sweeps]
+    return [not key.startswith(_FIXED_FIELD) or key == "weather.file" for key in keys]
+
+
 def _series(study: FieldEfficiencyStudy) -> bool:
     """Whether the result has values at each instant."""
     return study.output.time_series or study.output.field_series
@@ -231,7 +259,7 @@ def _inner_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    seconds, fresh = warm_field(bool(study.output.outlines))
+    seconds, fresh = warm_field(bool(study.output.outlines), _shared_bytes(study) > 0)
     if study.optics is None:
         return seconds, fresh
     more, also = warm_intercept(study.output.flux_map is not None)
@@ -260,6 +288,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     instants = len(range(suns.size)[part])
     sizes = {**Parameters(study).sizes, "time": instants, "heliostat": layouts.size, **_inner_sizes(study)}
     made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
+    shared = _shared_bytes(study) > 0
     mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking", *_KEEP)
     keys = (*_SIZES, *mount, *PLACE, *energy.LIMITS, *KEYS)
     for index, (width, height, pivot, target, levels, tracking, number, power, by, *rest) in parameters.points(*keys):
@@ -287,6 +316,8 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
             _put(made, told, index, slice(len(layout)))
             layout = part_of(layout, kept.rows)
         field = field_of(layout)
+        if shared:
+            field = field._replace(shared=layouts.known.field(layout, field.mirrors))
         stop, mirrors = min(span.stop, len(layout)), field.mirrors
         flux = FluxSums(field, sun if hours is None else hours)
         for start, end in _blocks(study, len(sun), span.start, stop):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.families.field_efficiency import known
 from heliosweep.families.field_efficiency.chain import Light, Way, light
 from heliosweep.families.field_efficiency.energy import Hours
 from heliosweep.families.field_efficiency.variables import (
@@ -40,8 +41,8 @@ class Field(NamedTuple):
     """
 
     study: FieldEfficiencyStudy
-    mirrors: tuple[Floats, Floats, Floats, Floats, Floats, float | Floats, int]
-    """First arguments of `efficiency.field_sums`; with `optics` the aim of each in place of the target's height."""
+    mirrors: known.Mirrors
+    """With `optics` with the aim of each in place of the target's height."""
     area: Floats
     """Of each mirror. [m2]"""
     place: Sequence[float | None]
@@ -50,12 +51,14 @@ class Field(NamedTuple):
     """Month of each instant, from 0, where cleanliness depends on it."""
     way: Way | None
     """Way of the light, where the study follows it."""
+    shared: known.SharedField | None = None
+    """What is known of it from other points."""
 
     def light(self, sun: Floats, start: int, stop: int, months: NDArray[np.int64] | None) -> Light | None:
         """What is left of the light on its way to the receiver; None where a study does not follow it."""
         if self.way is None:
             return None
-        lit = light(self.way, self.mirrors, sun, self.place, months, start, stop)
+        lit = light(self.way, self.mirrors, sun, self.place, months, start, stop, self.shared)
         return lit._replace(reflected=np.broadcast_to(lit.reflected, len(sun)))
 
     def means(self, sun: Floats, start: int, stop: int) -> Values:
@@ -79,10 +82,12 @@ class Field(NamedTuple):
         """Means weighted by the irradiation, and energies, with what `light` gives for these hours. [1, MWh]"""
         passed = np.ones(stop - start) if lit is None else lit.transmitted
         weights = np.stack((hours.weight, hours.weight if lit is None else hours.weight * lit.reflected))
-        months = efficiency.field_energies(
-            *self.mirrors, hours.sun, start, stop, weights, hours.month, MONTHS,
-            None if lit is None else lit.intercept,
-        )  # fmt: skip
+        part = None if lit is None else lit.intercept
+        given = (hours.sun, start, stop, weights, hours.month, MONTHS, part)
+        if self.shared is None:
+            months = efficiency.field_energies(*self.mirrors, *given)
+        else:
+            months = known.energies(self.shared, self.mirrors, *given)
         year = np.zeros((7, stop - start))
         for month in range(MONTHS):  # in this order, however heliostats are split
             year += months[:, month].T

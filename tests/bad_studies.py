@@ -1,0 +1,76 @@
+"""Bad studies, each with all that is said of it, from text files: what users read, reviewed by eye.
+
+A case begins with ``@`` and the line of a good study that it replaces, or ``file`` for the whole text. Below stand
+what becomes of the line, with ``\\a`` for a bell, and behind ``=>`` what is said. Below ``@ each`` every line takes the
+place of that with its key, or is a new one; ``- key`` leaves one out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import yaml
+
+from heliosweep import api
+from heliosweep.config.load import load
+from heliosweep.errors import StudyError
+
+#: What pydantic would say.
+PYDANTIC = ("Input should", "valid ", "Extra inputs", "Field required", "Value error", "pydantic", "type=")
+
+
+class Bad(NamedTuple):
+    """Line that is replaced, what it becomes, what is said."""
+
+    block: str
+    text: str
+    said: list[str]
+
+
+def read(path: Path) -> list[Any]:
+    """Parameters of a test, from a file."""
+    found = []
+    for part in path.read_text(encoding="utf-8").split("\n@ ")[1:]:
+        block, *lines = part.rstrip("\n").split("\n")
+        said = [line.removeprefix("=> ") for line in lines if line.startswith("=> ")]
+        text = "\n".join(lines[: len(lines) - len(said)]).replace(r"\a", "\a")
+        found.append(pytest.param(Bad(block, text, said), id=text[:60] or f"no {block}"))
+    return found
+
+
+def lines_of(study: Mapping[str, Any]) -> dict[str, str]:
+    """A study in Python as lines, one for each of its keys."""
+    dumped = {
+        key: yaml.safe_dump({key: value}, default_flow_style=True, sort_keys=False, width=math.inf)
+        for key, value in study.items()
+    }
+    return {key: line.strip().removeprefix("{").removesuffix("}") for key, line in dumped.items()}
+
+
+def _changed(case: Bad, good: Mapping[str, str]) -> list[str]:
+    """Lines of the bad study."""
+    if case.block == "file":
+        return [case.text]
+    if case.block != "each":
+        return [*({**good, case.block: case.text}).values()]
+    lines = dict(good)
+    for line in case.text.split("\n"):
+        if line.startswith("- "):
+            del lines[line.removeprefix("- ")]
+        else:
+            lines[line.partition(":")[0]] = line
+    return [*lines.values()]
+
+
+def check(case: Bad, good: Mapping[str, str], registry: Mapping[str, Any]) -> None:
+    """Hold a bad study against what is said of it when it is planned; it is written in the working folder."""
+    Path("study.yaml").write_text("\n".join([*_changed(case, good), ""]), encoding="utf-8")
+    with pytest.raises(StudyError) as error:
+        api.plan(load("study.yaml", registry))
+    assert str(error.value).split("\n") == case.said
+    assert error.value.exit_code == 2
+    assert not any(phrase in str(error.value) for phrase in PYDANTIC if "not valid YAML" not in str(error.value))

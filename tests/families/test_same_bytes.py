@@ -1,0 +1,153 @@
+"""The same bytes of a result, however the work is cut and wherever it is done."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from heliosweep import api
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.store.read import file_digest
+from tests.conftest import SMALL
+from tests.families.backward_gazing.test_field import SMALL as GAZING_FIELD
+from tests.families.backward_gazing.test_study import SMALL as GAZING
+from tests.families.field_efficiency.test_energy import BLOCKS, LIMITS
+from tests.families.field_efficiency.test_optics import OPTICS
+from tests.families.misalignment.studies import CALIBRATION, MOUNT_ERRORS, SWEPT, Content
+
+ALONE = {"scheduler": "synchronous", "workers": 1}
+THREADS = {"scheduler": "threads", "workers": 2}
+PROCESSES = {"scheduler": "processes", "workers": 2}
+EVERY_WAY: list[Content] = [
+    THREADS,
+    PROCESSES,
+    {"chunks": {"heliostat": 7}},
+    {"chunks": {"latitude": 2, "tracking": 1, "heliostat": 1000}},
+    {"chunks": {"heliostat": 11, "time": 4}},
+]
+YEAR: Content = {**SMALL, **BLOCKS, "limits": LIMITS}
+OPTICAL: Content = {
+    **SMALL,
+    "site": {"latitude": 40},
+    "tracking": "spinning_elevation",
+    "time": {
+        "clock": "solar",
+        "days": {"start": 1, "stop": 365, "step": 10},
+        "hours": {"start": 0, "stop": 24, "step": 1},
+        "sampling": "midpoint",
+    },
+    "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 16}},
+    "heliostat": {**SMALL["heliostat"], "focus": "slant"},
+    "receiver": {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": 7, "height_extent": 7},
+    "optics": OPTICS,
+}
+DRAWN = {name: {"normal": [0.1, 2.0]} for name in ERRORS} | {"seed": 7}
+
+CASES: dict[str, tuple[Content, list[Content]]] = {
+    "annual": (SMALL, EVERY_WAY),
+    "series": (SMALL | {"output": {"time_series": True, "compression": "zlib"}}, EVERY_WAY),
+    "series of the field": (SMALL | {"output": {"time_series": True, "field_series": True}}, EVERY_WAY[2:]),
+    "kept": (
+        SMALL | {"keep": {"heliostats": [10, 30], "by": "optical_efficiency"}, "output": {"time_series": True}},
+        [PROCESSES, THREADS | {"chunks": {"kept_heliostats": 1, "time": 3, "latitude": 1}}],
+    ),
+    "optics": (OPTICAL, [{"chunks": {"heliostat": 7}}]),
+    "series of optics": (OPTICAL | {"output": {"time_series": True}}, [{"chunks": {"heliostat": 7, "time": 100}}]),
+    "energy": (YEAR, [THREADS | {"chunks": {"heliostat": 3}}]),
+    "series of energy": (
+        YEAR | {"output": {"time_series": True, "compression": "zlib"}},
+        [THREADS | {"chunks": {"heliostat": 3, "time": 1000}}],
+    ),
+    "series of the energy of a field": (
+        YEAR | {"output": {"field_series": True}},
+        [THREADS | {"chunks": {"heliostat": 3, "time": 1000}}],
+    ),
+    "images": (
+        GAZING
+        | {
+            "cameras": {"noise": 0.01, "seed": [0, 1, 2], "radius": [0.2, 0.3]},
+            "sun_profile": ["jose", "noisy"],
+            "defects": {"canting": {"2": [0, -1]}, "waviness": 0.2, "canting_scale": [0.5, 1]},
+            "output": {"maps": True},
+        },
+        [
+            THREADS | {"chunks": {"camera_seed": 2, "sun_profile": 2, "canting_scale": 2}},
+            PROCESSES | {"chunks": {"camera_seed": 1, "camera_radius": 1}},
+        ],
+    ),
+    "images of a field": (
+        GAZING_FIELD
+        | {
+            "field": {
+                "latitude": 37.4,
+                "day": 81,
+                "hours": [12],
+                "layout": {"radial_stagger": {"clearance": 15, "inner_radius": 90, "heliostats": 4}},
+                "receiver_height": [80, 95],
+                "pivot_height": 7,
+            },
+            "cameras": {"noise": 0.01},
+        },
+        [THREADS | {"chunks": {"heliostat": 1}}, THREADS | {"chunks": {"heliostat": 3, "receiver_height": 2}}],
+    ),
+    "curves": (
+        SWEPT,
+        [
+            THREADS | {"chunks": {"heliostat": 2, "error_size": 1}},
+            PROCESSES | {"chunks": {"heliostat": 4, "mirror_offset": 1, "source": 1}},
+        ],
+    ),
+    "drawn": (
+        MOUNT_ERRORS | {"mount_errors": {**DRAWN, "samples": 31, "scale": [0, 1, 2]}},
+        [THREADS, *({"chunks": chunks} for chunks in ({"heliostat": 2, "error_scale": 1}, {"error_scale": 2}))],
+    ),
+    "swept": (
+        MOUNT_ERRORS | {"mount_errors": MOUNT_ERRORS["mount_errors"] | {"collimation": [0, 1, 2]}},
+        [THREADS | {"chunks": {"heliostat": 1}}],
+    ),
+    "combined": (
+        SWEPT
+        | {
+            "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": 0.5},
+            "mount_errors": {"azimuth_reference": [0, 1], "tilt_about_east": 2},
+            "beam": {"divergence": 4},
+        },
+        [THREADS | {"chunks": {"heliostat": 2, "error_size": 1}}, THREADS | {"chunks": {"source": 1, "mount_kind": 1}}],
+    ),
+    "detectors": (
+        CALIBRATION
+        | {
+            "mode": "detectors",
+            "time": {"clock": "solar", "days": [80, 172], "hours": [8, 12, 16]},
+            "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
+            "detectors": {
+                "arrays": [{"points": [[-9, -8], [9, -8], [9, 9]]}, {"points": [[-8, -9], [-8, 9]]}],
+                "parameters": [2, 4, 6],
+                "noise": 0.02,
+                "rounds": 2,
+            },
+        },
+        [THREADS | {"chunks": {"heliostat": 1, "parameters": 1}}, THREADS | {"chunks": {"heliostat": 2}}],
+    ),
+    "calibration": (
+        CALIBRATION
+        | {
+            "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
+            "calibration": {"parameters": [4, 6], "noise": 0.02, "days_used": [1, 2]},
+        },
+        [
+            THREADS | {"chunks": {"heliostat": 1, "parameters": 1}},
+            THREADS | {"chunks": {"heliostat": 2, "days_used": 1}},
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize(("content", "executions"), CASES.values(), ids=CASES)
+def test_same_bytes_however_it_is_cut(content: Content, executions: list[Content], tmp_path: Any) -> None:
+    digests = {
+        file_digest(api.run({**content, "execution": how}, tmp_path / str(number), report=False).path)
+        for number, how in enumerate((ALONE, *executions))
+    }
+    assert len(digests) == 1
