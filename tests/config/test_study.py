@@ -187,6 +187,14 @@ def test_identity_of_files_is_what_they_say(study_file) -> None:
     assert len({identity(name) for name in ("a.csv", "[a.csv]", "[c.csv]", "[a.csv, c.csv]", "[c.csv, a.csv]")}) == 5
 
 
+def test_identity_of_binary_files_is_every_byte(study_file) -> None:
+    found = set()
+    for content in (b"\0\n#1\n", b"\0\n#2\n", b"\0\n#1\r", b"\0\n\n#1\n"):
+        Path("grid.csv").write_bytes(content)
+        found.add(load(study_file(layout="layout: {file: grid.csv}"), REGISTRY).study_id)
+    assert len(found) == 4
+
+
 @pytest.mark.parametrize(
     ("same", "others"),
     [

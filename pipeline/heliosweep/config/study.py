@@ -37,6 +37,8 @@ from heliosweep.files import PVLIB, named_in, seen_from
 
 MAX_BYTES = 512 * 2**20
 """Largest file that a study may name."""
+_HEAD = 8192
+"""Length of the part of a file by which tables, which hold no zero byte, are told from binary files. [bytes]"""
 
 Rewrite = Callable[[Parameter | None, Any], Any]
 """Returns what is to stand for the value of a field with this declaration."""
@@ -379,13 +381,17 @@ def _even(value: Any) -> Any:
 
 
 def _digest_of(path: pathlib.Path) -> str:
-    """Return the SHA-256 of what a table says: without line ends, empty lines and comments.
+    """Return the SHA-256 of what a table says: without line ends, empty lines and comments; of all of a binary file.
 
     Raises OSError where it cannot be read, and ValueError where it is too large.
     """
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
             raise ValueError(f"is larger than {MAX_BYTES // 2**20} MiB")
+        if b"\0" in file.read(_HEAD):
+            file.seek(0)
+            return hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0)
         digest, separator = hashlib.sha256(), b""
         for number, part in enumerate(file):
             for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():

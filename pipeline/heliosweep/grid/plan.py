@@ -151,7 +151,7 @@ class Plan:
             "evaluations": f"{work.points * work.evaluations:,} {work.unit}",
             "peak memory": f"about {human_bytes(self.peak_memory)}",
             "output": human_bytes(self.output_bytes),
-            "time": f"about {human_seconds(self.seconds)} in the kernels",
+            "time": f"about {human_seconds(max(self.seconds, 0.1))} in the kernels",
         }
 
     @property

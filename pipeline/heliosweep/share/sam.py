@@ -213,7 +213,8 @@ def _over_directions(
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
     if others:
         known = "; ".join(f"{dim}: {', '.join(map(str, table[dim].to_numpy()[:10]))}" for dim in others)
-        raise StudyError(Problem(f"choose one value of {' and '.join(others)} ({known})", "select"))
+        remedy = f"--select {others[0]}=... on the command line"
+        raise StudyError(Problem(f"choose one value of {' and '.join(others)}, as by {remedy} ({known})", "select"))
     if tied:
         raise StudyError(Problem("the directions are tied; a table needs all elevations at all azimuths", "zip"))
     table = table.expand_dims([dim for dim in (_AZIMUTH, _ELEVATION) if dim not in table.dims])

@@ -143,8 +143,8 @@ def test_statistics_are_those_of_pandas():
         np.testing.assert_allclose(over, expected, rtol=1e-12)
     over = factor.sel(date="2021-06-21", axis_tilt=0.1).to_series()
     day = result.sel(date="2021-06-21", axis_tilt=0.1)
-    assert float(day["effective_tracking_factor_mean"]) == pytest.approx(over.mean(), rel=1e-12)
-    assert float(day["effective_tracking_factor_std"]) == pytest.approx(over.std(), rel=1e-12)
+    assert float(day["effective_tracking_factor_mean_over_directions"]) == pytest.approx(over.mean(), rel=1e-12)
+    assert float(day["effective_tracking_factor_std_over_directions"]) == pytest.approx(over.std(), rel=1e-12)
     annual = result["effective_tracking_factor_mean_over_dates"].sel(axis_tilt=0.1).to_series()
     assert float(result["worst_axis_tilt_direction"].sel(axis_tilt=0.1)) == annual.idxmin()
 
@@ -267,7 +267,7 @@ def test_statistics_over_directions_only_where_they_are_swept_alone(group):
         zip=[group],
     )
     alone = "errors.axis_tilt_direction" not in group
-    assert ("effective_tracking_factor_mean" in result) == alone
+    assert ("effective_tracking_factor_mean_over_directions" in result) == alone
     assert ("worst_axis_tilt_direction" in result) == alone
 
 

@@ -58,10 +58,10 @@ WINDOW: dict[str, dict[str, Any]] = {
 
 #: Over the directions of the tilt, per date.
 DIRECTIONS: dict[str, dict[str, Any]] = {
-    "effective_tracking_factor_mean": _factor(
+    "effective_tracking_factor_mean_over_directions": _factor(
         "mean over the directions of the effective tracking factor of a day", _DAILY
     ),
-    "effective_tracking_factor_std": _factor(
+    "effective_tracking_factor_std_over_directions": _factor(
         "sample standard deviation over the directions of the effective tracking factor of a day",
         _DAILY,
     ),
