@@ -249,9 +249,9 @@ def _export(options: argparse.Namespace) -> None:
     from heliosweep.store.targets import target_file
 
     source, target = api.folder_of(options.source, there=True), options.output
-    if not str(target).lower().endswith(_TABLES):
-        if options.variable:
-            raise StudyError(Problem(f"is for files {' or '.join(_TABLES)}", "--variable"))
+    if options.variable and target is None:
+        raise StudyError(Problem(f"is for files {' or '.join(_TABLES)}; name one by --output", "--variable"))
+    if not (options.variable or str(target).lower().endswith(_TABLES)):
         from heliosweep.store.result import export
 
         _say_path(export(source, target, compression=options.compression, force=options.force))

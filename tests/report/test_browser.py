@@ -222,6 +222,7 @@ def test_keyboard_reaches_and_moves_everything(browser, pages):
     browser.wait("document.querySelector('#view-1 .said').textContent.startsWith('latitude 15')")
     browser.run("document.querySelector('#view-1 .plot').focus()")
     start = "figure('view-1').x_range.start"
+    browser.press("0", 48)
     before = browser.run(start)
     browser.press("ArrowRight", 39)
     moved = browser.run(start)

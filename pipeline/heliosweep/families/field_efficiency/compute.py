@@ -111,7 +111,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
     angles = study.output.tracking_angles
     seconds, lit = _seconds(parameters)
-    held_bytes = _shared_bytes(study)
+    held_bytes = _shared_bytes(study, heliostats)
     if held_bytes and not any(_moving(study)):
         seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
@@ -222,7 +222,7 @@ def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
     return xr.Dataset(coords=labels, attrs={**sun_attributes(study.time), **Layouts(study).areas()})
 
 
-def _shared_bytes(study: FieldEfficiencyStudy) -> int:
+def _shared_bytes(study: FieldEfficiencyStudy, heliostats: int) -> int:
     """Memory for what points with the same mirrors and sun share; 0 where they do not follow each other. [bytes]
 
     They do where the last dimension moves neither, or where each draw differs from the one before in few keys.
@@ -232,7 +232,7 @@ def _shared_bytes(study: FieldEfficiencyStudy) -> int:
         return 0
     if any(moving) and (study.sample is None or study.sample.sensitivity is None):
         return 0
-    each = known.BYTES * longest(study) * instant_count(study.time)
+    each = known.BYTES * heliostats * instant_count(study.time)
     return each if each <= known.MOST_BYTES else 0
 
 
@@ -259,7 +259,7 @@ def _inner_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    seconds, fresh = warm_field(bool(study.output.outlines), _shared_bytes(study) > 0)
+    seconds, fresh = warm_field(bool(study.output.outlines), _shared_bytes(study, longest(study)) > 0)
     if study.optics is None:
         return seconds, fresh
     more, also = warm_intercept(study.output.flux_map is not None)
@@ -288,7 +288,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     instants = len(range(suns.size)[part])
     sizes = {**Parameters(study).sizes, "time": instants, "heliostat": layouts.size, **_inner_sizes(study)}
     made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
-    shared = _shared_bytes(study) > 0
+    shared = _shared_bytes(study, layouts.size) > 0
     mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking", *_KEEP)
     keys = (*_SIZES, *mount, *PLACE, *energy.LIMITS, *KEYS)
     for index, (width, height, pivot, target, levels, tracking, number, power, by, *rest) in parameters.points(*keys):

@@ -27,6 +27,8 @@ Nodes = tuple[Floats, Floats, Floats]
 
 NODES = ((3, 7), (5, 13), (9, 13), (17, 25))
 """Nodes in the sine of the declination and in the hour angle, of one try after the other; each has those before."""
+MORE_TURNS = 2
+"""Try that is repeated with nearly twice as many turns where a mirror turns fast; those after it take them too."""
 FIRST = 0.25
 """Part of the largest error that is taken of the first try, whose nodes are few beside the checks. [1]"""
 PARTS = 4
@@ -98,20 +100,19 @@ def _interpolated(
     wanted[rows, checks] = True
     exact = intercepts(scene, sun, wanted=wanted, out=values)[rows, checks]
     multiple, count = _harmonics(scene) if turning else (1, 1)
-    turns = 2.0 * math.pi * np.arange(count) / (count * multiple)
-    terms = np.ones((count, count)) / count  # of Fourier, from the values at the turns
-    for k in range(1, count):
-        phase = multiple * ((k + 1) // 2) * turns
-        terms[k] = 2.0 / count * (np.cos(phase) if k % 2 else np.sin(phase))
-    for attempt, nodes in enumerate(tries):
+    steps = [(nodes, count) for nodes in tries]
+    if turning:
+        steps[MORE_TURNS + 1 :] = [(nodes, 2 * count - 1) for nodes in tries[MORE_TURNS:]]
+    for attempt, (nodes, count) in enumerate(steps):
+        turns, terms = _fourier(count, multiple)
         where, weights_s, weights_h = nodes()
         some, shape = scene.some(left), (len(left), len(weights_s), len(weights_h))
         at: Floats = np.zeros((count, *shape))
         new: NDArray[np.bool_] = np.ones(shape, np.bool_)
-        if known.size:
-            steps = [(shape[n] - 1) // (known.shape[n + 1] - 1) for n in (1, 2)]
-            at[:, :, :: steps[0], :: steps[1]] = known
-            new[:, :: steps[0], :: steps[1]] = False
+        if len(known) == count:
+            every = [(shape[n] - 1) // (known.shape[n + 1] - 1) for n in (1, 2)]
+            at[:, :, :: every[0], :: every[1]] = known
+            new[:, :: every[0], :: every[1]] = False
         new = new.reshape(len(left), -1)
         for k in range(count):
             held = some._replace(tracking=ROLLED) if turning else some
@@ -147,6 +148,16 @@ def _harmonics(scene: Scene) -> tuple[int, int]:
     errors, facets = scene.errors, scene.facets
     square = np.all(scene.sides[:, 0] == scene.sides[:, 1]) and facets.columns == facets.rows
     return (4, 3) if square and errors.slope_u == errors.slope_v else (2, 5)
+
+
+def _fourier(count: int, multiple: int) -> tuple[Floats, Floats]:
+    """Turns to compute at [rad], and the terms of Fourier from the values there, shape (terms, turns)."""
+    turns = 2.0 * math.pi * np.arange(count) / (count * multiple)
+    terms = np.ones((count, count)) / count
+    for k in range(1, count):
+        phase = multiple * ((k + 1) // 2) * turns
+        terms[k] = 2.0 / count * (np.cos(phase) if k % 2 else np.sin(phase))
+    return turns, terms
 
 
 def _transformed(terms: Floats, at: Floats) -> Floats:
