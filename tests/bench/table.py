@@ -190,7 +190,7 @@ def show(groups: Iterable[Iterable[Row]]) -> list[Line]:
 
 def _line(row: Row, limit: float) -> Line:
     """A row in words."""
-    beside = [f"{_number(seconds / row.seconds)} times faster than {name}" for name, seconds in row.beside.items()]
+    beside = [f"{_number(seconds / row.seconds)} times the speed of {name}" for name, seconds in row.beside.items()]
     if row.operations is not None:
         beside.append(f"{row.operations / row.seconds / limit:.0%} of the peak")
     if row.threads is not None:
