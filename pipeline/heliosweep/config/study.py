@@ -388,10 +388,10 @@ def _digest_of(path: pathlib.Path) -> str:
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
             raise ValueError(f"is larger than {MAX_BYTES // 2**20} MiB")
-        if b"\0" in file.read(_HEAD):
-            file.seek(0)
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        binary = b"\0" in file.read(_HEAD)
         file.seek(0)
+        if binary:
+            return hashlib.file_digest(file, "sha256").hexdigest()
         digest, separator = hashlib.sha256(), b""
         for number, part in enumerate(file):
             for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():
