@@ -8,29 +8,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
 from importlib import resources
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import xarray as xr
-from bokeh.core.types import ID
-from bokeh.model import Model
-from bokeh.resources import Resources
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from heliosweep.errors import HeliosweepError
+from heliosweep.report.client import Model, field, item, script
 from heliosweep.report.payload import PAGE_VALUES, ROOMS, SIZE, fold, shares, view_payload, wanted
 from heliosweep.report.style import COLOURS, DIFFERENCES, NO_VALUE, VALUES
 from heliosweep.report.views import View, usable
-
-# A third of the time that Bokeh's models take to import goes into signatures for its manual.
-with mock.patch.object(Model, "parameters", classmethod(lambda cls: [])):
-    from bokeh import models as bk
-    from bokeh.embed import json_item
-    from bokeh.models.annotations import ColorBar
 
 #: Colours of a scale.
 SHADES = 128
@@ -65,9 +55,9 @@ SIDES = {"x": "east (m)", "y": "north (m)", "z": "up (m)"}
 AREAS = "Dashed: boundary of the field; dotted: where no heliostat may stand."
 
 #: Tools by the keys that use them.
-KEYS = {
-    **{f"Arrow{way.title()}": bk.ClickPanTool(direction=way) for way in ("left", "right", "up", "down")},
-    **{"+": bk.ZoomInTool(), "=": bk.ZoomInTool(), "-": bk.ZoomOutTool(), "0": bk.ResetTool()},
+KEYS: dict[str, tuple[str, dict[str, str]]] = {
+    **{f"Arrow{way.title()}": ("ClickPanTool", {"direction": way}) for way in ("left", "right", "up", "down")},
+    **{"+": ("ZoomInTool", {}), "=": ("ZoomInTool", {}), "-": ("ZoomOutTool", {}), "0": ("ResetTool", {})},
 }
 
 
@@ -91,24 +81,17 @@ def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, A
                 "aspect": _aspect(view, made),
             }
         )
-        plots[name] = _numbered(json_item(_plot(view, made), ID(f"{name}-plot")), f"{name}-", {})
+        plots[name] = item(_plot(view, made), f"{name}-plot")
     return frames, plots
 
 
 def scripts(plots: bool = True, ranking: bool = False) -> list[str]:
     """Scripts of a page with plots (Bokeh's and our own) and with a ranking; nothing else runs on it."""
-    return [*([_bokeh(), _own("page.js")] if plots else ()), *([_own("ranking.js")] if ranking else ())]
+    return [*([_harmless(script()), _own("page.js")] if plots else ()), *([_own("ranking.js")] if ranking else ())]
 
 
 def _own(name: str) -> str:
     return _harmless(resources.files("heliosweep.report").joinpath(f"templates/{name}").read_text("utf-8"))
-
-
-@cache
-def _bokeh() -> str:
-    script = "\n".join(Resources(mode="inline", components=["bokeh"], log_level="warn").js_raw)
-    # A map of the sources would be fetched by the developer tools.
-    return _harmless(re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE))
 
 
 def _harmless(script: str) -> str:
@@ -125,18 +108,6 @@ def _to_scale(view: View, made: Mapping[str, Any]) -> bool:
     """Whether both axes are lengths of one unit, as those of a picture may not be."""
     units = {made["dims"][dim]["label"].rpartition("(")[2] for dim in view.along} if view.kind == "raster" else ()
     return view.kind != "curves" and len(units) < 2
-
-
-def _numbered(value: Any, prefix: str, names: dict[str, str]) -> Any:
-    """The same models, numbered from one: Bokeh counts on through all that a process makes."""
-    if isinstance(value, Mapping):
-        return {
-            key: names.setdefault(one, f"{prefix}{len(names) + 1}")
-            if key in ("id", "root_id")
-            else _numbered(one, prefix, names)
-            for key, one in value.items()
-        }
-    return [_numbered(one, prefix, names) for one in value] if isinstance(value, list) else value
 
 
 def _switches(view: View, made: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -184,7 +155,7 @@ def _looks(texts: Sequence[str], known: Mapping[str, str]) -> list[dict[str, Any
     return looks
 
 
-def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
+def _plot(view: View, made: Mapping[str, Any]) -> Model:
     """Figure of a view: all that can be drawn, and in its tag the numbers from which that is chosen."""
     spec = {
         **{part: made[part] for part in ("quantities", "dims", "places")},
@@ -194,26 +165,26 @@ def _plot(view: View, made: Mapping[str, Any]) -> bk.Plot:
         "sides": [(name, words) for name, words in SIDES.items() if name in made["places"]],
         "steps": [1, 1],
     }
-    box = bk.BoxZoomTool(name="zoom", match_aspect=not _is_curved(view) and _to_scale(view, made))
-    hover = bk.HoverTool(name="hover")
-    save = bk.SaveTool(filename=made["title"])
-    keys = [tool.clone(name=key, visible=False) for key, tool in KEYS.items()]
-    tools: list[Any] = [box, bk.PanTool(), bk.WheelZoomTool(), bk.ResetTool(), save, hover, *keys]
-    plot = bk.Plot(
-        x_range=bk.DataRange1d(),
-        y_range=bk.DataRange1d(),
-        toolbar=bk.Toolbar(tools=tools, active_drag=box, active_scroll=None, logo=None),
+    parts = (_curves if _is_curved(view) else _coloured)(view, made, spec)
+    box = Model("BoxZoomTool", name="zoom", match_aspect=not _is_curved(view) and _to_scale(view, made))
+    tools = [Model(f"{name}Tool") for name in ("Pan", "WheelZoom", "Reset")]
+    hover = Model("HoverTool", name="hover", renderers=parts.pop("hovered"), tooltips=parts.pop("tooltips"))
+    keys = [Model(tool, name=key, visible=False, **more) for key, (tool, more) in KEYS.items()]
+    tools = [box, *tools, Model("SaveTool", filename=made["title"]), hover, *keys]
+    axes = parts["left"] + [one for one in parts["below"] if one.kind != "ColorBar"]
+    parts["center"] = [_grid(axis, axis in parts["left"]) for axis in axes]
+    parts.setdefault("x_range", Model("DataRange1d"))
+    parts.setdefault("y_range", Model("DataRange1d"))
+    return Model(
+        "Plot",
+        **parts,
+        toolbar=Model("Toolbar", tools=tools, active_drag=box, active_scroll=None, logo=None),
         toolbar_location="above",
         sizing_mode="stretch_both",
         min_border_right=12,
         match_aspect=_to_scale(view, made),
         tags=[spec],
     )
-    if _is_curved(view):
-        _curves(plot, hover, view, made, spec)
-    else:
-        _coloured(plot, hover, view, made, spec)
-    return plot
 
 
 def _fonts(title: str) -> dict[str, Any]:
@@ -223,8 +194,10 @@ def _fonts(title: str) -> dict[str, Any]:
     return {f"{of}_{key}": value for of, one in ((title, look), ("major_label", ticks)) for key, value in one.items()}
 
 
-def _axis(plot: bk.Plot, place: Any, label: str, name: str | None = None, **look: Any) -> None:
-    axis = look.pop("kind", bk.LinearAxis)(
+def _axis(label: str, ticker: Model, name: str | None = None, kind: str = "LinearAxis", **look: Any) -> Model:
+    return Model(
+        kind,
+        ticker=ticker,
         axis_label=fold(label, ROOMS[0]),
         name=name,
         visible=name is None,
@@ -232,8 +205,16 @@ def _axis(plot: bk.Plot, place: Any, label: str, name: str | None = None, **look
         **_fonts("axis_label"),
         **look,
     )
-    plot.add_layout(axis, place)
-    plot.add_layout(bk.Grid(axis=axis, dimension=1 if place == "left" else 0, name=name, visible=name is None))
+
+
+def _grid(axis: Model, across: bool) -> Model:
+    return Model("Grid", axis=axis, dimension=int(across), **{key: axis.attributes[key] for key in ("name", "visible")})
+
+
+def _drawn(data: Mapping[str, Any] | Model, kind: str, name: str | None = None, **glyph: Any) -> Model:
+    """What is drawn of data, which may be those of another glyph."""
+    source = data if isinstance(data, Model) else Model("ColumnDataSource", data=data)
+    return Model("GlyphRenderer", name=name, data_source=source, glyph=Model(kind, **glyph))
 
 
 def _tip(**rows: str) -> str:
@@ -244,46 +225,43 @@ def _tip(**rows: str) -> str:
     )
 
 
-def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> None:
-    """Mirrors of a field, or pixels, coloured by a value."""
+def _coloured(view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
+    """Mirrors of a field, or pixels, coloured by a value: the parts of its figure."""
     palettes = [[to_hex(colormaps[name](i / (SHADES - 1))) for i in range(SHADES)] for name in (VALUES, DIFFERENCES)]
-    mapper = bk.LinearColorMapper(name="mapper", palette=palettes[0], nan_color=NO_VALUE, tags=palettes)
+    mapper = Model("LinearColorMapper", name="mapper", palette=palettes[0], nan_color=NO_VALUE, tags=palettes)
     dims = [made["dims"][dim] for dim in view.along]
     if view.kind == "field":
         spec |= {"what": "heliostats"}
-        sides: dict[str, Any] = {name: name for name in ("x", "y", "width", "height", "angle")}
-        source = bk.ColumnDataSource(
-            {name: [0, 1] for name in (*made["places"], "value", "text", "name")}, name="source"
-        )
+        data = {name: [0, 1] for name in (*made["places"], "value", "text", "name")}
+        sides = {name: field(name) for name in ("x", "y", "width", "height", "angle")}
+        fill = field("value", transform=mapper)
+        source = Model("ColumnDataSource", data=data, name="source")
+        mirrors = _drawn(source, "Rect", **sides, fill_color=fill, line_color=f"{GREY}88", line_width=0.4)
         at = [side for side in SIDES if side in made["places"]]
-        fill: Any = {"field": "value", "transform": mapper}
-        mirrors = bk.Rect(**sides, fill_color=fill, line_color=f"{GREY}88", line_width=0.4)
-        hover.update(
-            renderers=[plot.add_glyph(source, mirrors)],
-            tooltips=_tip(
-                heliostat="@name",
-                value="@text",
-                **{"_".join(SIDES[side].split()[0] for side in at): f"{', '.join(f'@{side}{{0.0}}' for side in at)} m"},
-            ),
+        tip = _tip(
+            heliostat="@name",
+            value="@text",
+            **{"_".join(SIDES[side].split()[0] for side in at): f"{', '.join(f'@{side}{{0.0}}' for side in at)} m"},
         )
+        drawn = [mirrors]
         for edges, dash in zip(made["areas"].values(), ("dashed", "dotted"), strict=False):
-            lines = bk.ColumnDataSource({axis: [ring[:, i] for ring in edges] for i, axis in enumerate(("xs", "ys"))})
-            plot.add_glyph(lines, bk.MultiLine(xs="xs", ys="ys", line_color=GREY, line_width=1.5, line_dash=dash))
-        tower = bk.Scatter(x=0, y=0, marker="triangle", size=11, fill_color="#1c2126", line_color="#ffffff")
-        plot.add_glyph(bk.ColumnDataSource({"x": [0]}), tower)
-        titles = ["north (m)", "east (m)"]
+            rings = {axis: [ring[:, i] for ring in edges] for i, axis in enumerate(("xs", "ys"))}
+            drawn.append(_drawn(rings, "MultiLine", line_color=GREY, line_width=1.5, line_dash=dash))
+        tower = {"marker": "triangle", "size": 11, "fill_color": "#1c2126", "line_color": "#ffffff"}
+        drawn.append(_drawn({"x": [0], "y": [0]}, "Scatter", **tower))
+        titles, tickers = ["north (m)", "east (m)"], [Model("BasicTicker"), Model("BasicTicker")]
     else:
         steps = [-(-len(one["texts"]) // most) for one, most in zip(dims, MOST_CELLS, strict=True)]
         spec |= {"what": "pixels", "steps": steps}
-        source = bk.ColumnDataSource({"image": [np.zeros([len(one["texts"]) for one in dims])]}, name="source")
+        data = {"image": [np.zeros([len(one["texts"]) for one in dims])]}
         (y, height), (x, width) = (_side(one["at"]) for one in dims)
-        pixels = bk.Image(image="image", x=x, y=y, dw=width, dh=height, color_mapper=mapper)
-        hover.update(renderers=[plot.add_glyph(source, pixels)], tooltips=_tip(value="@image", at="$x, $y"))
-        titles = [one["label"] for one in dims]
-    tickers = [_ticker(one) for one in dims] if view.kind == "raster" else [bk.BasicTicker(), bk.BasicTicker()]
-    for place, title, ticker in zip(("left", "below"), titles, tickers, strict=True):
-        _axis(plot, place, title, ticker=ticker)
-    bar = ColorBar(
+        source = Model("ColumnDataSource", data=data, name="source")
+        pixels = _drawn(source, "Image", image=field("image"), x=x, y=y, dw=width, dh=height, color_mapper=mapper)
+        tip, drawn = _tip(value="@image", at="$x, $y"), [pixels]
+        titles, tickers = [one["label"] for one in dims], [_ticker(one) for one in dims]
+    up, right = (_axis(title, ticker) for title, ticker in zip(titles, tickers, strict=True))
+    bar = Model(
+        "ColorBar",
         name="bar",
         color_mapper=mapper,
         height=10,
@@ -294,12 +272,12 @@ def _coloured(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str,
         bar_line_color=None,
         **_fonts("title"),
     )
-    plot.add_layout(bar, "below")
+    return {"renderers": drawn, "hovered": drawn[:1], "tooltips": tip, "left": [up], "below": [right, bar]}
 
 
-def _ticker(dim: Mapping[str, Any]) -> bk.Ticker:
+def _ticker(dim: Mapping[str, Any]) -> Model:
     """Ticks along a dimension of numbers, at its own steps."""
-    return bk.AdaptiveTicker(mantissas=dim["steps"], base=10) if dim["steps"] else bk.BasicTicker()
+    return Model("AdaptiveTicker", mantissas=dim["steps"], base=10) if dim["steps"] else Model("BasicTicker")
 
 
 def _side(at: np.ndarray) -> tuple[float, float]:
@@ -308,58 +286,61 @@ def _side(at: np.ndarray) -> tuple[float, float]:
     return float(at.min() - step / 2), float(np.ptp(at) + step)
 
 
-def _curves(plot: bk.Plot, hover: bk.HoverTool, view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> None:
-    """Curves over a dimension, or points in a plane: a line for each value of another dimension."""
+def _curves(view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
+    """Curves over a dimension, or points in a plane, a line for each value of another dimension: parts of a figure."""
     most = max([1, *(len(one["looks"]) for one in made["dims"].values() if one["looks"])])
     look = {"color": COLOURS[0], "dash": [], "mark": "circle"}
     spec |= {"lines": [dim for dim in view.lines if dim], "most": most, "look": look}
-    marks = []
+    paths, marks, at = [], [], {"x": field("x"), "y": field("y")}
     for i in range(most):
-        source = bk.ColumnDataSource({name: [] for name in ("x", "y", "text", "line", "along")})
-        plot.add_glyph(source, bk.Line(x="x", y="y", line_width=1.8), name=f"path-{i}")
-        marks.append(plot.add_glyph(source, bk.Scatter(x="x", y="y"), name=f"marks-{i}"))
-    hover.update(renderers=marks, tooltips=_tip(_="@line", __="@along", ___="@text"))
-    nothing = bk.ColumnDataSource({"x": [0, 1], "y": [0, 1]})
-    plot.add_glyph(nothing, bk.Scatter(x="x", y="y", fill_color=None, line_color=None), name="nothing")
-    _axis(plot, "left", "")
+        source = Model("ColumnDataSource", data={name: [] for name in ("x", "y", "text", "line", "along")})
+        paths.append(_drawn(source, "Line", f"path-{i}", **at, line_width=1.8))
+        marks.append(_drawn(source, "Scatter", f"marks-{i}", **at))
+    nothing = _drawn({"x": [0, 1], "y": [0, 1]}, "Scatter", "nothing", **at, fill_color=None, line_color=None)
+    parts = {
+        "renderers": [*(one for pair in zip(paths, marks, strict=True) for one in pair), nothing],
+        "hovered": marks,
+        "tooltips": _tip(_="@line", __="@along", ___="@text"),
+        "left": [_axis("", Model("BasicTicker"))],
+    }
     if view.kind == "plane":
-        _axis(plot, "below", "")
-        if view.outline:
-            _outline(plot, *view.outline, made)
-        return
-    for dim in view.along:
-        one = made["dims"][dim]
-        if one["kind"] == "date":
-            _axis(plot, "below", "", dim, kind=bk.DatetimeAxis)
-        elif one["joined"] and one["kind"] == "number":
-            _axis(plot, "below", "", dim, ticker=_ticker(one))
-        else:
-            chosen = range(0, len(one["texts"]), -(-len(one["texts"]) // MOST_TICKS))
-            slanted = one["kind"] == "word" and len(one["texts"]) > 5
-            _axis(
-                plot,
-                "below",
-                "",
-                dim,
-                ticker=bk.FixedTicker(ticks=[float(one["at"][i]) for i in chosen]),
-                major_label_overrides={float(one["at"][i]): one["texts"][i] for i in chosen},
-                major_label_orientation=0.7 if slanted else "horizontal",
-            )
+        outline = _outline(*view.outline, made) if view.outline else {"renderers": []}
+        more = parts["renderers"] + outline.pop("renderers")
+        return {**parts, **outline, "renderers": more, "below": [_axis("", Model("BasicTicker"))]}
+    return {**parts, "below": [_axis_along(dim, made["dims"][dim]) for dim in view.along]}
 
 
-def _outline(plot: bk.Plot, width: float, height: float, made: Mapping[str, Any]) -> None:
+def _axis_along(dim: str, one: Mapping[str, Any]) -> Model:
+    """Axis of a dimension: of dates, of numbers, or of words and powers at their places."""
+    if one["kind"] == "date":
+        return _axis("", Model("DatetimeTicker"), dim, "DatetimeAxis")
+    if one["joined"] and one["kind"] == "number":
+        return _axis("", _ticker(one), dim)
+    chosen = range(0, len(one["texts"]), -(-len(one["texts"]) // MOST_TICKS))
+    slanted = one["kind"] == "word" and len(one["texts"]) > 5
+    return _axis(
+        "",
+        Model("FixedTicker", ticks=[float(one["at"][i]) for i in chosen]),
+        dim,
+        major_label_overrides={float(one["at"][i]): one["texts"][i] for i in chosen},
+        major_label_orientation=0.7 if slanted else "horizontal",
+    )
+
+
+def _outline(width: float, height: float, made: Mapping[str, Any]) -> dict[str, Any]:
     """A rectangle about the origin, of which the surroundings are seen at first: points far off must not hide it."""
-    line: Any = {"line_color": GREY, "line_width": 1.5, "line_dash": "dashed"}
-    frame = bk.Rect(x=0, y=0, width=width, height=height, fill_color=None, **line)
     numbers = [array["values"] for one in made["quantities"] for array in (one, one["across"])]
     far = np.abs(np.concatenate(numbers))
     far = far[np.isfinite(far)]
     side = max(width, height)
     side = min(3 * side, max(1.3 * side, 2.2 * float(np.quantile(far, 0.9)) if far.size else 0.0))
-    around = bk.Rect(x=0, y=0, width=side, height=side, fill_color=None, line_color=None)
-    plot.add_glyph(bk.ColumnDataSource({"x": [0]}), frame)
-    seen: list[bk.Model] = [plot.add_glyph(bk.ColumnDataSource({"x": [0]}), around)]
-    plot.update(x_range=bk.DataRange1d(renderers=seen), y_range=bk.DataRange1d(renderers=seen))
+    line = {"line_color": GREY, "line_width": 1.5, "line_dash": "dashed"}
+    frame, around = (
+        _drawn({"x": [0], "y": [0]}, "Rect", width=sides[0], height=sides[1], fill_color=None, **look)
+        for sides, look in (((width, height), line), ((side, side), {"line_color": None}))
+    )
+    seen = {f"{axis}_range": Model("DataRange1d", renderers=[around]) for axis in "xy"}
+    return {"renderers": [frame, around], **seen}
 
 
 def _aspect(view: View, made: Mapping[str, Any]) -> float:

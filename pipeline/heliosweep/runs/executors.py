@@ -17,7 +17,6 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-from unittest import mock
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.grid.lazy import Work
@@ -235,6 +234,7 @@ def forking_context() -> BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods() or not room:
         return multiprocessing.get_context("spawn")
     from multiprocessing import forkserver, resource_tracker, util
+    from unittest import mock
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([f"{__package__}.forked", __name__, "heliosweep.kernels.compiled"])

@@ -79,11 +79,11 @@ def manifest_of(place: Path) -> dict[str, Any]:
 
 
 def import_no_other_arrays() -> None:
-    """Keep xarray from importing dask.array and pint, a third of a second, to see whether an array is one of theirs.
+    """Keep xarray from importing dask and pint, a third of a second, to see whether an array is one of theirs.
 
     None is, before someone has imported them. An xarray that keeps what it knows of them elsewhere imports them.
     """
-    from xarray.namedarray import pycompat
+    from xarray.namedarray import pycompat, utils
 
     known: Any = getattr(pycompat, "_cached_duck_array_modules", None)
     real: Any = getattr(pycompat, "DuckArrayModule", None)
@@ -102,6 +102,9 @@ def import_no_other_arrays() -> None:
 
     for name, module in (("dask", "dask.array"), ("pint", "pint")):
         known.setdefault(name, Late(name, module))
+    ask: Any = getattr(utils, "is_dask_collection", None)
+    if ask is not None and ask.__module__ == utils.__name__:
+        utils.is_dask_collection = lambda x: "dask" in sys.modules and ask(x)
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
