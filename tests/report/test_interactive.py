@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from bokeh.document import Document
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.family import Family, families
@@ -317,3 +319,37 @@ def test_maps_know_the_edges_of_the_field_its_ground_and_signs():
         "z"
         not in view_payload(result(heliostats=9), View("field", "", ("optical_efficiency",), ("heliostat",)))["places"]
     )
+
+
+def test_bokeh_knows_all_that_its_client_is_given(caplog):
+    labels: dict[str, Any] = {
+        "method": ["LM", EVIL],
+        "date": np.arange("2021-01-01", "2021-02-10", dtype="datetime64[D]").astype("datetime64[ns]"),
+        "height": np.geomspace(1, 1000, 5),
+        "hour": [9.0, 12.0, 15.0],
+        "z": np.linspace(-1, 1, 30),
+        "y": np.linspace(1, -1, 20),
+    }
+    arrays = {"slope": ("method", "z", "y"), "factor": ("method", "date", "height", "hour"), "u": ("method", "hour")}
+    mirror = xr.Dataset({name: (dims, np.ones([len(labels[dim]) for dim in dims])) for name, dims in arrays.items()})
+    mirror = mirror.assign(v=mirror["u"]).assign_coords(labels)
+    plane = View("plane", "", ("u",), ("hour",), lines=("method",), against={"u": "v"}, outline=(8.0, 6.0))
+    field = result({"latitude": [0.0, 15.0], "tracking": BOTH}, heliostats=40)
+    field = field.assign_attrs(layout_boundary="POLYGON ((-9 -9, 9 -9, 9 9, -9 -9))")
+    fields = View("field", "", ("optical_efficiency",), ("heliostat",), less="tracking")
+    drawn = [
+        *interactive.explore(mirror, [*default_views(mirror), plane])[1].values(),
+        *interactive.explore(field, [fields])[1].values(),
+    ]
+    kinds, bare = set[str](), {"title": "", "config": {"type": "object", "name": "DocumentConfig", "id": "config"}}
+    for item in drawn:
+        doc: Any = {**bare, **item["doc"]}
+        document = Document.from_json(doc)
+        document.validate()
+        (plot,) = document.roots
+        assert plot.id == item["root_id"]
+        kinds |= {type(one).__name__ for one in plot.references()}
+    assert caplog.messages == []  # of attributes that it does not know
+    assert {"Image", "Rect", "MultiLine", "Line", "DatetimeAxis", "FixedTicker", "AdaptiveTicker"} <= kinds
+    read = plot.tags[0]["quantities"][0]["values"]
+    assert 100 * field["optical_efficiency"].to_numpy().ravel() == pytest.approx(read, rel=1e-6)

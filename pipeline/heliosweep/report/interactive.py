@@ -211,7 +211,7 @@ def _grid(axis: Model, across: bool) -> Model:
     return Model("Grid", axis=axis, dimension=int(across), **{key: axis.attributes[key] for key in ("name", "visible")})
 
 
-def _drawn(data: Mapping[str, Any] | Model, kind: str, name: str | None = None, **glyph: Any) -> Model:
+def _drawn(data: Mapping[str, Any] | Model, kind: str, name: str | None = None, /, **glyph: Any) -> Model:
     """What is drawn of data, which may be those of another glyph."""
     source = data if isinstance(data, Model) else Model("ColumnDataSource", data=data)
     return Model("GlyphRenderer", name=name, data_source=source, glyph=Model(kind, **glyph))
@@ -232,7 +232,7 @@ def _coloured(view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> dict
     dims = [made["dims"][dim] for dim in view.along]
     if view.kind == "field":
         spec |= {"what": "heliostats"}
-        data = {name: [0, 1] for name in (*made["places"], "value", "text", "name")}
+        data: dict[str, Any] = {name: [0, 1] for name in (*made["places"], "value", "text", "name")}
         sides = {name: field(name) for name in ("x", "y", "width", "height", "angle")}
         fill = field("value", transform=mapper)
         source = Model("ColumnDataSource", data=data, name="source")
@@ -313,7 +313,9 @@ def _curves(view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> dict[s
 def _axis_along(dim: str, one: Mapping[str, Any]) -> Model:
     """Axis of a dimension: of dates, of numbers, or of words and powers at their places."""
     if one["kind"] == "date":
-        return _axis("", Model("DatetimeTicker"), dim, "DatetimeAxis")
+        year = Model("DatetimeTickFormatter", days="%Y", months="", years="", hide_repeats=True)
+        words = Model("DatetimeTickFormatter", hours="%H:%M", days="%b %d", months="%b %Y", context=year)
+        return _axis("", Model("DatetimeTicker"), dim, "DatetimeAxis", formatter=words)
     if one["joined"] and one["kind"] == "number":
         return _axis("", _ticker(one), dim)
     chosen = range(0, len(one["texts"]), -(-len(one["texts"]) // MOST_TICKS))

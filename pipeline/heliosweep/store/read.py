@@ -104,7 +104,7 @@ def import_no_other_arrays() -> None:
         known.setdefault(name, Late(name, module))
     ask: Any = getattr(utils, "is_dask_collection", None)
     if ask is not None and ask.__module__ == utils.__name__:
-        utils.is_dask_collection = lambda x: "dask" in sys.modules and ask(x)
+        vars(utils)["is_dask_collection"] = lambda x: "dask" in sys.modules and ask(x)
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
