@@ -96,7 +96,7 @@ def test_polygons_in_all_forms(tmp_path, form):
 
 def test_a_road_through_the_field(tmp_path):
     road = saved(tmp_path / "road.wkt", wkt([[-500, 90], [500, 90], [500, 110], [-500, 110], [-500, 90]]))
-    region = region_of((), None, road, (None, 0))
+    region = region_of((), exclude=read_area(road, "exclude"))
     layout, whole = (radial_stagger(13, 50, rings=8, region=one) for one in (region, None))
     assert len(layout) == (abs(whole.y - 100) > 10).sum() < len(whole)
     assert abs(layout.y - 100).min() > 10
@@ -140,7 +140,7 @@ def test_map_coordinates_count_from_the_tower(tmp_path):
     here, there = Path(tmp_path / "here.wkt"), Path(tmp_path / "map.wkt")
     here.write_text(wkt(SQUARE, HOLE))
     there.write_text(wkt(*([[x + tower[0], y + tower[1]] for x, y in ring] for ring in (SQUARE, HOLE))))
-    one, other = region_of((), here, None, (0, None)), region_of((), there, None, (0, None), 0.0, tower)
+    one, other = region_of((), read_area(here, "boundary")), region_of((), read_area(there, "boundary", tower))
     np.testing.assert_array_equal(radial_stagger(13, 50, region=one).x, radial_stagger(13, 50, region=other).x)
     with pytest.raises(StudyError, match=r"out of any field: .* of map coordinates give 'origin'"):
         read_area(there, "boundary")
@@ -149,13 +149,13 @@ def test_map_coordinates_count_from_the_tower(tmp_path):
 def test_no_room(tmp_path):
     far = saved(tmp_path / "far.wkt", "POLYGON ((900 900, 900.1 900, 900 900.1, 900 900))")
     with pytest.raises(StudyError, match="boundary: leaves no room"):
-        radial_stagger(13, 50, region=region_of((), far, None, (0, None)))
+        radial_stagger(13, 50, region=region_of((), read_area(far, "boundary")))
     site, all_of_it = (
         saved(tmp_path / f"{side}.wkt", shapely.box(-side, -side, side, side).wkt) for side in (100, 1000)
     )
     with pytest.raises(StudyError, match="exclude: leaves no room: it covers the whole boundary"):
-        region_of((), site, all_of_it, (0, 0))
-    small = region_of((), site, None, (0, None))
+        region_of((), *(read_area(path, "boundary") for path in (site, all_of_it)))
+    small = region_of((), read_area(site, "boundary"))
     fit = len(radial_stagger(13, 50, region=small))
     for generate in (lambda n: radial_stagger(13, 50, heliostats=n, region=small),):
         assert len(generate(fit)) == fit
@@ -181,7 +181,7 @@ def test_heights_are_bilinear(tmp_path):
         grid(tmp_path / "b.nc", x[::-1], y[::-1], level[::-1, ::-1], units="m"),
     ]
     for path in files:
-        heights = read_heights(path, None)
+        heights = read_heights(path)
         np.testing.assert_allclose(heights_at(heights, path.name, *places.T), expected, atol=1e-9)
 
 
@@ -213,7 +213,7 @@ def test_heights_of_a_geotiff_are_those_of_a_grid(tmp_path, dtype):
     for raster, shift in ((1, 12.5), (2, 0.0)):  # its corner, or its middle
         first = (corner[0] - shift, corner[1] + shift)
         path = geotiff(tmp_path / f"{raster}.tif", level[::-1], first, (1, raster, 9001))
-        heights = read_heights(path, None, tower)
+        heights = read_heights(path, tower)
         np.testing.assert_allclose(heights_at(heights, path.name, *places.T), wanted, atol=1e-9)
         assert np.isnan(heights.at(np.array([-480.0]), np.array([-410.0])))
 
@@ -227,19 +227,19 @@ def test_geotiff_that_is_wrong(tmp_path):
         ("picture.tif", {"without": (33550,)}, "one band of heights with its place on the map"),
     ):
         with pytest.raises(StudyError, match=f"{name} .*{message}"):
-            read_heights(geotiff(tmp_path / name, level, (0, 0), **found), None)
+            read_heights(geotiff(tmp_path / name, level, (0, 0), **found))
     colours = tmp_path / "colours.tif"
     Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(colours)
     with pytest.raises(StudyError, match="one band"):
-        read_heights(colours, None)
+        read_heights(colours)
     cut = tmp_path / "cut.tif"
     whole = geotiff(tmp_path / "whole.tif", np.random.default_rng(0).normal(size=(64, 64)).astype(np.float32), (0, 0))
     for length in (6, 60, 4000):
         cut.write_bytes(whole.read_bytes()[:length])
         with pytest.raises(StudyError, match=r"cut\.tif "):
-            read_heights(cut, None)
+            read_heights(cut)
     with pytest.raises(StudyError, match="cannot be read"):
-        read_heights(tmp_path / "none.tif", None)
+        read_heights(tmp_path / "none.tif")
 
 
 def test_even_ground_falls_towards_its_azimuth():
@@ -253,13 +253,13 @@ def test_heights_that_are_wrong(tmp_path):
     x = np.linspace(-100, 100, 5)
     path = grid(tmp_path / "small.nc", x, x, np.zeros((5, 5)))
     with pytest.raises(StudyError, match=r"2 of 3 heliostats beyond its heights, x from -100 to 100 m"):
-        heights_at(read_heights(path, None), "small.nc", np.array([0.0, 101, -200]), np.zeros(3))
+        heights_at(read_heights(path), "small.nc", np.array([0.0, 101, -200]), np.zeros(3))
     away = grid(tmp_path / "away.nc", x + 500, x, np.zeros((5, 5)))
     with pytest.raises(StudyError, match="the tower beyond its heights"):
-        heights_at(read_heights(away, None), "away.nc", np.array([500.0, 510]), np.zeros(2))
+        heights_at(read_heights(away), "away.nc", np.array([500.0, 510]), np.zeros(2))
     gap = np.zeros((5, 5))
     gap[4, 4] = np.nan
-    holes = read_heights(grid(tmp_path / "gap.nc", x, x, gap), None)
+    holes = read_heights(grid(tmp_path / "gap.nc", x, x, gap))
     with pytest.raises(StudyError, match="1 of 2 heliostats"):
         heights_at(holes, "gap.nc", np.array([0.0, 99]), np.array([0.0, 99]))
     degrees = grid(tmp_path / "degrees.nc", x, x, gap, units="degrees_east")
@@ -276,4 +276,4 @@ def test_heights_that_are_wrong(tmp_path):
         (other, r"one variable over x and y, .*got z\(i\)"),
     ):
         with pytest.raises(StudyError, match=message):
-            read_heights(file, None)
+            read_heights(file)

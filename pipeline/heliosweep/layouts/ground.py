@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import read_once
 from heliosweep.layouts.layout import FARTHEST
 
 Floats = NDArray[np.float64]
@@ -121,29 +122,16 @@ class Region:
 
 @lru_cache(maxsize=8)
 def region_of(
-    sectors: tuple[tuple[float, float], ...],
-    boundary: Path | None,
-    exclude: Path | None,
-    stamps: tuple[int | None, ...],
-    margin: float = 0.0,
-    tower: Place = AT_TOWER,
+    sectors: tuple[tuple[float, float], ...], boundary: Any = None, exclude: Any = None, margin: float = 0.0
 ) -> Region:
-    """Region of some sectors and files, read once while these do not change (`stamps`); one object for the same.
-
-    `tower` is the place of the tower in the coordinates of the files. Raises StudyError, each problem with its key:
-    ``boundary`` or ``exclude``.
-    """
-    areas = [
-        None if path is None else read_area(path, key, tower)
-        for key, path in (("boundary", boundary), ("exclude", exclude))
-    ]
-    within, without = areas
-    if within is not None and without is not None and within.difference(without).area == 0:
+    """Region of some sectors and polygons; one object for the same. Raises StudyError, its key ``exclude``."""
+    if boundary is not None and exclude is not None and boundary.difference(exclude).area == 0:
         raise StudyError(Problem("leaves no room: it covers the whole boundary", "exclude"))
     key = "boundary" if boundary is not None else "sectors" if sectors else "exclude"
-    return Region(sectors, within, without, margin, key)
+    return Region(sectors, boundary, exclude, margin, key)
 
 
+@read_once(8)
 def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     """Read polygons, GeoJSON or WKT, as one prepared geometry about a tower, whose place they count from. [m]
 
@@ -246,9 +234,9 @@ def _cell(grid: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
     return cell, np.where((part >= 0) & (part <= 1), part, np.nan)
 
 
-@lru_cache(maxsize=4)
-def read_heights(path: Path, stamp: int | None, tower: Place = AT_TOWER) -> Heights:
-    """Read a grid of heights about a tower, whose place it counts from, once while the file does not change (`stamp`).
+@read_once(4)
+def read_heights(path: Path, tower: Place = AT_TOWER) -> Heights:
+    """Read a grid of heights about a tower, whose place it counts from.
 
     Raises StudyError, with the key ``terrain.file``, for what is neither NetCDF nor GeoTIFF, or no grid over x and y.
     """

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from heliosweep.config.sample import drawn_keys
 from heliosweep.config.study import Dimension, Study
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.errors import Problem, StudyError
+from heliosweep.files import read_once
 from heliosweep.layouts.csv import read_csv
 from heliosweep.layouts.ground import (
     AREAS,
@@ -100,8 +100,7 @@ class Layouts:
         file = of("file", self._block.file)
         try:
             if file is not None:
-                path = self._study.resolve(file)
-                return _read(path, self._reserved, _stamp(path))
+                return _read(self._study.resolve(file), self._reserved)
             block = getattr(self._block, self._kind)
             given = {key: of(f"{self._kind}.{key}", getattr(block, key)) for key in type(block).model_fields}
             for key in ("rings", "heliostats"):
@@ -153,12 +152,14 @@ class Layouts:
             (of(f"sectors[{number}].azimuth", sector.azimuth), of(f"sectors[{number}].width", sector.width))
             for number, sector in enumerate(block.sectors or ())
         )
-        names = (of("boundary", block.boundary), of("exclude", block.exclude))
-        if not sectors and names == (None, None):
+        names = {key: of(key, getattr(block, key)) for key in AREAS}
+        areas = [
+            None if name is None else read_area(self._study.resolve(name), key, block.origin or AT_TOWER)
+            for key, name in names.items()
+        ]
+        if not sectors and areas == [None, None]:
             return None
-        paths = [None if name is None else self._study.resolve(name) for name in names]
-        stamps = tuple(None if path is None else _stamp(path) for path in paths)
-        return region_of(sectors, *paths, stamps, of("margin", block.margin) or 0.0, block.origin or AT_TOWER)
+        return region_of(sectors, *areas, of("margin", block.margin) or 0.0)
 
     def areas(self) -> dict[str, str]:
         """Polygons that are the same for all layouts, as WKT in metres, by the attribute that tells them."""
@@ -197,8 +198,7 @@ class Layouts:
             slope, azimuth = (of(f"terrain.{key}", getattr(terrain, key)) for key in ("slope", "azimuth"))
             z = slope_heights(layout.x, layout.y, slope, azimuth)
         else:
-            path = self._study.resolve(terrain.file)
-            heights = read_heights(path, _stamp(path), self._block.origin or AT_TOWER)
+            heights = read_heights(self._study.resolve(terrain.file), self._block.origin or AT_TOWER)
             z = heights_at(heights, terrain.file, layout.x, layout.y)
         return replace(layout, z=z + 0.0)
 
@@ -220,10 +220,7 @@ def values_at(dimensions: Iterable[Dimension], index: Iterable[int]) -> dict[str
     }
 
 
-@lru_cache(maxsize=8)
-def _read(path: Path, reserved: frozenset[str], stamp: int | None) -> Layout:
-    """Read a file once while it does not change (`stamp`)."""
-    return read_csv(path, reserved)
+_read = read_once(8)(read_csv)
 
 
 @lru_cache(maxsize=8)
@@ -238,8 +235,3 @@ def _generated(kind: str, region: Region | None, **given: Any) -> Layout:
             problem if problem.key in ground else replace(problem, key=f"{kind}.{problem.key}")
             for problem in error.problems
         ) from None
-
-
-def _stamp(path: Path) -> int | None:
-    """When a file was last changed; None where there is none."""
-    return path.stat().st_mtime_ns if path.exists() else None

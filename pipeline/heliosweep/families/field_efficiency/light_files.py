@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from heliosweep.config.tables import Column, read_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.files import read_once
 from heliosweep.layouts.layout import Layout
 
 if TYPE_CHECKING:  # they take longer to import than reading a study
@@ -136,14 +136,9 @@ def read_sun(path: Path, name: str) -> tuple[Floats, Floats]:
     return 1e-3 * angle, brightness
 
 
+@read_once(4)
 def read_slopes(path: Path, name: str) -> SlopeMap:
     """Slopes of a mirror or facet from a CSV table, or from a result of backward gazing. Raises StudyError."""
-    return _slopes(path, name, path.stat().st_mtime_ns if path.exists() else None)
-
-
-@lru_cache(4)
-def _slopes(path: Path, name: str, _: int | None) -> SlopeMap:
-    """Read a file once while it does not change."""
     return _slopes_of_result(path, name) if path.suffix == ".nc" else _slopes_of_table(path, name)
 
 
@@ -232,14 +227,9 @@ class Calibrated(NamedTuple):
         return found
 
 
+@read_once(4)
 def read_calibration(path: Path, name: str) -> Calibrated:
     """Estimated errors of a calibration's result. Raises StudyError."""
-    return _calibration(path, name, path.stat().st_mtime_ns if path.exists() else None)
-
-
-@lru_cache(4)
-def _calibration(path: Path, name: str, _: int | None) -> Calibrated:
-    """Read a file once while it does not change."""
     with _result(path, name) as result:
         if (found := result.get("estimated_error")) is None:
             raise StudyError(Problem("is no result of a calibration: it has no estimated_error", file=name))
