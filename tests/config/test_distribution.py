@@ -48,6 +48,7 @@ def test_a_number_and_a_sweep_are_read_as_ever() -> None:
         ({"normal": ["1 mrad", "200 urad"]}, Distribution("normal", (1.0, 0.2))),
         ({"uniform": (-1, 3), "seed": 0}, Distribution("uniform", (-1.0, 3.0), None, 0)),
         ({"uniform": [2, 2], "samples": 1}, Distribution("uniform", (2.0, 2.0), 1)),
+        ({"normal": [0, 1], "seed": 2**53 - 1}, Distribution("normal", (0.0, 1.0), None, 2**53 - 1)),
         ({"normal": [-0.0, 0]}, Distribution("normal", (0.0, 0.0))),
     ],
 )
@@ -76,7 +77,8 @@ def test_moments() -> None:
         ({"normal": [0, 1], "samples": 1.5}, {("samples",): "must be a whole number"}),
         ({"normal": [0, 1], "samples": True}, {("samples",): "must be a whole number"}),
         ({"normal": [0, 1], "samples": float("inf")}, {("samples",): "must be a whole number"}),
-        ({"normal": [0, 1], "seed": -1}, {("seed",): "must be between 0 and 9.22e+18"}),
+        ({"normal": [0, 1], "seed": -1}, {("seed",): "must be between 0 and 9.01e+15"}),
+        ({"normal": [0, 1], "seed": 2**53}, {("seed",): "must be between 0 and 9.01e+15"}),
         ({"normal": [0, 1], "seed": "7"}, {("seed",): "must be a whole number"}),
         ({"uniform": [1, 0]}, {("uniform", 0): "the first number must not be larger than the second"}),
         ({"uniform": [-2000, 2000]}, {("uniform", 0): "must be between", ("uniform", 1): "must be between"}),

@@ -11,9 +11,9 @@ from heliosweep.config import units
 from heliosweep.config.drawn import NORMAL, RANGE_KEYS, UNIFORM, read_numbers
 from heliosweep.config.faults import MAX_FAULTS, Fault, Invalid, nearest
 from heliosweep.config.sweep import key_faults, read_parts, read_whole
-from heliosweep.config.values import Quantity, object_schema
+from heliosweep.config.values import MAX_SEED, Quantity, object_schema
 
-MAX_SAMPLES, MAX_SEED = 10**9, 2**63 - 1
+MAX_SAMPLES = 10**9
 _PARTS = {NORMAL: ("mean", "standard deviation"), UNIFORM: ("low", "high")}
 _KEYS = (*_PARTS, "samples", "seed")
 _FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [low, high]}"

@@ -13,7 +13,7 @@ from heliosweep.config.design import LATIN, LOCAL, MORRIS, RANDOM, REPLICATES, S
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Fault, Invalid, did_you_mean, each, shown
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, Flag, Parameter, Quantity, Samples, Text
+from heliosweep.config.values import MAX_SEED, Choice, Flag, Parameter, Quantity, Samples, Text
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 #: Dimension of the draws.
 SAMPLE = "sample"
-MAX_SIZE, MAX_SEED = 10**15, 2**63 - 1
+MAX_SIZE = 10**15
 #: Draws of a Latin hypercube, which is made whole, and of Sobol sequences, whose numbers have 30 bits.
 MAX_LATIN, MAX_SOBOL = 10**6, 2**33
 #: Least number of draws of Sobol sequences.

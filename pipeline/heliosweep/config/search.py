@@ -14,7 +14,7 @@ from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
 from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep, key_faults, read_items
-from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Schema, list_schema
+from heliosweep.config.values import MAX_SEED, Choice, Parameter, Quantity, Samples, Schema, list_schema
 from heliosweep.errors import Problem
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class Search(Block):
     ]  # fmt: skip
     seed: Annotated[
         int,
-        Quantity("Whole number that the course of the search follows from", "1", ge=0, le=2**63, integer=True,
+        Quantity("Whole number that the course of the search follows from", "1", ge=0, le=MAX_SEED, integer=True,
                  sweep=False),
     ] = 0  # fmt: skip
     subject_to: Annotated[

@@ -20,6 +20,9 @@ from heliosweep.config import drawn, units
 from heliosweep.config.faults import COUNTS, Fault, Faults, Invalid, Path, did_you_mean, each, one_of, to_pydantic
 from heliosweep.config.sweep import Geometric, Listed, Range, Sweep, read_items, read_sweep
 
+#: Largest seed: with those above, a number that is read as a float would stand for several.
+MAX_SEED = 2**53 - 1
+
 _INFINITE = 1e300  # beyond it differences overflow
 _QUANTITY_PATTERN = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
 _ONCE = "must be a single value; it cannot be swept"

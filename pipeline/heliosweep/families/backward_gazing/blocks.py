@@ -13,13 +13,10 @@ from heliosweep.config.blocks import Layout
 from heliosweep.config.blocks import Output as StoredOutput
 from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples
+from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples
 from heliosweep.families.backward_gazing.image_blocks import FrameEntry, Two
 from heliosweep.kernels.gazing.geometry import Modules as Rectangles
 from heliosweep.kernels.gazing.geometry import themis_8
-
-#: Seeds are whole numbers that a float holds exactly, since swept ones are floats.
-MAX_SEED = 2**53
 
 #: Shortest principal focal length of a module, of either sign. [m]
 LEAST_FOCAL_LENGTH = 10.0

@@ -12,10 +12,10 @@ from pydantic import Field
 
 from heliosweep.config.block import Block
 from heliosweep.config.blocks import Receiver as ReceiverPoint
-from heliosweep.config.distribution import MAX_SAMPLES, MAX_SEED, Distribution, Uncertain
+from heliosweep.config.distribution import MAX_SAMPLES, Distribution, Uncertain
 from heliosweep.config.faults import Fault, Invalid
 from heliosweep.config.sweep import Sweep, ends
-from heliosweep.config.values import Choice, FileName, ListOfNumbers, Quantity, Samples
+from heliosweep.config.values import MAX_SEED, Choice, FileName, ListOfNumbers, Quantity, Samples
 
 Triple = tuple[float, float, float]
 
