@@ -57,6 +57,8 @@ class Layout:
         Line of each heliostat in the file, counted from 1; None for a generated layout.
     notes : tuple of str, optional
         What is known of all heliostats, lines that stand before the table where it is written as CSV.
+    numbers : array_like of int, shape (heliostat,), optional
+        Row of each heliostat in the layout that this is a part of; 0, 1, ... where left out.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Layout:
     name: str = ""
     lines: NDArray[np.int64] | None = None
     notes: tuple[str, ...] = ()
+    numbers: NDArray[np.int64] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         """Take read-only copies."""
@@ -89,6 +92,8 @@ class Layout:
         object.__setattr__(self, "columns", columns)
         if self.lines is not None:
             object.__setattr__(self, "lines", frozen("lines", self.lines, np.int64))
+        numbers = np.arange(shape[0]) if self.numbers is None else self.numbers
+        object.__setattr__(self, "numbers", frozen("numbers", numbers, np.int64))
 
     def __len__(self) -> int:
         """Return the number of heliostats."""
@@ -96,7 +101,15 @@ class Layout:
 
     def where(self, row: int) -> str:
         """Return the name of a heliostat in messages: its index, counted from 0, and its line if known."""
-        return f"heliostat {row}" if self.lines is None else f"heliostat {row} (line {self.lines[row]})"
+        return f"heliostat {self.numbers[row]}" + ("" if self.lines is None else f" (line {self.lines[row]})")
+
+    def part(self, rows: NDArray[np.int64]) -> Layout:
+        """Return some heliostats as a layout of their own."""
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        lines = None if self.lines is None else self.lines[rows]
+        return Layout(
+            self.x[rows], self.y[rows], self.z[rows], columns, self.name, lines, self.notes, self.numbers[rows]
+        )
 
 
 def layout_of(table: Table, reserved: Collection[str] = (), unknown: str | None = None) -> Layout:

@@ -130,6 +130,23 @@ def test_errors_of_a_calibration_are_those_that_it_found(field, tmp_path):
     )
 
 
+@pytest.mark.parametrize("kind", ["drawn", "calibration"])
+def test_heliostats_that_are_kept_keep_their_errors(field, tmp_path, kind):
+    """Also where nothing but its row tells a heliostat from others."""
+    layout = {"file": table(tmp_path / "unnamed.csv", "x,y", [place[:2] for place in PLACES])}
+    errors: dict[str, Any] = {"azimuth_reference": {"normal": [0, 1.5]}, "seed": 4}
+    if kind == "calibration":
+        errors = {"calibration": calibrated(tmp_path, layout=layout)}
+    blocks = {"layout": layout, "site": {"latitude": 40}, "time": {"clock": "solar", "days": 80, "hours": [10, 12, 14]}}
+    whole = api.build(field(blocks, mount_errors=errors)).compute()
+    ranks = {"keep": {"heliostats": 2, "by": "optical_efficiency"}}
+    cut = api.build(field({**blocks, **ranks}, mount_errors=errors)).compute()
+    rows = np.flatnonzero(cut["kept"])
+    assert rows.tolist() != [0, 1]
+    kept, same = (one["intercept_efficiency"].isel(heliostat=rows) for one in (cut, whole))
+    np.testing.assert_array_equal(kept, same)
+
+
 def test_a_map_is_in_place_of_a_slope_error(field, tmp_path):
     name = grid(tmp_path / "slopes.csv", 9.0, 8.0)
     found = intercept(field(slope_map=name, slope_error=None))

@@ -191,7 +191,7 @@ def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout, sta
     given = [values[name] for name in ERRORS]
     if given[0] is None:
         return np.empty((0, len(ERRORS)))
-    drawn = standard_deviates(given, np.arange(start, stop), 1, int(values["seed"] or 0))[:, 0]
+    drawn = standard_deviates(given, layout.numbers[start:stop], 1, int(values["seed"] or 0))[:, 0]
     draws = [isinstance(error, Distribution) for error in given]
     mean = [error.mean if drawn else error for error, drawn in zip(given, draws, strict=True)]
     width = [error.width * values["scale"] if drawn else 0.0 for error, drawn in zip(given, draws, strict=True)]

@@ -17,7 +17,7 @@ from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, v
 from heliosweep.families.field_efficiency.flux import cell_seconds, flux_labels, flux_sizes
 from heliosweep.families.field_efficiency.flux_sums import FluxSums
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
-from heliosweep.families.field_efficiency.selection import Kept, part_of, select
+from heliosweep.families.field_efficiency.selection import Kept, select
 from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants, land_area, mirror_area
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
@@ -314,7 +314,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
             kept = layouts.kept(tuple(parameters.position(index).values()), choose)
             told = {"kept": np.isin(np.arange(len(layout)), kept.rows), "selection_rank": kept.rank}
             _put(made, told, index, slice(len(layout)))
-            layout = part_of(layout, kept.rows)
+            layout = layout.part(kept.rows)
         field = field_of(layout)
         if shared:
             field = field._replace(shared=layouts.known.field(layout, field.mirrors))
@@ -411,7 +411,7 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
         if study.keep is not None:
             area[index] *= computed["kept"].to_numpy()[index] == 1
             rows = np.flatnonzero(area[index])
-            layout = part_of(layout, rows)
+            layout = layout.part(rows)
         if study.output.field_geometry:
             distance = np.hypot(layout.x, layout.y)
             elevation = np.degrees(np.arctan2(target - layout.z - pivot, distance))

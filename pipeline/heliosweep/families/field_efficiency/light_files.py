@@ -205,7 +205,7 @@ class Calibrated(NamedTuple):
 
         Raises StudyError where the calibration lacks one, or has no estimate for it.
         """
-        rows, names = np.arange(len(layout)), layout.columns.get("name")
+        rows, names = layout.numbers, layout.columns.get("name")
         if self.names and names is not None:
             at = {name: row for row, name in enumerate(self.names)}
             rows = np.array([at.get(str(name), len(self.names)) for name in names])

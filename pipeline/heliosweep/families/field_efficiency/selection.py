@@ -25,12 +25,6 @@ class Kept(NamedTuple):
     """Rank of each heliostat of the layout, from 1."""
 
 
-def part_of(layout: Layout, rows: NDArray[np.int64]) -> Layout:
-    """Some heliostats of a layout, as a layout of their own."""
-    columns = {name: values[rows] for name, values in layout.columns.items()}
-    return Layout(layout.x[rows], layout.y[rows], layout.z[rows], columns, layout.name)
-
-
 def ranked_values(
     by: str,
     field: Field,
@@ -107,4 +101,4 @@ def select(
     """
     number, power, by = wanted
     values = ranked_values(by, field_of(layout), sun, hours, months, blocks)
-    return best(values, number, power, lambda rows: design_power(field_of(part_of(layout, rows))))
+    return best(values, number, power, lambda rows: design_power(field_of(layout.part(rows))))
