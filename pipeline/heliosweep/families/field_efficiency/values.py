@@ -185,23 +185,9 @@ def mirror_area(width: Floats, height: Floats, facets: FacetGrid | None) -> Floa
 
 def land_area(x: Floats, y: Floats, radius: float) -> float:
     """Area within the line that runs `radius` [m] outside the convex hull of the centres, at x and y [m]. [m2]"""
-    corners = _hull(sorted(set(zip(x.tolist(), y.tolist(), strict=True))))
-    sides = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    area = sum(px * qy - qx * py for (px, py), (qx, qy) in sides) / 2
-    return area + radius * sum(math.dist(p, q) for p, q in sides) + math.pi * radius**2
+    from shapely import convex_hull, get_coordinates, multipoints
 
-
-def _hull(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Corners of the convex hull of sorted points, counter-clockwise (Andrew's monotone chain)."""
-    hull: list[tuple[float, float]] = []
-    for side in (points, points[::-1]):
-        chain: list[tuple[float, float]] = []
-        for x, y in side:
-            while len(chain) > 1:
-                (ax, ay), (bx, by) = chain[-2:]
-                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
-                    break
-                chain.pop()
-            chain.append((x, y))
-        hull += chain[:-1]
-    return hull or points
+    hull = convex_hull(multipoints(np.stack((x, y), axis=1)))
+    corners = get_coordinates(hull)
+    around = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T).sum()  # of a line there and back
+    return float(hull.area + radius * around + math.pi * radius**2)
