@@ -27,7 +27,16 @@ def rings(**keys: Any) -> dict[str, Any]:
     [
         (rings(rings=2), ""),
         (rings(rings=2, clearance={"start": 13, "stop": 14, "num": 10**12}), "clearance"),
+        (rings(rings=2, clearance={"start": 13, "stop": 14, "num": 5120}), ""),
         (rings(rings=2, clearance=[13, 14], inner_radius={"start": 50, "stop": 60, "num": 10**13}), "inner_radius"),
+        (
+            rings(
+                rings=2,
+                clearance={"start": 13, "stop": 14, "num": 10**12},
+                inner_radius={"start": 50, "stop": 60, "num": 10**13},
+            ),
+            "inner_radius",
+        ),
         (rings(heliostats={"start": 1, "stop": 10**6, "step": 1}), "heliostat_count"),
     ],
 )

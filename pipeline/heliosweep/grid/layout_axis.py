@@ -23,8 +23,8 @@ _POSITIONS = {
     "y": ("distance of the heliostat north of the tower", "projection_y_coordinate"),
     "z": ("height of the heliostat's base above the tower's base", ""),
 }
-#: Layouts of a sweep at the most, and of those that have to be made to know how long they are.
-MAX_LAYOUTS, MAX_MADE = 100_000, 3_000
+#: Layouts of a sweep at the most, and of those that have to be made to know how long they are, some 0.1 ms each.
+MAX_LAYOUTS, MAX_MADE = 100_000, 20_000
 
 
 class LayoutAxis:
@@ -34,11 +34,11 @@ class LayoutAxis:
     """
 
     def __init__(self, study: Study, key: str = "layout") -> None:
-        layouts = Layouts(study, key=key)
+        layouts = _counted(study, key)
         self.dims = tuple(dim.name for dim in layouts.dimensions)
         self._shape = tuple(len(dim) for dim in layouts.dimensions)
         self._layouts = list(layouts)
-        self.size = longest(study, key)
+        self.size = max(map(len, self._layouts))
 
     def at(self, position: Mapping[str, int]) -> Layout:
         """Layout of a point of the result, from its position along each dimension."""
@@ -114,18 +114,22 @@ def longest(study: Study, key: str = "layout") -> int:
 
     Raises PlanError where the study sweeps over too many layouts; names the longest of their axes.
     """
-    layouts = Layouts(study, key=key)
+    layouts = _counted(study, key)
     heliostats = layouts.heliostats
-    most = MAX_MADE if heliostats is None else MAX_LAYOUTS
-    number = math.prod(len(dim) for dim in layouts.dimensions)
+    if heliostats is not None:
+        return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
+    return max(map(len, layouts))
+
+
+def _counted(study: Study, key: str) -> Layouts:
+    """Layouts that are not too many. Raises PlanError."""
+    layouts = Layouts(study, key=key)
+    most = MAX_MADE if layouts.heliostats is None else MAX_LAYOUTS
+    number = math.prod(map(len, layouts.dimensions))  # more than `len` may return
     if number > most:
         axis = max(layouts.dimensions, key=len)
         raise PlanError(f"refused: {number:,} layouts are more than {most:,}; shrink '{axis.name}' first")
-    if heliostats is not None:
-        return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
-    if not layouts.dimensions:
-        return len(layouts[()])
-    return max(map(len, layouts))
+    return layouts
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
 
@@ -30,6 +30,8 @@ from heliosweep.layouts.ground import Region
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 from heliosweep.layouts.patterns import MOST_PLACES, check_count
 from heliosweep.layouts.spacing import Spacing
+
+Floats = NDArray[np.float64]
 
 WIDEST_SPACING = 1.7
 """Spacing within a ring, in clearances, beyond which an automatic zone ends."""
@@ -138,7 +140,7 @@ def radial_stagger(
             break
         field.append(ring)
         looked_at += len(ring)
-        count += int(region.inside(*ring.places()).sum()) if cut else len(ring)
+        count += int(region.inside(*_places(ring.radius, ring.clockwise())).sum()) if cut else len(ring)
         if heliostats is not None and count >= heliostats:
             break
         if count > MAX_HELIOSTATS or looked_at > MOST_PLACES:
@@ -159,7 +161,7 @@ class _Ring:
 
     radius: float
     north: bool
-    sides: NDArray[np.floating]
+    sides: Floats
     south: bool
 
     def __len__(self) -> int:
@@ -173,21 +175,22 @@ class _Ring:
             return 180.0
         return float(self.sides[-1]) if self.sides.size else 0.0
 
-    def clockwise(self) -> NDArray[np.floating]:
+    def clockwise(self) -> Floats:
         """Return the azimuths clockwise from north, those in the west negative, in degrees."""
         return np.concatenate([[0.0] * self.north, self.sides, [180.0] * self.south, -self.sides[::-1]])
 
-    def places(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Return x and y of its heliostats [m]; east and west mirror each other to the last bit."""
-        azimuth = np.radians(self.clockwise())
-        return self.radius * np.sin(azimuth), self.radius * np.cos(azimuth)
+
+def _places(radius: float | Floats, clockwise: Floats) -> tuple[Floats, Floats]:
+    """Return x and y at some azimuths [m]; east and west mirror each other to the last bit."""
+    azimuth = np.radians(clockwise)
+    return radius * np.sin(azimuth), radius * np.cos(azimuth)
 
 
 def _layout(field: list[_Ring], region: Region, heliostats: int | None) -> Layout:
     """Place the heliostats, ring by ring and clockwise; of the last ring those in the north, of a pair the eastern."""
     signed = np.concatenate([ring.clockwise() for ring in field])
-    x, y = (np.concatenate(side) for side in zip(*(ring.places() for ring in field), strict=True))
     number = np.repeat(np.arange(1, len(field) + 1), [len(ring) for ring in field])
+    x, y = _places(np.array([ring.radius for ring in field])[number - 1], signed)
     there = np.flatnonzero(region.inside(x, y))
     if heliostats is not None:
         last = there[number[there] == len(field)]
@@ -288,8 +291,8 @@ def _zone(
 
 def _closed_ring(radius: float, count: int, staggered: bool) -> _Ring:
     """Return a ring of equal steps all round, from north or, staggered, from half a step beside it."""
-    steps = np.arange(count // 2) + 0.5 if staggered else np.arange(1, (count + 1) // 2)
-    half = steps * (360 / count)
+    first, number = (0.5, count // 2) if staggered else (1.0, (count - 1) // 2)
+    half = (np.arange(number, dtype=np.float64) + first) * (360 / count)
     return _Ring(radius, not staggered, half, staggered == (count % 2 == 1))
 
 
@@ -303,10 +306,10 @@ def _open_ring(radius: float, pitch: float, staggered: bool, clearance: float, p
     from_previous = _angle_apart(radius, previous.radius, clearance) if previous else 0.0
     gap = max(apart / 2, from_previous if previous and previous.south else 0.0)
     first = 0.5 if staggered else 1.0
-    half = (np.arange(math.floor((180 - gap) / pitch + 1 - first)) + first) * pitch
-    ring = _Ring(radius, not staggered, half, False)
-    clear = 180 - ring.last >= apart and (previous is None or 180 - previous.last >= from_previous)
-    return replace(ring, south=clear)
+    half = (np.arange(math.floor((180 - gap) / pitch + 1 - first), dtype=np.float64) + first) * pitch
+    last = float(half[-1]) if half.size else 0.0
+    clear = 180 - last >= apart and (previous is None or 180 - previous.last >= from_previous)
+    return _Ring(radius, not staggered, half, clear)
 
 
 def _angle_apart(radius: float, other: float, distance: float) -> float:

@@ -65,6 +65,9 @@ class Layouts:
         self.dimensions: list[Dimension] = [
             dim for dim in study.dimensions() if any(self.depend_on(name) for name in dim.sweeps)
         ]
+        self._sweeps = [
+            {key: sweep for key, sweep in dim.sweeps.items() if self.depend_on(key)} for dim in self.dimensions
+        ]
 
     def depend_on(self, key: str) -> bool:
         """Whether the layouts depend on a key of the study: one of the block, or one that the spacing follows."""
@@ -86,7 +89,7 @@ class Layouts:
         StudyError
             Where the file or the generator's parameters are wrong, located in the study or layout file.
         """
-        return self.at(values_at(self.dimensions, index))
+        return self.at(values_at(self._sweeps, index))
 
     def __iter__(self) -> Iterator[Layout]:
         return (self[index] for index in itertools.product(*(range(len(dim)) for dim in self.dimensions)))
@@ -129,7 +132,7 @@ class Layouts:
         dims = [dim for dim in study.dimensions() if any(key in dim.sweeps for key in matters)]
         looked_at = 0
         for index in itertools.islice(itertools.product(*(self._positions(dim, worst) for dim in dims)), MAX_POINTS):
-            values = given | values_at(dims, index) | drawn
+            values = given | values_at((dim.sweeps for dim in dims), index) | drawn
             layout = self.at(values)
             yield layout, values
             looked_at += len(layout)
@@ -211,13 +214,9 @@ class Layouts:
         return self._study.problem(f"{self._key}.{problem.key}", problem.message)
 
 
-def values_at(dimensions: Iterable[Dimension], index: Iterable[int]) -> dict[str, Any]:
+def values_at(dimensions: Iterable[Mapping[str, Sweep]], index: Iterable[int]) -> dict[str, Any]:
     """Values of what is swept, by dotted key, at a position along each of the dimensions."""
-    return {
-        key: sweep[position]
-        for dim, position in zip(dimensions, index, strict=True)
-        for key, sweep in dim.sweeps.items()
-    }
+    return {key: sweep[position] for dim, position in zip(dimensions, index, strict=True) for key, sweep in dim.items()}
 
 
 _read = read_once(8)(read_csv)

@@ -110,7 +110,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         instants = instants_of(parameters).size
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
     angles = study.output.tracking_angles
-    seconds, lit = _seconds(parameters)
+    seconds, lit = _seconds(parameters, heliostats)
     held_bytes = _shared_bytes(study, heliostats)
     if held_bytes and not any(_moving(study)):
         seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
@@ -151,13 +151,13 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     )
 
 
-def _seconds(parameters: Parameters) -> tuple[float, float]:
+def _seconds(parameters: Parameters, heliostats: int) -> tuple[float, float]:
     """Estimate of the time of one heliostat and instant [s], and share of the instants with the sun up.
 
     From the sun, and with weather from the instants at which the field works, at a few points and instants.
     """
     study: Any = parameters.study
-    most, blocked = MOST_SECONDS * longest(study) ** 0.5, _seconds_blocked(parameters)
+    most, blocked = MOST_SECONDS * heliostats**0.5, _seconds_blocked(parameters)
     if instant_count(study.time) > MAX_INSTANTS:
         return 2 * SECONDS_SHADED + blocked, 1.0
     places = set(parameters.site_dims)
