@@ -170,8 +170,10 @@ def test_without_a_folder_for_compiled_code_kernels_are_compiled_all_the_same(mo
     monkeypatch.setattr(compiled, "UNCACHED", [])
     space: dict[str, Any] = {}
     exec("def doubled(x):\n    return 2 * x", space)  # nothing is cached that has no file
+    resolve = numba.types.BaseFunction.get_call_type
     assert compiled.kernel(space["doubled"])(3) == 6
     assert compiled.UNCACHED == ["doubled"]
+    assert numba.types.BaseFunction.get_call_type is resolve  # the compiler is again what others know
 
 
 def test_each_family_warms_its_own_kernels():
