@@ -48,7 +48,7 @@ def operations(latitude: int, method: str) -> float:
         counted(images._project_along_v),
         counted(images._project_along_u),
         counted(images._areas_of),
-        counted(unions._overlapping, loop=0),
+        counted(unions._overlaps, loop=0),
         counted(overlaps.shared_by_two),
         counted(boundaries._cover) + counted(boundaries._shorten),
         counted(boundaries.prepare) + counted(boundaries._add_open),

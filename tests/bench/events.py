@@ -13,7 +13,7 @@ from heliosweep.kernels.field.efficiency import _sorted, aimed
 from heliosweep.kernels.field.images import AXES_ROWS, IMAGE_ROWS, Images, _project_along_v, axes, images_of
 from heliosweep.kernels.field.neighbours import beam, bin_field, no_candidates, search_all
 from heliosweep.kernels.field.packets import FRAME_ROWS, half_sides
-from heliosweep.kernels.vectors import PACKET, ROW, rows
+from heliosweep.kernels.vectors import GROUP, LANES, PACKET, ROW, rows
 from tests.kernels.field.fields import Field
 
 Floats = NDArray[np.float64]
@@ -27,8 +27,8 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     """Mean numbers for each heliostat-instant, by the names of `EVENTS`.
 
     Candidates for shade and block, those of them neither above nor below the test mirror; images whose area is computed
-    and tests of two images, of all lanes of a packet if one of them has the image, or two. Areas that two images share:
-    of the lanes where only two overlap; where more do, pairs of images that may cover one another's edges, and images.
+    and tests of two images, of all lanes of a group if one of them has both. Areas that two images share:
+    of the lanes where no three overlap; of others, pairs of images that may cover one another's edges, and images.
     """
     mirrors = aimed(*field)
     sun, order, first = _sorted(mirrors, sun, tracking, 0, len(mirrors.x))
@@ -78,11 +78,14 @@ def _overlaps(
     several = int(unions._several(images.present, count))
     some = several & ~int(unions._straddling(images, count, several, lanes))
     present = [int(each) & some & real for each in images.present[:count]]
-    found["tests of pairs"] += _count(real) * sum(present[n] & present[m] != 0 for m in range(count) for n in range(m))
-    meeting = int(unions._meetings(images, some, count, room.meeting, lanes)) & real
-    many = int(unions._more_than_two(room.meeting, count)) & meeting
+    found["tests of pairs"] += sum(_groups(present[n] & present[m], lanes) for m in range(count) for n in range(m))
+    meeting = int(unions._meetings(images, some, count, room, lanes)) & real
+    many = int(unions._more_than_two(room.several, count)) & meeting
     listed = [int(each) & many for each in room.meeting[:count]]
-    found["pairs"] += _count(meeting & ~many)
+    for m in range(count):
+        for n in range(m):
+            both = int(room.meeting[n] & room.meeting[m]) & meeting & ~many
+            found["pairs"] += _count(int(unions._overlapping(images.rows, n, m, both, lanes))) if both else 0
     found["covers"] += sum(_count(listed[n] & listed[m]) for m in range(count) for n in range(m))
     found["outlines"] += sum(_count(each) for each in listed)
 
@@ -90,3 +93,8 @@ def _overlaps(
 def _count(lanes: int) -> int:
     """Lanes of a set, an integer of 64 bits with a sign."""
     return (lanes & 0xFFFF_FFFF_FFFF_FFFF).bit_count()
+
+
+def _groups(lanes: int, count: int) -> int:
+    """Lanes of the groups that have some of a set."""
+    return sum(GROUP for start in range(0, count, GROUP) if lanes >> start & LANES)

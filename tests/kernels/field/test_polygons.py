@@ -70,9 +70,9 @@ def test_crowds_in_a_group_of_lanes_have_room():
 def test_lanes_that_overlap_do_not_tie(count):
     """Images at random are put together by their edges, none of them by subtracting."""
     images, room = images_for(random_shapes(np.random.default_rng(count), count)), room_for(count)
-    meeting = unions._meetings(images, np.int64(-1), count, room.meeting, PACKET)
+    meeting = unions._meetings(images, np.int64(-1), count, room, PACKET)
     total = np.zeros(3 * ROW)
-    assert unions._more_than_two(room.meeting, count) != 0
+    assert unions._more_than_two(room.several, count) != 0
     assert unions._put_together(images.rows, meeting, count, count, total, room, PACKET) == 0
 
 

@@ -272,7 +272,7 @@ def _aim(to_target, mirrors, i, lanes):
         to_target[k], to_target[ROW + k], to_target[2 * ROW + k] = x, y, z
 
 
-@inline
+@inner
 def _efficiencies(frames, cosine, total, result, lanes):
     """Write the rows of results: cosine, shading, blocking and optical efficiency."""
     cosine = max(cosine, 0)

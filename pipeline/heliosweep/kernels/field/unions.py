@@ -1,8 +1,8 @@
 """Exact areas of unions of images, for all lanes of a packet.
 
-Where no two images of a lane overlap, the union is the sum of their areas. Images that overlap others are put together
-by `boundaries`, group by group of lanes. Few lanes, those where edges tie, a mirror straddles the plane of the test
-mirror, or a crowd overlaps, subtract their images from the square one by one.
+Where no three images of a lane overlap one another, the union is the sum of their areas, less what pairs of them share.
+In other lanes images are put together by `boundaries`, group by group of lanes. Few lanes, those where edges tie, a
+mirror straddles the plane of the test mirror, or a crowd overlaps, subtract their images from the square one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
 the order of the search, outward from the test mirror: the bits of a lane do not depend on its packet.
@@ -38,7 +38,8 @@ class Room(NamedTuple):
     """Scratch for the unions of so many images."""
 
     meeting: Integers
-    """Lanes in which each image overlaps another."""
+    """Lanes in which each image overlaps another, and in which it overlaps several."""
+    several: Integers
     shared: Floats
     """Areas that two images share, a row."""
     group: Group
@@ -57,6 +58,7 @@ class Room(NamedTuple):
 def room_for(count: int) -> Room:
     """Scratch for so many images."""
     return Room(
+        np.zeros(count, np.int64),
         np.zeros(count, np.int64),
         rows(1),
         group_of_lanes(),
@@ -81,17 +83,17 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     radian before grazing incidence makes them: to 2e-12.
     """
     several, general, many = _several(images.present, count), np.int64(0), np.int64(0)
-    two = np.int64(0)
+    pairs = np.int64(0)
     if several != 0:
         general = _straddling(images, count, several, lanes)
-        meeting = _meetings(images, several & ~general, count, room.meeting, lanes)
+        meeting = _meetings(images, several & ~general, count, room, lanes)
         if meeting != 0:
-            many = _more_than_two(room.meeting, count)
-            two, crowded = meeting & ~many, _crowded(room.meeting, count, lanes)
+            many = _more_than_two(room.several, count)  # in others, no three overlap one another
+            pairs, crowded = meeting & ~many, _crowded(room.meeting, count, lanes)
             general, many = general | crowded, many & ~crowded
     _add_areas(images.rows, shading, count, many, total, room.meeting, lanes)
-    if two != 0:
-        general |= _subtract_overlaps(images.rows, two, shading, count, total, room, lanes)
+    if pairs != 0:
+        general |= _subtract_overlaps(images, pairs, shading, count, total, room, lanes)
     if many != 0:
         general |= _put_together(images.rows, many, shading, count, total, room, lanes)
     for k in range(lanes if general != 0 else 0):
@@ -141,16 +143,18 @@ def _add_areas(images, shading, count, some, total, meeting, lanes):
 
 
 @inner
-def _meetings(images, some, count, meeting, lanes):
-    """List in which of some lanes each image overlaps another; returns the lanes where any do."""
-    found = np.int64(0)
+def _meetings(images, some, count, room, lanes):
+    """List in which of some lanes each image overlaps others, and several; returns the lanes where any do."""
+    meeting, several, found = room.meeting, room.several, np.int64(0)
     for m in range(count):
-        meeting[m] = 0
+        meeting[m] = several[m] = 0
         here = images.present[m] & some
         for n in range(m if here != 0 else 0):
-            both = images.present[n] & here & ~(meeting[n] & meeting[m])
+            both = images.present[n] & here
             if both != 0:
-                both = both & _overlapping(images.rows, n, m, lanes)
+                both = _overlapping(images.rows, n, m, both, lanes)
+                several[n] |= meeting[n] & both
+                several[m] |= meeting[m] & both
                 meeting[n] |= both
                 meeting[m] |= both
                 found |= both
@@ -158,11 +162,20 @@ def _meetings(images, some, count, meeting, lanes):
 
 
 @inner
-def _overlapping(images, n, m, lanes):
-    """Lanes where the parallelograms n and m overlap, by the separating axes, and neither has next to no area."""
-    n, m = max(n, 0), max(m, 0)  # an index that may be negative would keep the loop from becoming vector code
-    one, other = n * IMAGE_ROWS * ROW, m * IMAGE_ROWS * ROW
+def _overlapping(images, n, m, some, lanes):
+    """Those of some lanes where the parallelograms n and m overlap, and neither has next to no area."""
     found = np.int64(0)
+    start, stop = next_run(0, some, lanes)
+    while start < stop:
+        found |= _overlaps(images, n * IMAGE_ROWS * ROW + start, m * IMAGE_ROWS * ROW + start, stop - start) << start
+        start, stop = next_run(stop, some, lanes)
+    return found & some
+
+
+@inner
+def _overlaps(images, one, other, lanes):
+    """Lanes where the parallelograms that begin at `one` and `other` overlap, by the separating axes."""
+    one, other, found = max(one, 0), max(other, 0), np.int64(0)
     for k in range(lanes):
         cx, cy = images[other + k] - images[one + k], images[other + ROW + k] - images[one + ROW + k]
         ax, ay = images[one + 2 * ROW + k], images[one + 3 * ROW + k]
@@ -181,27 +194,29 @@ def _overlapping(images, n, m, lanes):
 
 
 @inner
-def _more_than_two(meeting, count):
-    """Lanes in which more than two images overlap others."""
+def _more_than_two(lanes_of, count):
+    """Lanes that more than two images have, by the lanes of each."""
     one = two = many = np.int64(0)
     for m in range(count):
-        many |= two & meeting[m]
-        two |= one & meeting[m]
-        one |= meeting[m]
+        many |= two & lanes_of[m]
+        two |= one & lanes_of[m]
+        one |= lanes_of[m]
     return many
 
 
 @inner
 def _subtract_overlaps(images, some, shading, count, total, room, lanes):
-    """Subtract what two images share in lanes where only two overlap; returns the lanes where edges tie."""
-    tied = np.int64(0)
+    """Subtract what pairs of images share in lanes where no three overlap; returns the lanes where edges tie."""
+    tied, unsure = np.int64(0), _more_than_two(room.meeting, count)
     for m in range(count):
         for n in range(m if room.meeting[m] & some != 0 else 0):
             both = room.meeting[n] & room.meeting[m] & some
+            if both & unsure != 0:
+                both = both & ~unsure | _overlapping(images.rows, n, m, both & unsure, lanes)
             start, stop = next_run(0, both, lanes)
             while start < stop:
                 one, other = n * IMAGE_ROWS * ROW + start, m * IMAGE_ROWS * ROW + start
-                tied |= (shared_by_two(images, one, other, room.shared, stop - start) << start) & both
+                tied |= (shared_by_two(images.rows, one, other, room.shared, stop - start) << start) & both
                 _subtract(room.shared, both >> start, total, _BOTH + start, stop - start)
                 if m < shading or n >= shading:
                     kind = _BLOCK if n >= shading else np.int64(0)
