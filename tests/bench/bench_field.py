@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.field import boundaries, images, overlaps, unions
 from heliosweep.kernels.field import efficiency as field_kernels
 from heliosweep.kernels.field.efficiency import aimed, blockers_of, field_series, field_sums
-from heliosweep.kernels.field.neighbours import bin_field
+from heliosweep.kernels.field.neighbours import by_cells
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
@@ -193,7 +193,7 @@ def set_up(field: Field) -> Row:
 
     def work() -> None:
         mirrors = aimed(*field)
-        blockers_of(mirrors, bin_field(mirrors), 0, count)
+        blockers_of(np.arange(count), *by_cells(mirrors))
         field_kernels._sorted(mirrors, sun, SPINNING_ELEVATION, 0, count)
 
     seconds = best(work, 3)

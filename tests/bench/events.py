@@ -11,7 +11,7 @@ from heliosweep.kernels.field import efficiency as stages
 from heliosweep.kernels.field import unions
 from heliosweep.kernels.field.efficiency import _sorted, aimed
 from heliosweep.kernels.field.images import AXES_ROWS, IMAGE_ROWS, Images, _project_along_v, axes, images_of
-from heliosweep.kernels.field.neighbours import beam, bin_field, no_candidates, search_all
+from heliosweep.kernels.field.neighbours import beam, by_cells, no_candidates, search_all
 from heliosweep.kernels.field.packets import FRAME_ROWS, half_sides
 from heliosweep.kernels.vectors import GROUP, LANES, PACKET, ROW, rows
 from tests.kernels.field.fields import Field
@@ -32,16 +32,17 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     """
     mirrors = aimed(*field)
     sun, order, first = _sorted(mirrors, sun, tracking, 0, len(mirrors.x))
-    grid, count = bin_field(mirrors), len(mirrors.x)
-    blockers, shaders = stages.blockers_of(mirrors, grid, 0, count), no_candidates(count, count)
-    everyone = stages.Halo(np.arange(count), np.arange(count))
+    mirrors, grid = by_cells(mirrors)
+    count = len(mirrors.x)
+    blockers, shaders = stages.blockers_of(np.arange(count), mirrors, grid), no_candidates(count)
+    everyone = stages.Halo(np.arange(count), FRAME_ROWS * ROW * np.arange(count))
     lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(4))
     frames, images, room = rows(count * FRAME_ROWS), images_of(count), unions.room_for(count)
     spare = (count - 1) * IMAGE_ROWS * ROW
     found: Counter[str] = Counter()
     for p in range(0, len(first) - 1, PACKETS):
         lanes, instants = stages._directions(sun, order[first[p] : first[p + 1]], lines.to_sun), first[p + 1] - first[p]
-        shaders = search_all(0, beam(lines.to_sun, ROW, instants), mirrors, grid, shaders)
+        shaders = search_all(np.arange(count), beam(lines.to_sun, ROW, instants), mirrors, grid, shaders)
         for i in range(count):
             half_sides(frames, i * FRAME_ROWS * ROW, lines.to_sun, mirrors, i, tracking, lanes)
         for i in range(p % HELIOSTATS, count, HELIOSTATS):

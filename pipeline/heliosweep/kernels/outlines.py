@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inner, kernel
 from heliosweep.kernels.field.efficiency import aimed, blockers_of
 from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, outline, project
-from heliosweep.kernels.field.neighbours import beam, bin_field, no_candidates, search_all
+from heliosweep.kernels.field.neighbours import beam, by_cells, no_candidates, places, search_all
 from heliosweep.kernels.field.packets import FRAME_ROWS, Mirrors, half_sides
 from heliosweep.kernels.field.polygons import SQUARE, cut, square_area
 from heliosweep.kernels.vectors import ROW, rows
@@ -31,14 +31,15 @@ def _outlines(
 
     `to_sun` are rows of one lane; shapes are those of `mirror_outlines`, but for `whole`, (tests, 2, images + 1, 2).
     """
-    grid = bin_field(mirrors)
-    blockers = blockers_of(mirrors, grid, start, stop)
-    bundle, tests = beam(to_sun, np.int64(ROW), np.int64(1)), stop - start
-    shaders = search_all(start, bundle, mirrors, grid, no_candidates(tests, 16 * tests))
+    mirrors, grid = by_cells(mirrors)
+    tests = places(grid, start, stop)
+    blockers, bundle = blockers_of(tests, mirrors, grid), beam(to_sun, np.int64(ROW), np.int64(1))
+    shaders = search_all(tests, bundle, mirrors, grid, no_candidates(tests.shape[0]))
     frames, views, to_target, images = rows(2 * FRAME_ROWS), rows(AXES_ROWS), rows(3), images_of(1)
     polygons = np.empty(3 * _ROOM)
-    for t in range(tests):
-        i = start + t
+    for t in range(tests.shape[0]):
+        i = tests[t]
+        row = grid.names[i] - start
         half_sides(frames, 0, to_sun, mirrors, i, tracking, 1)
         for c in range(3):
             to_target[c * ROW] = mirrors.aim[i, c]
@@ -57,7 +58,10 @@ def _outlines(
                     continue
                 count = outline(images.rows, 0, apart, polygons, 0)
                 count = _within(polygons, count)
-                _insert(polygons, count, j, mirrors.half_width[i], mirrors.half_height[i], corners[t, e], whole[t, e])
+                _insert(
+                    polygons, count, grid.names[j], mirrors.half_width[i], mirrors.half_height[i], corners[row, e],
+                    whole[row, e],
+                )  # fmt: skip
 
 
 @inner

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.hidden import take_out_hidden
-from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
+from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, in_reach, measure, project, reaches
 from heliosweep.kernels.field.neighbours import (
     Candidates,
     Cells,
     beam,
-    bin_field,
+    by_cells,
     expected,
     no_candidates,
+    places,
     search,
     search_all,
     sift_all,
@@ -38,12 +39,14 @@ from heliosweep.kernels.field.packets import (
 )
 from heliosweep.kernels.field.polygons import SQUARE
 from heliosweep.kernels.field.unions import room_for, unions
-from heliosweep.kernels.vectors import GROUP, PACKET, ROW, rows
+from heliosweep.kernels.vectors import GROUP, PACKET, ROW, aligned, rows
 
 Floats = NDArray[np.float64]
 
 _TOGETHER, _FEW = 8, 64.0
 """Packets whose candidates are searched for together, and candidates up to which that pays: each packet sifts them."""
+_MANY = 12
+"""Candidates from which on it pays to look first whether the bounding sphere of each is in the way in any lane."""
 
 
 class Lines(NamedTuple):
@@ -80,7 +83,7 @@ class Halo(NamedTuple):
 
     names: NDArray[np.int64]
     place: NDArray[np.int64]
-    """For each heliostat of the field its place among the names, or -1."""
+    """For each heliostat of the field where its frame begins, or -1."""
 
 
 @kernel
@@ -106,10 +109,10 @@ def sweep(
     for `field_sums`, has a row for each test heliostat, `sums` has a fifth column. `weighted` is added to where it has
     periods.
     """
-    tests = stop - start
-    grid = bin_field(mirrors)
-    blockers = blockers_of(mirrors, grid, start, stop)
-    wide, shaders = no_candidates(tests, 16 * tests), no_candidates(tests, 16 * tests)
+    mirrors, grid = by_cells(mirrors)
+    tests = places(grid, start, stop)
+    blockers = blockers_of(tests, mirrors, grid)
+    wide, shaders = no_candidates(tests.shape[0]), no_candidates(tests.shape[0])
     halo = Halo(np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1))
     frames, lines = rows(0), Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(5))
     images, room = images_of(0), room_for(0)
@@ -119,36 +122,38 @@ def sweep(
             last, bundle = _together(p, sun, order, first, grid)
             together = last > p + 1
             if together:
-                wide = search_all(start, bundle, mirrors, grid, wide)
+                wide = search_all(tests, bundle, mirrors, grid, wide)
         packet = order[first[p] : first[p + 1]]
         lanes = _directions(sun, packet, lines.to_sun)
         bundle = beam(lines.to_sun, ROW, packet.shape[0])
         if together:
-            shaders = sift_all(start, bundle, mirrors, wide, shaders)
+            shaders = sift_all(tests, bundle, mirrors, wide, shaders)
         else:
-            shaders = search_all(start, bundle, mirrors, grid, shaders)
-        count = _named(start, blockers, shaders, halo)
-        if count * FRAME_ROWS * ROW > frames.shape[0]:
-            frames = rows((count + count // 4) * FRAME_ROWS)
+            shaders = search_all(tests, bundle, mirrors, grid, shaders)
+        count = _named(tests, blockers, shaders, halo, lanes)
+        needed = _place(count, lanes) + FRAME_ROWS * ROW
+        if needed > frames.shape[0]:
+            frames = aligned(needed + needed // 4)
         for m in range(count):
-            half_sides(frames, m * FRAME_ROWS * ROW, lines.to_sun, mirrors, halo.names[m], tracking, lanes)
+            half_sides(frames, _place(m, lanes), lines.to_sun, mirrors, halo.names[m], tracking, lanes)
         most = _most(blockers, shaders)
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
         _sweep_block(
-            start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part,
-            weighted,
+            tests, start, mirrors, grid, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums,
+            series, part, weighted,
         )  # fmt: skip
         for m in range(count):
             halo.place[halo.names[m]] = -1
 
 
 @kernel
-def blockers_of(mirrors: Mirrors, grid: Cells, start: int, stop: int) -> Candidates:
+def blockers_of(tests: NDArray[np.int64], mirrors: Mirrors, grid: Cells) -> Candidates:
     """Heliostats that may block each of the block, whatever the sun."""
-    names, first = np.empty(4 * (stop - start), np.int64), np.zeros(stop - start + 1, np.int64)
-    for i in range(start, stop):
-        bundle, t = beam(mirrors.aim[i], np.int64(1), np.int64(1)), i - start
+    names, first = no_candidates(tests.shape[0])
+    for t in range(tests.shape[0]):
+        i = tests[t]
+        bundle = beam(mirrors.aim[i], np.int64(1), np.int64(1))
         names, first[t + 1] = search(i, bundle, mirrors.throw[i], mirrors, grid, names, first[t])
     return Candidates(names, first)
 
@@ -181,23 +186,30 @@ def _directions(sun, packet, to_sun):
 
 
 @inner
-def _named(start, blockers, shaders, halo):
-    """Give a place to each heliostat that needs a frame: to the block and the halo that its candidates name."""
-    tests, count = blockers.first.shape[0] - 1, np.int64(0)
-    for t in range(tests):
-        count = _name(start + t, halo, count)
-    for m in range(blockers.first[tests]):
-        count = _name(blockers.names[m], halo, count)
-    for m in range(shaders.first[tests]):
-        count = _name(shaders.names[m], halo, count)
+def _named(tests, blockers, shaders, halo, lanes):
+    """Give a frame to each heliostat that needs one, of the block and of the halo that its candidates name, in turn."""
+    count = np.int64(0)
+    for t in range(tests.shape[0]):
+        count = _name(tests[t], halo, count, lanes)
+        for m in range(blockers.first[t], blockers.first[t + 1]):
+            count = _name(blockers.names[m], halo, count, lanes)
+        for m in range(shaders.first[t], shaders.first[t + 1]):
+            count = _name(shaders.names[m], halo, count, lanes)
     return count
 
 
 @inline
-def _name(j, halo, count):
-    """Give heliostat j a place among the frames of the packet, once; returns the number of places."""
+def _place(count, lanes):
+    """Start of frame number `count`: those of a short packet stand side by side, and more of them in the cache."""
+    beside = ROW // lanes
+    return count // beside * FRAME_ROWS * ROW + count % beside * lanes
+
+
+@inline
+def _name(j, halo, count, lanes):
+    """Give heliostat j a place among the frames of the packet, once; returns the number of frames."""
     if halo.place[j] < 0:
-        halo.place[j] = count
+        halo.place[j] = _place(count, lanes)
         halo.names[count] = j
         count += 1
     return count
@@ -215,12 +227,27 @@ def _most(blockers, shaders):
 
 @inner
 def _sweep_block(
-    start, mirrors, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums, series, part, weighted
+    tests,
+    start,
+    mirrors,
+    grid,
+    halo,
+    frames,
+    blockers,
+    shaders,
+    lines,
+    images,
+    room,
+    packet,
+    lanes,
+    sums,
+    series,
+    part,
+    weighted,
 ):
     """Efficiencies of all test heliostats at the instants of one packet."""
-    for t in range(blockers.first.shape[0] - 1):
-        i, test = start + t, halo.place[start + t] * FRAME_ROWS * ROW
-        shading = np.int64(0)
+    for t in range(tests.shape[0]):
+        i, test, shading = tests[t], halo.place[tests[t]], np.int64(0)
         if shaders.first[t + 1] > shaders.first[t]:
             axes(lines.views, frames, test, lines.to_sun, lanes)
             shading = _make_images(
@@ -235,8 +262,8 @@ def _sweep_block(
             )
         unions(images, shading, made, lines.total, room, lanes)
         _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
-        _write(lines.result, packet, t, sums, series, part)
-        _weigh(lines.result, packet, t, part, weighted)
+        _write(lines.result, packet, grid.names[i] - start, sums, series, part)
+        _weigh(lines.result, packet, grid.names[i] - start, part, weighted)
 
 
 @inner
@@ -246,14 +273,19 @@ def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, ima
     Hidden ones are taken out in lanes that have had two: with fewer, as mostly, that costs more than it saves. What is
     done in a lane depends on its own images only.
     """
-    test, first = halo.place[i] * FRAME_ROWS * ROW, made
+    test, first = halo.place[i], made
     once = twice = np.int64(0)
+    many = candidates.first[t + 1] - candidates.first[t] > _MANY
+    if many:
+        reaches(views, lanes)
     for m in range(candidates.first[t], candidates.first[t + 1]):
         j = candidates.names[m]
         dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+        if many and not in_reach(views, dx, dy, dz, mirrors.radius[j], lanes):
+            continue
         reach = mirrors.radius[i] + mirrors.radius[j]
         apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
-        other = halo.place[j] * FRAME_ROWS * ROW
+        other = halo.place[j]
         hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, lanes)
         if hits & twice != 0:
             hits &= ~take_out_hidden(images, first, made, hits & twice, lanes)

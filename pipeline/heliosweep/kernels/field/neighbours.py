@@ -23,9 +23,9 @@ class Cells(NamedTuple):
     """Uniform grid in plan over the field: heliostats of one cell, and of one row of cells, are contiguous."""
 
     first: NDArray[np.int64]
-    """Place in `names` of the first heliostat of each cell; cells run from west to east, then from south to north."""
+    """The first heliostat of each cell; cells run from west to east, then from south to north."""
     names: NDArray[np.int64]
-    """Heliostats in cell order, rising within a cell."""
+    """What number each heliostat had before, rising within a cell."""
     west: float
     south: float
     cell: float
@@ -68,8 +68,8 @@ class Candidates(NamedTuple):
 
 
 @kernel
-def bin_field(mirrors: Mirrors) -> Cells:
-    """Bin the mirror centres by a counting sort; a few cells for each heliostat at most."""
+def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells]:
+    """Mirrors sorted by cells, a few for each heliostat at most: those that stand together are close in memory too."""
     x, y = mirrors.x, mirrors.y
     count = x.shape[0]
     (west, east), (south, north), (bottom, top) = _range(x), _range(y), _range(mirrors.z)
@@ -90,7 +90,34 @@ def bin_field(mirrors: Mirrors) -> Cells:
     for j in range(count):
         names[fill[home[j]]] = j
         fill[home[j]] += 1
-    return Cells(first, names, west, south, cell, columns, rows, bottom, top, largest)
+    cells = Cells(first, names, west, south, cell, columns, rows, bottom, top, largest)
+    return _reordered(mirrors, names), cells
+
+
+@kernel
+def _reordered(mirrors, names):
+    """Mirrors in another order."""
+    count = names.shape[0]
+    x, y, z, throw = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    half_width, half_height, radius, aim = np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3))
+    for i in range(count):
+        j = names[i]
+        x[i], y[i], z[i], throw[i] = mirrors.x[j], mirrors.y[j], mirrors.z[j], mirrors.throw[j]
+        half_width[i], half_height[i], radius[i] = mirrors.half_width[j], mirrors.half_height[j], mirrors.radius[j]
+        for c in range(3):
+            aim[i, c] = mirrors.aim[j, c]
+    return Mirrors(x, y, z, half_width, half_height, radius, aim, throw)
+
+
+@kernel
+def places(grid: Cells, start: int, stop: int) -> NDArray[np.int64]:
+    """Where heliostats start..stop are among the sorted ones, rising."""
+    found, count = np.empty(stop - start, np.int64), 0
+    for i in range(grid.names.shape[0]):
+        if start <= grid.names[i] < stop:
+            found[count] = i
+            count += 1
+    return found
 
 
 @inline
@@ -208,7 +235,7 @@ def _search(i, bundle, limit, mirrors, grid, found, count):
         home, cells = min(max(home_column, start), stop), row * grid.columns
         begin, middle, end = grid.first[cells + start], grid.first[cells + home], grid.first[cells + stop]
         for c in range(end - begin):
-            j = grid.names[_outward(c, middle, end)]
+            j = _outward(c, middle, end)
             if not _may_occlude(i, j, bundle, limit, mirrors):
                 continue
             if count == found.shape[0]:
@@ -225,38 +252,40 @@ def _outward(s, middle, stop):
 
 
 @kernel
-def no_candidates(tests: int, room: int) -> Candidates:
-    """Empty lists for so many test heliostats, with room for so many names."""
-    return Candidates(np.empty(room, np.int64), np.zeros(tests + 1, np.int64))
+def no_candidates(tests: int) -> Candidates:
+    """Empty lists for so many test heliostats, with some room for names."""
+    return Candidates(np.empty(16 * tests, np.int64), np.zeros(tests + 1, np.int64))
 
 
 @kernel
-def search_all(start: int, bundle: Beam, mirrors: Mirrors, grid: Cells, found: Candidates) -> Candidates:
-    """Replace the lists of the test heliostats from `start` on by what `search` finds along a bundle to the sun."""
+def search_all(tests: NDArray[np.int64], bundle: Beam, mirrors: Mirrors, grid: Cells, found: Candidates) -> Candidates:
+    """Replace the lists of the test heliostats by what `search` finds along a bundle to the sun."""
     names, first = found
-    for t in range(first.shape[0] - 1):
-        names, first[t + 1] = search(start + t, bundle, np.inf, mirrors, grid, names, first[t])
+    for t in range(tests.shape[0]):
+        names, first[t + 1] = search(tests[t], bundle, np.inf, mirrors, grid, names, first[t])
     return Candidates(names, first)
 
 
 @kernel
-def sift_all(start: int, bundle: Beam, mirrors: Mirrors, wider: Candidates, found: Candidates) -> Candidates:
+def sift_all(
+    tests: NDArray[np.int64], bundle: Beam, mirrors: Mirrors, wider: Candidates, found: Candidates
+) -> Candidates:
     """The same out of what `search_all` found for a wider bundle."""
     names = found.names
     while names.shape[0] < wider.first[-1]:
         names = _longer(names)
-    _sift(start, bundle, mirrors, wider, names, found.first)
+    _sift(tests, bundle, mirrors, wider, names, found.first)
     return Candidates(names, found.first)
 
 
 @inner
-def _sift(start, bundle, mirrors, wider, names, first):
+def _sift(tests, bundle, mirrors, wider, names, first):
     """Keep of a wider bundle's candidates those that may occlude along some direction of the bundle."""
     count = np.int64(0)
-    for t in range(first.shape[0] - 1):
+    for t in range(tests.shape[0]):
         for m in range(wider.first[t], wider.first[t + 1]):
             names[count] = wider.names[m]
-            count += _may_occlude(start + t, wider.names[m], bundle, np.inf, mirrors)
+            count += _may_occlude(tests[t], wider.names[m], bundle, np.inf, mirrors)
         first[t + 1] = count
 
 
