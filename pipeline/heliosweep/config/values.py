@@ -170,6 +170,8 @@ class FileName(Name):
     """Name of a table, relative to the study file: text in which empty lines and those with ``#`` say nothing."""
 
     def _one(self, raw: Any) -> str:
+        if drawn.is_distribution(raw):
+            raise Invalid("files cannot be drawn; sweep them as a list" if self.sweep else _NOT_DRAWN)
         if not isinstance(raw, str) or not raw.strip():
             raise Invalid("must be the name of a file, relative to the study file")
         return raw
