@@ -80,11 +80,13 @@ def ranges(result: xr.Dataset, headlines: Collection[str] = ()) -> Table:
         if array.size > MOST_NUMBERS or len(rows) == MOST_RANGES:
             left_out += 1
             continue
-        values = np.asarray(printed(array), dtype=float)
+        # Of a copy, since what is read of a variable stays in memory with it, as a whole time series.
+        values = np.asarray(printed(array.copy(deep=False)), dtype=float)
         values = values[np.isfinite(values)]
         if values.size:
             over = ", ".join(str(dim).replace("_", " ") for dim in array.dims)
-            ends = number_texts(np.array([values.min(), np.median(values), values.max()]))
+            least, greatest = values.min(), values.max()
+            ends = number_texts(np.array([least, np.median(values, overwrite_input=True), greatest]))
             rows.append([title_of(array), *ends, unit_of(array), over])
     notes = [f"{left_out} further {'variable is' if left_out == 1 else 'variables are'} in the data set."]
     header = ("", "least", "median", "greatest", "unit", "over")
