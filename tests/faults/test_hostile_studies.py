@@ -209,6 +209,20 @@ def test_more_hours_than_memory_holds(pool, family):
     assert not pool.one(yaml.safe_dump(study).encode()).defect
 
 
+def test_more_steps_of_a_clear_day_than_memory_holds(pool):
+    study = yaml.safe_load(next(text for text in corpus() if "clear_sky:" in text))
+    study["time"]["window"]["step"] = 1e-12
+    verdict = pool.one(yaml.safe_dump(study).encode())
+    assert not verdict.defect
+    assert verdict.outcome == "refused"
+
+
+def test_a_tab_behind_a_quoted_text(tmp_path):
+    (tmp_path / "field.csv").write_text('x\ty\n"1"2\t3\n')
+    said = refusal(tmp_path, yaml.safe_dump({**SMALL, "layout": {"file": "field.csv"}}))
+    assert said == ["field.csv:2: is not CSV: '\\t' expected after '\"'"]
+
+
 def test_a_study_named_with_a_backslash(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a\\b.yaml").write_text(yaml.safe_dump(SMALL))

@@ -271,7 +271,7 @@ class Table:
             if odd:
                 self._fail("opens a quoted text that does not end on this line", odd[0])
         if error:
-            self._fail(f"is not CSV: {error}", self._numbers[reader.line_num - 1])
+            self._fail(f"is not CSV: {error}".replace("\t", "\\t"), self._numbers[reader.line_num - 1])
         return rows
 
     def _fail(self, message: str, line: int | None = None) -> NoReturn:

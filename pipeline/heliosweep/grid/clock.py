@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from heliosweep.config.weather_files import WeatherFile
 
+#: More instants than this are planned for, but not made, before the plan has agreed.
+MAX_INSTANTS = 10**7
 #: Attributes of a coordinate of calendar dates.
 DATE = {
     "long_name": "date at the site",

@@ -16,6 +16,7 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, WeatherTime
 from heliosweep.config.weather_files import WeatherFile, weather_files
 from heliosweep.errors import Problem
+from heliosweep.grid.clock import MAX_INSTANTS, instant_count
 from heliosweep.grid.parameters import Parameters
 
 if TYPE_CHECKING:  # with the kernels, which other studies are checked without
@@ -69,6 +70,8 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     from heliosweep.grid.sun import PLACE, Suns  # with the kernels, which other studies are checked without
     from heliosweep.grid.weather import LIMITS, Weathers, used
 
+    if instant_count(study.time) > MAX_INSTANTS:
+        return  # the plan tells what they would take
     parameters = _places(study)
     points = list(itertools.islice(parameters.points(*PLACE, *LIMITS), MAX_POINTS))
     if any(place[1] is None for _, place in points):

@@ -33,7 +33,7 @@ from heliosweep.families.field_efficiency.variables import (
     STAGES,
     variables,
 )
-from heliosweep.grid.clock import instant_count
+from heliosweep.grid.clock import MAX_INSTANTS, instant_count
 from heliosweep.grid.layout_axis import LayoutAxis, longest, mirror_size, weighted_mean
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
@@ -73,8 +73,6 @@ SECONDS_OF_ANGLES, SECONDS_OF_MOUNT = 200e-9, 100e-6
 HALO, BYTES_PER_MIRROR = 5000, 200
 #: Points and instants from which the plan estimates the elevation of the sun.
 SAMPLED_POINTS, SAMPLED_INSTANTS = 9, 500
-#: More instants than this are planned for, but not made, before the plan has agreed.
-MAX_INSTANTS = 10**7
 
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
