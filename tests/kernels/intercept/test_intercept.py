@@ -14,12 +14,14 @@ from scipy.stats import ncx2
 
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.intercept import hflcal, sunshapes, tables
+from heliosweep.kernels.intercept import light as lights
 from heliosweep.kernels.intercept.course import course
 from heliosweep.kernels.intercept.efficiency import ERROR, Scene, gauss_rules, intercepts, sun_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets
-from heliosweep.kernels.intercept.outline import along_edge, over_cut, turned
+from heliosweep.kernels.intercept.outline import SIGHT, STRAIGHT, WEIGHT, empty_outline, panels_of, within
 from heliosweep.kernels.intercept.receivers import cylinder, rectangle
 from heliosweep.kernels.sun import clock
+from heliosweep.kernels.vectors import ROW
 from tests.kernels.intercept.rays import traced
 
 with (Path(__file__).parents[2] / "data" / "intercept_oracle.csv").open(encoding="utf-8") as _file:
@@ -184,32 +186,40 @@ def test_seen_from_behind_and_at_night():
 def test_light_beyond_a_line(sun):
     """Of light that is blurred more along one axis: its projection on the line's normal has one dimension."""
     made = tables.tables(sun, (1e-6, 16e-6), (9e-6, 16e-6))
-    room, far, weights = (np.zeros(each) for each in (made.light.shape[2:], made.far.shape[2], made.reach.shape[1]))
+    series, far, weights = (np.zeros(each) for each in (made.light.shape[2:], made.far.shape[2], made.reach.shape[1]))
+    places, outline = np.zeros(lights.ROWS), empty_outline()
+    outline.panel[:4] = STRAIGHT
+    for row, ones in ((WEIGHT, 1), (SIGHT + ROW, 8), (SIGHT + 5 * ROW, 8), (SIGHT + 9 * ROW, 8)):  # x is c, y is s
+        outline.lanes[row : row + ones] = 1.0
     turns, limit = np.pi * (np.arange(400) + 0.5) / 400, 1e-5 if sun.radius.max() < 0.01 else 3e-5  # of an aureole
     for small, large in ((1.1e-6, 9.1e-6), (4e-6, 12e-6), (15e-6, 15e-6)):
-        band = tables.weigh(made, small, large, weights)
-        reach, count = tables.extent(made, band, weights, 1e-6)
-        step = tables.collapse(made, band, weights, reach, count, room, far)
-        light = tables.Light(room, far, count, 1.0 / step, reach, 0.5 * math.sqrt(small))
+        band = lights.weigh(made, small, large, weights)
+        reach, count = lights.extent(made, band, weights, 1e-6)
+        lights.collapse(made, band, weights, count, series, far)
+        shape = made.radius[band], made.bend[band], reach, 0.5 * math.sqrt(small), places
+        light = lights.Light(series, far, made.blocks, band, count, *shape)
         assert small == large or count > 4
         along, across, _, _ = tables.stretched(small, large, made.core)
+        panels = panels_of(light, outline.breaks)
         for turn in (0.0, 0.5, 1.2, math.pi / 2):
             normal = np.array([math.cos(turn), math.sin(turn)])
             sigma = math.sqrt(large * normal[0] ** 2 + small * normal[1] ** 2)
             for apart in (1e-4, 2e-3, 4.5e-3, 8e-3):
-                ends = [apart * normal + side * np.array([-normal[1], normal[0]]) for side in (-0.2, 0.2)]
-                seen = np.array(ends) * (along, across)
-                part, *places = along_edge(*seen.ravel(), light, gauss_rules(3.0))
-                start, stop = (seen[0] + place * (seen[1] - seen[0]) for place in places)
-                whole = turned(*stop, light) - turned(*start, light) + over_cut(*start, *stop)
-                found = (whole - part) / (2.0 * np.pi)
-                places = sun.radius[:, None] * np.cos(turns)
-                wanted = np.sum(sun.share[:, None] * ndtr((places - apart) / sigma)) / len(turns)
+                side = 0.2 * np.array([-normal[1], normal[0]])
+                ends = [apart * normal + side, apart * normal - side]
+                ends += [ends[1] + 0.2 * normal, ends[0] + 0.2 * normal]
+                outline.corners[:2, :4] = (np.array(ends) * (along, across)).T
+                found = within(outline, 4, 0, panels, 8, light, gauss_rules(3.0))
+                across_line = sun.radius[:, None] * np.cos(turns)
+                wanted = np.sum(sun.share[:, None] * ndtr((across_line - apart) / sigma)) / len(turns)
                 assert found == pytest.approx(wanted, abs=limit), (small, large, turn, apart)
         if small == large:
-            at = np.linspace(1e-4, 0.99 * reach, 30)
+            at = np.linspace(1e-4, 0.99 * reach, 32)
+            places[lights.X : lights.X + 32], places[lights.Y : lights.Y + 32] = at, 0.0
+            places[lights.PART : lights.PART + 32] = at * at
+            lights.look_up(light, 32)
             wanted = [np.sum(sun.share * ncx2.cdf(d * d / small, 2, sun.radius**2 / small)) for d in at]
-            np.testing.assert_allclose([tables.look_up(light, d, 0.0) * d * d for d in at], wanted, atol=1e-5)
+            np.testing.assert_allclose(places[lights.RESULT : lights.RESULT + 32], wanted, atol=1e-6)
 
 
 def test_the_ratio_of_buie_is_the_one_asked_for():

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_NO_TABLES = Tables(0.0, *(np.zeros((1,) * dimensions) for dimensions in (1, 1, 1, 4, 3, 3, 2, 2, 2)))
+_NO_TABLES = Tables._make((0.0, *(np.zeros((1,) * dimensions) for dimensions in (1, 1, 1, 1, 2, 4, 3, 3, 2, 2, 2))))
 
 #: Transmittance over a slant range in km, with the coefficients of each formula.
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {

@@ -16,36 +16,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.intercept.light import PART, RESULT, Light, X, Y, collapse, extent, look_up, weigh
+from heliosweep.kernels.intercept.light import ROWS as PLACES
 from heliosweep.kernels.intercept.mirror import Errors, Facets, axes_of, facet_sides, frame_of, ray_from, spread_of
+from heliosweep.kernels.intercept.outline import (
+    MOST,
+    NEAREST,
+    PLACE,
+    TURN,
+    WEIGHT,
+    Outline,
+    empty_outline,
+    go_around,
+    panels_of,
+    within,
+)
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
 from heliosweep.kernels.intercept.receivers import (
     LEAST_ERROR,
-    MOST,
-    PANELS,
     Receiver,
     behind,
-    corners_of,
     distance,
-    nearest,
+    face,
     order_of,
     outline_of,
     window_of,
-    within,
 )
 from heliosweep.kernels.intercept.sunshapes import SunShape
-from heliosweep.kernels.intercept.tables import (
-    LEAST_HARMONIC,
-    Light,
-    Tables,
-    collapse,
-    extent,
-    look_up,
-    stretched,
-    tables,
-    weigh,
-)
+from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Tables, stretched, tables
 from heliosweep.kernels.mounts.kinematics import stand_terms
-from heliosweep.kernels.vectors import dot, mixed, unit
+from heliosweep.kernels.vectors import GROUP, PACKET, ROW, dot, mixed, unit, whole
 
 Floats = NDArray[np.float64]
 
@@ -54,6 +54,10 @@ LEAST_COSINE = 0.2
 ERROR = 1e-4
 """Largest error of a computed intercept, of the usual numbers of nodes; most are below 1e-5. [1] On a cylinder it can
 be three times as much with slope errors whose axes differ by more than a factor of five."""
+
+
+_A0, _B0, _A, _B, _TURN_U, _TURN_V = (PLACE + k * ROW for k in range(6))
+"""Rows of points of a mirror: centre of the facet, place from there, and turn of the normal."""
 
 
 class Scene(NamedTuple):
@@ -111,16 +115,12 @@ class Room(NamedTuple):
     """Room of one heliostat and instant."""
 
     weights: Floats
-    """Weights of the nodes of the tables; see `tables.weigh`."""
-    light: Floats
-    """Table of light, shape (harmonics, 4 * steps), and what is beyond it."""
+    """Weights of the nodes of the tables; see `light.weigh`."""
+    series: Floats
+    """See `light.Light`."""
     far: Floats
-    rim: Floats
-    """Corners of a rectangle, or nodes along a rim, shape (3, nodes); see `receivers.corners_of`."""
-    turn: Floats
-    """What turns nodes of rims to coordinates; see `receivers.outline_of`."""
-    seen: Floats
-    """Coordinates of the corners of the outline that a point sees, shape (2, corners). [rad]"""
+    places: Floats
+    outline: Outline
 
 
 @functools.lru_cache(8)
@@ -147,10 +147,10 @@ def sun_tables(sun: SunShape, errors: Errors) -> tuple[Tables, Errors]:
 @kernel
 def _sweep(scene, rules, sun, start, stop, roll, wanted, out):
     """Write the intercept of mirrors start..stop at all instants that are wanted in `out`."""
-    light, far = scene.tables.light.shape[2:], scene.tables.far.shape[2]
+    tables = scene.tables
     room = Room(
-        np.zeros(scene.tables.reach.shape[1]), np.zeros(light), np.zeros(far), np.zeros((3, PANELS * (MOST + 1) + 4)),
-        np.zeros(12), np.zeros((2, 2 * PANELS + 2)),
+        np.zeros(tables.reach.shape[1]), np.zeros(tables.light.shape[2:]), np.zeros(tables.far.shape[2]),
+        np.zeros(PLACES), empty_outline(),
     )  # fmt: skip
     terms, has_errors, lean = np.empty(TERMS), scene.mounts.shape[0] > 0, 0.0
     for row in range(scene.slopes.shape[0]):
@@ -184,7 +184,6 @@ def _intercept(
     if not dot(sun, target) > -1.0 + 1e-12:
         return 0.0
     frame = frame_of(sun, target, tracking, roll)
-    _, r, e1, e2 = ray_from(frame, sun, turn, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     xx, yy, xy = spread_of(frame, sun, errors)
     small, large, axis_x, axis_y = axes_of(xx, yy, xy)
     small = max(small, LEAST_ERROR * LEAST_ERROR)
@@ -193,53 +192,86 @@ def _intercept(
     if window[0] >= window[1] or window[2] >= window[3]:
         return 0.0
     width, height = facet_sides(sides, facets)
-    far = distance(place, receiver)
+    far, outline = distance(place, receiver), room.outline
     last_u, last_v = 0.5 * (sides[0] - width), 0.5 * (sides[1] - height)
     moved = image_shift(frame, sun, last_u, 0.0, 0.5 * width, 0.0, cant, curve, far)
     moved = 1.1 * (moved + image_shift(frame, sun, 0.0, last_v, 0.0, 0.5 * height, cant, curve, far)) + 2.2 * lean
     along, across, _, sigma = stretched(small, large, tables.core)
-    panels, order = corners_of(place, receiver, window, rules, smooth(small, 0.5 * tables.core, 1.7), room)
-    axis_x, axis_y, other_x, other_y = along * axis_x, along * axis_y, -across * axis_y, across * axis_x
-    count = outline_of(
-        place, r, mixed(axis_x, e1, axis_y, e2), mixed(other_x, e1, other_y, e2), receiver, panels, order, window, room
-    )
-    apart, inside = nearest(count, panels, room)
-    apart -= moved * max(along, across)
+    axes = (along * axis_x, along * axis_y, -across * axis_y, across * axis_x)
+    corners, order = outline_of(place, receiver, window, rules, smooth(small, 0.5 * tables.core, 1.7), outline)
+    _fill(outline.lanes, 0, turn)
+    _face(outline.lanes, GROUP, frame, sun, place, cant, curve, axes, receiver)
+    go_around(outline, corners, GROUP)
+    apart = outline.lanes[NEAREST] - moved * max(along, across)
     band = weigh(tables, small, large, room.weights)
     reach, harmonics = extent(tables, band, room.weights, LEAST_HARMONIC / rules.fine**2)
     if apart > reach:
-        return 1.0 if inside else 0.0
-    inverse = 1.0 / collapse(tables, band, room.weights, reach, harmonics, room.light, room.far)
-    changing = smooth(sigma * sigma, 0.5 * tables.core, 1.7)
-    light, most = Light(room.light, room.far, harmonics, inverse, reach, changing), 1.0
+        return 1.0 if outline.lanes[TURN] > 0.0 else 0.0
+    collapse(tables, band, room.weights, harmonics, room.series, room.far)
+    changing, most = smooth(sigma * sigma, 0.5 * tables.core, 1.7), 1.0
     if apart > 0.0:
-        about = Light(room.light, room.far, 1, inverse, reach, changing)
-        most = min(1.0, max(1e-6, 1.0 - apart * apart * look_up(about, apart, 0.0)))
+        for k in range(GROUP):
+            room.places[X + k], room.places[Y + k], room.places[PART + k] = apart, 0.0, apart * apart
+        look_up(_light(room, tables, band, 1, reach, changing), GROUP)
+        most = min(1.0, max(1e-6, 1.0 - room.places[RESULT]))
+    light = _light(room, tables, band, harmonics, reach, changing)
     scale = min(1.0, 1.15 * most**0.08) / smooth(small, tables.core, 2.5)
     side_u = scale * image_shift(frame, sun, 0.0, 0.0, 0.5 * width, 0.0, 0.0, curve, far)
     side_v = scale * image_shift(frame, sun, 0.0, 0.0, 0.0, 0.5 * height, 0.0, curve, far)
     nodes_u, nodes_v = order_of(rules.fine * (1.5 + 1.8 * side_u)), order_of(rules.fine * (1.5 + 1.8 * side_v))
     if slopes.shape[0] > 0:
         nodes_u, nodes_v = slopes.shape[1] // facets.columns, slopes.shape[0] // facets.rows
-    total, pieces = 0.0, facets.columns * facets.rows
-    for facet in range(pieces):
-        a0 = (facet % facets.columns - 0.5 * (facets.columns - 1)) * (width + facets.gap)
-        b0 = (facet // facets.columns - 0.5 * (facets.rows - 1)) * (height + facets.gap)
-        for j in range(nodes_u):
-            for k in range(nodes_v):
-                a, b = 0.5 * width * rules.mirror[nodes_u, 0, j], 0.5 * height * rules.mirror[nodes_v, 0, k]
-                here = turn_at(turn, slopes, facets, facet, nodes_u, nodes_v, j, k)
-                offset, r, e1, e2 = ray_from(frame, sun, here, a0, b0, a, b, cant, curve)
-                point = mixed(1.0, place, 1.0, offset)
-                if behind(point, receiver):
-                    continue
-                count = outline_of(
-                    point, r, mixed(axis_x, e1, axis_y, e2), mixed(other_x, e1, other_y, e2), receiver, panels, order,
-                    window, room,
-                )  # fmt: skip
-                part = within(count, panels, order, room, light, rules)
-                total += rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k] * part
+    panels, lanes, total, count = panels_of(light, outline.breaks), outline.lanes, 0.0, 0
+    nodes, pieces = nodes_u * nodes_v, facets.columns * facets.rows
+    for node in range(pieces * nodes):
+        facet, j, k = node // nodes, node % nodes // nodes_v, node % nodes_v
+        lanes[_A0 + count] = (facet % facets.columns - 0.5 * (facets.columns - 1)) * (width + facets.gap)
+        lanes[_B0 + count] = (facet // facets.columns - 0.5 * (facets.rows - 1)) * (height + facets.gap)
+        lanes[_A + count] = 0.5 * width * rules.mirror[nodes_u, 0, j]
+        lanes[_B + count] = 0.5 * height * rules.mirror[nodes_v, 0, k]
+        here = turn_at(turn, slopes, facets, facet, nodes_u, nodes_v, j, k)
+        lanes[_TURN_U + count], lanes[_TURN_V + count] = here
+        lanes[WEIGHT + count] = rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k]
+        count += 1
+        if count == PACKET or node == pieces * nodes - 1:
+            _fill(lanes, count, turn)
+            _face(lanes, whole(count), frame, sun, place, cant, curve, axes, receiver)
+            total, count = total + within(outline, corners, order, panels, whole(count), light, rules), 0
     return min(1.0, max(0.0, total / pieces))
+
+
+@inline
+def _light(room, tables, band, harmonics, reach, changing):
+    """Light with so many harmonics."""
+    return Light(
+        room.series, room.far, tables.blocks, band, harmonics, tables.radius[band], tables.bend[band], reach, changing,
+        room.places,
+    )  # fmt: skip
+
+
+@inner
+def _fill(lanes, count, turn):
+    """Fill the last group of lanes with the centre of the mirror, which counts nothing."""
+    for i in range(count, max(GROUP, whole(count))):
+        lanes[_A0 + i] = lanes[_B0 + i] = lanes[_A + i] = lanes[_B + i] = lanes[WEIGHT + i] = 0.0
+        lanes[_TURN_U + i], lanes[_TURN_V + i] = turn
+
+
+@inner
+def _face(lanes, width, frame, sun, place, cant, curve, axes, receiver):
+    """Write how points of the mirror see the receiver. Where that is from behind they count nothing."""
+    for i in range(width):
+        turn = (lanes[_TURN_U + i], lanes[_TURN_V + i])
+        offset, r, e1, e2 = ray_from(
+            frame, sun, turn, lanes[_A0 + i], lanes[_B0 + i], lanes[_A + i], lanes[_B + i], cant, curve
+        )
+        point = mixed(1.0, place, 1.0, offset)
+        hidden = behind(point, receiver)
+        lanes[WEIGHT + i] = 0.0 if hidden else lanes[WEIGHT + i]
+        point = (
+            place[0] if hidden else point[0], place[1] if hidden else point[1], place[2] if hidden else point[2],
+        )  # fmt: skip
+        face(lanes, i, point, r, mixed(axes[0], e1, axes[1], e2), mixed(axes[2], e1, axes[3], e2), receiver)
 
 
 @inline

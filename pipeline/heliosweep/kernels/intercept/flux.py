@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept import course
 from heliosweep.kernels.intercept.efficiency import Rules, Scene, gauss_rules, image_shift, turn_at
+from heliosweep.kernels.intercept.light import LOOKED, PART, RESULT, Light, X, Y, collapse, extent, look_up, weigh
+from heliosweep.kernels.intercept.light import ROWS as PLACES
 from heliosweep.kernels.intercept.mirror import axes_of, facet_sides, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
 from heliosweep.kernels.intercept.receivers import LEAST_ERROR, RECTANGLE, apart_of, distance, order_of, window_of
-from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Light, collapse, extent, look_up, stretched, weigh
+from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, stretched
 from heliosweep.kernels.mounts.kinematics import stand_terms
-from heliosweep.kernels.vectors import dot, mixed, unit
+from heliosweep.kernels.vectors import GROUP, dot, mixed, unit, whole
 
 Floats = NDArray[np.float64]
 
@@ -33,9 +35,11 @@ class Room(NamedTuple):
     """Room of one mirror and instant."""
 
     weights: Floats
-    """Weights of the nodes of the tables, the table of light, and what is beyond it; see `tables.Light`."""
-    light: Floats
+    """Weights of the nodes of the tables; see `light.weigh`."""
+    series: Floats
+    """See `light.Light`."""
     far: Floats
+    places: Floats
     cells: Floats
     """Light in each cell, shape (rows, columns)."""
     column: NDArray[np.int64]
@@ -46,7 +50,11 @@ class Room(NamedTuple):
     ends: Floats
     """Points of the upright lines at no height, along r, e1 and e2. [m]"""
     between: Floats
-    """The same of nodes between them, strip by strip, with their movement along the strip times the weight."""
+    """The same of nodes between them, strip by strip, and their movement along e1 and e2 times the weight: rows."""
+    steps: Floats
+    """Heights of nodes of the upright lines, from level to level, and their weights: rows. [m]"""
+    parts: Floats
+    """Integrals along the pieces of a line."""
 
 
 @kernel
@@ -57,8 +65,10 @@ def _sweep(
     rows, columns = out.shape
     room = Room(
         np.zeros(scene.tables.reach.shape[1]), np.zeros(scene.tables.light.shape[2:]),
-        np.zeros(scene.tables.far.shape[2]), np.zeros((rows, columns)), np.zeros(columns + 2, np.int64),
-        np.zeros(columns + 3), np.zeros(rows + 1), np.zeros((columns + 3, 3)), np.zeros((columns + 2, nodes, 6)),
+        np.zeros(scene.tables.far.shape[2]), np.zeros(PLACES), np.zeros((rows, columns)),
+        np.zeros(columns + 2, np.int64), np.zeros(columns + 3), np.zeros(rows + 1), np.zeros((columns + 3, 3)),
+        np.ones((5, (columns + 2) * nodes + GROUP)), np.zeros((2, rows * nodes + GROUP)),
+        np.zeros(max(columns + 2, rows)),
     )  # fmt: skip
     terms, has_errors = np.empty(TERMS), scene.mounts.shape[0] > 0
     for i in range(sent.shape[0]):
@@ -105,9 +115,12 @@ def _mirror(place, target, sides, curve, cant, turn, sun, scene, rules, room):
     large = max(large, small)
     band = weigh(tables, small, large, room.weights)
     reach, harmonics = extent(tables, band, room.weights, LEAST_HARMONIC / rules.fine**2)
-    step = collapse(tables, band, room.weights, reach, harmonics, room.light, room.far)
+    collapse(tables, band, room.weights, harmonics, room.series, room.far)
     sigma, far = math.sqrt(small), distance(place, receiver)
-    light = Light(room.light, room.far, harmonics, 1.0 / step, reach, sigma)
+    light = Light(
+        room.series, room.far, tables.blocks, band, harmonics, tables.radius[band], tables.bend[band], reach, sigma,
+        room.places,
+    )  # fmt: skip
     along, across, _, _ = stretched(small, large, tables.core)
     axes = (along * axis_x, along * axis_y, -across * axis_y, across * axis_x)
     rows, columns = room.cells.shape
@@ -117,6 +130,12 @@ def _mirror(place, target, sides, curve, cant, turn, sun, scene, rules, room):
     for j in range(rows + 1):
         z = receiver.half_height * (2.0 * j / rows - 1.0)
         room.heights[j] = min(max(z, window[2]), window[3])
+    nodes = PANEL * panels[1]
+    for n in range(rows * nodes):
+        j, k = n // nodes, n % nodes
+        step = (room.heights[j + 1] - room.heights[j]) / panels[1]
+        room.steps[0, n] = room.heights[j] + step * (k // PANEL + 0.5 + 0.5 * rules.mirror[PANEL, 0, k % PANEL])
+        room.steps[1, n] = step * rules.mirror[PANEL, 1, k % PANEL]
     width, height = facet_sides(sides, facets)
     # More nodes along half a side, the farther its image moves, in standard deviations of the blur.
     side_u = image_shift(frame, sun, 0.0, 0.0, 0.5 * width, 0.0, 0.0, curve, far) / sigma
@@ -199,24 +218,34 @@ def _point(point, r, e1, e2, receiver, window, panels, light, rules, room, weigh
     away = light.reach
     left, right = _lit_strips(strips, room, up, away)
     low, high = _lit_rows(left, right, room, up, away, receiver.kind != RECTANGLE)
+    nodes = PANEL * panels[0]
     for i in range(left, right):
         step = (room.lines[i + 1] - room.lines[i]) / panels[0]
-        for k in range(PANEL * panels[0]):
+        for k in range(nodes):
             line = room.lines[i] + step * (k // PANEL + 0.5 + 0.5 * rules.mirror[PANEL, 0, k % PANEL])
             d, onward = _at(line, receiver, point)
-            part, node = step * rules.mirror[PANEL, 1, k % PANEL], room.between[i, k]
-            node[0], node[1], node[2] = dot(d, r), dot(d, e1), dot(d, e2)
-            node[3], node[4], node[5] = part * dot(onward, r), part * dot(onward, e1), part * dot(onward, e2)
-    for i in range(left, right):
-        for j in range(low, high + 1):
-            turned = weight * _level(room.between[i], room.heights[j], up, PANEL * panels[0], light)
+            part, n = step * rules.mirror[PANEL, 1, k % PANEL], i * nodes + k
+            room.between[0, n], room.between[1, n], room.between[2, n] = dot(d, r), dot(d, e1), dot(d, e2)
+            room.between[3, n], room.between[4, n] = part * dot(onward, e1), part * dot(onward, e2)
+    for j in range(low, high + 1):
+        for first in range(left * nodes, right * nodes, LOOKED):
+            count = min(LOOKED, right * nodes - first)
+            _on_level(room, first, count, room.heights[j], up)
+            _add(room, light, first, count, nodes)
+        for i in range(left, right):
+            turned, room.parts[i] = weight * room.parts[i], 0.0
             if j > low:
                 room.cells[j - 1, room.column[i]] += turned
             if j < high:
                 room.cells[j, room.column[i]] -= turned
+    nodes = PANEL * panels[1]
     for i in range(left, right + 1):
+        for first in range(low * nodes, high * nodes, LOOKED):
+            count = min(LOOKED, high * nodes - first)
+            _upright(room, first, count, room.ends[i], up)
+            _add(room, light, first, count, nodes)
         for j in range(low, high):
-            turned = weight * _upright(room.ends[i], room.heights[j], room.heights[j + 1], up, panels[1], rules, light)
+            turned, room.parts[j] = weight * room.parts[j], 0.0
             if i > left:
                 room.cells[j, room.column[i - 1]] -= turned
             if i < right:
@@ -262,31 +291,36 @@ def _lit_rows(left, right, room, up, away, bent):
 
 
 @inner
-def _level(nodes, z, up, count, light):
-    """Integral of F dphi along a level line over one strip, to the right. [rad]"""
-    total = 0.0
-    for k in range(count):
-        along = nodes[k, 0] + z * up[0]
-        x, y = (nodes[k, 1] + z * up[1]) / along, (nodes[k, 2] + z * up[2]) / along
-        slope = nodes[k, 3] / along
-        dx, dy = nodes[k, 4] / along - x * slope, nodes[k, 5] / along - y * slope
-        total += (x * dy - y * dx) * look_up(light, x, y)
-    return total
+def _on_level(room, first, count, z, up):
+    """Write nodes of a level line, to the right, as places that are looked up."""
+    places, nodes = room.places, room.between
+    for n in range(whole(count)):
+        k = first + n
+        along = 1.0 / (nodes[0, k] + z * up[0])
+        x, y = along * (nodes[1, k] + z * up[1]), along * (nodes[2, k] + z * up[2])
+        places[X + n], places[Y + n], places[PART + n] = x, y, along * (x * nodes[4, k] - y * nodes[3, k])
 
 
 @inner
-def _upright(end, low, high, up, panels, rules, light):
-    """Integral of F dphi along an upright line between two heights, upwards. [rad]"""
-    total, step = 0.0, (high - low) / panels
-    for k in range(PANEL * panels):
-        z = low + step * (k // PANEL + 0.5 + 0.5 * rules.mirror[PANEL, 0, k % PANEL])
-        part = step * rules.mirror[PANEL, 1, k % PANEL]
-        along = end[0] + z * up[0]
-        x, y = (end[1] + z * up[1]) / along, (end[2] + z * up[2]) / along
-        slope = up[0] / along
-        dx, dy = up[1] / along - x * slope, up[2] / along - y * slope
-        total += part * (x * dy - y * dx) * look_up(light, x, y)
-    return total
+def _upright(room, first, count, end, up):
+    """Write nodes of an upright line, upwards, as places that are looked up."""
+    places = room.places
+    for n in range(whole(count)):
+        z = room.steps[0, first + n]
+        along = 1.0 / (end[0] + z * up[0])
+        x, y = along * (end[1] + z * up[1]), along * (end[2] + z * up[2])
+        places[X + n], places[Y + n] = x, y
+        places[PART + n] = along * room.steps[1, first + n] * (x * up[2] - y * up[1])
+
+
+@inner
+def _add(room, light, first, count, nodes):
+    """Add the integrals of F dphi to those of the pieces of a line, each of so many nodes. [rad]"""
+    look_up(light, whole(count))
+    for piece in range(first // nodes, (first + count - 1) // nodes + 1):
+        start = piece * nodes - first
+        for n in range(max(0, start), min(count, start + nodes)):
+            room.parts[piece] += room.places[RESULT + n]
 
 
 def cells(

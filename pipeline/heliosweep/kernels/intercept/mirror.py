@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, inner
+from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.vectors import Vector, cross, dot, mixed, unit
 
@@ -104,7 +104,7 @@ def facet_sides(sides, facets):
     )
 
 
-@inner
+@inline
 def ray_from(frame, sun, turn, a0, b0, a, b, cant, curve):
     """Ray from a point (a, b) of the facet centred at (a0, b0): its place from the mirror's centre, r, e1 and e2.
 

@@ -1,16 +1,25 @@
 """Light within an outline: the integral of F dphi / 2 pi along it, F the light within a radius, phi the direction.
 
-Directions are gnomonic coordinates about a reflected ray, in which straight edges are straight, stretched as the tables
-of light are. F is the sum of F_m(r) cos(2 m phi). Only pieces within the reach are integrated. Beyond it F depends on
-phi alone, and so does its integral on any way: `turned` at the end of the way less `turned` at its start, and a full
-turn where the way goes over the axis x < 0. Only where an outline leaves the reach or enters it is that computed.
+Directions are gnomonic coordinates about a reflected ray, in which straight edges are straight, stretched as the light
+is. F is the sum of F_m(r) cos(2 m phi). Beyond the reach F depends on phi alone: were it what it is there everywhere,
+the integral around an outline would be 2 pi with the ray inside, else 0. So each edge counts with what F is less than
+that, on the part of it that is within the reach: no edge needs to know of the others.
+
+Edges are those that the points of a mirror see: a point is a lane, and the outline is gone around corner by corner.
 """
 
 import math
+from typing import NamedTuple
 
-from heliosweep.kernels.compiled import inline
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.intercept.light import LOOKED, PART, RESULT, X, Y, folded, look_up
 from heliosweep.kernels.intercept.sunshapes import DISC
-from heliosweep.kernels.intercept.tables import look_up
+from heliosweep.kernels.vectors import GROUP, ROW, whole
+
+Floats = NDArray[np.float64]
 
 PANEL = 15.0
 """Length of a panel of an edge in that over which light changes, `Light.smooth`; beyond the disc that grows."""
@@ -18,92 +27,246 @@ NEAR = 3.0 * DISC
 """Distance from the ray within which light may change as fast as at the disc's edge. [rad]"""
 BENT = 0.3
 """Part of its length that an arc may be beside its chord."""
+PIECES, PANELS, MOST = 14, 64, 32
+"""Most panels of an edge and of an arc, and most nodes of a rule."""
+STRAIGHT = -1
+"""Panel of an edge that is none of an arc."""
+
+WEIGHT, SIGHT = 0, ROW
+"""Rows of lanes: what a point counts with; the vectors that make coordinates of the receiver, see `receivers`."""
+_AX, _AY, _BX, _BY, _APART, _TX, _TY, _START, _STOP, NEAREST, TURN = (k * ROW for k in range(13, 24))
+_COSINE, _NOW, _OLDER = (k * ROW for k in range(24, 30, 2))
+PLACE = 30 * ROW
+"""Rows of what is known of a point of a mirror: see `efficiency`."""
+ROWS = 36 * ROW
+"""Size of the lanes' room. An edge goes from a to b; then its distance from the ray and direction, first and last place
+within the reach, from the foot of the ray; the distance of the whole outline; its integral, were all light within."""
+
+_HALF_PI, _QUARTER_PI, _EIGHTH = 0.5 * math.pi, 0.25 * math.pi, math.sqrt(2.0) - 1.0
+_A3, _A5, _A7, _A9, _A11, _A13, _A15, _A17, _A19, _A21, _A23, _A25, _A27 = (
+    (-1.0) ** k / (2 * k + 1) for k in range(1, 14)
+)
 
 
-@inline
-def gap(ax, ay, bx, by):
-    """Distance of the line from a to b, from end to end. [rad]"""
-    tx, ty = bx - ax, by - ay
-    square = tx * tx + ty * ty
-    along = min(max(-(ax * tx + ay * ty) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    x, y = ax + along * tx, ay + along * ty
-    return math.sqrt(x * x + y * y)
+class Outline(NamedTuple):
+    """Outline of a receiver as a mirror faces it: corner by corner, it turns left about a ray that is inside.
 
-
-@inline
-def crosses(ax, ay, bx, by):
-    """True where the line from a to b crosses the axis x > 0: an odd number of times for an outline about the ray."""
-    return (ay > 0.0) != (by > 0.0) and ((ax * by - ay * bx > 0.0) == (by > ay))
-
-
-@inline
-def turned(x, y, light):
-    """Integral of F dphi from the axis x > 0 to a place, were all light within: it is the same on every way. [rad]"""
-    total = math.atan2(y + 0.0, x)  # of -0.0, which `over_cut` takes for 0, it would be on the other side
-    if light.harmonics > 1:
-        scale = 1.0 / (x * x + y * y + 1e-300)
-        cosine, sine = scale * (x * x - y * y), scale * 2.0 * x * y
-        along, across = cosine, sine
-        for m in range(1, light.harmonics):
-            total += light.far[m] * across / (2.0 * m)
-            along, across = along * cosine - across * sine, along * sine + across * cosine
-    return total
-
-
-@inline
-def over_cut(ax, ay, bx, by):
-    """Full turns that `turned` lacks from a to b, as it jumps at the axis x < 0. [rad]"""
-    if (ay >= 0.0) == (by >= 0.0) or (ax * by - ay * bx > 0.0) == (by > ay):
-        return 0.0
-    return 2.0 * math.pi if by < ay else -2.0 * math.pi
-
-
-@inline
-def far_from(ax, ay, bx, by, away):
-    """True where the line from a to b is farther from the ray than `away` everywhere, from end to end. [rad]"""
-    tx, ty = bx - ax, by - ay
-    square, along, limit = tx * tx + ty * ty, -(ax * tx + ay * ty), away * away
-    if along <= 0.0:
-        return ax * ax + ay * ay > limit
-    if along >= square:
-        return bx * bx + by * by > limit
-    cross = ax * by - ay * bx
-    return cross * cross > limit * square
-
-
-@inline
-def along_edge(ax, ay, bx, by, light, rules):
-    """Integral of F dphi along the part of a line from a to b that is within the reach [rad]; its first and last place.
-
-    Places as parts of the line: 0 and 1 where all of it is within, the same twice where nothing is.
+    A place on it is c E + s N + z U from the receiver's centre: along its width and height for a rectangle; for a
+    cylinder c and s are cosine and sine, times the radius, of the angle from the direction of the point that sees it.
     """
-    if far_from(ax, ay, bx, by, light.reach):
-        return 0.0, 0.0, 0.0
-    tx, ty = bx - ax, by - ay
-    length = math.sqrt(tx * tx + ty * ty)
-    if length == 0.0:
-        return 0.0, 0.0, 0.0
-    tx, ty = tx / length, ty / length
-    first, apart, reach = ax * tx + ay * ty, ax * ty - ay * tx, light.reach
-    half = math.sqrt(max(0.0, reach * reach - apart * apart))
-    start, stop = max(first, -half), min(first + length, half)
-    if start >= stop:
-        return 0.0, 0.0, 0.0
-    footx, footy = apart * ty, -apart * tx
-    total, a = 0.0, start
-    while a < stop:
-        near = a + max(0.0, -0.5 * (a + NEAR))  # an aureole is smooth where it is far: panels halve the way to the disc
-        scale = max(light.smooth, 0.15 * (abs(near) - DISC))
-        long = min(PANEL * scale, stop - a)
-        if a < -NEAR:
-            long = min(long, near - a + 0.1 * NEAR)
-        elif stop - a - long < 0.4 * long:
-            long = stop - a
-        order = min(rules.line.shape[0] - 1, math.ceil(rules.fine * (1.5 + 0.75 * long / scale)))
-        part = 0.0
-        for k in range(order):
-            t = a + long * rules.line[order, 0, k]
-            part += rules.line[order, 1, k] * look_up(light, footx + t * tx, footy + t * ty)
-        total += long * part
-        a += long
-    return apart * total, (start - first) / length, 1.0 if stop == first + length else (stop - first) / length
+
+    corners: Floats
+    """c, s and z, shape (3, corners). [m]"""
+    panel: NDArray[np.int64]
+    """Panel of the arc that ends at a corner; `STRAIGHT` for an edge."""
+    nodes: Floats
+    """c, s and weight of the nodes of an arc, panel by panel, shape (3, nodes)."""
+    breaks: Floats
+    """First and last place of the panels of an edge, and the length over which light changes there. [rad]"""
+    lanes: Floats
+    """Rows of lanes."""
+
+
+@kernel
+def empty_outline():
+    """Room for an outline."""
+    corners = 2 * PANELS + 2
+    nodes, breaks = np.zeros((3, PANELS * MOST + GROUP)), np.zeros((3, PIECES))
+    return Outline(np.zeros((3, corners)), np.zeros(corners, np.int64), nodes, breaks, np.zeros(ROWS))
+
+
+@inline
+def _seen(lanes, i, c, s, z):
+    """Place on the outline as lane i sees it: along the ray, and in coordinates times that."""
+    k = SIGHT + i
+    return (
+        c * lanes[k] + s * lanes[3 * ROW + k] + z * lanes[6 * ROW + k] + lanes[9 * ROW + k],
+        c * lanes[ROW + k] + s * lanes[4 * ROW + k] + z * lanes[7 * ROW + k] + lanes[10 * ROW + k],
+        c * lanes[2 * ROW + k] + s * lanes[5 * ROW + k] + z * lanes[8 * ROW + k] + lanes[11 * ROW + k],
+    )
+
+
+@inner
+def _to_corner(lanes, width, c, s, z):
+    """Go to the next corner."""
+    for i in range(width):
+        along, x, y = _seen(lanes, i, c, s, z)
+        along = 1.0 / along
+        lanes[_AX + i], lanes[_AY + i] = lanes[_BX + i], lanes[_BY + i]
+        lanes[_BX + i], lanes[_BY + i] = along * x, along * y
+
+
+@inner
+def _edge(lanes, width, reach, bent):
+    """Write the part of the edge that is within the reach; count whether the ray is inside.
+
+    Of a panel of an arc, which may be `bent` times its length beside its chord, the whole or nothing is within.
+    """
+    for i in range(width):
+        ax, ay, bx, by = lanes[_AX + i], lanes[_AY + i], lanes[_BX + i], lanes[_BY + i]
+        tx, ty, cross = bx - ax, by - ay, ax * by - ay * bx
+        length = math.sqrt(tx * tx + ty * ty + 1e-300)
+        inverse = 1.0 / length
+        tx, ty, apart = inverse * tx, inverse * ty, inverse * cross
+        left = (cross > 0.0) | ((cross == 0.0) & (bx > ax))  # as if the ray were a little above the axis
+        over = ((ay > 0.0) != (by > 0.0)) & (left == (by > ay))
+        lanes[TURN + i] += (2.0 * math.pi if left else -2.0 * math.pi) if over else 0.0
+        first = ax * tx + ay * ty
+        last = first + length
+        foot = min(max(0.0, first), last)
+        near = math.sqrt(apart * apart + foot * foot) - bent * length
+        half = math.sqrt(max(0.0, reach * reach - apart * apart))
+        start, stop = max(first, -half), min(last, half)
+        start, stop = (first, last if near < reach else first) if bent > 0.0 else (start, max(start, stop))
+        lanes[_START + i], lanes[_STOP + i] = start, stop
+        lanes[NEAREST + i] = min(lanes[NEAREST + i], near)
+        lanes[_APART + i], lanes[_TX + i], lanes[_TY + i] = apart if left else -abs(apart), tx, ty
+
+
+@inner
+def _take_far(lanes, width, light):
+    """Take off the integral of F dphi along the part of the edge, were all light within."""
+    for i in range(width):
+        apart, start, stop = lanes[_APART + i], lanes[_START + i], lanes[_STOP + i]
+        angle = _angle(apart * apart + start * stop, abs(apart) * (stop - start))
+        lanes[TURN + i] -= math.copysign(angle, apart)
+    if light.harmonics > 1:
+        for end in range(2):
+            place, sign, shift = (_STOP, 1.0, ROW) if end else (_START, -1.0, 0)
+            for i in range(width):
+                apart, t, tx, ty = lanes[_APART + i], lanes[place + i], lanes[_TX + i], lanes[_TY + i]
+                x, y = apart * ty + t * tx, t * ty - apart * tx
+                scale = 1.0 / (x * x + y * y + 1e-300)
+                lanes[_COSINE + shift + i] = scale * (x * x - y * y)
+                lanes[_NOW + shift + i], lanes[_OLDER + shift + i] = sign * scale * 2.0 * x * y, 0.0
+        for m in range(1, light.harmonics):
+            part = light.far[m] / (2.0 * m)
+            for i in range(width):
+                now, then = lanes[_NOW + i], lanes[_NOW + ROW + i]
+                lanes[TURN + i] -= part * (now + then)
+                lanes[_NOW + i] = 2.0 * lanes[_COSINE + i] * now - lanes[_OLDER + i]
+                lanes[_NOW + ROW + i] = 2.0 * lanes[_COSINE + ROW + i] * then - lanes[_OLDER + ROW + i]
+                lanes[_OLDER + i], lanes[_OLDER + ROW + i] = now, then
+
+
+@inline
+def _angle(x, y):
+    """Angle of a place from the axis x > 0, for y >= 0, within 1e-12. [rad]"""
+    low, high = min(abs(x), y), max(abs(x), y)
+    steep = low > _EIGHTH * high
+    t = (low - high if steep else low) / (low + high if steep else high + 1e-300)
+    q = t * t
+    t += t * q * (_A3 + q * (_A5 + q * (_A7 + q * (_A9 + q * (_A11 + q * (_A13 + q * (_A15 + q * (_A17 + q * (
+        _A19 + q * (_A21 + q * (_A23 + q * (_A25 + q * _A27))))))))))))  # fmt: skip
+    t += _QUARTER_PI if steep else 0.0
+    t = _HALF_PI - t if y > abs(x) else t
+    return math.pi - t if x < 0.0 else t
+
+
+@inner
+def panels_of(light, breaks):
+    """Write the panels of edges in `Outline.breaks`, and return their number."""
+    inside = min(light.reach, max(NEAR, 0.5 * PANEL * light.smooth))
+    count = min(math.ceil(2.0 * inside / (PANEL * light.smooth)), PIECES - 4)
+    for k in range(count):
+        breaks[0, k] = inside * (2.0 * k / count - 1.0)
+        breaks[1, k], breaks[2, k] = inside * (2.0 * (k + 1) / count - 1.0), light.smooth
+    while inside < light.reach:
+        scale = max(light.smooth, 0.15 * (inside - DISC))
+        outside = inside + PANEL * scale
+        if light.reach - outside < 0.4 * PANEL * scale or count == PIECES - 2:
+            outside = light.reach
+        breaks[0, count], breaks[1, count], breaks[2, count] = inside, outside, scale
+        breaks[0, count + 1], breaks[1, count + 1], breaks[2, count + 1] = -outside, -inside, scale
+        inside, count = outside, count + 2
+    return count
+
+
+@inner
+def _along_edge(lanes, i, panels, breaks, light, rules, count):
+    """Write nodes on the edge that lane i sees after so many that wait to be looked up; returns the new number."""
+    room, apart, tx, ty = light.places, lanes[_APART + i], lanes[_TX + i], lanes[_TY + i]
+    for p in range(panels):
+        start, stop = max(lanes[_START + i], breaks[0, p]), min(lanes[_STOP + i], breaks[1, p])
+        if start < stop:
+            long = stop - start
+            order = min(MOST, math.ceil(rules.fine * (1.5 + 0.75 * long / breaks[2, p])))
+            part, footx, footy = long * apart * lanes[WEIGHT + i], apart * ty, -apart * tx
+            for k in range(whole(order)):
+                t = start + long * rules.line[order, 0, k]
+                room[X + count + k], room[Y + count + k] = footx + t * tx, footy + t * ty
+                room[PART + count + k] = part * rules.line[order, 1, k]
+            count += order
+    return count
+
+
+@inner
+def _along_arc(outline, i, z, panel, order, sign, light, count):
+    """Write nodes on a panel of an arc that lane i sees; returns the new number of those that wait."""
+    room, lanes, first, k = light.places, outline.lanes, panel * order, SIGHT + i
+    er, ex, ey, nr, nx, ny = (
+        lanes[k], lanes[ROW + k], lanes[2 * ROW + k], lanes[3 * ROW + k], lanes[4 * ROW + k], lanes[5 * ROW + k],
+    )  # fmt: skip
+    ar, ax, ay = _seen(lanes, i, 0.0, 0.0, z)
+    part = sign * lanes[WEIGHT + i]
+    for n in range(whole(order)):
+        c, s = outline.nodes[0, first + n], outline.nodes[1, first + n]
+        along = 1.0 / (c * er + s * nr + ar)
+        x, y = along * (c * ex + s * nx + ax), along * (c * ey + s * ny + ay)
+        room[X + count + n], room[Y + count + n] = x, y
+        turn = along * (x * (c * ny - s * ey) - y * (c * nx - s * ex))
+        room[PART + count + n] = part * outline.nodes[2, first + n] * turn
+    return count + order
+
+
+@inner
+def go_around(outline, corners, width):
+    """Write how far the outline is from the ray, and the integral of F dphi along it, were all light within. [rad]"""
+    lanes = outline.lanes
+    for i in range(width):
+        lanes[NEAREST + i], lanes[TURN + i] = math.inf, 0.0
+    c, s, z = outline.corners[0, corners - 1], outline.corners[1, corners - 1], outline.corners[2, corners - 1]
+    _to_corner(lanes, width, c, s, z)
+    for k in range(corners):
+        _to_corner(lanes, width, outline.corners[0, k], outline.corners[1, k], outline.corners[2, k])
+        _edge(lanes, width, 0.0, BENT if outline.panel[k] != STRAIGHT else 0.0)
+
+
+@inner
+def within(outline, corners, order, panels, width, light, rules):
+    """Light within the outline, the sum over the points in lanes."""
+    lanes, total, count = outline.lanes, 0.0, 0
+    for i in range(width):
+        lanes[NEAREST + i], lanes[TURN + i] = math.inf, 0.0
+    c, s, z = outline.corners[0, corners - 1], outline.corners[1, corners - 1], outline.corners[2, corners - 1]
+    _to_corner(lanes, width, c, s, z)
+    for k in range(corners):
+        panel, z = outline.panel[k], outline.corners[2, k]
+        _to_corner(lanes, width, outline.corners[0, k], outline.corners[1, k], z)
+        _edge(lanes, width, light.reach, BENT if panel != STRAIGHT else 0.0)
+        near = False
+        for i in range(width):
+            if lanes[_START + i] < lanes[_STOP + i]:
+                near = True
+                if count + MOST * max(panels, 1) > LOOKED:
+                    total, count = total + _looked_up(light, count), 0
+                if panel == STRAIGHT:
+                    count = _along_edge(lanes, i, panels, outline.breaks, light, rules, count)
+                else:
+                    count = _along_arc(outline, i, z, panel, order, 1.0 if 2 * k < corners else -1.0, light, count)
+        if near:
+            _take_far(lanes, width, light)
+    total += _looked_up(light, count)
+    for i in range(width):
+        lanes[TURN + i] *= lanes[WEIGHT + i]
+    return (total + folded(lanes, TURN, width)) / (2.0 * math.pi)
+
+
+@inner
+def _looked_up(light, count):
+    """Sum of the weighted light at so many places."""
+    room = light.places
+    for i in range(count, whole(count)):
+        room[PART + i] = 0.0
+    look_up(light, whole(count))
+    return folded(room, RESULT, whole(count))

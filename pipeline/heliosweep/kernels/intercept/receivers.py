@@ -1,12 +1,11 @@
-"""Receivers, and the part of the light of one point of a mirror that meets them."""
+"""Receivers, and their outlines as mirrors and points of them see these."""
 
 import math
 from typing import NamedTuple
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.intercept.outline import BENT, along_edge, crosses, far_from, gap, over_cut, turned
-from heliosweep.kernels.intercept.tables import look_up
-from heliosweep.kernels.vectors import cross, dot, mixed
+from heliosweep.kernels.intercept.outline import MOST, PANELS, SIGHT, STRAIGHT
+from heliosweep.kernels.vectors import ROW, cross, dot, mixed
 
 RECTANGLE, CYLINDER = 0, 1
 """A flat rectangle, seen from one side; the outside of an upright cylinder, without its ends."""
@@ -15,8 +14,6 @@ LEAST_ERROR = 0.1e-3
 """Least blur that is computed with. [rad] A sharper image is blurred by so much, which moves no edge."""
 SECTORS, PANEL = 4, 7.0
 """Least panels of an arc, and their length in that over which light changes, `Light.smooth`."""
-MOST, PANELS = 32, 64
-"""Most nodes of a rule, and most panels of an arc."""
 
 
 class Receiver(NamedTuple):
@@ -91,13 +88,6 @@ def window_of(place, r, receiver):
 
 
 @inline
-def _vertex(k, receiver, window):
-    """Corner of a rectangle, in the order in which it turns left about a ray that meets its face. [m]"""
-    x, y = window[1 if k >= 2 else 0], window[3 if k == 1 or k == 2 else 2]
-    return mixed(1.0, receiver.centre, 1.0, mixed(x, receiver.across, y, receiver.upward))
-
-
-@inline
 def behind(point, receiver):
     """True for a part of a mirror that is behind the face of a rectangle."""
     if receiver.kind != RECTANGLE:
@@ -106,18 +96,18 @@ def behind(point, receiver):
 
 
 @inner
-def corners_of(place, receiver, window, rules, smooth, room):
-    """Write the corners of a receiver's outline as a mirror at a place faces it; returns panels and order of an arc.
+def outline_of(place, receiver, window, rules, smooth, outline):
+    """Write the outline of a receiver as a mirror at a place faces it; returns its corners, and the order of an arc.
 
-    Of a rectangle they are places in space. Of a cylinder they are cosine and sine, times the radius, of the angle from
-    the direction of the mirror: of the ends of the panels of its near half, and of nodes, with their weights; the first
-    end of a panel stands before its nodes. Nodes are those of the tangent of half the angle.
+    Of a cylinder it goes along the upper rim, and back along the lower one. The nodes of their arcs are those of the
+    tangent of half the angle.
     """
     if receiver.kind == RECTANGLE:
         for k in range(4):
-            corner = _vertex(k, receiver, window)
-            room.rim[0, k], room.rim[1, k], room.rim[2, k] = corner
-        return 0, 0
+            x, y = window[1 if k >= 2 else 0], window[3 if k == 1 or k == 2 else 2]
+            outline.corners[0, k], outline.corners[1, k], outline.corners[2, k] = x, 0.0, y
+            outline.panel[k] = STRAIGHT
+        return 4, 0
     px, py = place[0] - receiver.centre[0], place[1] - receiver.centre[1]
     part = receiver.half_width / math.sqrt(px * px + py * py)
     widest = math.sqrt((1.0 - part) / (1.0 + part))
@@ -125,121 +115,49 @@ def corners_of(place, receiver, window, rules, smooth, room):
     parts = max(1, math.ceil(length / PANEL))
     panels = min(PANELS, SECTORS * parts)
     order = order_of(rules.fine * (2.5 + length / parts))
-    for m in range(panels * (order + 1) + 1):
-        p, k = m // (order + 1), m % (order + 1)
-        turn = widest * (2.0 * (p + (rules.line[order, 0, k - 1] if k > 0 else 0.0)) / panels - 1.0)
-        scale = 1.0 / (1.0 + turn * turn)
-        room.rim[0, m] = receiver.half_width * scale * (1.0 - turn * turn)
-        room.rim[1, m] = 2.0 * receiver.half_width * scale * turn
-        room.rim[2, m] = 4.0 * widest / panels * scale * (rules.line[order, 1, k - 1] if k > 0 else 0.0)
-    return panels, order
+    for p in range(panels):
+        for k in range(order):
+            turn = widest * (2.0 * (p + rules.line[order, 0, k]) / panels - 1.0)
+            c, s = _at_half(turn, receiver.half_width)
+            outline.nodes[0, p * order + k], outline.nodes[1, p * order + k] = c, s
+            outline.nodes[2, p * order + k] = 4.0 * widest / panels * rules.line[order, 1, k] / (1.0 + turn * turn)
+    for p in range(panels + 1):
+        c, s = _at_half(widest * (2.0 * p / panels - 1.0), receiver.half_width)
+        for k, z in ((p, window[3]), (2 * panels + 1 - p, window[2])):
+            outline.corners[0, k], outline.corners[1, k], outline.corners[2, k] = c, s, z
+        outline.panel[p] = p - 1 if p > 0 else STRAIGHT
+        outline.panel[panels + 1 + p] = panels - p if p > 0 else STRAIGHT
+    return 2 * (panels + 1), order
 
 
 @inline
-def outline_of(point, r, x, y, receiver, panels, order, window, room):
-    """Write the corners of the outline that a point sees, in coordinates along x and y; returns their number, rims.
+def _at_half(turn, radius):
+    """Cosine and sine of an angle, times a radius, by the tangent of its half."""
+    scale = radius / (1.0 + turn * turn)
+    return scale * (1.0 - turn * turn), 2.0 * scale * turn
 
-    They turn left about a ray inside. Of a cylinder they go along the upper rim, and back along the lower one; of each
-    rim three vectors make its coordinates: those of the axis's point at its height, of the cosine and of the sine.
+
+@inline
+def face(lanes, i, point, r, x, y, receiver):
+    """Write the vectors with which lane i, a point, sees the receiver: along a ray, and coordinates along x and y.
+
+    They are those of the outline's c, s and z, and of the receiver's centre; see `outline.Outline`.
     """
-    if receiver.kind == RECTANGLE:
-        for k in range(4):
-            d = mixed(1.0, (room.rim[0, k], room.rim[1, k], room.rim[2, k]), -1.0, point)
-            scale = 1.0 / dot(d, r)
-            room.seen[0, k], room.seen[1, k] = scale * dot(d, x), scale * dot(d, y)
-        return 4
-    px, py = point[0] - receiver.centre[0], point[1] - receiver.centre[1]
-    far = math.sqrt(px * px + py * py)
-    px, py = px / far, py / far
-    room.turn[0], room.turn[1], room.turn[2] = px * r[0] + py * r[1], px * x[0] + py * x[1], px * y[0] + py * y[1]
-    room.turn[3], room.turn[4], room.turn[5] = px * r[1] - py * r[0], px * x[1] - py * x[0], px * y[1] - py * y[0]
-    for side in range(2):
-        z = receiver.centre[2] + window[3 - side] - point[2]
-        for axis, a in enumerate((r, x, y)):
-            room.turn[6 + 3 * side + axis] = z * a[2] - far * room.turn[axis]
-        for p in range(panels + 1):
-            m = (panels - p if side else p) * (order + 1)
-            sx, sy, _, _ = _on_rim(room, side, m)
-            room.seen[0, p + side * (panels + 1)], room.seen[1, p + side * (panels + 1)] = sx, sy
-    return 2 * (panels + 1)
+    d, east, north = mixed(1.0, receiver.centre, -1.0, point), receiver.across, (0.0, 0.0, 0.0)
+    if receiver.kind != RECTANGLE:
+        scale = -1.0 / math.sqrt(d[0] * d[0] + d[1] * d[1])
+        east = (scale * d[0], scale * d[1], 0.0)
+        north = (-east[1], east[0], 0.0)
+    _along(lanes, SIGHT + i, east, r, x, y)
+    _along(lanes, SIGHT + 3 * ROW + i, north, r, x, y)
+    _along(lanes, SIGHT + 6 * ROW + i, receiver.upward, r, x, y)
+    _along(lanes, SIGHT + 9 * ROW + i, d, r, x, y)
 
 
 @inline
-def _on_rim(room, side, m):
-    """Coordinates of a node of a rim, and how they move with the angle."""
-    c, s, t = room.rim[0, m], room.rim[1, m], room.turn
-    along = 1.0 / (c * t[0] + s * t[3] + t[6 + 3 * side])
-    x, y = along * (c * t[1] + s * t[4] + t[7 + 3 * side]), along * (c * t[2] + s * t[5] + t[8 + 3 * side])
-    slope = c * t[3] - s * t[0]
-    return x, y, along * (c * t[4] - s * t[1] - x * slope), along * (c * t[5] - s * t[2] - y * slope)
-
-
-@inline
-def _bent(k, panels):
-    """True for a piece of an outline, from its corner k to the next, that is an arc."""
-    return panels > 0 and k != panels and k != 2 * panels + 1
-
-
-@inner
-def nearest(count, panels, room):
-    """Distance of an outline from the ray, at most; and whether the ray is inside. [rad]"""
-    least, inside = math.inf, False
-    for k in range(count):
-        n = k + 1 if k + 1 < count else 0
-        ax, ay, bx, by = room.seen[0, k], room.seen[1, k], room.seen[0, n], room.seen[1, n]
-        apart = gap(ax, ay, bx, by)
-        if _bent(k, panels):
-            apart -= BENT * math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
-        least, inside = min(least, apart), inside != crosses(ax, ay, bx, by)
-    return least, inside
-
-
-@inline
-def within(count, panels, order, room, light, rules):
-    """Part of the light of one point that is within the outline."""
-    total, first, before = 0.0, False, False  # whether the first piece begins, and the last one ends, within the reach
-    for k in range(count):
-        n = k + 1 if k + 1 < count else 0
-        ax, ay, bx, by = room.seen[0, k], room.seen[1, k], room.seen[0, n], room.seen[1, n]
-        if not _bent(k, panels):
-            part, start, stop = along_edge(ax, ay, bx, by, light, rules)
-        elif far_from(ax, ay, bx, by, light.reach + BENT * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)):
-            part, start, stop = 0.0, 0.0, 0.0
-        else:
-            part, start, stop = _along_arc(k, panels, order, room, light), 0.0, 1.0
-        total += part
-        begins = start == 0.0 and stop > 0.0
-        if k == 0:
-            first = begins
-        elif begins != before:
-            total += turned(ax, ay, light) if begins else -turned(ax, ay, light)
-        before = stop == 1.0
-        if start > 0.0 or stop < 1.0:
-            total += over_cut(ax, ay, bx, by)
-            if start < stop:
-                px, py = ax + start * (bx - ax), ay + start * (by - ay)
-                qx, qy = ax + stop * (bx - ax), ay + stop * (by - ay)
-                total -= over_cut(px, py, qx, qy)
-                if start > 0.0:
-                    total += turned(px, py, light)
-                if stop < 1.0:
-                    total -= turned(qx, qy, light)
-    if first != before:
-        ends = turned(room.seen[0, 0], room.seen[1, 0], light)
-        total += ends if first else -ends
-    return total / (2.0 * math.pi)
-
-
-@inline
-def _along_arc(k, panels, order, room, light):
-    """Integral of F dphi along the panel of a rim that begins at corner k. [rad]"""
-    side = 1 if k > panels else 0
-    p = 2 * panels - k if side else k
-    part = 0.0
-    for m in range(p * (order + 1) + 1, (p + 1) * (order + 1)):
-        x, y, dx, dy = _on_rim(room, side, m)
-        part += room.rim[2, m] * (x * dy - y * dx) * look_up(light, x, y)
-    return part if side == 0 else -part
+def _along(lanes, row, v, r, x, y):
+    """Write the parts of a vector along three others."""
+    lanes[row], lanes[row + ROW], lanes[row + 2 * ROW] = dot(v, r), dot(v, x), dot(v, y)
 
 
 @inline

@@ -6,10 +6,12 @@ roundness is lost. With F_m(r) = 2 pi times the integral of K_m r dr, the light 
 
     1 / (2 pi) * closed integral of the sum of F_m(r) cos(2 m phi) dphi
 
-F_0 tends to 1, the others to the harmonics of all light. Kept are F_m / r^2 as a cubic in each of equal steps of r, at
-Chebyshev nodes of log `small` and log `large`: these stand in bands, within which the largest `small` is at most four
-times the smallest, each with steps of its own. A heliostat at an instant has its own variances: `collapse` makes the
-table of one. The F_m are integrals of the light's Fourier transform over spatial frequencies.
+F_0 tends to 1, the others to the harmonics of all light. F_m / r^2 is smooth in r^2. Kept are its Chebyshev series in
+r^2 / (r^2 + b), at Chebyshev nodes of log `small` and log `large`: these stand in bands, within which the largest
+`small` is at most four times the smallest. Each has a radius up to which its series go, and a b with which these are
+fine where the disc is. The F_m are integrals of the light's Fourier transform over spatial frequencies.
+
+`light` makes of a table the light of one heliostat at an instant, and looks it up.
 """
 
 import math
@@ -19,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.intercept.sunshapes import DISC, SunShape
 
 Floats = NDArray[np.float64]
@@ -30,8 +32,12 @@ HARMONICS = 24
 """Most harmonics."""
 LEAST_HARMONIC = 1e-4
 """Size of F_m below which a harmonic makes no difference: light within an outline would change by a twentieth of it."""
-_FINE = 6.0
-"""Steps of the tables in the smallest standard deviation of a band."""
+ACCURACY = 5e-7
+"""Largest error of a series, as light. [1]"""
+BLOCK = 8
+"""Terms of a series that stand together; see `_blocks`."""
+_FIRST = 64
+"""Places at which it is first seen how far the light of a band reaches, and with how many harmonics."""
 _NODES = 7
 """Nodes of `small` in a band."""
 _PANEL = 16
@@ -49,12 +55,16 @@ class Tables(NamedTuple):
     """Logarithm of the least `small` of each band, and of the largest of the last; equally far apart."""
     spans: Floats
     """Logarithms of the least and of the largest `large`."""
-    steps: Floats
-    """Distance between places, of each band. [rad]"""
+    radius: Floats
+    """Radius up to which the light of each band is known. [rad]"""
+    bend: Floats
+    """b of each band. [rad^2]"""
+    blocks: NDArray[np.int64]
+    """Blocks of each series, two or more, shape (bands, harmonics)."""
     light: Floats
-    """Coefficients of F_m / r^2 in each step, from the constant on: (bands, nodes, harmonics, 4 * steps). [1/rad^2]"""
+    """Series of F_m / r^2, see `_blocks`, shape (bands, nodes, harmonics, BLOCK * most blocks). [1/rad^2]"""
     far: Floats
-    """F_m beyond the reach, shape (bands, nodes, harmonics). [1]"""
+    """F_m of all light, shape (bands, nodes, harmonics). [1]"""
     size: Floats
     """Largest F_m, shape (bands, nodes, harmonics). [1]"""
     reach: Floats
@@ -65,23 +75,6 @@ class Tables(NamedTuple):
     """The same of `large`, whose nodes are the inner ones."""
 
 
-class Light(NamedTuple):
-    """Light of one pair of variances, in stretched coordinates."""
-
-    room: Floats
-    """Coefficients of F_m / r^2, shape (harmonics, 4 * steps). [1/rad^2]"""
-    far: Floats
-    """F_m beyond the reach. [1]"""
-    harmonics: int
-    """Number that makes a difference."""
-    inverse: float
-    """One over the distance between places. [1/rad]"""
-    reach: float
-    """Radius beyond which there is no light. [rad]"""
-    smooth: float
-    """Length over which the light changes. [rad]"""
-
-
 def tables(sun: SunShape, small: tuple[float, float], large: tuple[float, float]) -> Tables:
     """Tables of a sun shape for blurs with variances from the least to the largest, which is greater. [rad^2]"""
     bands = max(1, math.ceil(math.log(small[1] / small[0]) / math.log(4.0)))
@@ -89,20 +82,20 @@ def tables(sun: SunShape, small: tuple[float, float], large: tuple[float, float]
     rules = _chebyshev(_NODES), _chebyshev(1 if spans[1] == spans[0] else 2 + math.ceil(4.0 * (spans[1] - spans[0])))
     disc = sun.radius <= 1.001 * DISC
     core = float(np.sum((sun.share * sun.radius**2)[disc]) / np.sum(sun.share[disc])) / 2
-    made, steps = [], np.empty(bands)
+    made = []
     for band in range(bands):
         across = np.exp((logs[band] + logs[band + 1] + (logs[1] - logs[0]) * rules[0][0]) / 2)
         along = np.exp((spans[0] + spans[1] + (spans[1] - spans[0]) * rules[1][0]) / 2)
-        pairs = np.stack([each.ravel() for each in np.meshgrid(across, along, indexing="ij")])
-        steps[band] = stretched(math.exp(logs[band]), math.exp(spans[0]), core)[3] / _FINE
-        made.append(_band(sun, core, pairs[0], pairs[1], float(steps[band])))
-    count, most = (max(each[0].shape[axis] for each in made) for axis in (2, 1))
-    light = np.zeros((bands, len(pairs[0]), most, 4 * count))
-    ends, reach = np.zeros((2, bands, len(pairs[0]), most)), np.zeros((bands, len(pairs[0])))
-    for band, (cubics, end, reach[band]) in enumerate(made):
-        light[band, :, : cubics.shape[1], : cubics.shape[2] * 4] = cubics.reshape(*cubics.shape[:2], -1)
-        ends[:, band, :, : end.shape[2]] = end
-    return Tables(core, logs, spans, steps, light, ends[0], ends[1], reach, *rules)
+        made.append(_band(sun, core, *(each.ravel() for each in np.meshgrid(across, along, indexing="ij"))))
+    nodes, harmonics, terms = (max(each.light.shape[axis] for each in made) for axis in range(3))
+    light, blocks = np.zeros((bands, nodes, harmonics, terms)), np.zeros((bands, harmonics), np.int64)
+    far, size = np.zeros((2, bands, nodes, harmonics))
+    for band, each in enumerate(made):
+        count = each.light.shape[1]
+        light[band, :, :count, : each.light.shape[2]], blocks[band, :count] = each.light, each.blocks
+        far[band, :, :count], size[band, :, :count] = each.far, each.size
+    radius, bend = np.array([(each.radius, each.bend) for each in made]).T.copy()
+    return Tables(core, logs, spans, radius, bend, blocks, light, far, size, np.array([x.reach for x in made]), *rules)
 
 
 def _chebyshev(count: int) -> Floats:
@@ -137,13 +130,25 @@ def _slopes(values: Floats) -> Floats:
     return np.concatenate((inner, np.stack(((c - a) / 2.0, (a - 4.0 * b + 3.0 * c) / 2.0), axis=-1)), axis=-1)
 
 
-def _band(sun: SunShape, core: float, small: Floats, large: Floats, step: float) -> tuple[Floats, Floats, Floats]:
-    """Coefficients (nodes, harmonics, steps, 4), F_m at the end and its size (2, nodes, harmonics), and reaches."""
+class _Band(NamedTuple):
+    """Part of `Tables` that is one band's."""
+
+    radius: float
+    bend: float
+    blocks: NDArray[np.int64]
+    light: Floats
+    far: Floats
+    size: Floats
+    reach: Floats
+
+
+def _band(sun: SunShape, core: float, small: Floats, large: Floats) -> _Band:
+    """Table of one band, at pairs of variances."""
     factors = np.array([stretched(*pair, core) for pair in zip(small, large, strict=True)]).T
     widest, blur = np.maximum(factors[0], factors[1]), np.sqrt(np.maximum(large, small))
-    outermost = float(np.max(widest * sun.radius.max() + 6.0 * np.minimum(widest * blur, np.sqrt(factors[2]))))
-    place: Floats = step * np.arange(math.ceil(outermost / step) + 2, dtype=np.float64)
-    wave, part = _panels(6.5 / float(factors[3].min()), 2.0 * np.pi / outermost)
+    blurred, least = float(np.max(np.minimum(widest * blur, np.sqrt(factors[2])))), float(factors[3].min())
+    outermost = float(np.max(widest) * sun.radius.max() + 6.0 * blurred)
+    wave, part = _panels(6.5 / least, 2.0 * np.pi / outermost)
     turn = np.pi / 2 * (np.arange(_ANGLES) + 0.5) / _ANGLES
     most = float(wave[-1] * widest.max())
     transform = _interpolated(sun, most, 8 * math.ceil(most * sun.radius.max()) + 8)
@@ -156,19 +161,67 @@ def _band(sun: SunShape, core: float, small: Floats, large: Floats, step: float)
         terms[:, :, node] = np.einsum("ka,ma->km", spectrum, harmonics)
     terms[:, 0] /= 2.0
     terms *= (wave * part)[:, np.newaxis, np.newaxis]
-    sizes = np.abs(_at(terms, wave, place[1 :: max(1, len(place) // 60)])).max(axis=(0, 2))
-    count = 1 + int(np.flatnonzero(sizes >= 0.03 * LEAST_HARMONIC).max())
-    within = _at(np.ascontiguousarray(terms[:, :count]), wave, place[1:])
-    ends = within[:, :, -1]
-    left = np.abs(within - ends[:, :, np.newaxis]).sum(axis=1) > TAIL
-    reach = place[1:][within.shape[2] - 1 - np.argmax(left[:, ::-1], axis=1)] + step
-    values = np.zeros((*within.shape[:2], len(place)))
-    values[:, :, 1:] = within / place[1:] ** 2
-    values[:, 0, 0] = 0.5 * np.sum(terms[:, 0], axis=0)
-    slopes, rise = _slopes(values), np.diff(values)
-    near, far = slopes[:, :, :-1], slopes[:, :, 1:]
-    cubics = np.stack((values[:, :, :-1], near, 3.0 * rise - 2.0 * near - far, near + far - 2.0 * rise), axis=-1)
-    return cubics, np.stack((ends, np.abs(within).max(axis=2))), reach
+    place = outermost / _FIRST * np.arange(1.0, _FIRST + 1)
+    within = _at(terms, wave, place)
+    size, far = np.abs(within).max(axis=2), within[:, :, -1]
+    count = 1 + int(np.flatnonzero(size.max(axis=0) >= 0.03 * LEAST_HARMONIC).max())
+    size, far = size[:, :count], far[:, :count]
+    beyond = np.abs(within[:, :count] - far[:, :, np.newaxis]).sum(axis=1).max(axis=0) > 0.02 * TAIL
+    radius = float(place[int(np.flatnonzero(beyond).max()) + 1])
+    bend = 0.5 * radius * min(radius, float(np.max(widest)) * DISC + 4.5 * blurred)
+    nodes = BLOCK * (2 + math.ceil(1.7 * radius / least / BLOCK))
+    angle = np.pi * (np.arange(nodes) + 0.5) / nodes
+    square = _square(np.cos(angle), radius, bend)
+    values = _at(np.ascontiguousarray(terms[:, :count]), wave, np.sqrt(square)) / square
+    series = 2.0 / nodes * values @ np.cos(np.outer(angle, np.arange(nodes)))
+    series[:, :, 0] /= 2.0
+    blocks = _lengths(series, square, angle)
+    place = np.linspace(0.0, radius, 20 * nodes)
+    angle = np.arccos(np.clip(_stretch(place**2, radius, bend), -1.0, 1.0))
+    left = np.zeros((len(small), len(place)))
+    for m in range(count):
+        waves = np.cos(np.outer(np.arange(BLOCK * blocks[m]), angle))
+        left += np.abs(series[:, m, : len(waves)] @ waves * place**2 - far[:, m, np.newaxis])
+    reach = place[np.minimum(len(place) - np.argmax(left[:, ::-1] > TAIL, axis=1), len(place) - 1)]
+    series = np.where(np.arange(nodes) < BLOCK * blocks[:, np.newaxis], series, 0.0)
+    return _Band(radius, bend, blocks, _blocks(series[:, :, : BLOCK * int(blocks.max())]), far, size, reach)
+
+
+def _square(place: Floats, radius: float, bend: float) -> Floats:
+    """r^2 of places from -1 to 1, where the series stand."""
+    part = (1.0 + place) / 2 * radius**2 / (radius**2 + bend)
+    return bend * part / (1.0 - part)
+
+
+def _stretch(square: Floats, radius: float, bend: float) -> Floats:
+    """Places from -1 to 1 of r^2 up to the square of a radius."""
+    return 2.0 * (radius**2 + bend) / radius**2 * square / (square + bend) - 1.0
+
+
+def _lengths(series: Floats, square: Floats, angle: Floats) -> NDArray[np.int64]:
+    """Blocks of each harmonic's series that are needed for `ACCURACY`."""
+    left, blocks = np.zeros((*series.shape[:2], len(square))), np.full(series.shape[1], 2)
+    for first in range(series.shape[2] - BLOCK, 0, -BLOCK):
+        waves = np.cos(np.outer(np.arange(first, first + BLOCK), angle))
+        left += series[:, :, first : first + BLOCK] @ waves
+        needed = np.abs(left * square).max(axis=(0, 2)) > ACCURACY
+        blocks = np.maximum(blocks, np.where(needed, first // BLOCK + 1, 2))
+    return blocks
+
+
+def _blocks(series: Floats) -> Floats:
+    """Chebyshev series, along the last axis, in blocks: the sum of q_j(z) T_8j(z), q_j by powers of z up to the 7th.
+
+    Blocks cost half of the sum of single terms, and are as exact. From 2 T_i T_8j = T_8j+i + T_8j-i.
+    """
+    made = series.copy()
+    for j in range(made.shape[-1] - BLOCK, 0, -BLOCK):
+        made[..., j - BLOCK + 1 : j] -= made[..., j + BLOCK - 1 : j : -1]
+        made[..., j + 1 : j + BLOCK] *= 2.0
+    powers = np.zeros((BLOCK, BLOCK))
+    for term in range(BLOCK):
+        powers[term, : term + 1] = np.polynomial.chebyshev.cheb2poly(np.eye(BLOCK)[term])[: term + 1]
+    return (made.reshape(*made.shape[:-1], -1, BLOCK) @ powers).reshape(made.shape)
 
 
 def _panels(last: float, period: float) -> tuple[Floats, Floats]:
@@ -246,91 +299,3 @@ def stretched(small, large, core):
     even = math.sqrt(first * second)
     along, across = math.sqrt(even / first), math.sqrt(even / second)
     return along, across, even, min(math.sqrt(large) * along, math.sqrt(small) * across)
-
-
-@inner
-def weigh(tables, small, large, weights):
-    """Write the weights of the nodes for a pair of variances, and return their band.
-
-    Variances outside the span of the tables are brought to its end.
-    """
-    bands, width = tables.reach.shape[0], tables.logs[1] - tables.logs[0]
-    log = min(max(math.log(small), tables.logs[0]), tables.logs[bands])
-    band, span = min(int((log - tables.logs[0]) / width), bands - 1), tables.spans[1] - tables.spans[0]
-    across, along = 2.0 * (log - tables.logs[band]) / width - 1.0, 0.0
-    if span > 0.0:
-        along = 2.0 * (min(max(math.log(large), tables.spans[0]), tables.spans[1]) - tables.spans[0]) / span - 1.0
-    inner = tables.large.shape[1]
-    for v in range(weights.shape[0]):
-        weights[v] = _weight(tables.small, v // inner, across) * _weight(tables.large, v % inner, along)
-    return band
-
-
-@inline
-def _weight(rule, node, place):
-    """Polynomial of Lagrange that is 1 at one node and 0 at the others."""
-    weight = rule[1, node]
-    for other in range(rule.shape[1]):
-        if other != node:
-            weight *= place - rule[0, other]
-    return weight
-
-
-@inner
-def extent(tables, band, weights, least):
-    """Reach of the light of one pair of variances [rad], and the number of harmonics that are at least `least`."""
-    reach = 0.0
-    for v in range(weights.shape[0]):
-        reach += weights[v] * tables.reach[band, v]
-    for m in range(1, tables.size.shape[2]):
-        size = 0.0
-        for v in range(weights.shape[0]):
-            size += weights[v] * tables.size[band, v, m]
-        if abs(size) < least:
-            return reach, m
-    return reach, tables.size.shape[2]
-
-
-@inner
-def collapse(tables, band, weights, reach, harmonics, room, far):
-    """Write the table of one pair of variances in `room`, and what is beyond it in `far`; returns its step. [rad]"""
-    count = min(4 * int(reach / tables.steps[band]) + 8, room.shape[1])
-    for m in range(harmonics):
-        far[m] = 0.0
-        for n in range(count):
-            room[m, n] = weights[0] * tables.light[band, 0, m, n]
-        for v in range(weights.shape[0]):
-            far[m] += weights[v] * tables.far[band, v, m]
-            if v > 0:
-                for n in range(count):
-                    room[m, n] += weights[v] * tables.light[band, v, m, n]
-    return tables.steps[band]
-
-
-@inline
-def look_up(light, x, y):
-    """Sum of F_m / r^2 cos(2 m phi) at a place. [1/rad^2]"""
-    square = x * x + y * y
-    inside = square < light.reach * light.reach
-    n, f, inverse, total = 0, 0.0, 0.0, 0.0
-    if inside:
-        place = math.sqrt(square) * light.inverse
-        n = int(place)
-        f = place - n
-        n *= 4
-        total = _cubic(light.room, 0, n, f)
-    else:
-        inverse = 1.0 / square
-        total = inverse
-    if light.harmonics > 1:
-        cosine = (x * x - y * y) / (square + 1e-300)
-        now, older = cosine, 1.0
-        for m in range(1, light.harmonics):
-            total += now * (_cubic(light.room, m, n, f) if inside else light.far[m] * inverse)
-            now, older = 2.0 * cosine * now - older, now
-    return total
-
-
-@inline
-def _cubic(room, m, n, f):
-    return (room[m, n] + f * room[m, n + 1]) + f * f * (room[m, n + 2] + f * room[m, n + 3])
