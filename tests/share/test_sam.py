@@ -217,6 +217,20 @@ def test_all_factors_of_a_study_with_optics(small):
     np.testing.assert_allclose(efficiency_table(other, AE, azimuth=[0, 180], elevation=[30, 60]), table / 2)
 
 
+@pytest.mark.parametrize("place", ["site", "sites"])
+def test_the_air_stays_at_the_altitude_of_the_site(small, place):
+    optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 2, "attenuation": "vant_hull", "method": "gaussian"}
+    receiver = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 6}
+    high = {"latitude": 40, "altitude": 3000}
+    where = {"site": high} if place == "site" else {"site": None, "sites": [{"name": name, **high} for name in "ab"]}
+    study = small(receiver=receiver, optics=optics, **where)
+    at_sites = build(study)["attenuation_efficiency"].isel(tracking=0).transpose(..., "heliostat").compute()
+    directed = build(at_directions(study, 180, 60))["attenuation_efficiency"].isel(tracking=0).compute()
+    np.testing.assert_array_equal(directed.squeeze(), at_sites.isel(site=0) if place == "sites" else at_sites)
+    low = build(at_directions(small(receiver=receiver, optics=optics), 180, 60))["attenuation_efficiency"]
+    assert float(abs(low.isel(tracking=0).compute() - directed).min()) > 1e-6
+
+
 def flux(columns: int, units: str = "degree") -> xr.Dataset:
     """A receiver of two rows that is hot in the east, more so with the sun in the west; nothing is known at night."""
     azimuth, around = np.array(AZIMUTH[:-1]), 360 * (np.arange(columns) + 0.5) / columns

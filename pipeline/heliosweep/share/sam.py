@@ -32,7 +32,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.load import load_mapping
+from heliosweep.config.sites import site_table
 from heliosweep.config.study import Study
+from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
@@ -87,6 +89,9 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
         message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
+    altitudes = sorted({site.altitude for site in site_table(study)})
+    if "site" in content:
+        altitudes = [content["site"].get("altitude", 0.0)]
     for key in ("site", "sites", "zip", "weather", "limits"):
         content.pop(key, None)
     content["time"] = {
@@ -97,6 +102,9 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     output = content.get("output", {})
     content["output"] = {key: value for key, value in output.items() if key not in ("time_series", "field_series")}
     content.pop("design_point", None)
+    optics = getattr(study, "optics", None)
+    if altitudes and optics is not None and "vant_hull" in ends(optics.attenuation) and optics.altitude is None:
+        content["optics"]["altitude"] = altitudes[0] if len(altitudes) == 1 else altitudes
     tied = [[key for key in dim.sweeps if not key.startswith(_GONE)] for dim in study.dimensions()]
     content["zip"] = [keys for keys in tied if len(keys) > 1]
     return load_mapping(content, {study.family: type(study)})

@@ -85,6 +85,8 @@ def test_air_of_a_site(lit):
     for visibility, values in zip((5e3, 50e3), found.transpose("visibility", ...), strict=True):
         np.testing.assert_allclose(values, transmittance("vant_hull", slant, Air(visibility, 3, 1500, 60)), rtol=1e-12)
     assert np.all(found.diff("visibility") > 0)
+    given = computed(lit(optics={**optics, "altitude": [0, 1500]}))["attenuation_efficiency"].isel(tracking=0)
+    np.testing.assert_array_equal(given.sel(air_altitude=1500).transpose(*found.dims), found)
 
 
 @pytest.mark.parametrize(

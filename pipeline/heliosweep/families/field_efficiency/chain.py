@@ -99,7 +99,7 @@ _AIR = {key: Air._field_defaults[key] for key in ("visibility", "water_vapour")}
 #: Last parts of the keys that the intercept does not depend on.
 _AFTER_INTERCEPT = (
     *("reflectivity", "cleanliness", "rate", "washing_interval"),
-    *("attenuation", "visibility", "water_vapour"),
+    *("attenuation", "visibility", "water_vapour", "altitude"),
 )
 
 
@@ -336,7 +336,8 @@ def light(
         given = (place[0], *(value for name, value in values.items() if name not in _AFTER_INTERCEPT))
         intercept, error = known.intercept(shared, sun, start, stop, given, intercepted)
     visibility, water_vapour = (values[key] if values[key] is not None else default for key, default in _AIR.items())
-    air = Air(visibility, water_vapour, float(place[2] or 0.0), float(values["height"]))
+    altitude = place[2] if values["altitude"] is None else values["altitude"]
+    air = Air(visibility, water_vapour, float(altitude or 0.0), float(values["height"]))
     reflected = values["reflectivity"] * _cleanliness(way.study, values, months)
     return Light(intercept, transmittance(values["attenuation"], slant, air), reflected, error)
 

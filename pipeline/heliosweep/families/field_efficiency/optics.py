@@ -249,6 +249,11 @@ class Optics(Block):
         Quantity("Density of water vapour, for vant_hull; 5.9 g/m3 where left out", "g/m3", ge=0, le=40,
                  title="density of water vapour"),
     ] = None  # fmt: skip
+    altitude: Annotated[
+        float | Sweep | None,
+        Quantity("Height above sea level, for vant_hull; that of the site where left out", "m", ge=-500, le=10_000,
+                 dimension="air_altitude", title="altitude of the air"),
+    ] = None  # fmt: skip
     slope_error: Annotated[
         float | Sweep | None,
         _error("Standard deviation of the mirror's normal, per axis", "slope error"),
@@ -292,7 +297,7 @@ class Optics(Block):
                         "'slope_map'", show_value=False)  # fmt: skip
         if self.cleanliness_by_month is not None and self.cleanliness != 1.0:
             yield Fault("is given by 'cleanliness_by_month' too; leave one out", ("cleanliness",))
-        for key in ("visibility", "water_vapour"):
+        for key in ("visibility", "water_vapour", "altitude"):
             if getattr(self, key) is not None and "vant_hull" not in ends(self.attenuation):
                 yield Fault("is only for the attenuation vant_hull; remove it", (key,))
         for key in ("slope_map", "mount_errors"):
@@ -306,6 +311,7 @@ KEYS = (
     *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),
     *("optics.sun_shape.circumsolar_ratio", "optics.reflectivity", "optics.cleanliness", "optics.soiling.rate"),
     *("optics.soiling.washing_interval", "optics.attenuation", "optics.visibility", "optics.water_vapour"),
+    "optics.altitude",
     *("optics.slope_error", "optics.slope_error_horizontal", "optics.slope_error_vertical", "optics.slope_map"),
     *("optics.specularity_error", "optics.tracking_error"),
     *(f"optics.mount_errors.{name}" for name in (*ERRORS, "scale", "seed")),
@@ -316,6 +322,7 @@ NAMES = (
     *("focus", "canting", "receiver_kind", "receiver_azimuth", "receiver_tilt", "receiver_width", "receiver_radius"),
     *("height_extent", "facet_columns", "facet_rows", "facet_gap", "sun_shape", "circumsolar_ratio", "reflectivity"),
     *("cleanliness", "soiling_rate", "washing_interval", "attenuation", "visibility", "water_vapour", "slope_error"),
+    "air_altitude",
     *("slope_error_horizontal", "slope_error_vertical", "slope_map", "specularity_error", "tracking_error"),
     *(*ERRORS, "error_scale", "seed", "intercept_method", "intercept_error"),
     *(f"{of}{name}_efficiency" for of in ("", "field_", "instantaneous_")
