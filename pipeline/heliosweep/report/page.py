@@ -10,7 +10,8 @@ import hashlib
 import logging
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import resources
@@ -35,6 +36,7 @@ from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
+    from PIL.Image import Image
 
 log = logging.getLogger("heliosweep")
 
@@ -150,7 +152,7 @@ def _page(
     told = comparison.told(result, compared.values) if compared else result
     surprises = compared.surprises if compared else []
     undrawn = _Undrawn(bool(manifest))
-    figures = list(_draw(place / FIGURES, undrawn, family.figures(told) if family else (), vector))
+    figures = _draw(place / FIGURES, undrawn, family.figures(told) if family else (), vector)
     views: list[dict[str, Any]] = []
     plots: dict[str, Any] = {}
     results = None
@@ -261,35 +263,45 @@ class _Undrawn:
 
 def _draw(
     folder: Path, undrawn: _Undrawn, figures: Iterable[NamedFigure], vector: Sequence[str]
-) -> Iterator[dict[str, Any]]:
-    """Draw, save and let go of one figure after the other; then remove those of an earlier run."""
-    from heliosweep.report.style import image, small
+) -> list[dict[str, Any]]:
+    """Draw and save one figure after the other, and let go of it; then remove those of an earlier run."""
+    from heliosweep.report.style import image, pixels, png, small
 
     if folder.is_symlink():
         raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
-    written, embedded, before = [], 0, _text(folder / DRAWN).splitlines()
-    rest = iter(figures)
-    while True:
-        named, images = None, {}
-        with undrawn.noting("A figure"):
-            if (named := next(rest, None)) is None:
-                break
-        if named is None:
-            continue
-        with undrawn.noting(f"The figure {named.name}"):
-            images = {kind: image(named.figure, kind) for kind in ("png", *vector)}
-        if not images:
-            continue
-        for kind, content in images.items():
+    written, embedded, before = list[str](), 0, _text(folder / DRAWN).splitlines()
+
+    def save(named: NamedFigure, picture: Image, others: Mapping[str, bytes]) -> dict[str, Any]:
+        nonlocal embedded
+        for kind, content in {"png": png(picture), **others}.items():
             path = folder / f"{named.name}.{kind}"
             write_whole(path, content)
             written.append(path.name)
-        embedded += len(shown := small(images["png"], 1.0 if embedded <= MOST_IMAGES else REDUCED))
-        yield embeddable(named, shown)
+        embedded += len(shown := small(picture, 1.0 if embedded <= MOST_IMAGES else REDUCED))
+        return embeddable(named, shown)
+
+    saved, rest = list[Future[dict[str, Any]]](), iter(figures)
+    with ThreadPoolExecutor(1) as saving:  # to compress takes a fifth of the time, and leaves Python to the next figure
+        while True:
+            named, picture = None, None
+            with undrawn.noting("A figure"):
+                if (named := next(rest, None)) is None:
+                    break
+            if named is None:
+                continue
+            with undrawn.noting(f"The figure {named.name}"):
+                picture, others = pixels(named.figure), {kind: image(named.figure, kind) for kind in vector}
+            if picture is None:
+                continue
+            if saved:
+                saved[-1].result()  # of more than two figures the pixels are never held
+            saved.append(saving.submit(save, named, picture, others))
+    drawn = [one.result() for one in saved]
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
+    return drawn
 
 
 def embeddable(named: NamedFigure, png: bytes) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from heliosweep.report.pictures import about_zero, field_map, picture_figure, sy
 from heliosweep.report.sampled import sampled
 from heliosweep.report.sections import MOST_NUMBERS, decimals_of, ranges
 from heliosweep.report.selection import Shown, at, is_geometric
-from heliosweep.report.style import image, small
+from heliosweep.report.style import pixels, small
 from heliosweep.report.views import FIELD, HELIOSTAT, View, default_views, usable
 from heliosweep.store.checks import blaming_damage, sound
 from heliosweep.store.read import open_result
@@ -127,7 +127,7 @@ def _page(places: Sequence[Path], results: Mapping[str, xr.Dataset], family_of: 
         remarks=_remarks(joined, same),
         went_in=_went_in(list(results), list(zip(studies, covers, strict=True))),
         came_out=came_out(joined, headlines) or _ranges(results, headlines),
-        figures=[embeddable(one, small(image(one.figure))) for one in drawn],
+        figures=[embeddable(one, small(pixels(one.figure))) for one in drawn],
         views=frames,
         plots=plots,
         scripts=scripts(bool(frames)),

@@ -103,6 +103,22 @@ class PlainPowers(LogFormatterSciNotation):
         return _POWER.sub(lambda found: found.group(1).translate(_RAISED), text)
 
 
+def pixels(figure: Figure) -> Image.Image:
+    """Figure as pixels; not by savefig, which draws everything twice."""
+    with style():
+        figure.set_dpi(DPI)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+
+def png(picture: Image.Image) -> bytes:
+    """The bytes of a PNG file of some pixels."""
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", dpi=(DPI, DPI))
+    return buffer.getvalue()
+
+
 def image(figure: Figure, kind: str = "png") -> bytes:
     """Figure as the bytes of an image file; the same figure gives the same bytes.
 
@@ -117,25 +133,17 @@ def image(figure: Figure, kind: str = "png") -> bytes:
     -------
     bytes
     """
+    if kind == "png":
+        return png(pixels(figure))
     buffer = io.BytesIO()
     with style():
-        if kind == "png":  # not by savefig, which draws everything twice
-            figure.set_dpi(DPI)
-            canvas = FigureCanvasAgg(figure)
-            canvas.draw()
-            Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(buffer, "PNG", dpi=(DPI, DPI))
-        else:
-            figure.savefig(buffer, format=kind, dpi=DPI, metadata={{"svg": "Date", "pdf": "CreationDate"}[kind]: None})
+        figure.savefig(buffer, format=kind, dpi=DPI, metadata={{"svg": "Date", "pdf": "CreationDate"}[kind]: None})
     return buffer.getvalue()
 
 
-def small(png: bytes, scale: float = 1.0) -> bytes:
-    """The same image with 256 colours and perhaps fewer pixels, for a page: about a quarter of the bytes."""
-    with Image.open(io.BytesIO(png)) as picture:
-        plain = picture.convert("RGB")
+def small(picture: Image.Image, scale: float = 1.0) -> bytes:
+    """PNG with 256 colours and perhaps fewer pixels, for a page: about a quarter of the bytes."""
     if scale != 1.0:
-        plain = plain.resize((round(scale * plain.width), round(scale * plain.height)), Image.Resampling.LANCZOS)
-    few = plain.quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-    buffer = io.BytesIO()
-    few.save(buffer, "PNG")
-    return buffer.getvalue()
+        size = round(scale * picture.width), round(scale * picture.height)
+        picture = picture.resize(size, Image.Resampling.LANCZOS)
+    return png(picture.quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE))
