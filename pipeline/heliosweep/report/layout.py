@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
+from unittest import mock
 
 import numpy as np
 import xarray as xr
@@ -119,12 +120,11 @@ def fit(figure: Figure, box: float) -> Figure:
 
     `box` is height over width of the axes.
     """
-    engine: Any = figure.get_layout_engine()
     places = [(axes, axes.get_subplotspec()) for axes in figure.axes]
     rows, columns = next(place.get_gridspec().get_geometry() for _, place in places if place)
     panels = [axes for axes, place in places if place]
     for _ in range(3):  # broken labels make axes narrower
-        engine.execute(figure)
+        _place(figure)
         sides = [(axes, axes.get_window_extent().width) for axes in figure.axes]
         broken = [_break(text, wide, 0) for axes, wide in sides for text in (axes.title, axes.xaxis.label)]
         if not any(broken + [_break(axes.yaxis.label, box * wide, 1) for axes, wide in sides]):
@@ -134,7 +134,7 @@ def fit(figure: Figure, box: float) -> Figure:
     wanted = min(wide, (MOST_HEIGHT - size[1] + rows * high) / (rows * box))
     figure.set_size_inches(size[0] + columns * (wanted - wide), size[1] + rows * (wanted * box - high))
     for _ in range(3):
-        engine.execute(figure)
+        _place(figure)
         held = figure.get_tightbbox()
         if min(*held.min, *(figure.get_size_inches() - held.max)) >= 0:  # else other ticks came with another size
             break
@@ -143,6 +143,19 @@ def fit(figure: Figure, box: float) -> Figure:
         axes.apply_aspect()
     figure.set_layout_engine("none")
     return figure
+
+
+def _place(figure: Figure) -> None:
+    """Place all by constrained layout, which measures a colour bar once for each of its axes: here once where it is."""
+    measured, known = Axes.get_tightbbox, dict[tuple[Axes, Any], Any]()
+
+    def reach(axes: Axes, *args: Any, **options: Any) -> Any:
+        here = axes, axes.get_position(original=True).bounds
+        known[here] = known.get(here) or measured(axes, *args, **options)
+        return known[here]
+
+    with mock.patch.object(Axes, "get_tightbbox", reach):
+        figure.get_layout_engine().execute(figure)
 
 
 def _break(text: Text, room: float, side: int) -> bool:
