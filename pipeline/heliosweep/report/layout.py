@@ -147,6 +147,7 @@ def fit(figure: Figure, box: float) -> Figure:
 
 def _place(figure: Figure) -> None:
     """Place all by constrained layout, which measures a colour bar once for each of its axes: here once where it is."""
+    engine: Any = figure.get_layout_engine()
     measured, known = Axes.get_tightbbox, dict[tuple[Axes, Any], Any]()
 
     def reach(axes: Axes, *args: Any, **options: Any) -> Any:
@@ -155,7 +156,7 @@ def _place(figure: Figure) -> None:
         return known[here]
 
     with mock.patch.object(Axes, "get_tightbbox", reach):
-        figure.get_layout_engine().execute(figure)
+        engine.execute(figure)
 
 
 def _break(text: Text, room: float, side: int) -> bool:
