@@ -67,8 +67,10 @@ $(STAMP): pyproject.toml constraints.txt
 
 lock: $(STAMP)  ## pin what pyproject.toml asks for in constraints.txt, with the digests of all files
 	@$(PYTHON) -m venv $(VENV)/tools && $(VENV)/tools/bin/python -m pip install -q uv
+	@sed '/--hash=/d; s/ \\$$//' constraints.txt >$(VENV)/tools/constraints.txt  # of digests that it finds, uv looks for no more
 	@$(VENV)/tools/bin/uv pip compile -q --universal --python-version 3.11.7 --generate-hashes --no-emit-index-url --no-annotate \
-	  --custom-compile-command "make lock" --extra test --extra check --extra docs -o constraints.txt pyproject.toml
+	  --custom-compile-command "make lock" --extra test --extra check --extra docs -o $(VENV)/tools/constraints.txt pyproject.toml
+	@mv $(VENV)/tools/constraints.txt constraints.txt
 
 audit: $(STAMP)  ## look up the pinned versions among known vulnerabilities, where that list can be had
 	@$(PYTHON) -m venv $(VENV)/tools && $(VENV)/tools/bin/python -m pip install -q pip-audit
