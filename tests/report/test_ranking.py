@@ -92,6 +92,19 @@ def test_keys_that_are_tied_are_told_too():
     assert found.points.header[:2] == ["height", "width"]
 
 
+def test_heliostats_are_told_by_their_places():
+    x, y = ("heliostat", [0.0, 40.04, 80.0]), ("heliostat", [61.26, 1e-15, 3.0])
+    labels = {"heliostat": [0, 1, 2], "x": x, "y": y, "ring": ("heliostat", [1, 1, 2]), "scale": [0.5, 1.0]}
+    hits = np.array([[0.9, 0.8, 0.7], [0.5, 0.4, 0.3]])
+    found = ranked(xr.Dataset({"hits": (("scale", "heliostat"), hits, {BEST_VALUE: LARGEST})}, labels))
+    assert [found.ends.rows[0][place] for place in (2, 4)] == [
+        "scale 0.5, heliostat 0 at (0.0, 61.3) m",
+        "scale 1, heliostat 2 at (80.0, 3.0) m",
+    ]
+    assert [row[0] for row in steps_of(found).rows] == ["scale"]
+    assert found.points.rows[1][3] == "0"
+
+
 def test_of_many_points_the_best_are_listed():
     data = xr.Dataset({"efficiency": ("n", np.random.default_rng(0).random(MOST_CELLS))})
     found = ranked(data)

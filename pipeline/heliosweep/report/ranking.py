@@ -26,6 +26,7 @@ from heliosweep.report.labels import (
     value_text,
 )
 from heliosweep.report.sections import decimals_of, number_texts
+from heliosweep.report.views import HELIOSTAT
 
 #: Points that are ranked, cells of the table of all points, and results of which best and worst are told.
 MOST_POINTS, MOST_CELLS, MOST_RESULTS = 200_000, 10_000, 12
@@ -133,6 +134,12 @@ def _place(result: xr.Dataset, index: Sequence[int], dims: Sequence[str], along:
     """A point in words: the value along each dimension, or what stands along a mere number."""
     words = []
     for dim, place in zip(dims, index, strict=True):
+        if dim == HELIOSTAT:
+            where = [number_text(float(along[axis][place]), 1) for axis in "xy" if axis in along]
+            words.append(
+                f"heliostat {_at(labels_along(result, dim), place)}" + f" at ({', '.join(where)}) m" * bool(where)
+            )
+            continue
         tied = [one for one in along.values() if one.dims == (dim,)]
         shown = [labels_along(result, dim), *tied]
         for one in shown:
@@ -162,7 +169,7 @@ def _steps(result: xr.Dataset, name: str, values: np.ndarray, dims: Sequence[str
     best = tuple(map(int, np.unravel_index(find(values), values.shape)))
     rows, costs = [], []
     for axis, dim in enumerate(dims):
-        for step in (-1, 1):
+        for step in (-1, 1) if dim != HELIOSTAT else ():
             place = best[axis] + step
             if 0 <= place < values.shape[axis]:
                 index = (*best[:axis], place, *best[axis + 1 :])
@@ -200,6 +207,8 @@ def _points(
     for one in columns.values():
         chosen, raw = position[str(one.dims[0])], one.to_numpy()
         named = raw.dtype.kind not in "fiu"
+        if not named:  # what rounding leaves of 0
+            raw = np.where(np.abs(raw) < 1e-12 * np.nanmax(np.abs(raw), initial=0), 0, raw)
         texts = {
             place: _at(one, place) if named else f"{raw[place]:.9g}".replace("-", MINUS) for place in {*chosen.tolist()}
         }
