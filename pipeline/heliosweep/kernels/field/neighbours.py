@@ -234,14 +234,12 @@ def _search(i, bundle, limit, mirrors, grid, found, count):
         start, stop = int(min(max(west, 0.0), grid.columns - 1.0)), int(min(max(east, 0.0), grid.columns - 1.0)) + 1
         home, cells = min(max(home_column, start), stop), row * grid.columns
         begin, middle, end = grid.first[cells + start], grid.first[cells + home], grid.first[cells + stop]
+        if count + end - begin > found.shape[0]:
+            return -1
         for c in range(end - begin):
             j = _outward(c, middle, end)
-            if not _may_occlude(i, j, bundle, limit, mirrors):
-                continue
-            if count == found.shape[0]:
-                return -1
             found[count] = j
-            count += 1
+            count += _may_occlude(i, j, bundle, limit, mirrors)
     return count
 
 
@@ -262,7 +260,10 @@ def search_all(tests: NDArray[np.int64], bundle: Beam, mirrors: Mirrors, grid: C
     """Replace the lists of the test heliostats by what `search` finds along a bundle to the sun."""
     names, first = found
     for t in range(tests.shape[0]):
-        names, first[t + 1] = search(tests[t], bundle, np.inf, mirrors, grid, names, first[t])
+        stop = _search(tests[t], bundle, np.inf, mirrors, grid, names, first[t])
+        if stop < 0:
+            names, stop = search(tests[t], bundle, np.inf, mirrors, grid, names, first[t])
+        first[t + 1] = stop
     return Candidates(names, first)
 
 
@@ -291,14 +292,18 @@ def _sift(tests, bundle, mirrors, wider, names, first):
 
 @inline
 def _may_occlude(i, j, bundle, limit, mirrors):
-    """Test whether j may occlude i along some direction of the bundle, by the angle between D and its axis."""
+    """Test whether j may occlude i along some direction of the bundle, by the angle between D and its axis.
+
+    Without a root or a branch, which is what this costs: the roots are on one side of the comparison, and squared.
+    """
     dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
     square = dx * dx + dy * dy + dz * dz
     reach = (mirrors.radius[i] + mirrors.radius[j]) * (1.0 + _SLACK)
     ahead = dx * bundle.x + dy * bundle.y + dz * bundle.z
-    near = square <= reach * reach or bundle.cosine <= 0.0
-    edge = np.sqrt(max(0.0, square - reach * reach)) * bundle.cosine - reach * bundle.sine
-    return (near or ahead >= edge - _SLACK * np.sqrt(square)) and j != i and ahead < limit
+    near = (square <= reach * reach) | (bundle.cosine <= 0.0)
+    side = ahead + reach * bundle.sine + _SLACK * (abs(dx) + abs(dy) + abs(dz))
+    edge = (square - reach * reach) * (bundle.cosine * bundle.cosine)
+    return (near | ((side >= 0.0) & (side * side >= edge))) & (j != i) & (ahead < limit)
 
 
 @kernel
