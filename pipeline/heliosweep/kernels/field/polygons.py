@@ -61,9 +61,9 @@ def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: floa
     Summed around a polygon it is, up to sign, the area within the square (Green's theorem; each vertical line sees the
     clamped top minus the clamped bottom). By parts it is [x y] minus the integral of x dy, and the latter needs x only
     where the edge crosses y = -1 and y = 1. These crossings are computed outright, not by dividing a difference of
-    integrals, so nearly horizontal and nearly vertical edges lose nothing; beyond the square they do not count, and their
-    mean is clamped for the sake of rounding. `rise` and `run` are the slopes dy/dx and
-    dx/dy of the edge, from `slope` or `slopes`.
+    integrals, so nearly horizontal and nearly vertical edges lose nothing. Beyond the square they do not count; their
+    mean is clamped because of rounding. `rise` and `run` are the slopes dy/dx and dx/dy of the edge, from `slope` or
+    `slopes`.
     """
     x0, x1 = unit(px), unit(qx)
     y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
