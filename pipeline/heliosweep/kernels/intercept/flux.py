@@ -293,7 +293,7 @@ def _lit_rows(left, right, room, up, away, bent):
 @inner
 def _on_level(room, first, count, z, up):
     """Write nodes of a level line, to the right, as places that are looked up."""
-    places, nodes = room.places, room.between
+    places, nodes, first = room.places, room.between, max(first, 0)
     for n in range(whole(count)):
         k = first + n
         along = 1.0 / (nodes[0, k] + z * up[0])
@@ -304,7 +304,7 @@ def _on_level(room, first, count, z, up):
 @inner
 def _upright(room, first, count, end, up):
     """Write nodes of an upright line, upwards, as places that are looked up."""
-    places = room.places
+    places, first = room.places, max(first, 0)
     for n in range(whole(count)):
         z = room.steps[0, first + n]
         along = 1.0 / (end[0] + z * up[0])

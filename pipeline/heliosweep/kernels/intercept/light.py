@@ -143,14 +143,12 @@ def look_up(light, count):
 def _add_blocks(light, m, blocks, count):
     """Sum the blocks of a series from the last to the third, as Clenshaw does."""
     room = light.places
-    for i in range(count):
-        room[_AHEAD + i] = room[_SECOND + i] = 0.0
     for j in range(blocks - 1, 1, -1):
         c0, c1, c2, c3, c4, c5, c6, c7 = _block(light.series, m, j)
         for i in range(count):
-            q, ahead = _powers(room[_PLACE + i], c0, c1, c2, c3, c4, c5, c6, c7), room[_AHEAD + i]
-            room[_AHEAD + i] = q + (2.0 * room[_WAVE + i] * ahead - room[_SECOND + i])
-            room[_SECOND + i] = ahead
+            ahead, second = (room[_AHEAD + i], room[_SECOND + i]) if j < blocks - 1 else (0.0, 0.0)
+            q = _powers(room[_PLACE + i], c0, c1, c2, c3, c4, c5, c6, c7)
+            room[_AHEAD + i], room[_SECOND + i] = q + (2.0 * room[_WAVE + i] * ahead - second), ahead
 
 
 @inline

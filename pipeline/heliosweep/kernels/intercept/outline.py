@@ -182,7 +182,7 @@ def panels_of(light, breaks):
     return count
 
 
-@inner
+@inline
 def _along_edge(lanes, i, panels, breaks, light, rules, count):
     """Write nodes on the edge that lane i sees after so many that wait to be looked up; returns the new number."""
     room, apart, tx, ty = light.places, lanes[_APART + i], lanes[_TX + i], lanes[_TY + i]
@@ -191,6 +191,7 @@ def _along_edge(lanes, i, panels, breaks, light, rules, count):
         if start < stop:
             long = stop - start
             order = min(MOST, math.ceil(rules.fine * (1.5 + 0.75 * long / breaks[2, p])))
+            count, order = max(count, 0), max(order, 0)  # said, as no vector code is made of indices below 0
             part, footx, footy = long * apart * lanes[WEIGHT + i], apart * ty, -apart * tx
             for k in range(whole(order)):
                 t = start + long * rules.line[order, 0, k]
@@ -200,10 +201,11 @@ def _along_edge(lanes, i, panels, breaks, light, rules, count):
     return count
 
 
-@inner
+@inline
 def _along_arc(outline, i, z, panel, order, sign, light, count):
     """Write nodes on a panel of an arc that lane i sees; returns the new number of those that wait."""
-    room, lanes, first, k = light.places, outline.lanes, panel * order, SIGHT + i
+    room, lanes, first, k = light.places, outline.lanes, max(panel * order, 0), SIGHT + i
+    count = max(count, 0)
     er, ex, ey, nr, nx, ny = (
         lanes[k], lanes[ROW + k], lanes[2 * ROW + k], lanes[3 * ROW + k], lanes[4 * ROW + k], lanes[5 * ROW + k],
     )  # fmt: skip

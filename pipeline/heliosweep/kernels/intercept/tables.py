@@ -32,7 +32,7 @@ HARMONICS = 24
 """Most harmonics."""
 LEAST_HARMONIC = 1e-4
 """Size of F_m below which a harmonic makes no difference: light within an outline would change by a twentieth of it."""
-ACCURACY = 5e-7
+ACCURACY = 1e-6
 """Largest error of a series, as light. [1]"""
 BLOCK = 8
 """Terms of a series that stand together; see `_blocks`."""
