@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.field import efficiency as stages
 from heliosweep.kernels.field import unions
+from heliosweep.kernels.field.cover import COVER_ROWS
 from heliosweep.kernels.field.efficiency import _sorted, aimed
 from heliosweep.kernels.field.images import AXES_ROWS, IMAGE_ROWS, Images, _project_along_v, axes, images_of
 from heliosweep.kernels.field.neighbours import beam, by_cells, no_candidates, search_all
@@ -36,7 +37,7 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     count = len(mirrors.x)
     blockers, shaders = stages.blockers_of(np.arange(count), mirrors, grid), no_candidates(count)
     everyone = stages.Halo(np.arange(count), FRAME_ROWS * ROW * np.arange(count))
-    lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(4))
+    lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(4))
     frames, images, room = rows(count * FRAME_ROWS), images_of(count), unions.room_for(count)
     spare = (count - 1) * IMAGE_ROWS * ROW
     found: Counter[str] = Counter()
@@ -52,7 +53,7 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
                 for c in range(3):
                     lines.to_target[c * ROW : (c + 1) * ROW] = mirrors.aim[i, c]
                 axes(lines.views, frames, i * FRAME_ROWS * ROW, directions, lanes)
-                scene = mirrors, everyone, frames, directions, lines.views
+                scene = mirrors, everyone, frames, directions, lines.views, lines.cover
                 named = some.names[some.first[i] : some.first[i + 1]]
                 for j in named:
                     to = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]

@@ -3,10 +3,10 @@
 import numpy as np
 import shapely
 
-from heliosweep.kernels.field.hidden import take_out_hidden
+from heliosweep.kernels.field.cover import COVER_ROWS, cover_by, take_out_hidden, uncover
 from heliosweep.kernels.field.images import images_of, measure, project
 from heliosweep.kernels.field.unions import room_for, unions
-from heliosweep.kernels.vectors import PACKET, ROW
+from heliosweep.kernels.vectors import PACKET, ROW, rows
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 
@@ -17,14 +17,17 @@ def images_for(shapes, shading=None, hiding=0):
     The first `shading` are shades, or all; in the lanes `hiding` those are taken out that others of their kind hide.
     """
     shading = len(shapes) if shading is None else shading
-    images = images_of(len(shapes))
+    images, cover = images_of(len(shapes)), rows(COVER_ROWS)
     up, one, none = np.repeat([0.0, 0.0, 1.0], ROW), np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views, frame = rows_of(one, none, cx, none, one, cy), rows_of(ax, ay, none, bx, by, none, one)
         hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, PACKET)
-        take_out_hidden(images, shading if m >= shading else 0, m, hits & hiding, PACKET)
+        if m in (0, shading):
+            uncover(cover, views, PACKET)
+        take_out_hidden(images, m, cover, hits & hiding, PACKET)
         measure(images, m, frame, 0, 0, 0.0, 0.0, 1.0, PACKET)
+        cover_by(images, m, cover, hiding, PACKET)
     return images
 
 

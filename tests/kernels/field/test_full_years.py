@@ -8,6 +8,7 @@ import pytest
 from heliosweep.kernels.field.efficiency import field_series
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.layouts import radial_stagger
 from tests.kernels.field.fields import Field, Floats, chong2012, directions, scattered, suns
 from tests.kernels.field.straightforward import straightforward_series
 
@@ -46,6 +47,19 @@ def test_every_half_hour_of_a_year(latitude, tracking):
     """From sunrise to sunset: 8 to 16 o'clock every hour is part of it, and so are the lowest suns."""
     for month in np.split(year(latitude, np.arange(0.0, 24.0, 0.5)), 5):
         check(chong2012(), tracking, month)
+
+
+@METHODS
+def test_lowest_suns_over_a_large_field(tracking):
+    """Dozens of candidates, most of them out of view; the target low too, so that blockers are many."""
+    layout = radial_stagger(16.0, 61.3, heliostats=2_500)
+    half, sun = np.full(2_500, 5.5), year(30.0, np.arange(0.0, 24.0, 0.25))
+    sun = sun[(sun[:, 2] > 0.0) & (sun[:, 2] < 0.1)]
+    field = layout.x, layout.y, np.full(2_500, 7.0), half, half, 40.0
+    found = field_series(*field, tracking, sun, 1_900, 1_903)
+    expected = straightforward_series(*field, tracking, sun, 1_900, 1_903)
+    np.testing.assert_allclose(found, expected, atol=1e-13, rtol=0)
+    assert (expected[1:3] < 0.5).any()
 
 
 # --- fields made to be hard ------------------------------------------------------------------------------------------

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.hidden import take_out_hidden
-from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, in_reach, measure, project, reaches
+from heliosweep.kernels.field.cover import COVER_ROWS, cover_by, in_view, take_out_hidden, uncover
+from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
 from heliosweep.kernels.field.neighbours import (
     Candidates,
     Cells,
@@ -57,6 +57,8 @@ class Lines(NamedTuple):
     to_target: Floats
     views: Floats
     """Axes of projection along one or the other. [1/m]"""
+    cover: Floats
+    """What is covered of the test mirror along one or the other."""
     total: Floats
     """Areas of the unions of its images: shaded, blocked, and shaded or blocked."""
     result: Floats
@@ -114,7 +116,7 @@ def sweep(
     blockers = blockers_of(tests, mirrors, grid)
     wide, shaders = no_candidates(tests.shape[0]), no_candidates(tests.shape[0])
     halo = Halo(np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1))
-    frames, lines = rows(0), Lines(rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(5))
+    frames, lines = rows(0), Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(5))
     images, room = images_of(0), room_for(0)
     last, together = 0, False
     for p in range(first.shape[0] - 1):
@@ -251,14 +253,14 @@ def _sweep_block(
         if shaders.first[t + 1] > shaders.first[t]:
             axes(lines.views, frames, test, lines.to_sun, lanes)
             shading = _make_images(
-                i, t, shaders, mirrors, halo, frames, lines.to_sun, lines.views, images, shading, lanes
+                i, t, shaders, mirrors, halo, frames, lines.to_sun, lines.views, lines.cover, images, shading, lanes
             )
         made = shading
         if blockers.first[t + 1] > blockers.first[t]:
             _aim(lines.to_target, mirrors, i, lanes)
             axes(lines.views, frames, test, lines.to_target, lanes)
             made = _make_images(
-                i, t, blockers, mirrors, halo, frames, lines.to_target, lines.views, images, made, lanes
+                i, t, blockers, mirrors, halo, frames, lines.to_target, lines.views, lines.cover, images, made, lanes
             )
         unions(images, shading, made, lines.total, room, lanes)
         _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
@@ -267,28 +269,33 @@ def _sweep_block(
 
 
 @inner
-def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, images, made, lanes):
+def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, cover, images, made, lanes):
     """Make images of the candidates of heliostat i, those numbered `made` and on; returns the number of images.
 
     Hidden ones are taken out in lanes that have had two: with fewer, as mostly, that costs more than it saves. What is
     done in a lane depends on its own images only.
     """
     test, first = halo.place[i], made
-    once = twice = np.int64(0)
+    once, twice, covering = np.int64(0), np.int64(0), first
     many = candidates.first[t + 1] - candidates.first[t] > _MANY
     if many:
-        reaches(views, lanes)
+        uncover(cover, views, lanes)
     for m in range(candidates.first[t], candidates.first[t + 1]):
         j = candidates.names[m]
         dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
-        if many and not in_reach(views, dx, dy, dz, mirrors.radius[j], lanes):
+        if many and not in_view(cover, views, dx, dy, dz, mirrors.radius[j], lanes):
             continue
         reach = mirrors.radius[i] + mirrors.radius[j]
         apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
         other = halo.place[j]
         hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, lanes)
         if hits & twice != 0:
-            hits &= ~take_out_hidden(images, first, made, hits & twice, lanes)
+            if covering == first and not many:
+                uncover(cover, views, lanes)
+            while covering < made:
+                cover_by(images, covering, cover, twice, lanes)
+                covering += 1
+            hits &= ~take_out_hidden(images, made, cover, hits & twice, lanes)
         if hits != 0:
             hits = measure(images, made, frames, other, test, dx, dy, dz, lanes)
             once, twice = once | hits, twice | once & hits

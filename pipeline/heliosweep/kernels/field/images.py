@@ -17,8 +17,8 @@ from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.polygons import CORNERS, edge_term, larger, slopes, square_area
 from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
-AXES_ROWS = 8
-"""Rows of the axes of projection: U and V, components x, y, z of each, and room for their lengths."""
+AXES_ROWS = 6
+"""Rows of the axes of projection: U and V, components x, y, z of each."""
 IMAGE_ROWS = 10
 """Rows of an image: centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none); and, only for
 mirrors that may straddle the plane of the test mirror, the heights over it: of the centre, and along a and b."""
@@ -66,31 +66,6 @@ def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) ->
         out[3 * ROW + k] = scale * (dy * uz - dz * uy)
         out[4 * ROW + k] = scale * (dz * ux - dx * uz)
         out[5 * ROW + k] = scale * (dx * uy - dy * ux)
-
-
-@inner
-def reaches(views: Floats, lanes: int) -> None:
-    """Write the lengths of U and V behind them: how far a sphere of radius 1 reaches from the centre of its image."""
-    for k in range(lanes):
-        ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
-        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
-        views[6 * ROW + k] = np.sqrt(ux * ux + uy * uy + uz * uz) * (1.0 + 1e-9)
-        views[7 * ROW + k] = np.sqrt(vx * vx + vy * vy + vz * vz) * (1.0 + 1e-9)
-
-
-@inner
-def in_reach(views: Floats, dx: float, dy: float, dz: float, radius: float, lanes: int) -> bool:
-    """Tell whether the image of a mirror's bounding sphere, with its centre at (dx, dy, dz), may meet the square.
-
-    In any lane; `views` are U and V of the test mirror and their lengths, from `axes` and `reaches`.
-    """
-    found = np.int64(0)
-    for k in range(lanes):
-        cx = dx * views[k] + dy * views[ROW + k] + dz * views[2 * ROW + k]
-        cy = dx * views[3 * ROW + k] + dy * views[4 * ROW + k] + dz * views[5 * ROW + k]
-        gap = larger(abs(cx) - radius * views[6 * ROW + k], abs(cy) - radius * views[7 * ROW + k])
-        found |= np.int64(gap < 1.0)
-    return found != 0
 
 
 @inner
