@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from heliosweep.report.labels import TICK_LETTERS, folded
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.style import image
 from tests.report.synthetic import is_inside
@@ -96,3 +97,11 @@ def test_curves_run_in_the_order_of_their_numbers_and_long_texts_are_broken():
     boxes = [axes.title.get_window_extent() for axes in figure.axes[:2]]
     assert not boxes[0].overlaps(boxes[1])
     assert is_inside(figure)
+
+
+def test_long_words_along_an_axis_stand_on_two_lines():
+    assert folded("factor on the direct normal irradiance", 1) == "factor on the direct\nnormal irradiance"
+    assert folded("reflectivity", 2) == "reflectivity"
+    first, second = folded("direction in which the foot of the azimuth axis leans, clockwise", 3).split("\n")
+    assert max(len(first), len(second)) <= TICK_LETTERS
+    assert second.endswith("\N{HORIZONTAL ELLIPSIS} (3)")

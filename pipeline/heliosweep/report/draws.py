@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from heliosweep.report.contents import NamedFigure, Table
-from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, number_text, shortened, title_of, unit_of
+from heliosweep.report.labels import axis_label, coordinate_text, folded, is_fraction, number_text, title_of, unit_of
 from heliosweep.report.layout import abreast, fit, legend, sheet, tick
 from heliosweep.report.sections import number_texts
 from heliosweep.report.style import COLOURS, styled
@@ -296,7 +296,7 @@ def _effects(shown: Draws) -> Figure:
         )
         axes.plot(right, up, "o", color=COLOURS[0])
         for at in _order(right)[:MOST_BARS]:
-            word = shortened(shown.parameter(str(names[at])), at + 1, 24)
+            word = folded(shown.parameter(str(names[at])), at + 1)
             far = 2 * right[at] > right.max()
             axes.annotate(word, (right[at], up[at]), (-4 if far else 4, 3), textcoords="offset points",
                           fontsize=6.5, ha="right" if far else "left")  # fmt: skip
@@ -309,7 +309,7 @@ def _effects(shown: Draws) -> Figure:
 
 
 def _name_bars(axes: Axes, words: Sequence[str]) -> None:
-    axes.set_yticks(range(len(words)), [shortened(word, number, 30) for number, word in enumerate(words, 1)])
+    axes.set_yticks(range(len(words)), [folded(word, number, 30) for number, word in enumerate(words, 1)])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.grid(True, axis="x")

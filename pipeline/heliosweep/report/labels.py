@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import PurePath
 from typing import Any
 
@@ -33,7 +34,7 @@ LEAST_SIDE = 0.02
 STEPS = {"degree": (1, 1.5, 3, 4.5, 9), "h": (1, 2, 3, 6)}
 ROUND = (1, 2, 2.5, 5)
 
-#: Letters of a name that a figure shows, and along an axis.
+#: Letters of a name that a figure shows, and of each of its two lines along an axis.
 MOST_LETTERS, TICK_LETTERS = 40, 24
 
 #: Coordinates whose words speak for themselves.
@@ -140,6 +141,11 @@ def value_text(coordinate: xr.DataArray) -> str:
 def shortened(text: str, number: int, most: int = MOST_LETTERS) -> str:
     """Text as figures have room for it: a longer one is cut, and its number, counted from 1, tells it apart."""
     return text if len(text) <= most else f"{text[:most].rstrip()}\N{HORIZONTAL ELLIPSIS} ({number})"
+
+
+def folded(text: str, number: int, most: int = TICK_LETTERS) -> str:
+    """Text on two lines where it is longer than so many letters; where these are too few, cut and with its number."""
+    return "\n".join(textwrap.wrap(text, most, max_lines=2, placeholder=f"\N{HORIZONTAL ELLIPSIS} ({number})"))
 
 
 def coordinate_text(coordinate: xr.DataArray) -> str:

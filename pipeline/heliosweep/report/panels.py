@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from heliosweep.report.labels import TICK_LETTERS, shortened, value_text
+from heliosweep.report.labels import folded, value_text
 from heliosweep.report.layout import fit, label_outside, legend, sheet, tick, tick_decades
 from heliosweep.report.selection import Point, Shown, at
 from heliosweep.report.style import COLOURS, DASHES, MARKERS, VALUES, styled
@@ -151,8 +151,8 @@ def curve_figure(
     names = list(dict.fromkeys(name for panel in panels for name in panel.lines))
     styles = _looks(names, ordered, looks or {})
     plain = [value_text(word).replace("_", " ") for word in along] if along.dtype.kind in _WORDS else []
-    words = [shortened(word, number, TICK_LETTERS) for number, word in enumerate(plain, 1)]
-    letters = columns * len("  ".join(words))
+    words = [folded(word, number) for number, word in enumerate(plain, 1)]
+    letters = columns * len("  ".join(max(word.split("\n"), key=len) for word in words))
     box = 0.8 if columns > 2 else 0.42 if columns == 1 and words else 0.62
     figure, grid = sheet(len(panels), columns, sharex=not words, sharey=same_scale, wide=letters >= LETTERS)
     for axes, panel in zip(grid, panels, strict=True):
