@@ -184,6 +184,51 @@ def test_each_family_warms_its_own_kernels():
     assert run(program).split() == ["True", "False"]
 
 
+HELPED = """
+from heliosweep.kernels.compiled import apart, kernel
+
+@apart
+def tenfold(x):
+    return 10.0 * x
+
+@kernel
+def tenfold_and_one(x):
+    return tenfold(x) + 1.0
+
+def part():
+    from heliosweep.kernels.machine_code import compile_part
+    from numba import float64
+    assert compile_part(tenfold, float64) == float64
+"""
+WITH_HELP = """
+import sys; sys.path.insert(0, {folder!r})
+from made.helped import tenfold, tenfold_and_one
+from heliosweep.kernels.helper import beside
+with beside({task!r}):
+    assert tenfold_and_one(3.0) == 31.0
+print(sum(tenfold.part.stats.cache_hits.values()))
+"""
+
+
+def test_another_process_compiles_a_part(made):
+    (made / "helped.py").write_text(HELPED)
+    for number, (task, hits) in enumerate(
+        (("from made.helped import part; part()", "1"), ("raise SystemExit(1)", "0"), ("import made.nothing", "0"))
+    ):
+        program = WITH_HELP.format(folder=str(made.parent), task=task)
+        assert run(program, NUMBA_CACHE_DIR=str(made.parent / f"cache{number}")) == hits
+
+
+def test_the_helper_compiles_what_fields_call(tmp_path):
+    program = (
+        "from heliosweep.kernels.warm import warm_field; print(warm_field()[1])\n"
+        "from heliosweep.kernels.field.packets import packet_order\n"
+        "from heliosweep.kernels.field.unions import unions\n"
+        "for each in (unions.part, packet_order): print(sum(each.stats.cache_hits.values()))"
+    )
+    assert run(program, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["True", "1", "1"]
+
+
 def test_options():
     for dispatcher in (sweep, packet_order):
         options = dispatcher.targetoptions

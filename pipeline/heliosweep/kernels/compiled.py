@@ -33,6 +33,11 @@ def inner(function: Callable[..., Any]) -> Any:
     return _late(function, _nrt=False)
 
 
+def apart(function: Callable[..., Any]) -> Any:
+    """Compile an `inner` function that another process may compile meanwhile: it has a place in the cache by itself."""
+    return _late(function, _nrt=False, apart=True)
+
+
 def inline(function: Callable[..., Any]) -> Any:
     """Compile a function into each of its callers.
 
@@ -85,14 +90,18 @@ class _Kernel:
 def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     import numba
 
-    from heliosweep.kernels.machine_code import CodeCache, compile_in_parts
+    from heliosweep.kernels.machine_code import CodeCache, PartCache, compile_in_parts
 
-    compiled: Any = numba.njit(function, **options)
+    apart = options.pop("apart", False)
+    make: Any = numba.njit  # its types tell of fewer options
+    compiled = make(function, **options)
+    part = make(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
     try:
         compiled._cache = CodeCache(function)
+        if apart:
+            part._cache = PartCache(function)
     except RuntimeError:  # there is no folder that compiled code could be written to
         UNCACHED.append(function.__name__)
-    make: Any = numba.njit  # the two options are not among those that its types tell of
-    compile_in_parts(compiled, make(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options))
+    compile_in_parts(compiled, part)
     _KERNELS.append(compiled)
     return compiled

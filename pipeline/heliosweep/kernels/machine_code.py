@@ -2,9 +2,11 @@
 
 import gc
 import hashlib
+import itertools
 import os
 import pickle
 import platform
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -12,13 +14,15 @@ from typing import Any
 
 import numba
 from numba.core import types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, ll
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
 
+from heliosweep.kernels import helper
 from heliosweep.sources import numbers_digest
 
 _TRIED_WITH = {(0, 68)}
@@ -41,10 +45,10 @@ class CodeCache(FunctionCache):
         Where there is no folder that code could be written to, or no source file.
     """
 
-    def __init__(self, function: Any):
+    def __init__(self, function: Any, kind: str = ""):
         super().__init__(function)
         self.loaded: dict[Any, Any] = {}
-        self._base = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+        self._base = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}{kind}"
         try:
             self._version = numbers_digest(function.__module__)
         except ModuleNotFoundError as error:
@@ -90,6 +94,25 @@ class CodeCache(FunctionCache):
             temporary.unlink(missing_ok=True)
 
 
+class PartCache(CodeCache):
+    """The same of a part that another process may be about to make."""
+
+    def __init__(self, function: Any):
+        super().__init__(function, ".part")
+
+    def _load_overload(self, signature: Any, target: Any) -> Any:
+        helper.wait_for(self.path(signature, target.codegen()))
+        return super()._load_overload(signature, target)
+
+
+def compile_part(kernel: Any, *arguments: Any) -> Any:
+    """Bring a kernel to the form that others take it in, for types of arguments; returns the type of its result."""
+    FunctionIdentity._unique_ids = itertools.count(time.time_ns())  # for symbols that no other process gives
+    with global_compiler_lock, _parts():
+        kernel.part.compile(arguments)
+    return kernel.part.overloads[arguments].signature.return_type
+
+
 def compile_in_parts(whole: Any, part: Any) -> None:
     """Make machine code of a kernel where Python calls it, and a part of other machine code where a kernel does.
 
@@ -115,6 +138,8 @@ def compile_in_parts(whole: Any, part: Any) -> None:
             found = whole._cache.load_overload(signature, whole.targetctx)
             if found is not None:
                 whole._cache.loaded[signature] = found
+            elif isinstance(whole._cache, CodeCache):
+                helper.start()
             with nullcontext() if found is not None else _parts():
                 return compile_alone(signature)
 
@@ -124,7 +149,9 @@ def compile_in_parts(whole: Any, part: Any) -> None:
             args, kws = [types.unliteral(each) for each in args], {k: types.unliteral(each) for k, each in kws.items()}
         return template(args, kws)
 
-    whole.compile, whole.get_call_template, whole.get_overload = compile_of_parts, call_template, part.get_overload
+    whole.part, whole.compile, whole.get_call_template, whole.get_overload = (
+        part, compile_of_parts, call_template, part.get_overload,
+    )  # fmt: skip
 
 
 @contextmanager
@@ -184,6 +211,19 @@ class _Library(JITCodeLibrary):
     def finalize(self) -> None:
         self._is_part = not self._asked
         super().finalize()
+
+    def serialize_using_object_code(self) -> Any:
+        return self.serialize_using_bitcode() if self._is_part else super().serialize_using_object_code()
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        name, kind, data = state
+        if kind != "bitcode":
+            return super()._unserialize(codegen, state)
+        part = cls(codegen, name)
+        part._is_part, part._final_module = True, ll.parse_bitcode(data)
+        part._finalize_final_module()
+        return part
 
     def _optimize_final_module(self) -> None:
         if self._is_part:

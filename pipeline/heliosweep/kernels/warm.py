@@ -14,6 +14,7 @@ from typing import Any, ParamSpec
 import numpy as np
 
 from heliosweep.kernels.compiled import compilations
+from heliosweep.kernels.helper import beside
 
 P = ParamSpec("P")
 
@@ -29,19 +30,42 @@ def _timed(work: Callable[P, None]) -> Callable[P, tuple[float, bool]]:
 
 
 @_timed
-def warm_field(outlines: bool = False, shared: bool = False) -> None:
-    """Make the kernels of heliostat fields ready, of outlines of shadows and of shared points too where asked for."""
-    from heliosweep.kernels.field.efficiency import field_sums, known_energies
+def warm_field(outlines: bool = False, shared: bool = False, meanwhile: Sequence[str] = ()) -> None:
+    """Make the kernels of heliostat fields ready, of outlines of shadows and of shared points too where asked for.
+
+    `meanwhile` is what else another process compiles, as of `helper.beside`.
+    """
+    from heliosweep.kernels.field.efficiency import UNWEIGHTED, aimed, field_sums, known_energies, sweep
     from heliosweep.kernels.outlines import mirror_outlines
 
     place, side = np.array([10.0, 30.0]), np.ones(2)
     sun = np.array([[0.0, 0.0, 1.0]])
+    with beside("field_parts()", *meanwhile):
+        order, first = np.zeros(1, np.int64), np.array([0, 1])
+        sums, nothing = np.zeros((2, 4)), np.empty((4, 0, 0))
+        mirrors = aimed(place, place, side, side, side, 50.0)
+        sweep(mirrors, 0, sun, order, first, 0, 2, sums, nothing, np.empty((0, 0)), UNWEIGHTED)
     field_sums(place, place, side, side, side, 50.0, 0, sun, 0, 2)
     if shared:
         number = np.zeros(1, np.int64)
         known_energies(np.ones((1, 1, 4)), number, sun, np.ones((2, 1)), number, 1)
     if outlines:
         mirror_outlines(place, place, side, side, side, 50.0, 0, sun[0], 0, 2, 1)
+
+
+def field_parts() -> None:
+    """Compile unions, a third of the kernel of heliostat fields, and the order of packets, for another process."""
+    from numba import int64
+
+    from heliosweep.kernels.field.images import images_of
+    from heliosweep.kernels.field.packets import packet_order
+    from heliosweep.kernels.field.unions import room_for, unions
+    from heliosweep.kernels.machine_code import compile_part
+    from heliosweep.kernels.vectors import rows
+
+    images, room, row = (compile_part(each, int64) for each in (images_of, room_for, rows))
+    compile_part(unions, images, int64, int64, row, room, int64)
+    packet_order(np.ones((1, 3)))
 
 
 @_timed
@@ -112,8 +136,9 @@ def warm_calibration() -> None:
     sun, pivot = _sky()
     spots = Spots(np.array([0, 1]), sun[0], np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
 
+    with beside("warm_mount_errors(drawn=False)"):
+        calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
     mount_spots(_setting(), np.zeros((1, 1, 6)), np.zeros((1, 1, 6)), sun, pivot)
-    calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
 
 
 @_timed

@@ -257,10 +257,12 @@ def _inner_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    seconds, fresh = warm_field(bool(study.output.outlines), _shared_bytes(study, longest(study)) > 0)
+    flux_map, shared = study.output.flux_map is not None, _shared_bytes(study, longest(study)) > 0
+    meanwhile = [] if study.optics is None else [f"warm_intercept({flux_map})"]
+    seconds, fresh = warm_field(bool(study.output.outlines), shared, meanwhile)
     if study.optics is None:
         return seconds, fresh
-    more, also = warm_intercept(study.output.flux_map is not None)
+    more, also = warm_intercept(flux_map)
     return seconds + more, fresh or also
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.compiled import apart, inline, inner, kernel
 from heliosweep.kernels.field.boundaries import SLOT, SLOTS, WIDTH, Group, group_of_lanes, prepare, union_areas
 from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, next_run, outline, straddles
 from heliosweep.kernels.field.overlaps import shared_by_two
@@ -71,7 +71,7 @@ def room_for(count: int) -> Room:
     )
 
 
-@inner
+@apart
 def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
     """Exact areas of the unions of images, for every lane, on the square of area 4.
 

@@ -1,0 +1,75 @@
+"""A process that compiles kernels while this one does: a process compiles in one thread at a time.
+
+It leaves what it has compiled in the cache. Where it does not, this process compiles it.
+"""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+_LOOK_SECONDS = 0.02
+_LONGEST = 60.0
+"""How long it is waited for. [s]"""
+_one = threading.Lock()
+
+
+class _Helper:
+    tasks: tuple[str, ...] = ()
+    process: subprocess.Popen[bytes] | None = None
+
+
+@contextmanager
+def beside(*tasks: str) -> Iterator[None]:
+    """Let another process call functions of `kernels.warm`, as soon as this one compiles something in the context.
+
+    It is waited for at the end of the context. `tasks` are calls, as in Python. There is one such process at a time.
+    """
+    if not _one.acquire(blocking=False):
+        yield
+        return
+    _Helper.tasks = tasks
+    try:
+        yield
+        if _Helper.process:
+            with suppress(subprocess.TimeoutExpired):
+                _Helper.process.wait(_LONGEST)
+    finally:
+        if _Helper.process:
+            _Helper.process.kill()
+            _Helper.process.wait()
+        _Helper.tasks, _Helper.process = (), None
+        _one.release()
+
+
+def start() -> None:
+    """Start the process, where one is wanted and there is a core for it."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    if not _Helper.tasks or cores == 1:
+        return
+    from numba import config
+
+    settings: Any = config
+    program = "; ".join(["from heliosweep.kernels.warm import *", *_Helper.tasks])
+    places = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "NUMBA_CACHE_DIR": settings.CACHE_DIR}
+    _Helper.tasks, nothing = (), subprocess.DEVNULL
+    with suppress(OSError):
+        _Helper.process = subprocess.Popen(
+            [sys.executable, "-P", "-c", program],
+            env=os.environ | places,
+            stdin=nothing,
+            stdout=nothing,
+            stderr=nothing,
+        )
+
+
+def wait_for(path: Path) -> None:
+    """Wait until there is a file, or the process has ended."""
+    late = time.monotonic() + _LONGEST
+    while _Helper.process and _Helper.process.poll() is None and not path.exists() and time.monotonic() < late:
+        time.sleep(_LOOK_SECONDS)
