@@ -62,8 +62,8 @@ def test_distributions(raw: dict[str, Any], distribution: Distribution) -> None:
 
 def test_moments() -> None:
     normal, uniform = OFFSET.read({"normal": [1, 2]}), OFFSET.read({"uniform": [-1, 5]})
-    assert (normal.mean, normal.width, normal.standard_deviation) == (1.0, 2.0, 2.0)
-    assert (uniform.mean, uniform.width, uniform.standard_deviation) == (2.0, 3.0, pytest.approx(3.0**0.5))
+    assert (normal.mean, normal.width) == (1.0, 2.0)
+    assert (uniform.mean, uniform.width) == (2.0, 3.0)
     assert Distribution("uniform", (-1e300, 1e300)).width == 1e300
 
 

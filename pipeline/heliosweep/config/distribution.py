@@ -53,11 +53,6 @@ class Distribution:
         first, second = self.parts
         return second if self.kind == NORMAL else 0.5 * second - 0.5 * first
 
-    @property
-    def standard_deviation(self) -> float:
-        """Standard deviation of the distribution."""
-        return self.width if self.kind == NORMAL else float(self.width / 3.0**0.5)
-
     def spec(self) -> dict[str, Any]:
         """Return the distribution as plain data that a study file may hold."""
         drawn = {"samples": self.samples, "seed": self.seed}

@@ -29,7 +29,7 @@ from heliosweep.config.faults import in_short
 from heliosweep.config.sample import SAMPLE, Sample
 from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
-from heliosweep.config.sweep import Listed, Range, Sweep
+from heliosweep.config.sweep import Listed, Range, Sweep, ends
 from heliosweep.config.times import DateList, DateRange
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
@@ -224,11 +224,7 @@ class Study(Block):
 
     def files(self) -> dict[str, tuple[str, ...]]:
         """Return the names of all files that the study names, by dotted key."""
-        return {
-            key: value.values() if isinstance(value, Sweep) else (value,)
-            for key, parameter, value in self.parameters()
-            if isinstance(parameter, FileName)
-        }
+        return {key: ends(value) for key, parameter, value in self.parameters() if isinstance(parameter, FileName)}
 
     def canonical(self) -> dict[str, Any]:
         """Return what the numbers and labels of the result depend on, the same however it was written.

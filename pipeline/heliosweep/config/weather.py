@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 from heliosweep.config import zones
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, one_of
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.values import Choice, FileName, Quantity, Text, free_text, pattern
 
 MODELS = {
@@ -65,9 +65,8 @@ class ClearSky(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that what describes the air stands with the model that takes it."""
-        models = self.model.values() if isinstance(self.model, Sweep) else (self.model,)
         for key, model in KEYS_OF.items():
-            if getattr(self, key) is not None and model not in models:
+            if getattr(self, key) is not None and model not in ends(self.model):
                 yield Fault(f"is only for the model {model}; remove it", (key,))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency import energy, known
 from heliosweep.families.field_efficiency.aim import aims
@@ -115,8 +115,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts = len(Layouts(study))
     method = None if study.optics is None else study.optics.method
-    methods = method.values() if isinstance(method, Sweep) else (method,)
-    if "accurate" in methods:
+    if "accurate" in ends(method):
         few = isinstance(study.time, SunDirections) or instants * lit < 2 * course.COMPUTED
         share = lit if few else course.COMPUTED / instants + MISSED * lit
         seconds += SECONDS_INTERPOLATED * lit + SECONDS_INTERCEPT[str(study.receiver.kind)] * share
