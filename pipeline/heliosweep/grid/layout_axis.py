@@ -23,8 +23,8 @@ _POSITIONS = {
     "y": ("distance of the heliostat north of the tower", "projection_y_coordinate"),
     "z": ("height of the heliostat's base above the tower's base", ""),
 }
-#: Layouts of a sweep at the most, and of those that have to be made to know how long they are, some 0.1 ms each.
-MAX_LAYOUTS, MAX_MADE = 100_000, 20_000
+#: Layouts of a sweep at the most, and of those that the plan makes to know how long they are: a second for small ones.
+MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
 
 
 class LayoutAxis:
@@ -128,7 +128,8 @@ def _counted(study: Study, key: str) -> Layouts:
     number = math.prod(map(len, layouts.dimensions))  # more than `len` may return
     if number > most:
         axis = max(layouts.dimensions, key=len)
-        raise PlanError(f"refused: {number:,} layouts are more than {most:,}; shrink '{axis.name}' first")
+        remedy = " or give the number of heliostats" if most == MAX_MADE else ""
+        raise PlanError(f"refused: {number:,} layouts are more than {most:,}; shrink '{axis.name}' first{remedy}")
     return layouts
 
 
