@@ -21,13 +21,11 @@ from heliosweep.kernels.intercept.light import ROWS as PLACES
 from heliosweep.kernels.intercept.mirror import Errors, Facets, axes_of, facet_sides, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.outline import (
     MOST,
-    NEAREST,
     PLACE,
-    TURN,
     WEIGHT,
     Outline,
     empty_outline,
-    go_around,
+    nearest,
     panels_of,
     within,
 )
@@ -201,12 +199,12 @@ def _intercept(
     corners, order = outline_of(place, receiver, window, rules, smooth(small, 0.5 * tables.core, 1.7), outline)
     _fill(outline.lanes, 0, turn)
     _face(outline.lanes, GROUP, frame, sun, place, cant, curve, axes, receiver)
-    go_around(outline, corners, GROUP)
-    apart = outline.lanes[NEAREST] - moved * max(along, across)
+    apart, inside = nearest(outline, corners, room.places)
+    apart -= moved * max(along, across)
     band = weigh(tables, small, large, room.weights)
     reach, harmonics = extent(tables, band, room.weights, LEAST_HARMONIC / rules.fine**2)
     if apart > reach:
-        return 1.0 if outline.lanes[TURN] > 0.0 else 0.0
+        return 1.0 if inside else 0.0
     collapse(tables, band, room.weights, harmonics, room.series, room.far)
     changing, most = smooth(sigma * sigma, 0.5 * tables.core, 1.7), 1.0
     if apart > 0.0:

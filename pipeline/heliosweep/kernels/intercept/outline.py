@@ -34,13 +34,13 @@ STRAIGHT = -1
 
 WEIGHT, SIGHT = 0, ROW
 """Rows of lanes: what a point counts with; the vectors that make coordinates of the receiver, see `receivers`."""
-_AX, _AY, _BX, _BY, _APART, _TX, _TY, _START, _STOP, NEAREST, TURN = (k * ROW for k in range(13, 24))
-_COSINE, _NOW, _OLDER = (k * ROW for k in range(24, 30, 2))
-PLACE = 30 * ROW
-"""Rows of what is known of a point of a mirror: see `efficiency`."""
-ROWS = 36 * ROW
+PLACE = 13 * ROW
+"""First of the rows of what is known of a point of a mirror: see `efficiency`."""
+_AX, _AY, _BX, _BY, _APART, _TX, _TY, _START, _STOP, _TURN = (k * ROW for k in range(19, 29))
+_COSINE, _NOW, _OLDER = (k * ROW for k in range(29, 35, 2))
+ROWS = 35 * ROW
 """Size of the lanes' room. An edge goes from a to b; then its distance from the ray and direction, first and last place
-within the reach, from the foot of the ray; the distance of the whole outline; its integral, were all light within."""
+within the reach, from the foot of the ray; the integral of F dphi along the outline, were all light within."""
 
 _HALF_PI, _QUARTER_PI, _EIGHTH = 0.5 * math.pi, 0.25 * math.pi, math.sqrt(2.0) - 1.0
 _A3, _A5, _A7, _A9, _A11, _A13, _A15, _A17, _A19, _A21, _A23, _A25, _A27 = (
@@ -96,31 +96,69 @@ def _to_corner(lanes, width, c, s, z):
         lanes[_BX + i], lanes[_BY + i] = along * x, along * y
 
 
-@inner
-def _edge(lanes, width, reach, bent):
-    """Write the part of the edge that is within the reach; count whether the ray is inside.
+@inline
+def _line(ax, ay, bx, by):
+    """Direction and length of an edge from a to b, its distance from the ray and start from the foot of the ray.
 
-    Of a panel of an arc, which may be `bent` times its length beside its chord, the whole or nothing is within.
+    The distance is positive, and never 0, with the ray to the left: as if it were a little above the axis x > 0. Then
+    the angle that the edge counts for being over that axis.
     """
-    for i in range(width):
-        ax, ay, bx, by = lanes[_AX + i], lanes[_AY + i], lanes[_BX + i], lanes[_BY + i]
-        tx, ty, cross = bx - ax, by - ay, ax * by - ay * bx
-        length = math.sqrt(tx * tx + ty * ty + 1e-300)
-        inverse = 1.0 / length
-        tx, ty, apart = inverse * tx, inverse * ty, inverse * cross
-        left = (cross > 0.0) | ((cross == 0.0) & (bx > ax))  # as if the ray were a little above the axis
-        over = ((ay > 0.0) != (by > 0.0)) & (left == (by > ay))
-        lanes[TURN + i] += (2.0 * math.pi if left else -2.0 * math.pi) if over else 0.0
-        first = ax * tx + ay * ty
-        last = first + length
-        foot = min(max(0.0, first), last)
-        near = math.sqrt(apart * apart + foot * foot) - bent * length
-        half = math.sqrt(max(0.0, reach * reach - apart * apart))
-        start, stop = max(first, -half), min(last, half)
-        start, stop = (first, last if near < reach else first) if bent > 0.0 else (start, max(start, stop))
-        lanes[_START + i], lanes[_STOP + i] = start, stop
-        lanes[NEAREST + i] = min(lanes[NEAREST + i], near)
-        lanes[_APART + i], lanes[_TX + i], lanes[_TY + i] = apart if left else -abs(apart), tx, ty
+    tx, ty, cross = bx - ax, by - ay, ax * by - ay * bx
+    length = math.sqrt(tx * tx + ty * ty + 1e-300)
+    inverse = 1.0 / length
+    tx, ty = inverse * tx, inverse * ty
+    left = (cross > 0.0) | ((cross == 0.0) & (bx > ax))
+    over = ((ay > 0.0) != (by > 0.0)) & (left == (by > ay))
+    apart, turn = max(abs(inverse * cross), 1e-300), 2.0 * math.pi if over else 0.0
+    return tx, ty, length, apart if left else -apart, ax * tx + ay * ty, turn if left else -turn
+
+
+@inline
+def _distance(length, apart, first):
+    """Distance of an edge from the ray, from end to end. [rad]"""
+    foot = min(max(0.0, first), first + length)
+    return math.sqrt(apart * apart + foot * foot)
+
+
+@inner
+def _edge(lanes, width, reach, arc):
+    """Write the part of the edge that is within the reach, and count whether the ray is inside.
+
+    Of a panel of an arc, which may be `BENT` of its length beside its chord, the whole or nothing is within.
+    """
+    if arc:
+        for i in range(width):
+            tx, ty, length, apart, first, turn = _line(lanes[_AX + i], lanes[_AY + i], lanes[_BX + i], lanes[_BY + i])
+            near = _distance(length, apart, first) < reach + BENT * length
+            lanes[_START + i], lanes[_STOP + i] = first, first + length if near else first
+            lanes[_APART + i], lanes[_TX + i], lanes[_TY + i] = apart, tx, ty
+            lanes[_TURN + i] += turn
+    else:
+        for i in range(width):
+            tx, ty, length, apart, first, turn = _line(lanes[_AX + i], lanes[_AY + i], lanes[_BX + i], lanes[_BY + i])
+            half = math.sqrt(max(0.0, reach * reach - apart * apart))
+            start = max(first, -half)
+            lanes[_START + i], lanes[_STOP + i] = start, max(start, min(first + length, half))
+            lanes[_APART + i], lanes[_TX + i], lanes[_TY + i] = apart, tx, ty
+            lanes[_TURN + i] += turn
+
+
+@inner
+def nearest(outline, corners, room):
+    """Distance of the outline from the ray of the first lane, at most; and whether the ray is inside. [rad]"""
+    for k in range(corners):
+        along, x, y = _seen(outline.lanes, 0, outline.corners[0, k], outline.corners[1, k], outline.corners[2, k])
+        along = 1.0 / along
+        room[X + k + 1], room[Y + k + 1] = along * x, along * y
+    room[X], room[Y] = room[X + corners], room[Y + corners]
+    for k in range(corners):
+        _, _, length, apart, first, turn = _line(room[X + k], room[Y + k], room[X + k + 1], room[Y + k + 1])
+        beside = BENT * length if outline.panel[k] != STRAIGHT else 0.0
+        room[PART + k], room[RESULT + k] = _distance(length, apart, first) - beside, turn
+    least, turn = math.inf, 0.0
+    for k in range(corners):
+        least, turn = min(least, room[PART + k]), turn + room[RESULT + k]
+    return least, turn > 0.0
 
 
 @inner
@@ -129,7 +167,7 @@ def _take_far(lanes, width, light):
     for i in range(width):
         apart, start, stop = lanes[_APART + i], lanes[_START + i], lanes[_STOP + i]
         angle = _angle(apart * apart + start * stop, abs(apart) * (stop - start))
-        lanes[TURN + i] -= math.copysign(angle, apart)
+        lanes[_TURN + i] -= math.copysign(angle, apart)
     if light.harmonics > 1:
         for end in range(2):
             place, sign, shift = (_STOP, 1.0, ROW) if end else (_START, -1.0, 0)
@@ -143,7 +181,7 @@ def _take_far(lanes, width, light):
             part = light.far[m] / (2.0 * m)
             for i in range(width):
                 now, then = lanes[_NOW + i], lanes[_NOW + ROW + i]
-                lanes[TURN + i] -= part * (now + then)
+                lanes[_TURN + i] -= part * (now + then)
                 lanes[_NOW + i] = 2.0 * lanes[_COSINE + i] * now - lanes[_OLDER + i]
                 lanes[_NOW + ROW + i] = 2.0 * lanes[_COSINE + ROW + i] * then - lanes[_OLDER + ROW + i]
                 lanes[_OLDER + i], lanes[_OLDER + ROW + i] = now, then
@@ -222,30 +260,17 @@ def _along_arc(outline, i, z, panel, order, sign, light, count):
 
 
 @inner
-def go_around(outline, corners, width):
-    """Write how far the outline is from the ray, and the integral of F dphi along it, were all light within. [rad]"""
-    lanes = outline.lanes
-    for i in range(width):
-        lanes[NEAREST + i], lanes[TURN + i] = math.inf, 0.0
-    c, s, z = outline.corners[0, corners - 1], outline.corners[1, corners - 1], outline.corners[2, corners - 1]
-    _to_corner(lanes, width, c, s, z)
-    for k in range(corners):
-        _to_corner(lanes, width, outline.corners[0, k], outline.corners[1, k], outline.corners[2, k])
-        _edge(lanes, width, 0.0, BENT if outline.panel[k] != STRAIGHT else 0.0)
-
-
-@inner
 def within(outline, corners, order, panels, width, light, rules):
     """Light within the outline, the sum over the points in lanes."""
     lanes, total, count = outline.lanes, 0.0, 0
     for i in range(width):
-        lanes[NEAREST + i], lanes[TURN + i] = math.inf, 0.0
+        lanes[_TURN + i] = 0.0
     c, s, z = outline.corners[0, corners - 1], outline.corners[1, corners - 1], outline.corners[2, corners - 1]
     _to_corner(lanes, width, c, s, z)
     for k in range(corners):
         panel, z = outline.panel[k], outline.corners[2, k]
         _to_corner(lanes, width, outline.corners[0, k], outline.corners[1, k], z)
-        _edge(lanes, width, light.reach, BENT if panel != STRAIGHT else 0.0)
+        _edge(lanes, width, light.reach, panel != STRAIGHT)
         near = False
         for i in range(width):
             if lanes[_START + i] < lanes[_STOP + i]:
@@ -260,8 +285,8 @@ def within(outline, corners, order, panels, width, light, rules):
             _take_far(lanes, width, light)
     total += _looked_up(light, count)
     for i in range(width):
-        lanes[TURN + i] *= lanes[WEIGHT + i]
-    return (total + folded(lanes, TURN, width)) / (2.0 * math.pi)
+        lanes[_TURN + i] *= lanes[WEIGHT + i]
+    return (total + folded(lanes, _TURN, width)) / (2.0 * math.pi)
 
 
 @inner

@@ -33,7 +33,7 @@ LIMB = 0.56
 CSR = (0.001, 0.8)
 """Circumsolar ratios that the formula of Buie can have."""
 
-_NODES = 32
+_NODES = 96
 
 
 class SunShape(NamedTuple):
