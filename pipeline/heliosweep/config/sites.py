@@ -17,7 +17,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from heliosweep.config.block import translate
-from heliosweep.config.blocks import NamedSite, SiteFile
+from heliosweep.config.blocks import NamedSite, Site, SiteFile
 from heliosweep.config.faults import Invalid, shown
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
@@ -78,6 +78,12 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
             table.add(f"another site has this name (got {site.name!r})", row, key="name")
     table.finish()
     return tuple(found)
+
+
+def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
+    """Return the single site of a study, or its sites in order; none where it has neither. Raises as `site_table`."""
+    single: Site | None = getattr(study, "site", None)
+    return site_table(study) if single is None else (single,)
 
 
 def with_sites(study: Study) -> Study:

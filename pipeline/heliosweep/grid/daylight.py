@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.sites import site_table
+from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime
@@ -31,8 +31,7 @@ def dark_latitudes(study: Study) -> tuple[NDArray[np.float64], bool]:
     The study has ``site`` or ``sites``, and ``time``; on the civil clock with longitudes and time zones, and there may
     be other dark ones there.
     """
-    single: Any = getattr(study, "site", None)
-    sites = [single] if single is not None else site_table(study)
+    sites = places_of(study)
     time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
     suns = sum(_count(site.latitude) + _count(site.longitude) for site in sites) * _days(time)
     if not sites or suns > MAX_SUNS or (isinstance(time, SolarTime) and len(time.hours) > MAX_SUNS):
@@ -103,8 +102,7 @@ def night_share(study: Study) -> float:
 
     From some of its places and dates, and without the equation of time.
     """
-    single: Any = getattr(study, "site", None)
-    sites = [single] if single is not None else site_table(study)
+    sites = places_of(study)
     time: CivilTime = study.time  # type: ignore[attr-defined]
     dates = _some(time.date_list())
     start, stop, _ = time.window_seconds()

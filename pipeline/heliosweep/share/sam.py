@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.load import load_mapping
-from heliosweep.config.sites import site_table
+from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
@@ -89,9 +89,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
         message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
-    altitudes = sorted({site.altitude for site in site_table(study)})
-    if "site" in content:
-        altitudes = [content["site"].get("altitude", 0.0)]
+    altitudes = list(dict.fromkeys(site.altitude for site in places_of(study)))
     for key in ("site", "sites", "zip", "weather", "limits"):
         content.pop(key, None)
     content["time"] = {

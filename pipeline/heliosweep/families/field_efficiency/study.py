@@ -17,7 +17,7 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Layout as LayoutBlock
 from heliosweep.config.blocks import Output, Site, Sites
 from heliosweep.config.faults import Fault
-from heliosweep.config.sites import civil_clock_problems, site_table
+from heliosweep.config.sites import civil_clock_problems, places_of
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
@@ -223,8 +223,7 @@ def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The sun must be up at the design point at some site; where it is not, what belongs to it is missing."""
     if study.design_point is None:
         return
-    sites = site_table(study) if study.site is None else (study.site,)
-    latitudes = [latitude for site in sites for latitude in ends(site.latitude)]
+    latitudes = [latitude for site in places_of(study) for latitude in ends(site.latitude)]
     down = [latitude for latitude in latitudes if study.design_point.sun(latitude)[0, 2] <= 0]
     if len(down) == len(latitudes):
         yield study.problem("design_point", f"the sun is down then at latitude {down[0]:g} deg")
