@@ -339,13 +339,13 @@ def _in_order(ends, at, lanes):
 @inner
 def _take_out(slots, i, half, other, slope_row, side, sign, ends, at, interval, lanes):
     """Take out one interval of an edge; what is left of the edge begins behind it."""
-    i, half, other, slope_row = max(i, 0), max(half, 0), max(other, 0), max(slope_row, 0)
+    i, half, other, slope_row = max(i, 0), max(i + half, 0), max(i + other, 0), max(i + slope_row, 0)
     at, interval = max(at, 0), max(interval, 0)
     for k in range(lanes):
-        dx, dy = slots[i + half + k], slots[i + half + WIDTH + k]
-        mx, my = slots[i + k] + side * slots[i + other + k], slots[i + WIDTH + k] + side * slots[i + other + WIDTH + k]
+        dx, dy = slots[half + k], slots[half + WIDTH + k]
+        mx, my = slots[i + k] + side * slots[other + k], slots[i + WIDTH + k] + side * slots[other + WIDTH + k]
         low = larger(ends[at + k], ends[interval + k])
         high = larger(low, ends[interval + WIDTH + k])
-        area = sign * _under(mx, my, dx, dy, slots[i + slope_row + k], slots[i + slope_row + WIDTH + k], low, high)
+        area = sign * _under(mx, my, dx, dy, slots[slope_row + k], slots[slope_row + WIDTH + k], low, high)
         ends[k] += area if slots[i + _TURN + k] > 0.0 else -area
         ends[at + k] = high

@@ -69,7 +69,7 @@ def edge_term(px: float, py: float, qx: float, qy: float, rise: float, run: floa
     y0, y1 = py + (x0 - px) * rise, qy + (x1 - qx) * rise
     c0, c1 = unit(y0), unit(y1)
     middle = unit(0.5 * ((x0 + (c0 - y0) * run) + (x1 + (c1 - y1) * run)))
-    return c1 * x1 - c0 * x0 - (c1 - c0) * middle
+    return c1 * (x1 - middle) - c0 * (x0 - middle)
 
 
 @inner
