@@ -147,7 +147,6 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     from heliosweep.kernels.gazing import linear
     from heliosweep.kernels.gazing.geometry import Modules, camera_square, mirror_grid, scene, transfers
     from heliosweep.kernels.gazing.lm import fit_slopes
-    from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
     from heliosweep.kernels.gazing.rectification import pinholes, rectify
     from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, module_spheres
     from heliosweep.kernels.gazing.search import merits, search_slopes, search_wavefronts
@@ -158,24 +157,36 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     grid = mirror_grid(modules, 0.5)
     y, z = grid.pixel_y, grid.pixel_z
 
-    render(profile, 0.0)  # of the nodes of noisy tables
-    images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
-    ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
-    slopes = linear.transferred(linear.wavefront_departures(images, ideal, rows, profile, 0.3)[0], transfers(layout))
-    linear.slope_bound(layout, profile, y, z, true, 0.01)
-    module_estimates(slopes[0], grid, modules, y > -9.0, 120.0)
-    module_statistics(slopes[0], grid.pixel_module, y > -9.0, 1)
-    if "O1" in methods:
-        search_wavefronts(layout, profile, images, true)
-    if "O2" in methods:
-        search_slopes(layout, profile, images, y, z, true)
-    if "LM" in methods:
-        fit_slopes(layout, profile, images, y, z, true)
-        merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave
-    if cameras:
-        pictures = pinholes(layout, (8, 8), 240.0)
-        mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
-        rectify(camera_set(layout, pictures, (8, 8), profile, mirror, 3), pictures, 120.0, modules, grid)
+    with beside("warm_modules()"):
+        render(profile, 0.0)  # of the nodes of noisy tables
+        images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
+        ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
+        linear.transferred(linear.wavefront_departures(images, ideal, rows, profile, 0.3)[0], transfers(layout))
+        linear.slope_bound(layout, profile, y, z, true, 0.01)
+        if "O1" in methods:
+            search_wavefronts(layout, profile, images, true)
+        if "O2" in methods:
+            search_slopes(layout, profile, images, y, z, true)
+        if "LM" in methods:
+            fit_slopes(layout, profile, images, y, z, true)
+            merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave
+        if cameras:
+            pictures = pinholes(layout, (8, 8), 240.0)
+            mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
+            rectify(camera_set(layout, pictures, (8, 8), profile, mirror, 3), pictures, 120.0, modules, grid)
+    warm_modules()
+
+
+def warm_modules() -> None:
+    """Make the kernels of the modules of mirrors ready."""
+    from heliosweep.kernels.gazing.geometry import Modules, mirror_grid
+    from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
+
+    modules = Modules(np.zeros((1, 2)), np.ones((1, 2)))
+    grid = mirror_grid(modules, 0.5)
+    slopes, use = np.zeros((2, len(grid.pixel_y))), grid.pixel_y > -9.0
+    module_estimates(slopes, grid, modules, use, 120.0)
+    module_statistics(slopes, grid.pixel_module, use, 1)
 
 
 def _setting() -> Any:
