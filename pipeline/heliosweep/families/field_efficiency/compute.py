@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 #: Time of one heliostat and instant on one core: with the sun in the zenith, and more by a power of 1 / sine of its
 #: elevation, for more mirrors stand in the way, up to nearly all of them, a time that grows with the root of their
 #: number; likewise with the elevation of the target. Measured on radial staggers of 317 to 100,000 heliostats. [s, 1]
-SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS = 14e-9, 9e-9, 1.5, 60e-9
+SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS = 8e-9, 7e-9, 1.7, 31e-9
 #: Time of the intercept of one heliostat and direction of the sun, by kind of receiver, of its interpolation to an
 #: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
 SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}

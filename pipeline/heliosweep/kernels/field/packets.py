@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inner, kernel
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW
 
-_LIMIT = 120.0
+_LIMIT = 480.0
 """Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
 
-By measurement, and flat: with half of it low suns cost some hundredths more. Smaller packets repeat the search too
-often, wider ones have too many candidates. Thousands of instants fill their packets within it, but for the lowest suns.
+By measurement, and flat: with half or twice of it low suns cost some hundredths more. Smaller packets repeat the search
+too often, wider ones have too many candidates. Thousands of instants fill theirs within it, but for the lowest suns.
 """
 
 
