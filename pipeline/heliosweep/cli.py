@@ -25,7 +25,7 @@ log = logging.getLogger("heliosweep")
 
 #: Objects that are made between two runs of Python's garbage collector, which has 700: imports and a page leave half a
 #: million, and to look at each once takes a twentieth of a short run's time, again and again a fifth of a plan's.
-_BETWEEN_COLLECTIONS = 1_000_000
+_BETWEEN_COLLECTIONS = 500_000
 
 #: Endings of the files that `export` writes as tables.
 _TABLES = (".csv", ".xlsx")
