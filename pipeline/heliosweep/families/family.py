@@ -6,6 +6,7 @@ import json
 import logging
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import import_module, metadata, resources
 from importlib.util import find_spec
@@ -192,7 +193,10 @@ def _call(
     otherwise: Callable[[xr.Dataset], Iterable[Any]] = lambda result: (),
 ) -> Iterable[Any]:
     """What a function of a family says of a result; `otherwise` where there is no such module or function."""
-    found = None if find_spec(module) is None else getattr(import_module(module), function, None)
+    there = None
+    with suppress(ModuleNotFoundError):  # a family in a single module has none beside it
+        there = find_spec(module)
+    found = there and getattr(import_module(module), function, None)
     return (found or otherwise)(result)
 
 

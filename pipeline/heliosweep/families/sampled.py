@@ -217,10 +217,14 @@ class Sampled(Family):
         return tables(result, self.inner.headlines)
 
     def views(self, result: xr.Dataset) -> Iterable[View]:
-        """Those of any result."""
+        """Those of any result; what they show first is what the family shows first without draws."""
         from heliosweep.report.views import default_views
 
-        return default_views(result)
+        names = [*self.inner.headlines, *(name for view in self.inner.views(result) for name in view.quantities)]
+        order = [f"{name}_{ending}" for name in dict.fromkeys(names) for ending in _STATISTICS]
+        place = {name: i for i, name in enumerate(order)}
+        for view in default_views(result):
+            yield replace(view, quantities=sorted(view.quantities, key=lambda name: place.get(name, len(place))))
 
 
 def _sensitivity(values: np.ndarray, design: Any) -> Iterator[np.ndarray]:
