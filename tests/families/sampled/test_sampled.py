@@ -243,7 +243,7 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
 
 def test_plots_show_first_what_the_family_shows_first():
     names = [f"{name}_sample_mean" for name in ("cosine_efficiency", "optical_efficiency", "energy_per_mirror_area")]
-    places = {axis: ("heliostat", np.arange(3.0)) for axis in "xy"}
-    data = xr.Dataset({name: ("heliostat", np.arange(3.0)) for name in names}, {"heliostat": np.arange(3), **places})
+    places = {axis: ("heliostat", np.arange(40.0)) for axis in "xy"}
+    data = xr.Dataset({name: ("heliostat", np.arange(40.0)) for name in names}, {"heliostat": np.arange(40), **places})
     (field,) = usable(data, families()["field_efficiency"].of_draws(True).views(data))
     assert field.quantities == tuple(reversed(names))
