@@ -174,6 +174,20 @@ def test_a_receiver_seen_along_its_face_against_rays():
             assert intercepts(made, sun)[0, 0] == pytest.approx(hits.mean(), abs=4e-3)
 
 
+@pytest.mark.parametrize(("x", "y", "part"), [(0, 0, 1.0), (1, 0, 0.5), (0, -1, 0.5), (-1, 0, 0.5), (1, 1, 0.25)])
+def test_rays_that_meet_an_edge_or_a_corner(x, y, part):
+    """Of a point of a mirror that looks back to the sun; the receiver is many times as large as the image."""
+    centre = np.array([20.0 * x, 0.0, 20.0 * y])
+    made = scene(
+        rectangle(tuple(centre), 0.0, 0.0, 40.0, 40.0), sunshapes.pillbox(), (0.0, 300.0, 0.0), (0.0, 0.0, 0.0),
+        sides=(1e-9, 1e-9),
+    )  # fmt: skip
+    for turn in [(0.0, 0.0), (1e-17, 0.0), (-1e-17, 1e-17)]:
+        turned = made._replace(turn=np.array([turn]))
+        found = intercepts(turned, np.array([[0.0, -1.0, 1e-12]]))[0, 0]
+        assert found == pytest.approx(part, abs=1e-6), turn
+
+
 def test_seen_from_behind_and_at_night():
     at = np.concatenate((direction(180.0, 40.0), direction(180.0, -5.0)))
     made = scene(rectangle((0.0, 0.0, 100.0), math.pi, 0.0, 9.0, 9.0), sunshapes.pillbox())

@@ -220,21 +220,23 @@ def _intercept(
     if slopes.shape[0] > 0:
         nodes_u, nodes_v = slopes.shape[1] // facets.columns, slopes.shape[0] // facets.rows
     panels, lanes, total, count = panels_of(light, outline.breaks), outline.lanes, 0.0, 0
-    nodes, pieces = nodes_u * nodes_v, facets.columns * facets.rows
-    for node in range(pieces * nodes):
-        facet, j, k = node // nodes, node % nodes // nodes_v, node % nodes_v
-        lanes[_A0 + count] = (facet % facets.columns - 0.5 * (facets.columns - 1)) * (width + facets.gap)
-        lanes[_B0 + count] = (facet // facets.columns - 0.5 * (facets.rows - 1)) * (height + facets.gap)
-        lanes[_A + count] = 0.5 * width * rules.mirror[nodes_u, 0, j]
-        lanes[_B + count] = 0.5 * height * rules.mirror[nodes_v, 0, k]
-        here = turn_at(turn, slopes, facets, facet, nodes_u, nodes_v, j, k)
-        lanes[_TURN_U + count], lanes[_TURN_V + count] = here
-        lanes[WEIGHT + count] = rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k]
-        count += 1
-        if count == PACKET or node == pieces * nodes - 1:
-            _fill(lanes, count, turn)
-            _face(lanes, whole(count), frame, sun, place, cant, curve, axes, receiver)
-            total, count = total + within(outline, corners, order, panels, whole(count), light, rules), 0
+    pieces = facets.columns * facets.rows
+    for facet in range(pieces):
+        a0 = (facet % facets.columns - 0.5 * (facets.columns - 1)) * (width + facets.gap)
+        b0 = (facet // facets.columns - 0.5 * (facets.rows - 1)) * (height + facets.gap)
+        for j in range(nodes_u):
+            for k in range(nodes_v):
+                lanes[_A0 + count], lanes[_B0 + count] = a0, b0
+                lanes[_A + count] = 0.5 * width * rules.mirror[nodes_u, 0, j]
+                lanes[_B + count] = 0.5 * height * rules.mirror[nodes_v, 0, k]
+                here = turn_at(turn, slopes, facets, facet, nodes_u, nodes_v, j, k)
+                lanes[_TURN_U + count], lanes[_TURN_V + count] = here
+                lanes[WEIGHT + count] = rules.mirror[nodes_u, 1, j] * rules.mirror[nodes_v, 1, k]
+                count += 1
+                if count == PACKET or (facet == pieces - 1 and j == nodes_u - 1 and k == nodes_v - 1):
+                    _fill(lanes, count, turn)
+                    _face(lanes, whole(count), frame, sun, place, cant, curve, axes, receiver)
+                    total, count = total + within(outline, corners, order, panels, whole(count), light, rules), 0
     return min(1.0, max(0.0, total / pieces))
 
 

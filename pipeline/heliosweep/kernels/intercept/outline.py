@@ -294,6 +294,6 @@ def _looked_up(light, count):
     """Sum of the weighted light at so many places."""
     room = light.places
     for i in range(count, whole(count)):
-        room[PART + i] = 0.0
+        room[X + i] = room[Y + i] = room[PART + i] = 0.0
     look_up(light, whole(count))
     return folded(room, RESULT, whole(count))
