@@ -73,9 +73,10 @@ def warm_intercept(flux_map: bool = False) -> None:
     """Make the kernels of the light on a receiver ready, of that on its cells too where it is asked for."""
     from heliosweep.kernels.intercept import efficiency
     from heliosweep.kernels.intercept.course import COMPUTED, course
+    from heliosweep.kernels.intercept.field_table import FieldTable, from_table
     from heliosweep.kernels.intercept.flux import cells
     from heliosweep.kernels.intercept.mirror import Errors, Facets
-    from heliosweep.kernels.intercept.receivers import rectangle
+    from heliosweep.kernels.intercept.receivers import cylinder, rectangle
     from heliosweep.kernels.intercept.sunshapes import pillbox
 
     found, errors = efficiency.sun_tables(pillbox(), Errors(1e-3, 1e-3, 0.0))
@@ -87,6 +88,8 @@ def warm_intercept(flux_map: bool = False) -> None:
         errors, receiver, found,
     )  # fmt: skip
     course(scene, sun, 0.6)
+    table = FieldTable(np.ones((1, 4)), np.array([[0, 0, 0], [0, 0, 4]]), (), (4, 3, 3), 0.1, 2)
+    from_table(table, scene._replace(receiver=cylinder((0.0, 0.0, 60.0), 5.0, 5.0)), sun)
     if flux_map:
         cells(scene, sun, np.ones((1, len(sun))), None, 2, 2)
 

@@ -22,8 +22,9 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 from heliosweep.kernels.intercept import hflcal, sunshapes
-from heliosweep.kernels.intercept.course import course
+from heliosweep.kernels.intercept.course import course, table_of
 from heliosweep.kernels.intercept.efficiency import Scene, sun_tables
+from heliosweep.kernels.intercept.field_table import FieldTable
 from heliosweep.kernels.intercept.mirror import Errors, Facets
 from heliosweep.kernels.intercept.receivers import Receiver, cylinder, rectangle
 from heliosweep.kernels.intercept.tables import Tables
@@ -96,6 +97,9 @@ def _vant_hull(far: Floats, air: Air) -> Floats:
 _AIR = {key: Air._field_defaults[key] for key in ("visibility", "water_vapour")}
 
 
+#: Fields whose tables are kept: one for each of many threads.
+FIELDS = 16
+
 #: Last parts of the keys that the intercept does not depend on.
 _AFTER_INTERCEPT = (
     *("reflectivity", "cleanliness", "rate", "washing_interval"),
@@ -118,6 +122,7 @@ class Inputs(LayoutAxis):
         self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
         self._tables: dict[Errors, tuple[Tables, Errors]] = {}
         self._slopes: dict[tuple[Any, ...], tuple[Floats, Floats]] = {}
+        self._fields: list[tuple[tuple[Any, ...], tuple[Any, ...], FieldTable | None]] = []
         self._kept: dict[tuple[int, ...], Any] = {}
         self.known = known.Known()
 
@@ -150,6 +155,24 @@ class Inputs(LayoutAxis):
         if errors not in self._tables:
             self._tables = {errors: sun_tables(self.sun_of(values), errors)}
         return self._tables[errors]
+
+    def field_table(self, way: Way, mirrors: tuple[Any, ...], sun: Floats) -> FieldTable | None:
+        """Table of all mirrors of a field at instants, if it has one; those of the last fields are kept.
+
+        Threads may share it: they replace what is kept, and change nothing of it.
+        """
+        given, field = intercept_values(way.values), (*mirrors, way.turns(), sun)
+        for others, there, found in self._fields:
+            if others == given and all(a is b or np.array_equal(a, b) for a, b in zip(there, field, strict=True)):
+                return found
+        found = table_of(way.scene(mirrors, 0, len(mirrors[0])), sun)
+        self._fields = [(given, field, found), *self._fields][:FIELDS]
+        return found
+
+
+def intercept_values(values: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Those of the values of `optics.KEYS`, by their last part, that the intercept depends on."""
+    return tuple(value for name, value in values.items() if name not in _AFTER_INTERCEPT)
 
 
 def receiver_of(kind: str, values: Mapping[str, Any]) -> Receiver:
@@ -261,6 +284,11 @@ class Way(NamedTuple):
         spread = self.inputs.sun_of(self.values).spread
         return spread + 2.0 * (errors.slope_u**2 + errors.slope_v**2) + errors.specularity**2
 
+    def turns(self) -> Floats:
+        """Fixed pointing errors of all heliostats, shape (N, 2). [mrad]"""
+        columns = [self.layout.columns.get(name, np.zeros(len(self.layout))) for name in TURN_COLUMNS]
+        return np.stack(columns, axis=1).astype(np.float64)
+
     def scene(self, mirrors: tuple[Any, ...], start: int, stop: int) -> Scene:
         """Heliostats start..stop and their receiver, as the kernels of the intercept take them.
 
@@ -281,8 +309,7 @@ class Way(NamedTuple):
         gaussian = values["method"] == "gaussian"
         tables, blurred = (_NO_TABLES, errors) if gaussian else self.inputs.tables_of(values, errors)
         cant = 0.5 / slant if values["canting"] == "on_axis" else np.zeros(len(slant))
-        turns = [self.layout.columns.get(name, np.zeros(len(self.layout))) for name in TURN_COLUMNS]
-        turn = 1e-3 * np.stack(turns, axis=1).astype(np.float64)[start:stop]
+        turn = 1e-3 * self.turns()[start:stop]
         mounts = _mount_errors(values, self.inputs, self.layout, start, stop)
         return Scene(
             centre, target, sides, curve_of(values["focus"], slant), cant, turn, facets, mirrors[6], blurred,
@@ -326,14 +353,15 @@ def light(
 
     def intercepted() -> tuple[Floats, Floats]:
         if values["method"] != "gaussian":
-            return course(scene, sun, None if place[0] is None else math.radians(place[0]))
+            table = way.inputs.field_table(way, mirrors, sun)
+            return course(scene, sun, None if place[0] is None else math.radians(place[0]), table=table)
         spread = way.inputs.sun_of(values).spread
         return hflcal.intercepts(*scene[:4], spread, scene.errors, scene.receiver, sun), np.zeros(stop - start)
 
     if shared is None:
         intercept, error = intercepted()
     else:
-        given = (place[0], *(value for name, value in values.items() if name not in _AFTER_INTERCEPT))
+        given = (place[0], *intercept_values(values))
         intercept, error = known.intercept(shared, sun, start, stop, given, intercepted)
     visibility, water_vapour = (values[key] if values[key] is not None else default for key, default in _AIR.items())
     altitude = place[2] if values["altitude"] is None else values["altitude"]

@@ -16,9 +16,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
+from heliosweep.kernels.intercept.expansion import aims_of, chebyshev, fourier, multiple_of, turn_of
+from heliosweep.kernels.intercept.field_table import FieldTable, field_tables, from_table
 from heliosweep.kernels.intercept.mirror import ROLLED
 from heliosweep.kernels.vectors import PACKET
 
@@ -27,10 +29,13 @@ Nodes = tuple[Floats, Floats, Floats]
 
 NODES = ((3, 7), (5, 13), (9, 13), (17, 25))
 """Nodes in the sine of the declination and in the hour angle, of one try after the other; each has those before."""
+TURNS = {1: 9, 2: 5, 4: 3}
+"""Turns at which a mirror that turns fast is computed, by `expansion.multiple_of`."""
 MORE_TURNS = 2
 """Try that is repeated with nearly twice as many turns where a mirror turns fast; those after it take them too."""
-FIRST = 0.25
-"""Part of the largest error that is taken of the first try, whose nodes are few beside the checks. [1]"""
+FIRST, TAKEN = 0.25, 0.75
+"""Parts of the largest error that are taken of the first try, whose nodes are few beside the checks, and of a field's
+table. [1]"""
 PARTS = 4
 """Parts of the instants, in their order. In each a mirror is checked where it is most oblique, where its normal is
 nearest to the zenith, at the lowest suns in the east and in the west, and at one more."""
@@ -40,6 +45,8 @@ TOLERANCE = 1e-4
 """Largest error at a check that is taken. [1]"""
 HOPELESS = 1e-2
 """Error at a check after which no more nodes are tried. [1]"""
+SAMPLE, FEW = 32, 0.1
+"""Mirrors that a table is tried on, evenly spread over the field, and the part of them that may miss it. [1]"""
 STEEP = 0.3
 """Horizontal part of a normal below which a mirror with a vertical first axis turns fast. [1]"""
 COMPUTED = NODES[1][0] * NODES[1][1] + CHECKS
@@ -49,7 +56,12 @@ _BLOCK = 64
 
 
 def course(
-    scene: Scene, sun: Floats, latitude: float | None, start: int = 0, stop: int | None = None
+    scene: Scene,
+    sun: Floats,
+    latitude: float | None,
+    start: int = 0,
+    stop: int | None = None,
+    table: FieldTable | None = None,
 ) -> tuple[Floats, Floats]:
     """Intercept of mirrors start..stop at instants; see `intercepts`.
 
@@ -60,6 +72,9 @@ def course(
     latitude : float or None
         Of the place [rad]; None for directions of the sun that belong to no place: all are then computed. So are
         instants that are few.
+    table : FieldTable, optional
+        Of the field that the mirrors are of, and for these instants. It replaces what is said above but for mirrors
+        that it misses.
 
     Returns
     -------
@@ -71,22 +86,59 @@ def course(
     """
     stop = len(scene.centre) if stop is None else stop
     up = np.flatnonzero(sun[:, 2] > 0.0)
-    if latitude is None or len(up) < 2 * COMPUTED:
+    place = None if len(up) < 2 * COMPUTED else latitude
+    if place is None and (table is None or not len(up)):
         return intercepts(scene, sun, start, stop), np.zeros(stop - start)
     there = np.ascontiguousarray(sun[up], np.float64)
-    tries = [functools.cache(functools.partial(_nodes, counts, latitude, there)) for counts in NODES]
-    out, error = np.full((stop - start, len(sun)), np.nan), np.empty(stop - start)
+    tries = [functools.cache(functools.partial(_nodes, counts, place, there)) for counts in NODES if place is not None]
+    out, error = np.full((stop - start, len(sun)), np.nan), np.zeros(stop - start)
     for first in range(start, stop, _BLOCK):
-        block = np.arange(first, min(first + _BLOCK, stop))
-        checks, turns = _checked(scene, block, there)
+        left = np.arange(first, min(first + _BLOCK, stop))
+        if table is not None:
+            values, error[left - start], missed = _looked_up(table, scene.some(left), there)
+            out[(left - start)[:, np.newaxis], up] = values
+            left = left[missed]
+        if place is None:
+            out[left - start] = intercepts(scene.some(left), sun)
+            continue
+        checks, turns = _checked(scene, left, there, PARTS)
         for turning in (False, True):
-            which = np.flatnonzero(turns == turning)
+            which = left[turns == turning]
             if len(which):
-                values, error[block[which] - start] = _interpolated(
-                    scene.some(block[which]), there, tries, checks[which], turning
+                values, error[which - start] = _interpolated(
+                    scene.some(which), there, tries, checks[turns == turning], turning
                 )
-                out[(block[which] - start)[:, np.newaxis], up] = np.clip(values, 0.0, 1.0)
+                out[(which - start)[:, np.newaxis], up] = np.clip(values, 0.0, 1.0)
     return out, error
+
+
+def table_of(scene: Scene, sun: Floats) -> FieldTable | None:
+    """Table for all mirrors of a field at instants, the first that few of them miss; None where none pays."""
+    there = np.ascontiguousarray(sun[sun[:, 2] > 0.0], np.float64)
+    without = len(scene.centre) * min(len(there), COMPUTED)
+    some = scene.some(np.unique(np.linspace(0, len(scene.centre) - 1, SAMPLE).astype(np.int64)))
+    table = None
+    for table in field_tables(scene, there, without) if without else ():
+        missed = _looked_up(table, some, there)[2]
+        if np.count_nonzero(missed) <= FEW * len(missed):
+            break
+    return table
+
+
+def _looked_up(table: FieldTable, scene: Scene, sun: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Values of all mirrors of a scene from the table of their field, the errors that were found, and who misses.
+
+    One part of the instants has checks enough: what is wrong with a table is wrong for many mirrors.
+    """
+    values, rows = from_table(table, scene, sun), np.arange(len(scene.centre))
+    checks = _checked(scene, rows, sun, 1)[0][:, :3]
+    wanted, exact = np.zeros(values.shape, np.bool_), np.empty(values.shape)
+    rows = rows[:, np.newaxis]
+    wanted[rows, checks] = True
+    intercepts(scene, sun, wanted=wanted, out=exact)
+    off = np.abs(values[rows, checks] - exact[rows, checks]).max(axis=1)
+    missed = ~(off <= TAKEN * TOLERANCE)
+    return values, np.where(missed, 0.0, off), missed
 
 
 def _interpolated(
@@ -99,12 +151,13 @@ def _interpolated(
     wanted, computed = np.zeros(values.shape, np.bool_), np.empty(0, np.int64)
     wanted[rows, checks] = True
     exact = intercepts(scene, sun, wanted=wanted, out=values)[rows, checks]
-    multiple, count = _harmonics(scene) if turning else (1, 1)
+    multiple = multiple_of(scene) if turning else 1
+    count = TURNS[multiple] if turning else 1
     steps = [(nodes, count) for nodes in tries]
     if turning:
         steps[MORE_TURNS + 1 :] = [(nodes, 2 * count - 1) for nodes in tries[MORE_TURNS:]]
     for attempt, (nodes, count) in enumerate(steps):
-        turns, terms = _fourier(count, multiple)
+        turns, terms = fourier(count, multiple)
         where, weights_s, weights_h = nodes()
         some, shape = scene.some(left), (len(left), len(weights_s), len(weights_h))
         at: Floats = np.zeros((count, *shape))
@@ -117,14 +170,14 @@ def _interpolated(
         for k in range(count):
             held = some._replace(tracking=ROLLED) if turning else some
             intercepts(held, where, wanted=new, out=at[k].reshape(len(left), -1), roll=float(turns[k]))
-        made, aims, found = _transformed(terms, at), _aims(some), np.empty((len(left), CHECKS))
+        made, aims, found = _transformed(terms, at), aims_of(some), np.empty((len(left), CHECKS))
         for i, one in enumerate(checks[left]):
             each = np.take(weights_s, one, axis=1), np.take(weights_h, one, axis=1)
-            _interpolate(made[i : i + 1], *each, aims[i : i + 1], sun[one], multiple, found[i : i + 1])
+            _interpolate(made[i : i + 1], *each, aims[i : i + 1], sun[one].T, multiple, found[i : i + 1])
         off = np.abs(found - exact[left]).max(axis=1)
         taken = off <= TOLERANCE * (1.0 if attempt else FIRST)
         found = np.empty((np.count_nonzero(taken), len(sun)))
-        _interpolate(made[taken], weights_s, weights_h, aims[taken], sun, multiple, found)
+        _interpolate(made[taken], weights_s, weights_h, aims[taken], sun.T, multiple, found)
         values[left[taken]], error[left[taken]] = found, off[taken]
         hopeless = ~(off <= HOPELESS) if attempt else np.zeros(len(left), np.bool_)
         computed = np.append(computed, left[hopeless])
@@ -138,60 +191,34 @@ def _interpolated(
     return values, error
 
 
-def _harmonics(scene: Scene) -> tuple[int, int]:
-    """Least multiple of a turn that the intercept depends on, and the number of turns to compute at.
-
-    A mirror looks the same after a turn by half, a square one by a quarter; none with a fixed pointing error or a map.
-    """
-    if np.any(scene.turn) or scene.slopes.size:
-        return 1, 9
-    errors, facets = scene.errors, scene.facets
-    square = np.all(scene.sides[:, 0] == scene.sides[:, 1]) and facets.columns == facets.rows
-    return (4, 3) if square and errors.slope_u == errors.slope_v else (2, 5)
-
-
-def _fourier(count: int, multiple: int) -> tuple[Floats, Floats]:
-    """Turns to compute at [rad], and the terms of Fourier from the values there, shape (terms, turns)."""
-    turns = 2.0 * math.pi * np.arange(count) / (count * multiple)
-    terms = np.ones((count, count)) / count
-    for k in range(1, count):
-        phase = multiple * ((k + 1) // 2) * turns
-        terms[k] = 2.0 / count * (np.cos(phase) if k % 2 else np.sin(phase))
-    return turns, terms
-
-
 def _transformed(terms: Floats, at: Floats) -> Floats:
     """Terms of Fourier at the nodes, shape (mirrors, terms, nodes): summed in one order, of any number of mirrors."""
     return np.ascontiguousarray(np.einsum("kt,tmsh->mksh", terms, at)).reshape(at.shape[1], len(terms), -1)
 
 
-def _aims(scene: Scene) -> Floats:
-    """Directions from the mirrors to their targets, shape (N, 3)."""
-    aims = scene.target - scene.centre
-    return aims / np.sqrt(np.sum(aims**2, axis=1))[:, np.newaxis]
-
-
 def _nodes(counts: Sequence[int], latitude: float, sun: Floats) -> Nodes:
     """Directions of the sun at the nodes; weights of both kinds of nodes at each instant, shapes (nodes, T)."""
     sine, share = _place(sun, latitude)
-    (nodes_s, weights_s), (nodes_h, weights_h) = _chebyshev(sine, counts[0]), _chebyshev(share, counts[1])
+    (nodes_s, weights_s), (nodes_h, weights_h) = chebyshev(sine, counts[0]), chebyshev(share, counts[1])
     grid_s, grid_h = (each.ravel() for each in np.meshgrid(nodes_s, nodes_h, indexing="ij"))
     return _vectors(grid_s, grid_h, latitude), weights_s, weights_h
 
 
-def _checked(scene: Scene, block: NDArray[np.int64], sun: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _checked(
+    scene: Scene, block: NDArray[np.int64], sun: Floats, parts: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Instants at which each mirror is checked, and the mirrors that turn fast."""
     may_turn = scene.tracking == AZIMUTH_ELEVATION and not len(scene.mounts)  # their errors turn normals by the frame
-    checks, turns = np.empty((len(block), 3, PARTS), np.int64), np.zeros(len(block), np.bool_)
-    _check(_aims(scene.some(block)), sun, STEEP**2 if may_turn else -1.0, checks, turns)
-    lowest = np.broadcast_to(_lowest(sun), (len(block), 2 * PARTS))
-    return np.concatenate((checks.reshape(len(block), -1), lowest), axis=1), turns
+    checks, turns = np.empty((len(block), 3, parts), np.int64), np.zeros(len(block), np.bool_)
+    _check(aims_of(scene.some(block)), sun, STEEP**2 if may_turn else -1.0, checks, turns)
+    lowest = np.broadcast_to(_lowest(sun, parts), (len(block), 2 * parts))
+    return np.concatenate((checks.reshape(len(block), 3 * parts), lowest), axis=1), turns
 
 
-def _lowest(sun: Floats) -> NDArray[np.int64]:
+def _lowest(sun: Floats, parts: int) -> NDArray[np.int64]:
     """Instants of the lowest sun in the east and in the west, in each part: there most errors are largest."""
     found = []
-    for part in np.array_split(np.arange(len(sun)), PARTS):
+    for part in np.array_split(np.arange(len(sun)), parts):
         for side in (sun[part, 0] > 0.0, sun[part, 0] <= 0.0):
             some = part[side] if np.any(side) else part
             found.append(some[np.argmin(sun[some, 2])])
@@ -201,10 +228,10 @@ def _lowest(sun: Floats) -> NDArray[np.int64]:
 @kernel
 def _check(aims, sun, steep, checks, turns):
     """Write the instants of the checks of each mirror, and whether its normal comes as near the zenith as `steep`."""
-    count = sun.shape[0]
+    count, parts = sun.shape[0], checks.shape[2]
     for i in range(aims.shape[0]):
-        for part in range(PARTS):
-            first, last = part * count // PARTS, (part + 1) * count // PARTS
+        for part in range(parts):
+            first, last = part * count // parts, (part + 1) * count // parts
             oblique, steepest, least, lowest = first, first, math.inf, math.inf
             for t in range(first, last):
                 x, y, z = sun[t, 0] + aims[i, 0], sun[t, 1] + aims[i, 1], sun[t, 2] + aims[i, 2]
@@ -239,20 +266,6 @@ def _vectors(sine: Floats, share: Floats, latitude: float) -> Floats:
     return np.stack((-cosine * np.sin(hour), north, upward), axis=1)
 
 
-def _chebyshev(values: Floats, count: int) -> tuple[Floats, Floats]:
-    """Chebyshev nodes from the least to the largest value, and the weight of each at each value, shape (count, T)."""
-    middle, half = (values.max() + values.min()) / 2, max((values.max() - values.min()) / 2, 1e-9)
-    order, ends = np.arange(count), np.where(np.arange(count) % (count - 1), 1.0, 0.5)
-    angle = math.pi * order / (count - 1)
-    terms = ends[:, np.newaxis] * np.cos(order[:, np.newaxis] * angle) * ends * 2.0 / (count - 1)
-    along = np.clip((values - middle) / half, -1.0, 1.0)
-    weights, now, older = np.zeros((count, len(values))), np.ones(len(values)), along
-    for n in range(count):
-        weights += terms[n][:, np.newaxis] * now
-        now, older = 2.0 * along * now - older if n else along, now
-    return middle + half * np.cos(angle), weights
-
-
 @kernel
 def _interpolate(at_nodes, weights_s, weights_h, aims, sun, multiple, values):
     """Write the values of each mirror at each instant from terms of Fourier at the nodes, in lanes of instants."""
@@ -266,7 +279,7 @@ def _interpolate(at_nodes, weights_s, weights_h, aims, sun, multiple, values):
             for k in range(lanes):
                 total[k] = 0.0
             if terms > 1:
-                _turn(aim, sun, start, lanes, cosine, sine)
+                turn_of(aim, sun, start, lanes, cosine, sine)
                 for _ in range(multiple // 2):  # 1, 2 or 4
                     for k in range(lanes):
                         east, north = cosine[k], sine[k]
@@ -288,24 +301,3 @@ def _interpolate(at_nodes, weights_s, weights_h, aims, sun, multiple, values):
                         total[k] += basis[n, k] * weights_s[s, start + k] * part[k]
             for k in range(lanes):
                 values[i, start + k] = total[k]
-
-
-@inline
-def _turn(aim, sun, start, lanes, cosine, sine):
-    """Write cosine and sine of the turn of a mirror with a vertical first axis, from the axes of `ROLLED`.
-
-    These are the directions of aim x sun and of aim - sun; their lengths are half and all of |aim - sun| times
-    |aim + sun| and 1.
-    """
-    for k in range(lanes):
-        x, y, z = sun[start + k, 0], sun[start + k, 1], sun[start + k, 2]
-        a, b, c = aim[0] - x, aim[1] - y, aim[2] - z
-        east, north, up = aim[0] + x, aim[1] + y, aim[2] + z
-        level, along = math.sqrt(east * east + north * north), math.sqrt(east * east + north * north + up * up)
-        steep, apart = level < 1e-15, math.sqrt(a * a + b * b + c * c)
-        u, v = 1.0 if steep else -north / level, 0.0 if steep else east / level
-        same = apart < 1e-15
-        cosine[k] = (
-            1.0 if same else 2.0 * (u * (aim[1] * z - aim[2] * y) + v * (aim[2] * x - aim[0] * z)) / (apart * along)
-        )
-        sine[k] = 0.0 if same else (u * a + v * b) / apart

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept import course
 from heliosweep.kernels.intercept.efficiency import Rules, Scene, gauss_rules, image_shift, turn_at
+from heliosweep.kernels.intercept.expansion import chebyshev
 from heliosweep.kernels.intercept.light import LOOKED, PART, RESULT, Light, X, Y, collapse, extent, look_up, weigh
 from heliosweep.kernels.intercept.light import ROWS as PLACES
 from heliosweep.kernels.intercept.mirror import axes_of, facet_sides, frame_of, ray_from, spread_of
@@ -384,7 +385,7 @@ def sun_nodes(sun: Floats, latitude: float | None, counts: tuple[int, int]) -> t
     if latitude is None or len(up) < 2 * math.prod(counts):
         return None
     places = course._place(sun[up], latitude)
-    (sines, first), (shares, second) = (course._chebyshev(*each) for each in zip(places, counts, strict=True))
+    (sines, first), (shares, second) = (chebyshev(*each) for each in zip(places, counts, strict=True))
     sine, share = (each.ravel() for each in np.meshgrid(sines, shares, indexing="ij"))
     weights = np.zeros((len(sun), math.prod(counts)))
     weights[up] = (first.T[:, :, np.newaxis] * second.T[:, np.newaxis]).reshape(len(up), -1)

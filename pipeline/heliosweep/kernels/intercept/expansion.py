@@ -1,0 +1,87 @@
+"""Expansions in Chebyshev polynomials and Fourier series, and the turn of a mirror that the intercept has some in."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.compiled import inline
+from heliosweep.kernels.intercept.efficiency import Scene
+
+Floats = NDArray[np.float64]
+
+
+def aims_of(scene: Scene) -> Floats:
+    """Directions from the mirrors to their targets, shape (N, 3)."""
+    aims = scene.target - scene.centre
+    return aims / np.sqrt(np.sum(aims**2, axis=1))[:, np.newaxis]
+
+
+def multiple_of(scene: Scene) -> int:
+    """Least multiple of a mirror's turn about its normal that the intercept depends on.
+
+    A mirror looks the same after a turn by half, a square one by a quarter; none with a fixed pointing error or a map.
+    """
+    if np.any(scene.turn) or scene.slopes.size:
+        return 1
+    errors, facets = scene.errors, scene.facets
+    square = np.all(scene.sides[:, 0] == scene.sides[:, 1]) and facets.columns == facets.rows
+    return 4 if square and errors.slope_u == errors.slope_v else 2
+
+
+def fourier(count: int, multiple: int) -> tuple[Floats, Floats]:
+    """Angles to compute at [rad], and the terms of Fourier from the values there, shape (terms, angles)."""
+    angles = 2.0 * math.pi * np.arange(count) / (count * max(multiple, 1))
+    terms = np.ones((count, count)) / count
+    for k in range(1, count):
+        phase = multiple * ((k + 1) // 2) * angles
+        terms[k] = 2.0 / count * (np.cos(phase) if k % 2 else np.sin(phase))
+    return angles, terms
+
+
+def chebyshev(values: Floats, count: int, ends: Sequence[float] | None = None) -> tuple[Floats, Floats]:
+    """Chebyshev nodes between two ends, and the weight of each at each value, shape (count, T).
+
+    Without `ends`, from the least to the largest value.
+    """
+    first, last = (values.min(), values.max()) if ends is None else ends
+    middle, half = (last + first) / 2, max((last - first) / 2, 1e-9)
+    order, edge = np.arange(count), np.where(np.arange(count) % (count - 1), 1.0, 0.5)
+    angle = math.pi * order / (count - 1)
+    terms = edge[:, np.newaxis] * np.cos(order[:, np.newaxis] * angle) * edge * 2.0 / (count - 1)
+    along = np.clip((values - middle) / half, -1.0, 1.0)
+    weights, now, older = np.zeros((count, len(values))), np.ones(len(values)), along
+    for n in range(count):
+        weights += terms[n][:, np.newaxis] * now
+        now, older = 2.0 * along * now - older if n else along, now
+    return middle + half * np.cos(angle), weights
+
+
+def chebyshev_terms(count: int) -> Floats:
+    """Chebyshev terms from values at the inner nodes, shape (terms, nodes)."""
+    order = np.arange(count)
+    terms = 2.0 / count * np.cos(np.outer(order, math.pi * (order + 0.5) / count))
+    terms[0] /= 2.0
+    return terms
+
+
+@inline
+def turn_of(aim, sun, start, lanes, cosine, sine):
+    """Write cosine and sine of the turn of a mirror with a vertical first axis, from the axes of `ROLLED`.
+
+    These are the directions of aim x sun and of aim - sun; their lengths are half and all of |aim - sun| times
+    |aim + sun| and 1.
+    """
+    for k in range(lanes):
+        x, y, z = sun[0, start + k], sun[1, start + k], sun[2, start + k]
+        a, b, c = aim[0] - x, aim[1] - y, aim[2] - z
+        east, north, up = aim[0] + x, aim[1] + y, aim[2] + z
+        level, along = math.sqrt(east * east + north * north), math.sqrt(east * east + north * north + up * up)
+        steep, apart = level < 1e-15, math.sqrt(a * a + b * b + c * c)
+        u, v = 1.0 if steep else -north / level, 0.0 if steep else east / level
+        same = apart < 1e-15
+        cosine[k] = (
+            1.0 if same else 2.0 * (u * (aim[1] * z - aim[2] * y) + v * (aim[2] * x - aim[0] * z)) / (apart * along)
+        )
+        sine[k] = 0.0 if same else (u * a + v * b) / apart
