@@ -47,6 +47,9 @@ HOPELESS = 1e-2
 """Error at a check after which no more nodes are tried. [1]"""
 SAMPLE, FEW = 32, 0.1
 """Mirrors that a table is tried on, evenly spread over the field, and the part of them that may miss it. [1]"""
+SAMPLED, STRIDE = 0.05, 97
+"""Intercepts that are computed for that beside the checks, as a part of those for the table [1]; and by how many
+instants those of one mirror are after those of the one before."""
 STEEP = 0.3
 """Horizontal part of a normal below which a mirror with a vertical first axis turns fast. [1]"""
 COMPUTED = NODES[1][0] * NODES[1][1] + CHECKS
@@ -113,44 +116,50 @@ def course(
 
 
 def table_of(scene: Scene, sun: Floats) -> FieldTable | None:
-    """Table for all mirrors of a field at instants, the first that few of them miss; None where none pays."""
+    """Table for all mirrors of a field at instants, the first that is right; None where none is, or none pays.
+
+    Some mirrors tell. Few of them may miss it by their checks, and none that does not may miss it at other instants of
+    a low sun, the more of these the larger a table is.
+    """
     there = np.ascontiguousarray(sun[sun[:, 2] > 0.0], np.float64)
     without = len(scene.centre) * min(len(there), COMPUTED)
     some = scene.some(np.unique(np.linspace(0, len(scene.centre) - 1, SAMPLE).astype(np.int64)))
-    table = None
-    for table in field_tables(scene, there, without) if without else ():
-        missed = _looked_up(table, some, there)[2]
-        if np.count_nonzero(missed) <= FEW * len(missed):
-            break
-    return table
+    low = np.argsort(there[:, 2], kind="stable")[: 1 + len(there) // 4]
+    for table, work in field_tables(scene, there, without) if without else ():
+        values, _, missed = _looked_up(table, some, there)
+        each = np.arange(math.ceil(SAMPLED * work / SAMPLE))
+        at = low[(each * len(low) // len(each) + STRIDE * np.arange(len(missed))[:, np.newaxis]) % len(low)]
+        off = np.abs(np.take_along_axis(values, at, axis=1) - _exact(some, there, at)).max(axis=1)
+        if np.count_nonzero(missed) <= FEW * len(missed) and np.all(missed | (off <= TOLERANCE)):
+            return table
+    return None
 
 
 def _looked_up(table: FieldTable, scene: Scene, sun: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Values of all mirrors of a scene from the table of their field, the errors that were found, and who misses.
 
-    One part of the instants has checks enough: what is wrong with a table is wrong for many mirrors.
+    One part of the instants has checks enough: the mirrors of a field check its table together.
     """
-    values, rows = from_table(table, scene, sun), np.arange(len(scene.centre))
-    checks = _checked(scene, rows, sun, 1)[0][:, :3]
-    wanted, exact = np.zeros(values.shape, np.bool_), np.empty(values.shape)
-    rows = rows[:, np.newaxis]
-    wanted[rows, checks] = True
-    intercepts(scene, sun, wanted=wanted, out=exact)
-    off = np.abs(values[rows, checks] - exact[rows, checks]).max(axis=1)
+    values, checks = from_table(table, scene, sun), _checked(scene, np.arange(len(scene.centre)), sun, 1)[0]
+    off = np.abs(np.take_along_axis(values, checks, axis=1) - _exact(scene, sun, checks)).max(axis=1)
     missed = ~(off <= TAKEN * TOLERANCE)
     return values, np.where(missed, 0.0, off), missed
+
+
+def _exact(scene: Scene, sun: Floats, at: NDArray[np.int64]) -> Floats:
+    """Intercept of all mirrors of a scene, each computed at its own instants, shape (N, instants)."""
+    wanted, out = np.zeros((len(at), len(sun)), np.bool_), np.empty((len(at), len(sun)))
+    np.put_along_axis(wanted, at, True, axis=1)
+    return np.take_along_axis(intercepts(scene, sun, wanted=wanted, out=out), at, axis=1)
 
 
 def _interpolated(
     scene: Scene, sun: Floats, tries: Sequence[Callable[[], Nodes]], checks: NDArray[np.int64], turning: bool
 ) -> tuple[Floats, Floats]:
     """Values of all mirrors of a scene and the errors that were found; for mirrors that turn fast, or do not."""
-    left, rows = np.arange(len(checks)), np.arange(len(checks))[:, np.newaxis]
+    left, computed, exact = np.arange(len(checks)), np.empty(0, np.int64), _exact(scene, sun, checks)
     known: Floats = np.empty((0, 0, 0, 0))
     values, error = np.empty((len(left), len(sun))), np.zeros(len(left))
-    wanted, computed = np.zeros(values.shape, np.bool_), np.empty(0, np.int64)
-    wanted[rows, checks] = True
-    exact = intercepts(scene, sun, wanted=wanted, out=values)[rows, checks]
     multiple = multiple_of(scene) if turning else 1
     count = TURNS[multiple] if turning else 1
     steps = [(nodes, count) for nodes in tries]

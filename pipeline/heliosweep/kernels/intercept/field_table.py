@@ -40,9 +40,12 @@ class Size(NamedTuple):
 
 TOGETHER = 4
 """Terms that are added at a time; rows have a multiple of them, and so has `Size.near`."""
-SIZES = (Size(12, 12, 2), Size(12, 16, 3), Size(16, 20, 4))
+SIZES = (Size(12, 16, 2), Size(16, 20, 3), Size(20, 24, 4))
 """Sizes of tables, of one try after the other."""
-LEFT_OUT = 1e-5
+NODES = 4.0
+"""Nodes of places, beside four, in what changes the intercept much: a distance e times as far, a place as much higher
+as the nearest mirror is far away, an aim by half the receiver. [1]"""
+LEFT_OUT = 5e-6
 """Root of the sum of squares of the terms that are left out. [1]"""
 SAME = 1e-9
 """Part of their size by which numbers may differ that count as the same. [1]"""
@@ -65,7 +68,7 @@ class FieldTable(NamedTuple):
     """Least multiple of a turn that the intercept depends on."""
 
 
-def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[FieldTable]:
+def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[tuple[FieldTable, int]]:
     """Tables of the mirrors of a field at instants with the sun up, one more exact than the other.
 
     Parameters
@@ -79,15 +82,18 @@ def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[FieldTable]:
 
     Yields
     ------
-    FieldTable
-        None at all where mirrors differ in more than their place.
+    FieldTable, int
+        A table, and the intercepts that were computed for it. None where mirrors differ in more than their place.
     """
     places = _places(scene)
     if places is None:
         return
     least, last = places.min(axis=0), places.max(axis=0)
     columns = np.flatnonzero(last - least > SAME * np.maximum(np.abs(least), np.abs(last))).tolist()
-    free = tuple((n, 4 + math.ceil(4.0 * (last[n] - least[n])), float(least[n]), float(last[n])) for n in columns)
+    units = 1.0, math.exp(least[0]), scene.receiver.half_width, scene.receiver.half_height
+    free = tuple(
+        (n, 4 + math.ceil(NODES * (last[n] - least[n]) / units[n]), float(least[n]), float(last[n])) for n in columns
+    )
     nodes = places[:1]
     for column, count, *ends in free:
         nodes = np.tile(nodes, (count, 1))
@@ -95,11 +101,13 @@ def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[FieldTable]:
     lowest = min(math.asin(sun[:, 2].min()), math.asin(aims_of(scene)[:, 2].min()) / 2)
     multiple = multiple_of(scene) if scene.tracking == AZIMUTH_ELEVATION else 0
     for size in (_terms(each, multiple) for each in SIZES):
-        if len(nodes) * size[0] * (size[1] + 1) * size[2] // 2 > most:
+        work = len(nodes) * size[0] * (size[1] + 1) * size[2] // 2
+        if work > most:
             return
         values = _computed(_moved(scene, nodes), size, lowest, multiple)
         terms = (fourier(size[2], multiple)[1], fourier(size[1], 1)[1], chebyshev_terms(size[0]))
-        yield FieldTable(*_pruned(np.einsum("tn,pa,kx,dnax->dtpk", *terms, values)), free, size, lowest, multiple)
+        found = np.einsum("tn,pa,kx,dnax->dtpk", *terms, values)
+        yield FieldTable(*_pruned(found), free, size, lowest, multiple), work
 
 
 def _terms(size: Size, multiple: int) -> tuple[int, int, int]:
