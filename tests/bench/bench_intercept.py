@@ -1,7 +1,7 @@
 """Speed of the intercept on one core: `python -m tests.bench intercept`.
 
 Each evaluation beside rays traced in NumPy, as many as make its error some 1e-3, and beside HFLCAL's Gaussian; a year
-of hours, interpolated, beside exact shading and blocking of as many heliostats of the field.
+of hours of a whole field beside exact shading and blocking, and beside interpolation of each mirror by itself.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.field.efficiency import field_sums
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.intercept import hflcal, sunshapes
-from heliosweep.kernels.intercept.course import course
+from heliosweep.kernels.intercept.course import course, table_of
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts, sun_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets
 from heliosweep.kernels.intercept.receivers import CYLINDER, Receiver, cylinder, rectangle
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 RAYS = 14
 """Power of two of the rays that are traced."""
-#: Heliostats of a field, evenly spread, that are interpolated; and the first so many, shaded and blocked.
+#: Heliostats of a field, evenly spread, that are interpolated by themselves; and the first so many, shaded and blocked.
 SOME = 60
 SUN = sunshapes.pillbox()
 
@@ -78,11 +78,20 @@ def years() -> Iterator[Row]:
         receiver = cylinder((0.0, 0.0, field[5]), 7.0, 16.0)
         some = np.linspace(0, count - 1, SOME).astype(int)
         for name, tracking in (("spinning", SPINNING_ELEVATION), ("azimuth", AZIMUTH_ELEVATION)):
-            made = scene(field[0][some], field[1][some], receiver, 1.5, tracking)
-            seconds = best(partial(course, made, sun, float(latitude)), 1) / (SOME * len(up))
+            made = scene(field[0], field[1], receiver, 1.5, tracking)
+            seconds = best(partial(shared, made, up, float(latitude)), 1) / (count * len(up))
+            alone = best(partial(course, made.some(some), up, float(latitude)), 1)
             shaded = best(partial(field_sums, *field, tracking, up, 0, SOME), 1)
-            beside = {"shading and blocking": shaded / (SOME * len(up))}
+            beside = {
+                "shading and blocking": shaded / (SOME * len(up)),
+                "each mirror by itself": alone / (SOME * len(up)),
+            }
             yield Row(f"year of {count:,}, {name}, {1e6 * seconds:.2f} us", UNIT, seconds, beside)
+
+
+def shared(made: Scene, sun: Floats, latitude: float) -> None:
+    """All mirrors of a field, with the table that they share."""
+    course(made, sun, latitude, table=table_of(made, sun))
 
 
 GROUPS = (direct, years)

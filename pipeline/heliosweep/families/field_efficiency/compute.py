@@ -61,6 +61,8 @@ SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS = 8e-9, 7e-9, 1.7, 31e-9
 #: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
 SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}
 SECONDS_INTERPOLATED, SECONDS_GAUSSIAN, MISSED = 0.1e-6, 40e-9, 0.03
+#: Intercepts computed for a table that heliostats around a cylinder share, and for the checks of each.
+OF_TABLE, OF_CHECKS = 15_000, 5
 #: Of one value at each instant, what is held of the heliostats of a block; and their least number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
 #: Time of the sums of one heliostat and lit instant whose efficiencies are known. [s]
@@ -114,10 +116,13 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts = len(Layouts(study))
-    method = None if study.optics is None else study.optics.method
-    if "accurate" in ends(method):
+    optics = study.optics
+    method = None if optics is None else optics.method
+    if optics is not None and "accurate" in ends(method):
         few = isinstance(study.time, SunDirections) or instants * lit < 2 * course.COMPUTED
         share = lit if few else course.COMPUTED / instants + MISSED * lit
+        if study.receiver.kind == "cylinder" and optics.mount_errors is None and optics.slope_map is None:
+            share = min(share, (OF_TABLE / heliostats + OF_CHECKS) / instants)
         seconds += SECONDS_INTERPOLATED * lit + SECONDS_INTERCEPT[str(study.receiver.kind)] * share
     elif method is not None:
         seconds += SECONDS_GAUSSIAN * lit
