@@ -15,13 +15,14 @@ from typing import Any
 
 _LOOK_SECONDS = 0.02
 _LONGEST = 60.0
-"""How long it is waited for. [s]"""
+"""How long it is waited for in all, from its start. [s]"""
 _one = threading.Lock()
 
 
 class _Helper:
     tasks: tuple[str, ...] = ()
     process: subprocess.Popen[bytes] | None = None
+    late: float = 0.0
 
 
 @contextmanager
@@ -38,7 +39,7 @@ def beside(*tasks: str) -> Iterator[None]:
         yield
         if _Helper.process:
             with suppress(subprocess.TimeoutExpired):
-                _Helper.process.wait(_LONGEST)
+                _Helper.process.wait(max(0.0, _Helper.late - time.monotonic()))
     finally:
         if _Helper.process:
             _Helper.process.kill()
@@ -57,7 +58,7 @@ def start() -> None:
     settings: Any = config
     program = "; ".join(["from heliosweep.kernels.warm import *", *_Helper.tasks])
     places = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "NUMBA_CACHE_DIR": settings.CACHE_DIR}
-    _Helper.tasks, nothing = (), subprocess.DEVNULL
+    _Helper.tasks, _Helper.late, nothing = (), time.monotonic() + _LONGEST, subprocess.DEVNULL
     with suppress(OSError):
         _Helper.process = subprocess.Popen(
             [sys.executable, "-P", "-c", program],
@@ -70,6 +71,5 @@ def start() -> None:
 
 def wait_for(path: Path) -> None:
     """Wait until there is a file, or the process has ended."""
-    late = time.monotonic() + _LONGEST
-    while _Helper.process and _Helper.process.poll() is None and not path.exists() and time.monotonic() < late:
+    while _Helper.process and _Helper.process.poll() is None and not path.exists() and time.monotonic() < _Helper.late:
         time.sleep(_LOOK_SECONDS)
