@@ -105,8 +105,9 @@ def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[tuple[FieldTa
         if work > most:
             return
         values = _computed(_moved(scene, nodes), size, lowest, multiple)
-        terms = (fourier(size[2], multiple)[1], fourier(size[1], 1)[1], chebyshev_terms(size[0]))
-        found = np.einsum("tn,pa,kx,dnax->dtpk", *terms, values)
+        found = np.einsum("kx,dnax->dnak", chebyshev_terms(size[0]), values)  # one sum of all takes 100 times as long
+        found = np.einsum("pa,dnak->dnpk", fourier(size[1], 1)[1], found)
+        found = np.einsum("tn,dnpk->dtpk", fourier(size[2], multiple)[1], found)
         yield FieldTable(*_pruned(found), free, size, lowest, multiple), work
 
 
