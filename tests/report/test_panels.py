@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from heliosweep.report.labels import TICK_LETTERS, folded
+from heliosweep.report.layout import fit
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.style import image
 from tests.report.synthetic import is_inside
@@ -105,3 +109,18 @@ def test_long_words_along_an_axis_stand_on_two_lines():
     first, second = folded("direction in which the foot of the azimuth axis leans, clockwise", 3).split("\n")
     assert max(len(first), len(second)) <= TICK_LETTERS
     assert second.endswith("\N{HORIZONTAL ELLIPSIS} (3)")
+
+
+def test_other_figures_are_measured_as_ever_while_one_is_laid_out(monkeypatch):
+    figure, measured, found = Figure(layout="constrained"), Axes.get_tightbbox, list[bool]()
+    figure.subplots()
+    execute = ConstrainedLayoutEngine.execute
+
+    def seen(engine, one):
+        found.append(Axes.get_tightbbox is measured)
+        execute(engine, one)
+
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", seen)
+    fit(figure, 0.6)
+    assert found
+    assert all(found)

@@ -317,7 +317,7 @@ def read_whole(raw: Any, least: int, most: int) -> int:
     if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1 != 0:
         raise Invalid("must be a whole number")
     if not least <= raw <= most:
-        raise Invalid(f"must be between {least} and {most:.3g}")
+        raise Invalid(f"must be between {least} and {most}")
     return int(raw)
 
 

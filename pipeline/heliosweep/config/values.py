@@ -280,11 +280,11 @@ class Quantity(Parameter):
 
     def bounds(self) -> str:
         """Return the bounds in words, such as ``between -90 and 90 deg``; empty if there are none."""
-        suffix = units.suffix(self.unit)
+        suffix, form = units.suffix(self.unit), ".0f" if self.integer else "g"
         if self.ge is not None and self.le is not None:
-            return f"between {self.ge:g} and {self.le:g}{suffix}"
+            return f"between {self.ge:{form}} and {self.le:{form}}{suffix}"
         words = {"at least": self.ge, "greater than": self.gt, "at most": self.le, "less than": self.lt}
-        parts = [f"{word} {bound:g}" for word, bound in words.items() if bound is not None]
+        parts = [f"{word} {bound:{form}}" for word, bound in words.items() if bound is not None]
         return f"{' and '.join(parts)}{suffix}" if parts else ""
 
     def json_schema(self) -> Schema:

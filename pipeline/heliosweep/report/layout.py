@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, Literal
 from unittest import mock
 
@@ -148,15 +149,21 @@ def fit(figure: Figure, box: float) -> Figure:
 def _place(figure: Figure) -> None:
     """Place all by constrained layout, which measures a colour bar once for each of its axes: here once where it is."""
     engine: Any = figure.get_layout_engine()
-    measured, known = Axes.get_tightbbox, dict[tuple[Axes, Any], Any]()
+    with ExitStack() as stack:
+        for axes in figure.axes:  # of this figure alone, for other threads may draw others
+            stack.enter_context(mock.patch.object(axes, "get_tightbbox", _measured_once(axes)))
+        engine.execute(figure)
 
-    def reach(axes: Axes, *args: Any, **options: Any) -> Any:
-        here = axes, axes.get_position(original=True).bounds
-        known[here] = known.get(here) or measured(axes, *args, **options)
+
+def _measured_once(axes: Axes) -> Callable[..., Any]:
+    measured, known = axes.get_tightbbox, dict[Any, Any]()
+
+    def reach(*args: Any, **options: Any) -> Any:
+        here = axes.get_position(original=True).bounds
+        known[here] = known.get(here) or measured(*args, **options)
         return known[here]
 
-    with mock.patch.object(Axes, "get_tightbbox", reach):
-        engine.execute(figure)
+    return reach
 
 
 def _break(text: Text, room: float, side: int) -> bool:
