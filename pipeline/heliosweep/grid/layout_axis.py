@@ -128,7 +128,7 @@ def _counted(study: Study, key: str) -> Layouts:
     number = math.prod(map(len, layouts.dimensions))  # more than `len` may return
     if number > most:
         axis = max(layouts.dimensions, key=len)
-        remedy = " or give the number of heliostats" if most == MAX_MADE else ""
+        remedy = " or give the layout's 'heliostats'" if most == MAX_MADE else ""
         raise PlanError(f"refused: {number:,} layouts are more than {most:,}; shrink '{axis.name}' first{remedy}")
     return layouts
 
