@@ -201,7 +201,8 @@ def part():
     assert compile_part(tenfold, float64) == float64
 """
 WITH_HELP = """
-import sys; sys.path.insert(0, {folder!r})
+import os, sys; from pathlib import Path
+os.chdir({folder!r}); sys.path[:0] = ["", Path({folder!r})]
 from made.helped import tenfold, tenfold_and_one
 from heliosweep.kernels.helper import beside
 with beside({task!r}):

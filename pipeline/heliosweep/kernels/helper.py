@@ -57,7 +57,9 @@ def start() -> None:
 
     settings: Any = config
     program = "; ".join(["from heliosweep.kernels.warm import *", *_Helper.tasks])
-    places = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "NUMBA_CACHE_DIR": settings.CACHE_DIR}
+    # Python passes over what is no string, such as a Path; nothing stands for the folder that one is in.
+    folders = os.pathsep.join(each or os.curdir for each in sys.path if isinstance(each, str))
+    places = {"PYTHONPATH": folders, "NUMBA_CACHE_DIR": settings.CACHE_DIR}
     _Helper.tasks, _Helper.late, nothing = (), time.monotonic() + _LONGEST, subprocess.DEVNULL
     with suppress(OSError):
         _Helper.process = subprocess.Popen(
@@ -71,5 +73,6 @@ def start() -> None:
 
 def wait_for(path: Path) -> None:
     """Wait until there is a file, or the process has ended."""
-    while _Helper.process and _Helper.process.poll() is None and not path.exists() and time.monotonic() < _Helper.late:
+    process = _Helper.process  # which another thread may end meanwhile
+    while process and process.poll() is None and not path.exists() and time.monotonic() < _Helper.late:
         time.sleep(_LOOK_SECONDS)
