@@ -108,6 +108,19 @@ def test_same_bits_in_a_packet_of_any_length(tracking):
         np.testing.assert_array_equal(part, whole)
 
 
+@METHODS
+def test_same_bits_where_images_are_much_larger_than_the_mirror(tracking):
+    """Their edges reach far beyond the square, and nothing there stands for an image of other instants."""
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        x, y, z, _, _, target = scattered(rng, 40, 3.0)
+        width, height = rng.choice([0.1, 2.0, 20.0], (2, 40))
+        field, sun = (x, y, z, width, height, target), suns(rng, PACKET, 1.0, 80.0)
+        whole = field_series(*field, tracking, sun, 0, 40)
+        parts = [field_series(*field, tracking, each, 0, 40) for each in np.split(sun, PACKET)]
+        np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
+
+
 def in_eight_sums(values):
     """Sum along the second axis in the order of the kernel: eight sums side by side, and then what is left."""
     whole = values.shape[1] // 8 * 8

@@ -38,6 +38,8 @@ _PAIR = 8 * WIDTH
 _OPEN, _INTERVALS = WIDTH, WIDTH + _PAIR
 """Rows of ends, behind the areas: what is open of each edge of an image; what is covered between the ends of one."""
 
+_NOWHERE = 1e15
+"""Place of an image without area, so far away that edges of the largest images do not reach it."""
 _PARALLEL = 1e-8
 """Sine of an angle below which edges are as good as parallel, and the crossings of their lines no points of theirs."""
 _BEYOND = 4.0
@@ -79,7 +81,7 @@ def prepare(images: Floats, image: int, some: int, slots: Floats, o: int, lanes:
     image, o = max(image, 0), max(o, 0)
     for k in range(lanes):
         here = some >> k & 1 == 1
-        cx, cy = images[image + k] if here else 8.0, images[image + ROW + k] if here else 8.0
+        cx, cy = images[image + k] if here else _NOWHERE, images[image + ROW + k] if here else _NOWHERE
         ax, ay = images[image + 2 * ROW + k] if here else 1.0, images[image + 3 * ROW + k] if here else 0.0
         bx, by = images[image + 4 * ROW + k] if here else 1.0, images[image + 5 * ROW + k] if here else 0.0
         slots[o + k], slots[o + WIDTH + k] = cx, cy
