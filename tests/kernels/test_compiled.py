@@ -16,6 +16,11 @@ from heliosweep.kernels import compiled, machine_code, warm
 from heliosweep.kernels.field.efficiency import field_sums, sweep
 from heliosweep.kernels.field.packets import packet_order
 
+SEVERAL_CORES = pytest.mark.skipif(
+    (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) == 1,
+    reason="one core has no other process compile",
+)
+
 COUNT = """
 import sys; sys.path.insert(0, {folder!r})
 from made.upper import twice_and_one
@@ -211,6 +216,7 @@ print(sum(tenfold.part.stats.cache_hits.values()))
 """
 
 
+@SEVERAL_CORES
 def test_another_process_compiles_a_part(made):
     (made / "helped.py").write_text(HELPED)
     for number, (task, hits) in enumerate(
@@ -220,6 +226,7 @@ def test_another_process_compiles_a_part(made):
         assert run(program, NUMBA_CACHE_DIR=str(made.parent / f"cache{number}")) == hits
 
 
+@SEVERAL_CORES
 def test_the_helper_compiles_what_fields_call(tmp_path):
     program = (
         "from heliosweep.kernels.warm import warm_field; print(warm_field()[1])\n"
