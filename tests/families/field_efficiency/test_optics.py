@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,10 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency import chain
 from heliosweep.families.field_efficiency.chain import Air, transmittance
+from heliosweep.families.field_efficiency.optics import KEYS
+from heliosweep.kernels.intercept.mirror import Facets
 from tests.conftest import shipped
 from tests.families.studies import computed
 
@@ -143,3 +147,33 @@ def test_the_round_robin():
     for (layout, focus), value in wanted.items():
         found = result["intercept_efficiency"].sel(layout=layout, focus=focus)
         assert float(found[0]) == pytest.approx(value, abs=1e-5)
+
+
+def test_instants_that_are_padded_leave_the_table_of_a_field_known(lit, monkeypatch):
+    """Sites whose clocks change have days of other lengths: the sun of the instants that one has not is NaN."""
+    inputs, made = chain.Inputs(lit()), []
+    values = {key.rpartition(".")[2]: None for key in KEYS}
+    way = chain.Way(lit(), inputs, inputs.at({}), values)
+    monkeypatch.setattr(chain, "table_of", lambda *given: made.append(given))
+    monkeypatch.setattr(chain.Way, "scene", lambda *_: None)
+    for hour in (1.0, 1.0, 2.0, 1.0):
+        inputs.field_table(way, (np.ones(3), 1), np.array([[0.0, hour, 1.0], [np.nan] * 3]))
+    assert len(made) == 2
+
+
+def test_threads_that_share_slopes_find_their_own(lit):
+    """Another thread may replace what is kept at any time, as that of a point with another map."""
+    inputs = chain.Inputs(lit())
+
+    class Kept(dict[Any, Any]):
+        def __contains__(self, key: object) -> bool:
+            inputs._slopes = {}
+            return super().__contains__(key)
+
+    slopes = SimpleNamespace(at_nodes=lambda *given: given)
+    inputs.maps["map.csv"] = slopes
+    for _ in range(2):
+        found = inputs.slopes_of("map.csv", 9.0, 8.0, Facets(1, 1, 0.0), False)
+        inputs._slopes = Kept(inputs._slopes)
+        assert found == (9.0, 8.0, Facets(1, 1, 0.0), False)
+    assert inputs.slopes_of("map.csv", 9.0, 8.0, Facets(1, 1, 0.0), False) == found

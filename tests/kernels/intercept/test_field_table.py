@@ -6,7 +6,7 @@ import pytest
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.intercept import course, sunshapes
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts, sun_tables
-from heliosweep.kernels.intercept.field_table import field_tables
+from heliosweep.kernels.intercept.field_table import _reach, field_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets
 from heliosweep.kernels.intercept.receivers import cylinder, rectangle
 from heliosweep.kernels.sun import clock
@@ -78,6 +78,17 @@ def test_no_mirror_depends_on_those_beside_it():
             np.testing.assert_array_equal(alone[n], whole[n][start:stop])
 
 
+@pytest.mark.parametrize("other", ["sides", "turn"])
+def test_no_mirror_depends_on_others_of_another_kind(other):
+    made, sun = field(AZIMUTH_ELEVATION, count=12), year(7)
+    getattr(made, other)[::8, 0] += 1e-4  # one that looks the same after fewer turns
+    whole = course.course(made, sun, 0.6)
+    for n in range(12):
+        values, error = course.course(made, sun, 0.6, n, n + 1)
+        np.testing.assert_array_equal(values[0], whole[0][n])
+        assert error[0] == whole[1][n]
+
+
 def test_directions_that_belong_to_no_place_are_looked_up_too():
     made, sun = field(SPINNING_ELEVATION), year(7)
     table = course.table_of(made, sun)
@@ -124,9 +135,43 @@ def test_a_table_that_many_mirrors_miss_is_not_taken():
     assert course.table_of(made, sun) is None
 
 
+def test_the_nodes_of_a_table_reach_to_the_horizon():
+    """Beyond the nodes terms of Chebyshev grow fast: no sun may be there."""
+    for rise in np.array([0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.8, 1.1, 1.4, 1.55]):
+        for lowest in np.array([1e-6, 0.1, 0.25, 0.5]) * rise:
+            aim = np.array([[0.0, np.cos(rise), np.sin(rise)]])
+            middle, more = _reach(aim, lowest)[0]
+            phi = np.linspace(0.0, np.pi, 2001)
+            up, level = np.sin(rise), np.cos(rise) * np.cos(phi)
+            theta = np.arctan2(level, up) + np.arccos(np.clip(np.sin(lowest) / np.hypot(up, level), -1.0, 1.0))
+            assert np.all(np.tan(theta / 4) <= (middle + more * np.cos(phi)) * (1 + 1e-9)), (rise, lowest)
+
+
+@pytest.mark.filterwarnings("error")
+def test_fields_beside_a_target_that_is_not_above_them_have_no_table():
+    """The farthest mirror, the highest and the lowest aim meet at one node of a table, if not in the field."""
+    made, up = field(SPINNING_ELEVATION, count=200)._replace(curve=np.zeros(200)), year(7)
+    made.centre[0, 2], made.target[100, 2] = 98.0, 94.0
+    assert not list(field_tables(made, up[up[:, 2] > 0.35], 10**6))
+    made.centre[0, 2], made.target[100, 2] = 80.0, 100.0
+    some = next(field_tables(made, up[up[:, 2] > 0.35], 10**6))[0]
+    assert 0 < some.lowest < np.arctan2(20.0, 314.0)  # of that node
+
+
+def test_a_receiver_that_no_light_meets():
+    made = field(SPINNING_ELEVATION, count=200)
+    made = made._replace(receiver=cylinder((0.0, 0.0, TOWER), 1e-6, 1e-6), curve=np.zeros(200))
+    made.target[:, :2] *= 1e-6 / RADIUS
+    table = course.table_of(made, year(7))
+    assert table is not None
+    assert course.course(made, year(7), 0.6, table=table)[0][0, 12] < 1e-6
+
+
 def test_few_mirrors_or_instants_have_no_table():
     made, sun = field(SPINNING_ELEVATION), year(7)
     assert course.table_of(made, sun[:200]) is not None
     assert course.table_of(made.some(np.arange(5)), sun) is None
     assert course.table_of(made, sun[10:14]) is None
+    many = field(SPINNING_ELEVATION, count=5000)
+    assert course.table_of(many, sun[12:13]) is None  # an instant at which each mirror is checked
     assert course.table_of(made, -np.abs(sun)) is None

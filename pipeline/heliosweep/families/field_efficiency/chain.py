@@ -137,9 +137,11 @@ class Inputs(LayoutAxis):
     def slopes_of(self, name: str, width: float, height: float, facets: Facets, turned: bool) -> tuple[Floats, Floats]:
         """Slopes of a map at the nodes of a mirror, and what is finer: `SlopeMap.at_nodes`; the last ones are kept."""
         key = (PurePath(name).name, width, height, facets, turned)
-        if key not in self._slopes:
-            self._slopes = {key: self.maps[key[0]].at_nodes(*key[1:])}
-        return self._slopes[key]
+        found = self._slopes.get(key)
+        if found is None:
+            found = self.maps[key[0]].at_nodes(width, height, facets, turned)
+            self._slopes = {key: found}
+        return found
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
         """Sun shape at a point of the result, from the values of `optics.KEYS` by their last part."""
@@ -152,9 +154,11 @@ class Inputs(LayoutAxis):
         """Tables of that sun for some errors; the last ones are kept."""
         if values["kind"] != "table":
             return _tables(values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None, errors)
-        if errors not in self._tables:
-            self._tables = {errors: sun_tables(self.sun_of(values), errors)}
-        return self._tables[errors]
+        found = self._tables.get(errors)
+        if found is None:
+            found = sun_tables(self.sun_of(values), errors)
+            self._tables = {errors: found}
+        return found
 
     def field_table(self, way: Way, mirrors: tuple[Any, ...], sun: Floats) -> FieldTable | None:
         """Table of all mirrors of a field at instants, if it has one; those of the last fields are kept.
@@ -163,11 +167,16 @@ class Inputs(LayoutAxis):
         """
         given, field = intercept_values(way.values), (*mirrors, way.turns(), sun)
         for others, there, found in self._fields:
-            if others == given and all(a is b or np.array_equal(a, b) for a, b in zip(there, field, strict=True)):
+            if others == given and all(map(_equal, there, field)):
                 return found
         found = table_of(way.scene(mirrors, 0, len(mirrors[0])), sun)
         self._fields = [(given, field, found), *self._fields][:FIELDS]
         return found
+
+
+def _equal(a: Any, b: Any) -> bool:
+    """Whether arguments are the same; the sun of instants that are padded is NaN."""
+    return a is b or np.array_equal(a, b, equal_nan=True)
 
 
 def intercept_values(values: Mapping[str, Any]) -> tuple[Any, ...]:

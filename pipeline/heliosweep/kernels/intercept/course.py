@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
-from heliosweep.kernels.intercept.expansion import aims_of, chebyshev, fourier, multiple_of, turn_of
+from heliosweep.kernels.intercept.expansion import aims_of, chebyshev, fourier, multiples_of, turn_of
 from heliosweep.kernels.intercept.field_table import FieldTable, field_tables, from_table
 from heliosweep.kernels.intercept.mirror import ROLLED
 from heliosweep.kernels.vectors import PACKET
@@ -30,7 +30,7 @@ Nodes = tuple[Floats, Floats, Floats]
 NODES = ((3, 7), (5, 13), (9, 13), (17, 25))
 """Nodes in the sine of the declination and in the hour angle, of one try after the other; each has those before."""
 TURNS = {1: 9, 2: 5, 4: 3}
-"""Turns at which a mirror that turns fast is computed, by `expansion.multiple_of`."""
+"""Turns at which a mirror that turns fast is computed, by `expansion.multiples_of`."""
 MORE_TURNS = 2
 """Try that is repeated with nearly twice as many turns where a mirror turns fast; those after it take them too."""
 FIRST, TAKEN = 0.25, 0.75
@@ -105,13 +105,13 @@ def course(
             out[left - start] = intercepts(scene.some(left), sun)
             continue
         checks, turns = _checked(scene, left, there, PARTS)
-        for turning in (False, True):
-            which = left[turns == turning]
-            if len(which):
-                values, error[which - start] = _interpolated(
-                    scene.some(which), there, tries, checks[turns == turning], turning
-                )
-                out[(which - start)[:, np.newaxis], up] = np.clip(values, 0.0, 1.0)
+        multiples = np.where(turns, multiples_of(scene.some(left)), 0)
+        for multiple in np.unique(multiples):  # what turns to compute at must not depend on the mirrors beside
+            which = left[multiples == multiple]
+            values, error[which - start] = _interpolated(
+                scene.some(which), there, tries, checks[multiples == multiple], int(multiple)
+            )
+            out[(which - start)[:, np.newaxis], up] = np.clip(values, 0.0, 1.0)
     return out, error
 
 
@@ -122,10 +122,10 @@ def table_of(scene: Scene, sun: Floats) -> FieldTable | None:
     a low sun, the more of these the larger a table is.
     """
     there = np.ascontiguousarray(sun[sun[:, 2] > 0.0], np.float64)
-    without = len(scene.centre) * min(len(there), COMPUTED)
+    without = len(scene.centre) * (min(len(there), COMPUTED) - CHECKS // PARTS)
     some = scene.some(np.unique(np.linspace(0, len(scene.centre) - 1, SAMPLE).astype(np.int64)))
     low = np.argsort(there[:, 2], kind="stable")[: 1 + len(there) // 4]
-    for table, work in field_tables(scene, there, without) if without else ():
+    for table, work in field_tables(scene, there, without) if without > 0 else ():
         values, _, missed = _looked_up(table, some, there)
         each = np.arange(math.ceil(SAMPLED * work / SAMPLE))
         at = low[(each * len(low) // len(each) + STRIDE * np.arange(len(missed))[:, np.newaxis]) % len(low)]
@@ -154,13 +154,16 @@ def _exact(scene: Scene, sun: Floats, at: NDArray[np.int64]) -> Floats:
 
 
 def _interpolated(
-    scene: Scene, sun: Floats, tries: Sequence[Callable[[], Nodes]], checks: NDArray[np.int64], turning: bool
+    scene: Scene, sun: Floats, tries: Sequence[Callable[[], Nodes]], checks: NDArray[np.int64], turning: int
 ) -> tuple[Floats, Floats]:
-    """Values of all mirrors of a scene and the errors that were found; for mirrors that turn fast, or do not."""
+    """Values of all mirrors of a scene and the errors that were found.
+
+    `turning` is the least multiple of a turn that the intercept of mirrors that turn fast depends on; of others 0.
+    """
     left, computed, exact = np.arange(len(checks)), np.empty(0, np.int64), _exact(scene, sun, checks)
     known: Floats = np.empty((0, 0, 0, 0))
     values, error = np.empty((len(left), len(sun))), np.zeros(len(left))
-    multiple = multiple_of(scene) if turning else 1
+    multiple = turning or 1
     count = TURNS[multiple] if turning else 1
     steps = [(nodes, count) for nodes in tries]
     if turning:

@@ -18,16 +18,15 @@ def aims_of(scene: Scene) -> Floats:
     return aims / np.sqrt(np.sum(aims**2, axis=1))[:, np.newaxis]
 
 
-def multiple_of(scene: Scene) -> int:
-    """Least multiple of a mirror's turn about its normal that the intercept depends on.
+def multiples_of(scene: Scene) -> NDArray[np.int64]:
+    """Least multiple of its turn about its normal that the intercept of each mirror depends on, shape (N,).
 
     A mirror looks the same after a turn by half, a square one by a quarter; none with a fixed pointing error or a map.
     """
-    if np.any(scene.turn) or scene.slopes.size:
-        return 1
     errors, facets = scene.errors, scene.facets
-    square = np.all(scene.sides[:, 0] == scene.sides[:, 1]) and facets.columns == facets.rows
-    return 4 if square and errors.slope_u == errors.slope_v else 2
+    even = facets.columns == facets.rows and errors.slope_u == errors.slope_v
+    fixed = np.any(scene.turn, axis=1) | (scene.slopes.size > 0)
+    return np.where(fixed, 1, np.where(even & (scene.sides[:, 0] == scene.sides[:, 1]), 4, 2))
 
 
 def fourier(count: int, multiple: int) -> tuple[Floats, Floats]:

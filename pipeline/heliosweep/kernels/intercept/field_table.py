@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
-from heliosweep.kernels.intercept.expansion import aims_of, chebyshev, chebyshev_terms, fourier, multiple_of, turn_of
+from heliosweep.kernels.intercept.expansion import aims_of, chebyshev, chebyshev_terms, fourier, multiples_of, turn_of
 from heliosweep.kernels.intercept.mirror import ROLLED
 from heliosweep.kernels.intercept.receivers import CYLINDER
 from heliosweep.kernels.vectors import PACKET, aligned
@@ -78,7 +78,7 @@ def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[tuple[FieldTa
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun: east, north, up. [1]
     most : int
-        Intercepts that may be computed for a table.
+        Intercepts that may be computed for all of them.
 
     Yields
     ------
@@ -98,13 +98,18 @@ def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[tuple[FieldTa
     for column, count, *ends in free:
         nodes = np.tile(nodes, (count, 1))
         nodes[:, column] = np.repeat(chebyshev(np.empty(0), count, ends)[0], len(nodes) // count)
-    lowest = min(math.asin(sun[:, 2].min()), math.asin(aims_of(scene)[:, 2].min()) / 2)
-    multiple = multiple_of(scene) if scene.tracking == AZIMUTH_ELEVATION else 0
+    moved = _moved(scene, nodes)
+    rise = math.asin(aims_of(moved)[:, 2].min())
+    if not rise > 0.0:  # `_reach` needs targets above the mirrors
+        return
+    lowest = min(math.asin(sun[:, 2].min()), rise / 2)
+    multiple = int(multiples_of(scene).min()) if scene.tracking == AZIMUTH_ELEVATION else 0
     for size in (_terms(each, multiple) for each in SIZES):
         work = len(nodes) * size[0] * (size[1] + 1) * size[2] // 2
         if work > most:
             return
-        values = _computed(_moved(scene, nodes), size, lowest, multiple)
+        most -= work
+        values = _computed(moved, size, lowest, multiple)
         found = np.einsum("kx,dnax->dnak", chebyshev_terms(size[0]), values)  # one sum of all takes 100 times as long
         found = np.einsum("pa,dnak->dnpk", fourier(size[1], 1)[1], found)
         found = np.einsum("tn,dnpk->dtpk", fourier(size[2], multiple)[1], found)
@@ -184,11 +189,12 @@ def _computed(scene: Scene, size: tuple[int, int, int], lowest: float, multiple:
 def _reach(aims: Floats, lowest: float) -> Floats:
     """Largest tan(theta / 4) of nodes in the direction phi, a + b cos(phi): a and b of each target, shape (N, 2).
 
-    No sun is farther. Opposite the target it can be as far; below it there is more room, for b would bend the map.
+    No sun is farther: beyond the nodes, terms grow without bounds. Over the target the sun can be as far. Below it
+    there is more room, since b would bend the map, and the horizon beside a low target is as far as over it.
     """
     rise = np.arcsin(aims[:, 2])
     over, under = np.tan((math.pi - rise - lowest) / 4), np.tan((rise - lowest) / 4)
-    under = np.sqrt(over * under)
+    under = np.maximum(np.sqrt(over * under), over * np.exp(-rise - lowest))
     return np.stack((over + under, over - under), axis=1) / 2
 
 
@@ -196,7 +202,7 @@ def _pruned(found: Floats) -> tuple[Floats, Integers]:
     """Terms that make a difference, and their rows, of all: shape (places, turns, phi, theta)."""
     size = np.abs(found).max(axis=0)
     ordered = np.sort(size, axis=None)
-    least = ordered[np.searchsorted(np.cumsum(ordered**2), LEFT_OUT**2)]
+    least = ordered[min(int(np.searchsorted(np.cumsum(ordered**2), LEFT_OUT**2)), ordered.size - 1)]
     count = np.where(size >= least, np.arange(1, size.shape[-1] + 1), 0).max(axis=-1)
     rows, terms, first = [], [], 0
     for turn, phi in zip(*np.nonzero(count), strict=True):
