@@ -22,7 +22,8 @@ from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
 
-from heliosweep.kernels import helper
+from heliosweep.kernels.helper import start as start_helper
+from heliosweep.kernels.helper import wait_for
 from heliosweep.sources import numbers_digest
 
 _TRIED_WITH = {(0, 68)}
@@ -101,7 +102,7 @@ class PartCache(CodeCache):
         super().__init__(function, ".part")
 
     def _load_overload(self, signature: Any, target: Any) -> Any:
-        helper.wait_for(self.path(signature, target.codegen()))
+        wait_for(self.path(signature, target.codegen()))
         return super()._load_overload(signature, target)
 
 
@@ -139,7 +140,7 @@ def compile_in_parts(whole: Any, part: Any) -> None:
             if found is not None:
                 whole._cache.loaded[signature] = found
             elif isinstance(whole._cache, CodeCache):
-                helper.start()
+                start_helper()
             with nullcontext() if found is not None else _parts():
                 return compile_alone(signature)
 
