@@ -24,6 +24,7 @@ from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.rays import ideal_mirror
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
+from heliosweep.kernels.gazing.simplex import advance
 from heliosweep.kernels.sun.profiles import Profile, jose
 from heliosweep.kernels.sun.tables import noisy
 from tests.bench.arithmetic import operations
@@ -93,10 +94,10 @@ def scipy_least_squares(layout: Scene, grid: MirrorGrid, images: Floats, start: 
         least_squares(rests, start[:, k], method="lm", x_scale=1e-3)
 
 
-def counted(evaluate: Callable[..., object], more: Callable[..., object] | None, gain: bool) -> float:
+def counted(evaluate: Callable[..., object], more: Callable[..., object], gain: bool) -> float:
     """Operations of an evaluation of a pixel for an analytic profile: trial slopes, brightness, merit, and a step."""
-    known = {"cameras": CAMERAS, "fit_gain": float(gain)}
-    stages = [evaluate, gazing_lanes._brighten_analytic, gazing_lanes.weigh, *([more] if more else [])]
+    known = {"cameras": CAMERAS, "fit_gain": float(gain), "derivatives": float(more is gazing_descent._step)}
+    stages = [evaluate, gazing_lanes._brighten_analytic, gazing_lanes.weigh, more]
     return sum(operations(stage, known) for stage in stages)
 
 
@@ -125,9 +126,9 @@ def rows() -> Iterator[Row]:
     compiled = {"  its merit compiled": best(partial(search, True), 1) / done}
     wave = ideal_wavefront(layout, ideal_squares(layout, *place)) + 2.0 * start
     o1 = partial(search_wavefronts, layout, jose(), images, wave)
-    yield row("O1", o1, simplex, counted(gazing_lanes.project, None, False))
+    yield row("O1", o1, simplex, counted(gazing_lanes.project, advance, False))
     o2 = partial(search_slopes, layout, jose(), images, *place, start)
-    yield row("O2", o2, simplex | compiled, counted(gazing_lanes.reflect, None, False))
+    yield row("O2", o2, simplex | compiled, counted(gazing_lanes.reflect, advance, False))
     rough, _ = image_set(layout, grid, jose(), spheres, wavy)
     tabled = image_set(layout, grid, table, spheres)[0]
     begin = first(tabled, table)

@@ -6,15 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from heliosweep.kernels.gazing.search import (
-    COUNTS,
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.gazing.lanes import LANES, MERIT, block_size
+from heliosweep.kernels.gazing.simplex import (
     EVALUATIONS,
+    GOES_ON,
     ITERATIONS,
     POINT,
-    STATE,
-    VALUE,
+    VALUES,
+    VERTICES,
     advance,
-    begin,
+    restart,
 )
 
 FUNCTIONS = {
@@ -31,16 +33,24 @@ FUNCTIONS = {
 }
 
 
+@kernel
+def restarted(lanes, k):
+    restart(lanes, k)
+
+
 def search(function, simplex, xatol, fatol, iterations=400, evaluations=400):
-    """Points asked for, and the final rows."""
-    state, counts = np.empty((3, STATE)), np.empty((3, COUNTS), np.int64)
-    state[1, :6] = np.ravel(simplex)
-    begin(state, counts, 1)
+    """Points asked for, and the lane at the end; the lanes beside it hold what is no number."""
+    block, lane = np.full(block_size(1), np.nan), 5
+    lanes = block.reshape(-1, LANES)
+    lanes[VERTICES : VERTICES + 6, lane] = np.ravel(simplex)
+    restarted(block, lane)
     asked, more = [], True
     while more:
-        asked.append(tuple(state[1, POINT : POINT + 2]))
-        more = advance(state, counts, 1, function(*asked[-1]), xatol, fatol, iterations, evaluations)
-    return asked, state[1], counts[1]
+        asked.append(tuple(lanes[POINT : POINT + 2, lane]))
+        lanes[MERIT, lane] = function(*asked[-1])
+        advance(block, xatol, fatol, iterations, evaluations)
+        more = lanes[GOES_ON, lane] > 0.0
+    return asked, lanes[:, lane]
 
 
 def by_scipy(function, simplex, xatol, fatol, iterations=400, evaluations=400):
@@ -57,12 +67,12 @@ def by_scipy(function, simplex, xatol, fatol, iterations=400, evaluations=400):
 
 
 def same(function, simplex, *limits):
-    asked, state, counts = search(function, simplex, *limits)
+    asked, lane = search(function, simplex, *limits)
     expected, found = by_scipy(function, simplex, *limits)
     assert asked == expected
-    assert tuple(state[:2]) == tuple(found.x)
-    assert state[VALUE] == found.fun or (np.isnan(state[VALUE]) and np.isnan(found.fun))
-    assert (counts[ITERATIONS], counts[EVALUATIONS]) == (found.nit, found.nfev)
+    assert tuple(lane[VERTICES : VERTICES + 2]) == tuple(found.x)
+    assert lane[VALUES] == found.fun or (np.isnan(lane[VALUES]) and np.isnan(found.fun))
+    assert (lane[ITERATIONS], lane[EVALUATIONS]) == (found.nit, found.nfev)
     return found
 
 
@@ -86,15 +96,15 @@ def test_points_at_random(seed, number, xatol, fatol):
 def test_evaluations_run_out_at_any_step(name):
     function, simplex = FUNCTIONS[name], [[-1.2, 1.0], [-0.9, 1.1], [-1.1, 0.7]]
     for evaluations in range(1, 60):
-        asked, state, counts = search(function, simplex, 1e-9, 1e-9, 400, evaluations)
+        asked, lane = search(function, simplex, 1e-9, 1e-9, 400, evaluations)
         expected, found = by_scipy(function, simplex, 1e-9, 1e-9, 400, evaluations)
         assert asked == expected
-        assert counts[EVALUATIONS] == found.nfev == evaluations
-        np.testing.assert_array_equal(state[:6].reshape(3, 2), found.final_simplex[0])
-        np.testing.assert_array_equal(state[VALUE : VALUE + 3], found.final_simplex[1])
+        assert lane[EVALUATIONS] == found.nfev == evaluations
+        np.testing.assert_array_equal(lane[VERTICES : VERTICES + 6].reshape(3, 2), found.final_simplex[0])
+        np.testing.assert_array_equal(lane[VALUES : VALUES + 3], found.final_simplex[1])
 
 
 def test_equal_values_keep_the_older_vertex_first():
-    _, state, _ = search(lambda x, y: 1.0, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], 1e-3, 1e-3)
-    assert tuple(state[:2]) == (0.0, 0.0)
-    assert state[VALUE] == 1.0
+    _, lane = search(lambda x, y: 1.0, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], 1e-3, 1e-3)
+    assert tuple(lane[VERTICES : VERTICES + 2]) == (0.0, 0.0)
+    assert lane[VALUES] == 1.0

@@ -192,8 +192,8 @@ def place(lanes, k, wavefront, gaze, rays, n, images, pixel, threshold):
 
 
 @inline
-def reflect(lanes, cameras, layout):
-    """Trace the rays of all cameras back at the trial slopes (a, b): eps^2, and half its derivatives.
+def reflect(lanes, cameras, layout, derivatives):
+    """Trace the rays of all cameras back at the trial slopes (a, b): eps^2 and, if wanted, half its derivatives.
 
     With g = 2 (N.e) / (N.N), e the 2nd or 3rd row of B_S, v = (N.R) g - R.e: all but N.R is the same for all cameras.
     """
@@ -204,8 +204,9 @@ def reflect(lanes, cameras, layout):
         scale = 2.0 / (1.0 + a * a + b * b)
         gy, gz = scale * (sy0 + a * sy1 + b * sy2), scale * (sz0 + a * sz1 + b * sz2)
         lanes[_GY * LANES + k], lanes[_GZ * LANES + k] = gy, gz
-        lanes[_GYA * LANES + k], lanes[_GYB * LANES + k] = scale * (sy1 - a * gy), scale * (sy2 - b * gy)
-        lanes[_GZA * LANES + k], lanes[_GZB * LANES + k] = scale * (sz1 - a * gz), scale * (sz2 - b * gz)
+        if derivatives:
+            lanes[_GYA * LANES + k], lanes[_GYB * LANES + k] = scale * (sy1 - a * gy), scale * (sy2 - b * gy)
+            lanes[_GZA * LANES + k], lanes[_GZB * LANES + k] = scale * (sz1 - a * gz), scale * (sz2 - b * gz)
     for camera in range(cameras):
         n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
         for k in range(LANES):
@@ -214,33 +215,33 @@ def reflect(lanes, cameras, layout):
             along = rx + lanes[A * LANES + k] * ry + lanes[B * LANES + k] * rz
             v, w = along * gy - lanes[at(n, _RV, k)], along * gz - lanes[at(n, _RW, k)]
             lanes[at(n, SQUARE, k)] = v * v + w * w
-            va, vb = ry * gy + along * lanes[_GYA * LANES + k], rz * gy + along * lanes[_GYB * LANES + k]
-            wa, wb = ry * gz + along * lanes[_GZA * LANES + k], rz * gz + along * lanes[_GZB * LANES + k]
-            lanes[at(n, BY_A, k)], lanes[at(n, BY_B, k)] = v * va + w * wa, v * vb + w * wb
+            if derivatives:
+                va, vb = ry * gy + along * lanes[_GYA * LANES + k], rz * gy + along * lanes[_GYB * LANES + k]
+                wa, wb = ry * gz + along * lanes[_GZA * LANES + k], rz * gz + along * lanes[_GZB * LANES + k]
+                lanes[at(n, BY_A, k)], lanes[at(n, BY_B, k)] = v * va + w * wa, v * vb + w * wb
 
 
 @inline
 def project(lanes, cameras):
-    """The same for trial slopes w of a wavefront: eps = |m - w|."""
+    """The same for trial slopes w of a wavefront, eps = |m - w|, without derivatives."""
     for camera in range(cameras):
         n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
         for k in range(LANES):
             v, w = lanes[A * LANES + k] - lanes[at(n, _RX, k)], lanes[B * LANES + k] - lanes[at(n, _RY, k)]
             lanes[at(n, SQUARE, k)] = v * v + w * w
-            lanes[at(n, BY_A, k)], lanes[at(n, BY_B, k)] = v, w
 
 
 @inline
-def brighten(lanes, cameras, profile):
-    """Brightness of the disc at eps^2, as `sun_profiles.brightness`, and its derivatives by the trial point."""
+def brighten(lanes, cameras, profile, derivatives):
+    """Brightness of the disc at eps^2, as `profiles.brightness`, and its derivatives by the trial point if wanted."""
     if profile.table.size > 0:
-        _brighten_table(lanes, cameras, profile)
+        _brighten_table(lanes, cameras, profile, derivatives)
     else:
-        _brighten_analytic(lanes, cameras, profile)
+        _brighten_analytic(lanes, cameras, profile, derivatives)
 
 
 @inline
-def _brighten_analytic(lanes, cameras, profile):
+def _brighten_analytic(lanes, cameras, profile, derivatives):
     c0, c1, c2, c3 = profile.c0, profile.c1, profile.c2, profile.c3
     edge, edge_value, edge_slope = profile.edge, profile.edge_value, profile.edge_slope
     area, half, whole = 1.0 / (profile.radius * profile.radius), 0.5 * profile.power, profile.power
@@ -252,16 +253,17 @@ def _brighten_analytic(lanes, cameras, profile):
             drop = power(inside * area, half)
             c, angle = math.sqrt(1.0 - drop), math.sqrt(square)
             value = c0 + c * (c1 + c * (c2 + c * c3))
-            along = -whole * drop * (c1 + c * (2.0 * c2 + c * (3.0 * c3)))
             beyond = square >= edge * edge
             lanes[at(n, VALUE, k)] = edge_value + edge_slope * (angle - edge) if beyond else value
-            steepness = (edge_slope if beyond else along) / (angle if beyond else 2.0 * c * inside)
-            lanes[at(n, BY_A, k)] *= steepness
-            lanes[at(n, BY_B, k)] *= steepness
+            if derivatives:
+                along = -whole * drop * (c1 + c * (2.0 * c2 + c * (3.0 * c3)))
+                steepness = (edge_slope if beyond else along) / (angle if beyond else 2.0 * c * inside)
+                lanes[at(n, BY_A, k)] *= steepness
+                lanes[at(n, BY_B, k)] *= steepness
 
 
 @inline
-def _brighten_table(lanes, cameras, profile):
+def _brighten_table(lanes, cameras, profile, derivatives):
     table, last, each = profile.table, profile.table.size - 2, 1.0 / profile.step
     edge, edge_value, edge_slope = profile.edge, profile.edge_value, profile.edge_slope
     for camera in range(cameras):
@@ -277,9 +279,10 @@ def _brighten_table(lanes, cameras, profile):
             beyond = square >= edge * edge
             value = edge_value + edge_slope * (angle - edge) if beyond else below + (place - cell) * rise
             lanes[at(n, VALUE, k)] = value
-            steepness = (edge_slope if beyond else rise * each) / angle
-            lanes[at(n, BY_A, k)] *= steepness
-            lanes[at(n, BY_B, k)] *= steepness
+            if derivatives:
+                steepness = (edge_slope if beyond else rise * each) / angle
+                lanes[at(n, BY_A, k)] *= steepness
+                lanes[at(n, BY_B, k)] *= steepness
 
 
 @inline

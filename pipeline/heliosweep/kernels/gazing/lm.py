@@ -164,8 +164,8 @@ def levenberg_marquardt(
                     lanes[_DAMPING * LANES + k], lanes[_COUNT * LANES + k] = 0.0, 0.0
                     pixel_of[k] = pixel
                     busy += 1
-        reflect(lanes, cameras, layout)
-        brighten(lanes, cameras, profile)
+        reflect(lanes, cameras, layout, True)
+        brighten(lanes, cameras, profile, True)
         weigh(lanes, cameras, fit_gain)
         _step(lanes, cameras, fit_gain)
         for k in range(LANES):
