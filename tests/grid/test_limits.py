@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
+from heliosweep import processors
 from heliosweep.grid import machine as limits
 
 
@@ -19,8 +20,8 @@ def groups(tmp_path, monkeypatch) -> Path:
     monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=8_000_000 * 1024))
     (tmp_path / "proc/self/cgroup").write_text("1:cpu:/old\n0::/outer/inner\n")
     (tmp_path / "groups/outer/inner").mkdir(parents=True)
-    monkeypatch.setattr(limits, "_PROC", tmp_path / "proc")
-    monkeypatch.setattr(limits, "_CGROUPS", tmp_path / "groups")
+    monkeypatch.setattr(processors, "_PROC", tmp_path / "proc")
+    monkeypatch.setattr(processors, "_CGROUPS", tmp_path / "groups")
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(16)), raising=False)
     return tmp_path / "groups"
 

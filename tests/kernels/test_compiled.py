@@ -2,24 +2,26 @@
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numba
 import numpy as np
+import psutil
 import pytest
 from numba.core.registry import cpu_target
 
-from heliosweep.kernels import compiled, machine_code, warm
+from heliosweep.kernels import compiled, helper, machine_code, warm
 from heliosweep.kernels.field.efficiency import field_sums, sweep
 from heliosweep.kernels.field.packets import packet_order
+from heliosweep.processors import processors
 
-SEVERAL_CORES = pytest.mark.skipif(
-    (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) == 1,
-    reason="one core has no other process compile",
-)
+SEVERAL_CORES = pytest.mark.skipif(processors() == 1, reason="one core has no other process compile")
 
 COUNT = """
 import sys; sys.path.insert(0, {folder!r})
@@ -224,6 +226,40 @@ def test_another_process_compiles_a_part(made):
     ):
         program = WITH_HELP.format(folder=str(made.parent), task=task)
         assert run(program, NUMBA_CACHE_DIR=str(made.parent / f"cache{number}")) == hits
+
+
+@SEVERAL_CORES
+def test_the_helper_ends_with_a_process_that_is_killed():
+    program = (
+        "import os, signal; from heliosweep.kernels import helper\n"
+        "with helper.beside('import time; time.sleep(60)'):\n"
+        "    helper.start(); print(helper._Helper.process.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    killed = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    assert killed.returncode == -signal.SIGKILL
+    with suppress(psutil.NoSuchProcess):
+        other, last = psutil.Process(int(killed.stdout)), time.monotonic() + 30.0
+        while other.status() != psutil.STATUS_ZOMBIE:  # where nobody asks for its exit code
+            assert time.monotonic() < last
+            time.sleep(0.05)
+
+
+def test_one_processor_is_left_to_one_process(monkeypatch):
+    monkeypatch.setattr(helper, "processors", lambda: 1)
+    with helper.beside("raise SystemExit"):
+        helper.start()
+        assert helper._Helper.process is None
+
+
+def test_a_kernel_that_cannot_be_made_says_why(monkeypatch):
+    def fail(*_: object) -> None:
+        raise AttributeError("of the compiler")
+
+    monkeypatch.setattr(compiled, "_compiled", fail)
+    for use in (lambda each: each.stats, lambda each: each._numba_type_, lambda each: each(1.0)):
+        with pytest.raises(AttributeError, match="of the compiler"):
+            use(compiled._Kernel(len, {}))
 
 
 @SEVERAL_CORES

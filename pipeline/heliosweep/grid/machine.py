@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 from collections.abc import Iterator
@@ -13,14 +12,13 @@ from pathlib import Path
 import psutil
 
 from heliosweep.errors import HeliosweepError
+from heliosweep.processors import group_folders, processors, words_of
 
 try:
     import resource
 except ImportError:  # no Unix
     resource = None  # type: ignore[assignment]
 
-#: What the system says of this process, and where the limits of control groups are; Linux only.
-_PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 #: Files of limit and use, and the name of cached files in ``memory.stat``, of control groups of version 2 and 1.
 _MEMORY = (
     ("memory.max", "memory.current", "file"),
@@ -49,7 +47,7 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     is available now, or of what its control groups and the limits of the process (``ulimit -v``, ``-d``) leave; disk is
     what is free where the result will be written, at the nearest existing parent of `folder`.
     """
-    workers = workers or _processors()
+    workers = workers or processors()
     available = [psutil.virtual_memory().available, *_group_memory(), *_process_memory(workers)]
     return Limits(workers, memory or int(0.8 * max(0, min(available))), _free_disk(Path(folder).absolute()))
 
@@ -74,18 +72,6 @@ def check_open_files(scheduler: str) -> None:
         )
 
 
-def _processors() -> int:
-    """Processors that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    usable = len(affinity(0)) if affinity else os.cpu_count() or 1
-    quotas = []
-    for place in _group_folders("cpu"):
-        words = _words(place / "cpu.max") or [*_words(place / "cpu.cfs_quota_us"), *_words(place / "cpu.cfs_period_us")]
-        if len(words) == 2 and words[0].isdecimal() and int(words[1]) > 0:  # none: "max" or -1
-            quotas.append(math.ceil(int(words[0]) / int(words[1])))
-    return max(1, min([usable, *quotas]))
-
-
 def _process_memory(workers: int) -> Iterator[int]:
     """What the limits of this process (``ulimit -v`` and ``-d``) leave of memory. [bytes]"""
     if resource is None:
@@ -98,49 +84,18 @@ def _process_memory(workers: int) -> Iterator[int]:
 
 def _group_memory() -> Iterator[int]:
     """What the limits of this process's control groups leave of memory. [bytes]"""
-    for place in _group_folders("memory"):
+    for place in group_folders("memory"):
         for limit, used, cached in _MEMORY:
             if (allowed := _number(place / limit)) is not None:
                 # What other processes of the group hold; files in the cache give way.
-                statistics = dict(zip(*[iter(_words(place / "memory.stat"))] * 2, strict=False))
+                statistics = dict(zip(*[iter(words_of(place / "memory.stat"))] * 2, strict=False))
                 held = (_number(place / used) or 0) - int(statistics.get(cached, 0))
                 yield allowed - max(0, held - psutil.Process().memory_info().rss)
 
 
-def _group_folders(controller: str) -> Iterator[Path]:
-    """Folders of this process's control groups and of those around them, of both versions, innermost first."""
-    try:
-        groups = (_PROC / "self/cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
-    except OSError:
-        return
-    for line in groups:
-        number, _, rest = line.partition(":")
-        controllers, _, own = rest.partition(":")
-        if number == "0" and not controllers:
-            roots = [_CGROUPS, _CGROUPS / "unified"]
-        elif controller in controllers.split(","):
-            roots = [_CGROUPS / controllers, _CGROUPS / controller]
-        else:
-            continue
-        for root in roots:
-            # Within a container the name is that outside of it, and the group itself is the root.
-            place = root / own.removeprefix("/")
-            while place.is_relative_to(root):
-                yield place
-                place = place.parent
-
-
-def _words(file: Path) -> list[str]:
-    """Words of a small file; none where it cannot be read."""
-    try:
-        return file.read_text(encoding="ascii").split()
-    except (OSError, ValueError):
-        return []
-
-
 def _number(file: Path) -> int | None:
     """The number in a file; None where there is none."""
-    words = _words(file)
+    words = words_of(file)
     return int(words[0]) if words and words[0].isdecimal() else None
 
 

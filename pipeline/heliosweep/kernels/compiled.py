@@ -66,21 +66,20 @@ class _Kernel:
         self._function, self._options, self._made = function, options, None
 
     def __call__(self, *args: Any) -> Any:
-        return self.dispatcher(*args)
+        return self._dispatcher()(*args)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        return getattr(self.dispatcher, name)
+        return getattr(self._dispatcher(), name)
 
     @property
     def _numba_type_(self) -> Any:
         """What the compiler takes it for where another kernel calls it."""
-        return self.dispatcher._numba_type_
+        return self._dispatcher()._numba_type_
 
-    @property
-    def dispatcher(self) -> Any:
-        """The dispatcher, the same for all threads."""
+    def _dispatcher(self) -> Any:
+        """The dispatcher, the same for all threads; no property, whose AttributeError would ask `__getattr__`."""
         if self._made is None:
             with _MAKING:
                 self._made = self._made or _compiled(self._function, self._options)

@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from heliosweep.processors import processors
+
 _LOOK_SECONDS = 0.02
 _LONGEST = 60.0
 """How long it is waited for in all, from its start. [s]"""
@@ -42,21 +44,21 @@ def beside(*tasks: str) -> Iterator[None]:
                 _Helper.process.wait(max(0.0, _Helper.late - time.monotonic()))
     finally:
         if _Helper.process:
-            _Helper.process.kill()
-            _Helper.process.wait()
+            with _Helper.process as process:
+                process.kill()
         _Helper.tasks, _Helper.process = (), None
         _one.release()
 
 
 def start() -> None:
     """Start the process, where one is wanted and there is a core for it."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    if not _Helper.tasks or cores == 1:
+    if not _Helper.tasks or processors() == 1:
         return
     from numba import config
 
     settings: Any = config
-    program = "; ".join(["from heliosweep.kernels.warm import *", *_Helper.tasks])
+    watch = "from heliosweep.kernels.helper import end_with_caller; end_with_caller()"
+    program = "; ".join([watch, "from heliosweep.kernels.warm import *", *_Helper.tasks])
     # Python passes over what is no string, such as a Path; nothing stands for the folder that one is in.
     folders = os.pathsep.join(each or os.curdir for each in sys.path if isinstance(each, str))
     places = {"PYTHONPATH": folders, "NUMBA_CACHE_DIR": settings.CACHE_DIR}
@@ -65,10 +67,20 @@ def start() -> None:
         _Helper.process = subprocess.Popen(
             [sys.executable, "-P", "-c", program],
             env=os.environ | places,
-            stdin=nothing,
+            stdin=subprocess.PIPE,
             stdout=nothing,
             stderr=nothing,
         )
+
+
+def end_with_caller() -> None:
+    """End this process when the one that started it has ended, however that was: nobody writes to its input then."""
+
+    def watch() -> None:
+        os.read(0, 1)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def wait_for(path: Path) -> None:
