@@ -163,7 +163,7 @@ def test_ellipses_hold_95_percent_of_the_draws():
 
 
 def test_recovered_errors_have_95_percent_bars_about_the_estimate():
-    dataset = results.calibration(pivots=results.POSITIONS[:2], parameters=2)
+    dataset = results.calibration(pivots=results.POSITIONS[:2], parameters=2).drop_vars("spots_used")
     axes = one_of(dataset, "recovered_errors").figure.axes[1]
     (bars,) = axes.containers
     ends = np.array(bars.lines[2][0].get_segments())[:, :, 1]

@@ -9,7 +9,6 @@ from heliosweep.families.misalignment.figures import MOST_ROWS, figures, tables
 from tests.families.misalignment import report_results as results
 
 PM = "\N{PLUS-MINUS SIGN}"
-STATUS = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "estimated fewer_spots_than_needed"}
 
 
 def measured(**options):
@@ -17,22 +16,21 @@ def measured(**options):
     dataset = results.calibration(pivots=results.POSITIONS[:2], parameters=2, **options).drop_vars("true_error")
     spots = {name: array.to_numpy().reshape(2, -1) for name, array in dataset.items() if str(name).startswith("spot_")}
     dataset = dataset.drop_dims(["day", "hour"]).assign({name: (("heliostat", "spot"), y) for name, y in spots.items()})
-    status = ("heliostat", np.array([0, 1], np.int8), STATUS)
-    named = ("heliostat", np.array(["A1", "B7"], object))
-    return dataset.assign(calibration_status=status).assign_coords(name=named)
+    dataset["calibration_status"].values[:] = [0, 1]
+    return dataset.assign_coords(name=("heliostat", np.array(["A1", "B7"], object)))
 
 
 def test_errors_found_have_their_standard_errors_and_their_status_in_words():
     dataset = measured()
-    dataset["estimated_error"].values[:] = [[1.234, -0.5], [np.nan, np.nan]]
-    dataset["standard_error"].values[:] = [[0.012, 0.25], [np.nan, np.nan]]
+    dataset["estimated_error"].values[:, :2] = [[1.234, -0.5], [np.nan, np.nan]]
+    dataset["standard_error"].values[:, :2] = [[0.012, 0.25], [np.nan, np.nan]]
     found, known = tables(dataset)
     assert found.header == ["heliostat", "azimuth reference (mrad)", "elevation reference (mrad)"]
     assert found.rows[0] == ["A1: (\N{MINUS SIGN}16, 150, 0) m", f"1.234 {PM} 0.012", f"\N{MINUS SIGN}0.50 {PM} 0.25"]
     assert found.rows[1][1:] == ["\N{EN DASH}"] * 2
     assert known.header[-1] == "status"
-    assert [row[-1] for row in known.rows] == ["estimated", "fewer spots than needed"]
-    assert known.words == {0, len(known.header) - 1}
+    assert [row[-1] for row in known.rows] == ["estimated", "fewer spots than the errors need"]
+    assert known.words == {0, len(known.header) - 2, len(known.header) - 1}  # the error known least, the status
 
 
 def test_measured_spots_have_a_caption_of_their_own():
