@@ -9,6 +9,7 @@ import pytest
 
 from heliosweep.grid.sun import sun_vectors
 from heliosweep.kernels import warm
+from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.dish import (
     LANES,
     RIGID,
@@ -17,6 +18,7 @@ from heliosweep.kernels.dish import (
     pack,
     pack_windows,
     sweep,
+    wide_arcsine,
     window_errors,
 )
 from heliosweep.kernels.sun.ephemeris import daily_splines, sun_at_sites
@@ -103,6 +105,20 @@ def test_closed_form_equals_the_chain(model):
             np.testing.assert_allclose(closed, chain(model, sun, tilt, direction), rtol=0, atol=1e-15)
             compiled_chain = pointing_errors(model, sun, tilt, direction, home_azimuth=1e-200)
             np.testing.assert_allclose(closed, compiled_chain, rtol=0, atol=1e-15)
+
+
+@kernel
+def arcsines(sines, out):
+    for k in range(sines.size):
+        out[k] = wide_arcsine(sines[k])
+
+
+def test_wide_arcsine():
+    steps = np.linspace(0.0, 1.0, 100_001)
+    sines = np.concatenate((steps, 10.0 ** np.linspace(-300, -1, 1000), 1.0 - 10.0 ** np.linspace(-16, -1, 1000)))
+    out = np.empty_like(sines)
+    arcsines(sines, out)
+    np.testing.assert_allclose(out, np.arcsin(sines), rtol=7e-16, atol=0)
 
 
 @both

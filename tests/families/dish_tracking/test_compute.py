@@ -233,6 +233,26 @@ def test_largest_tilt():
     assert largest_tilt(lambda tilt: 0.6 - np.abs(tilt - 0.2), required[:1]) == pytest.approx([0.3], abs=1e-10)
 
 
+@pytest.mark.parametrize(
+    "least",
+    [
+        lambda tilt: np.cos(0.03 * tilt),
+        lambda tilt: 1 / (1 + tilt**2),
+        lambda tilt: 1 - np.sqrt(tilt) / 5,
+        lambda tilt: 1 - np.maximum(tilt, 3 * tilt - 0.2) / 9,
+        lambda tilt: np.where(tilt < 0.3, 1.0, 0.0),
+    ],
+    ids=["cosine", "bell", "root", "kink", "jump"],
+)
+def test_largest_tilt_is_the_last_that_suffices(least):
+    required = np.array([0.4, 0.7, 0.999])
+    found = largest_tilt(least, required)
+    assert np.all(least(found) >= required)
+    assert np.all(least(found * (1 + 1e-11)) < required)
+    for one, alone in zip(found, required, strict=True):
+        assert largest_tilt(least, np.array([alone])).tolist() == [one]
+
+
 def test_tolerable_tilt_with_home_offsets_is_where_the_grid_sees_it():
     errors = {
         "axis_tilt": 0.1,

@@ -41,8 +41,8 @@ BYTES_PER_INSTANT = 120
 #: Errors of one instant of a time series and what makes them; most numbers of a time series in a part.
 BYTES_PER_ERROR, MOST_ERRORS = 40, SERIES_SLAB_BYTES // 24
 
-#: Tilts that are tried before the interval is halved, so many times: to 1e-13 of it. [deg]
-SCAN, BISECTIONS = (0.0, *np.geomspace(1e-3, 45.0, 48).tolist()), 43
+#: Tilts that are tried first [deg]; by how much the interval between two of them shrinks; and evaluations that takes.
+SCAN, NARROW, EVALUATIONS = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)]), 1e-13, 8
 
 Floats = NDArray[np.float64]
 #: Factors that differ by less are equal but for rounding: a rigid mount leans alike in phi and phi + 180 deg. [1]
@@ -69,7 +69,9 @@ def workload(study: DishTrackingStudy) -> Workload:
         inner["required_factor"] = len(study.statistics.required_factor)
     mounts = math.prod(size for dim, size in parameters.sizes.items() if dim not in parameters.site_dims)
     tilts = parameters.sizes.get("axis_tilt", 1)
-    solved = inner.get("required_factor", 0) / tilts  # per point: the tolerable tilt is solved once for all tilts
+    required = inner.get("required_factor", 0)
+    # per point: the tolerable tilt is solved once for all tilts
+    solved, scanned = ((len(SCAN) + EVALUATIONS * required) / tilts, len(SCAN) / tilts) if required else (0.0, 0.0)
     whole = {"axis_tilt_direction": directed(study), "axis_tilt": solved and "axis_tilt" in parameters.sizes}
 
     series = instants_of(parameters).size if study.output.time_series else 0
@@ -78,14 +80,14 @@ def workload(study: DishTrackingStudy) -> Workload:
 
     def working_bytes(points: int, _: int) -> int:
         errors = BYTES_PER_ERROR * min(points * series, MOST_ERRORS)
-        return BYTES_PER_INSTANT * instants + 8 * 8 * points * days * (1 + math.ceil(solved)) + errors
+        return BYTES_PER_INSTANT * instants + 8 * 8 * points * days * (1 + math.ceil(scanned)) + errors
 
     return Workload(
         parameters=parameters.sizes,
         inner=inner,
         evaluations=instants + series,
         unit="tracker-instants",
-        seconds=_seconds_per_error(study, tilts) * (1 + solved * (len(SCAN) + BISECTIONS)) + SECONDS_PER_SUN / mounts,
+        seconds=_seconds_per_error(study, tilts) * (1 + solved) + SECONDS_PER_SUN / mounts,
         working_bytes=working_bytes,
         whole=tuple(dim for dim, wanted in whole.items() if wanted),
         coordinate_bytes=8 * sum(inner.values()),
@@ -268,13 +270,14 @@ def largest_tilt(least: Callable[[np.ndarray], np.ndarray], required: np.ndarray
     """Largest tilt whose least daily factor is at least the required one.
 
     With home offsets a tilt can make up for an offset, so that the factor rises before it falls: the tilts of `SCAN`
-    are tried first, and the interval after the last that suffices is halved. A range of good tilts narrower than a step
+    are tried first, and the root is sought after the last that suffices. A range of good tilts narrower than a step
     of the scan, beyond all others, is not seen.
 
     Parameters
     ----------
     least : callable
-        Tilts of shape (..., R) [deg] -> least daily factors of all dates, of the same shape after broadcasting.
+        Tilts of shape (R,) or (..., R), or other ones in place of R [deg] -> least daily factors of all dates, of the
+        same shape after broadcasting.
     required : ndarray, shape (R,)
         Required factors. [1]
 
@@ -283,17 +286,39 @@ def largest_tilt(least: Callable[[np.ndarray], np.ndarray], required: np.ndarray
     ndarray, shape (..., R)
         0 where no tilt suffices; NaN where the largest of the scan still does, or where no date has a factor. [deg]
     """
-    tried = [least(np.full(required.size, tilt)) for tilt in SCAN]
-    low = np.zeros(tried[0].shape)
-    high = np.zeros(tried[0].shape)
-    for tilt, beyond, factor in zip(SCAN, [*SCAN[1:], np.nan], tried, strict=True):
-        enough = factor >= required
-        low, high = np.where(enough, tilt, low), np.where(enough, beyond, high)
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        enough = least(middle) >= required
-        low, high = np.where(enough, middle, low), np.where(enough, high, middle)
-    return np.where(np.isnan(tried[0]) | np.isnan(high), np.nan, low)
+    tried = least(SCAN)[..., np.newaxis, :] - required[:, np.newaxis]
+    enough, last = tried >= 0.0, len(SCAN) - 1
+    place = np.where(enough.any(axis=-1), last - np.argmax(enough[..., ::-1], axis=-1), -1)
+    low, high = np.maximum(place, 0), np.clip(place + 1, 0, last)
+    ends = (np.take_along_axis(tried, index[..., np.newaxis], -1)[..., 0] for index in (low, high))
+    found = _root(lambda tilt: least(tilt) - required, SCAN[low], SCAN[high], *ends)
+    return np.where(np.isnan(tried[..., 0]) | (place == last), np.nan, np.where(place < 0, 0.0, found))
+
+
+def _root(excess: Callable[[Floats], Floats], low: Floats, high: Floats, at_low: Floats, at_high: Floats) -> Floats:
+    """Tilts at which an excess that is not negative at `low` and negative at `high` ends, to `NARROW` of the interval.
+
+    Chandrupatla's method: quadratic interpolation of the inverse where it can be trusted, else half the interval. Every
+    root takes its own steps, whatever others are sought with it.
+    """
+    close = NARROW * (high - low)
+    # x, the last tilt tried, and y stand on both sides of the root; z is the one before, beyond x or y
+    x, y, fx, fy = low, high, at_low, at_high
+    share = np.full(x.shape, 0.5)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        while np.any(open_ := np.abs(y - x) > close):
+            tilt = np.where(open_, x + share * (y - x), x)
+            value = np.where(open_, excess(tilt), fx)
+            same = (value >= 0.0) == (fx >= 0.0)
+            z, fz = np.where(same, x, y), np.where(same, fx, fy)
+            y, fy = np.where(same | ~open_, y, x), np.where(same | ~open_, fy, fx)
+            x, fx = tilt, value
+            place, rise = (x - y) / (z - y), (fx - fy) / (fz - fy)
+            smooth = (rise * rise < place) & ((1.0 - rise) ** 2 < 1.0 - place)
+            curved = fx / (fy - fx) * fz / (fy - fz) + (z - x) / (y - x) * fx / (fz - fx) * fy / (fz - fy)
+            least = 0.5 * close / np.abs(y - x)
+            share = np.clip(np.where(smooth, curved, 0.5), least, 1.0 - least)
+    return np.where(fx >= 0.0, x, y)
 
 
 def finish(study: DishTrackingStudy, inputs: None, region: Region, computed: xr.Dataset) -> xr.Dataset:
