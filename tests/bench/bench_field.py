@@ -45,7 +45,7 @@ def operations(latitude: int, method: str) -> float:
     visible. The few lanes of the general way are left out.
     """
     stages = (
-        counted(images._project_along_v),
+        counted(images._along_v),
         counted(images._project_along_u),
         counted(images._areas_of),
         counted(unions._overlaps, loop=0),

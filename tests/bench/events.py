@@ -36,16 +36,16 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     mirrors, grid = by_cells(mirrors)
     count = len(mirrors.x)
     blockers, shaders = stages.blockers_of(np.arange(count), mirrors, grid), no_candidates(count)
-    everyone = stages.Halo(np.arange(count), FRAME_ROWS * ROW * np.arange(count))
     lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(4))
-    frames, images, room = rows(count * FRAME_ROWS), images_of(count), unions.room_for(count)
+    images, room, frames = images_of(count), unions.room_for(count), rows(count * FRAME_ROWS)
+    everyone = stages.Halo(frames, FRAME_ROWS * ROW * np.arange(count), np.full(count, -1), np.arange(count))
     spare = (count - 1) * IMAGE_ROWS * ROW
     found: Counter[str] = Counter()
     for p in range(0, len(first) - 1, PACKETS):
         lanes, instants = stages._directions(sun, order[first[p] : first[p + 1]], lines.to_sun), first[p + 1] - first[p]
         shaders = search_all(np.arange(count), beam(lines.to_sun, ROW, instants), mirrors, grid, shaders)
         for i in range(count):
-            half_sides(frames, i * FRAME_ROWS * ROW, lines.to_sun, mirrors, i, tracking, lanes)
+            half_sides(frames, i * FRAME_ROWS * ROW, lines.to_sun, 0, mirrors, i, tracking, lanes)
         for i in range(p % HELIOSTATS, count, HELIOSTATS):
             made = candidates = 0
             real = -1 if instants == PACKET else (1 << int(instants)) - 1  # the lanes that are not copies of the last
@@ -53,14 +53,15 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
                 for c in range(3):
                     lines.to_target[c * ROW : (c + 1) * ROW] = mirrors.aim[i, c]
                 axes(lines.views, frames, i * FRAME_ROWS * ROW, directions, lanes)
-                scene = mirrors, everyone, frames, directions, lines.views, lines.cover
+                scene = mirrors, tracking, everyone, count, lines, directions
                 named = some.names[some.first[i] : some.first[i + 1]]
                 for j in named:
                     to = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
-                    level = _project_along_v(images.rows, spare, lines.views, frames, j * FRAME_ROWS * ROW, *to, lanes)
+                    place = everyone.place[j]
+                    level = _project_along_v(images.rows, spare, lines.views, frames, place, *to, -1, lanes)
                     found["level"] += _count(int(level) & real)
                 candidates += len(named)
-                made = int(stages._make_images(i, i, some, *scene, images, made, lanes))
+                made = int(stages._make_images(i, i, some, *scene, images, made, lanes)[0])
             found["heliostat-instants"] += int(instants)
             found["candidates"] += candidates * int(instants)
             found["images"] += made * int(instants)

@@ -40,7 +40,7 @@ def _outlines(
     for t in range(tests.shape[0]):
         i = tests[t]
         row = grid.names[i] - start
-        half_sides(frames, 0, to_sun, mirrors, i, tracking, 1)
+        half_sides(frames, 0, to_sun, 0, mirrors, i, tracking, 1)
         for c in range(3):
             to_target[c * ROW] = mirrors.aim[i, c]
         for e in range(2):
@@ -51,8 +51,8 @@ def _outlines(
                 dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
                 reach = mirrors.radius[i] + mirrors.radius[j]
                 apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
-                half_sides(frames, FRAME_ROWS * ROW, to_sun, mirrors, j, tracking, 1)
-                if project(images, 0, views, frames, FRAME_ROWS * ROW, direction, dx, dy, dz, apart, 1) == 0:
+                half_sides(frames, FRAME_ROWS * ROW, to_sun, 0, mirrors, j, tracking, 1)
+                if project(images, 0, views, frames, FRAME_ROWS * ROW, direction, dx, dy, dz, apart, 1, 1) == 0:
                     continue
                 if measure(images, 0, frames, FRAME_ROWS * ROW, 0, dx, dy, dz, 1) == 0:
                     continue

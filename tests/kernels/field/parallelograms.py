@@ -22,7 +22,7 @@ def images_for(shapes, shading=None, hiding=0):
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views, frame = rows_of(one, none, cx, none, one, cy), rows_of(ax, ay, none, bx, by, none, one)
-        hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, PACKET)
+        hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, -1, PACKET)
         if m in (0, shading):
             uncover(cover, views, PACKET)
         take_out_hidden(images, m, cover, hits & hiding, PACKET)

@@ -47,8 +47,8 @@ def uncover(cover: Floats, views: Floats, lanes: int) -> None:
 
 
 @inner
-def in_view(cover: Floats, views: Floats, dx: float, dy: float, dz: float, radius: float, lanes: int) -> bool:
-    """Tell whether, in any lane, a mirror's bounding sphere may be in the way, its centre at (dx, dy, dz).
+def in_view(cover: Floats, views: Floats, dx: float, dy: float, dz: float, radius: float, lanes: int) -> np.int64:
+    """Lanes in which a mirror's bounding sphere may be in the way, its centre at (dx, dy, dz).
 
     That is, whether its image meets the square above the floor.
     """
@@ -58,8 +58,8 @@ def in_view(cover: Floats, views: Floats, dx: float, dy: float, dz: float, radiu
         cy = dx * views[3 * ROW + k] + dy * views[4 * ROW + k] + dz * views[5 * ROW + k]
         rise = radius * cover[_REACH + ROW + k]
         near = (abs(cx) - radius * cover[_REACH + k] < 1.0) & (cy - rise < 1.0)
-        found |= np.int64(near & (cy + rise > larger(cover[_FLOOR + k], -1.0)))
-    return found != 0
+        found |= np.int64(near & (cy + rise > larger(cover[_FLOOR + k], -1.0))) << k
+    return found
 
 
 @inner

@@ -1,8 +1,8 @@
 """Cosine, shading, blocking and optical efficiency of heliostats in a field: annual sums, or every instant.
 
 Instants are sorted into packets of similar sun directions. For each packet: find the candidates of every test
-heliostat, compute the mirror frames of the heliostats named (block and halo, nothing else), then make the images and
-their unions heliostat by heliostat.
+heliostat, then make the images and their unions heliostat by heliostat. The frame of a mirror is made where an image
+first asks for it: with a low sun most candidates are hidden, or in the way of a few instants only.
 
 Every value of a heliostat and an instant has the same bits however heliostats and instants are split over calls; sums
 also depend on the order of packets, which depends on the sun vectors alone.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.cover import COVER_ROWS, cover_by, in_view, take_out_hidden, uncover
-from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
+from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, next_run, project
 from heliosweep.kernels.field.neighbours import (
     Candidates,
     Cells,
@@ -81,11 +81,15 @@ UNWEIGHTED = Weights(np.empty((2, 0)), np.empty(0, np.int64), np.empty((0, 0, 7)
 
 
 class Halo(NamedTuple):
-    """Heliostats of the field that need a frame, and where their frames are."""
+    """Frames of a packet: of the test heliostats, and of those of the field that may stand in the way."""
 
-    names: NDArray[np.int64]
+    frames: Floats
     place: NDArray[np.int64]
-    """For each heliostat of the field where its frame begins, or -1."""
+    """For each heliostat of the field where its frame begins; nothing where it has none."""
+    made: NDArray[np.int64]
+    """Lanes for which each heliostat of the field has its frame, a bit for each."""
+    names: NDArray[np.int64]
+    """Heliostats that have frames, in the order of these."""
 
 
 @kernel
@@ -115,8 +119,8 @@ def sweep(
     tests = places(grid, start, stop)
     blockers = blockers_of(tests, mirrors, grid)
     wide, shaders = no_candidates(tests.shape[0]), no_candidates(tests.shape[0])
-    halo = Halo(np.empty(mirrors.x.shape[0], np.int64), np.full(mirrors.x.shape[0], -1))
-    frames, lines = rows(0), Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(5))
+    halo = no_frames(mirrors.x.shape[0])
+    lines = Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(5))
     images, room = images_of(0), room_for(0)
     last, together = 0, False
     for p in range(first.shape[0] - 1):
@@ -132,21 +136,14 @@ def sweep(
             shaders = sift_all(tests, bundle, mirrors, wide, shaders)
         else:
             shaders = search_all(tests, bundle, mirrors, grid, shaders)
-        count = _named(tests, blockers, shaders, halo, lanes)
-        needed = _place(count, lanes) + FRAME_ROWS * ROW
-        if needed > frames.shape[0]:
-            frames = aligned(needed + needed // 4)
-        for m in range(count):
-            half_sides(frames, _place(m, lanes), lines.to_sun, mirrors, halo.names[m], tracking, lanes)
+        halo = _with_room(halo, tests.shape[0] + blockers.first[-1] + shaders.first[-1], lanes)
         most = _most(blockers, shaders)
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
         _sweep_block(
-            tests, start, mirrors, grid, halo, frames, blockers, shaders, lines, images, room, packet, lanes, sums,
+            tests, start, mirrors, grid, tracking, halo, blockers, shaders, lines, images, room, packet, lanes, sums,
             series, part, weighted,
         )  # fmt: skip
-        for m in range(count):
-            halo.place[halo.names[m]] = -1
 
 
 @kernel
@@ -187,17 +184,18 @@ def _directions(sun, packet, to_sun):
     return lanes
 
 
-@inner
-def _named(tests, blockers, shaders, halo, lanes):
-    """Give a frame to each heliostat that needs one, of the block and of the halo that its candidates name, in turn."""
-    count = np.int64(0)
-    for t in range(tests.shape[0]):
-        count = _name(tests[t], halo, count, lanes)
-        for m in range(blockers.first[t], blockers.first[t + 1]):
-            count = _name(blockers.names[m], halo, count, lanes)
-        for m in range(shaders.first[t], shaders.first[t + 1]):
-            count = _name(shaders.names[m], halo, count, lanes)
-    return count
+@kernel
+def no_frames(heliostats: int) -> Halo:
+    """No frames of a field of so many heliostats."""
+    names, place, made = np.empty(heliostats, np.int64), np.empty(heliostats, np.int64), np.zeros(heliostats, np.int64)
+    return Halo(rows(0), place, made, names)
+
+
+@kernel
+def _with_room(halo, count, lanes):
+    """The same with room for so many frames, or as many as there are heliostats."""
+    needed = _place(min(count, halo.names.shape[0]), lanes) + FRAME_ROWS * ROW
+    return halo if needed <= halo.frames.shape[0] else Halo(aligned(2 * needed), halo.place, halo.made, halo.names)
 
 
 @inline
@@ -207,13 +205,18 @@ def _place(count, lanes):
     return count // beside * FRAME_ROWS * ROW + count % beside * lanes
 
 
-@inline
-def _name(j, halo, count, lanes):
-    """Give heliostat j a place among the frames of the packet, once; returns the number of frames."""
-    if halo.place[j] < 0:
-        halo.place[j] = _place(count, lanes)
-        halo.names[count] = j
+@inner
+def _frame(j, some, halo, count, to_sun, mirrors, tracking, lanes):
+    """Have the frame of heliostat j ready for some lanes, those of whole groups; returns the number of frames."""
+    if halo.made[j] == 0:
+        halo.place[j], halo.names[count] = _place(count, lanes), j
         count += 1
+    missing = some & ~halo.made[j]
+    start, stop = next_run(0, missing, lanes)
+    while start < stop:
+        half_sides(halo.frames, halo.place[j] + start, to_sun, start, mirrors, j, tracking, stop - start)
+        halo.made[j] |= (np.int64(-1) if stop == lanes else (np.int64(1) << stop) - 1) & np.int64(-1) << start
+        start, stop = next_run(stop, missing, lanes)
     return count
 
 
@@ -233,8 +236,8 @@ def _sweep_block(
     start,
     mirrors,
     grid,
+    tracking,
     halo,
-    frames,
     blockers,
     shaders,
     lines,
@@ -248,47 +251,57 @@ def _sweep_block(
     weighted,
 ):
     """Efficiencies of all test heliostats at the instants of one packet."""
+    frames, count = halo.frames, np.int64(0)
     for t in range(tests.shape[0]):
-        i, test, shading = tests[t], halo.place[tests[t]], np.int64(0)
+        i, shading = tests[t], np.int64(0)
+        count = _frame(i, np.int64(-1), halo, count, lines.to_sun, mirrors, tracking, lanes)
+        test = halo.place[i]
         if shaders.first[t + 1] > shaders.first[t]:
             axes(lines.views, frames, test, lines.to_sun, lanes)
-            shading = _make_images(
-                i, t, shaders, mirrors, halo, frames, lines.to_sun, lines.views, lines.cover, images, shading, lanes
+            shading, count = _make_images(
+                i, t, shaders, mirrors, tracking, halo, count, lines, lines.to_sun, images, shading, lanes
             )
         made = shading
         if blockers.first[t + 1] > blockers.first[t]:
             _aim(lines.to_target, mirrors, i, lanes)
             axes(lines.views, frames, test, lines.to_target, lanes)
-            made = _make_images(
-                i, t, blockers, mirrors, halo, frames, lines.to_target, lines.views, lines.cover, images, made, lanes
+            made, count = _make_images(
+                i, t, blockers, mirrors, tracking, halo, count, lines, lines.to_target, images, made, lanes
             )
         unions(images, shading, made, lines.total, room, lanes)
         _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
         _write(lines.result, packet, grid.names[i] - start, sums, series, part)
         _weigh(lines.result, packet, grid.names[i] - start, part, weighted)
+    for m in range(count):
+        halo.made[halo.names[m]] = 0
 
 
 @inner
-def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, cover, images, made, lanes):
+def _make_images(i, t, candidates, mirrors, tracking, halo, count, lines, directions, images, made, lanes):
     """Make images of the candidates of heliostat i, those numbered `made` and on; returns the number of images.
 
     Hidden ones are taken out in lanes that have had two: with fewer, as mostly, that costs more than it saves. What is
-    done in a lane depends on its own images only.
+    done in a lane depends on its own images only. Returned is too the number of frames, of which there were `count`.
     """
-    test, first = halo.place[i], made
+    test, first, frames = halo.place[i], made, halo.frames
+    views, cover = lines.views, lines.cover
     once, twice, covering = np.int64(0), np.int64(0), first
-    many = candidates.first[t + 1] - candidates.first[t] > _MANY
+    near, many = np.int64(-1), candidates.first[t + 1] - candidates.first[t] > _MANY
     if many:
         uncover(cover, views, lanes)
     for m in range(candidates.first[t], candidates.first[t + 1]):
         j = candidates.names[m]
         dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
-        if many and not in_view(cover, views, dx, dy, dz, mirrors.radius[j], lanes):
-            continue
+        if many:
+            near = in_view(cover, views, dx, dy, dz, mirrors.radius[j], lanes)
+            if near == 0:
+                continue
         reach = mirrors.radius[i] + mirrors.radius[j]
         apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
+        if near & ~halo.made[j] != 0:
+            count = _frame(j, near, halo, count, lines.to_sun, mirrors, tracking, lanes)
         other = halo.place[j]
-        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, lanes)
+        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, near, lanes)
         if hits & twice != 0:
             if covering == first and not many:
                 uncover(cover, views, lanes)
@@ -300,7 +313,7 @@ def _make_images(i, t, candidates, mirrors, halo, frames, directions, views, cov
             hits = measure(images, made, frames, other, test, dx, dy, dz, lanes)
             once, twice = once | hits, twice | once & hits
             made += np.int64(hits != 0)
-    return made
+    return made, count
 
 
 @inline

@@ -80,9 +80,12 @@ def project(
     dy: float,
     dz: float,
     apart: bool,
+    some: np.int64,
     lanes: int,
 ) -> np.int64:
     """Project a mirror to the plane of the test mirror; returns the lanes in which it may cover something of that.
+
+    It is done for the groups of `some` lanes: outside them it is known to cover nothing.
 
     Separating axes tell: the normals of the square's edges and of the image's. Image number `m` is written; instead of
     its area 1 in the lanes found, and 0 elsewhere.
@@ -92,7 +95,7 @@ def project(
     `apart` says that the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     """
     o, behind, found = m * IMAGE_ROWS * ROW, 0.0 if apart else -np.inf, np.int64(0)
-    near = _project_along_v(images.rows, o, views, frames, f, dx, dy, dz, lanes)
+    near = _project_along_v(images.rows, o, views, frames, f, dx, dy, dz, some, lanes)
     start, stop = next_run(0, near, lanes)
     while start < stop:
         found |= (
@@ -107,11 +110,32 @@ def project(
 
 
 @inner
-def _project_along_v(out, o, views, frames, f, dx, dy, dz, lanes):
-    """Write the y of an image, and no area; returns the lanes in which it is neither above nor below the square."""
-    o, f, found = max(o, 0), max(f, 0), np.int64(0)
+def _project_along_v(out, o, views, frames, f, dx, dy, dz, some, lanes):
+    """Write the y of an image for some lanes, and no area; returns those where it is not above or below the square."""
+    near = np.int64(0)
+    if some != -1:
+        _clear(out, o + AREA, lanes)
+    start, stop = next_run(0, some, lanes)
+    while start < stop:
+        near |= _along_v(out, o + start, views, start, frames, f + start, dx, dy, dz, stop - start) << start
+        start, stop = next_run(stop, some, lanes)
+    return near
+
+
+@inner
+def _clear(out, row, lanes):
+    """Write nothing to a row."""
+    row = max(row, 0)
     for k in range(lanes):
-        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
+        out[row + k] = 0.0
+
+
+@inner
+def _along_v(out, o, views, v, frames, f, dx, dy, dz, lanes):
+    """The same in a run of lanes."""
+    o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
+    for k in range(lanes):
+        vx, vy, vz = views[v + 3 * ROW + k], views[v + 4 * ROW + k], views[v + 5 * ROW + k]
         cy = dx * vx + dy * vy + dz * vz
         ay = frames[f + k] * vx + frames[f + ROW + k] * vy + frames[f + 2 * ROW + k] * vz
         by = frames[f + 3 * ROW + k] * vx + frames[f + 4 * ROW + k] * vy + frames[f + 5 * ROW + k] * vz

@@ -146,9 +146,16 @@ class Mirrors(NamedTuple):
 
 @inner
 def half_sides(
-    frames: NDArray[np.float64], f: int, sun: NDArray[np.float64], mirrors: Mirrors, i: int, tracking: int, lanes: int
+    frames: NDArray[np.float64],
+    f: int,
+    sun: NDArray[np.float64],
+    at: int,
+    mirrors: Mirrors,
+    i: int,
+    tracking: int,
+    lanes: int,
 ) -> None:
-    """Write the frame of mirror i, rows from `f` on, for every lane of a packet. [m]
+    """Write the frame of mirror i, rows from `f` on, for so many lanes of a packet, lane number `at` and on. [m]
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
     (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides and
@@ -157,7 +164,7 @@ def half_sides(
     `sun` are rows x, y, z of the unit vectors to the sun, shape (3 * ROW,) [1]; `tracking` is `SPINNING_ELEVATION` or
     `AZIMUTH_ELEVATION`. What rows hold beyond the lanes of the packet means nothing.
     """
-    f = max(f, 0)
+    f, at = max(f, 0), max(at, 0)
     rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
     half_width, half_height = mirrors.half_width[i], mirrors.half_height[i]
     # A fallback for every lane whose u is undefined, so that the lane loops need no branch.
@@ -166,7 +173,7 @@ def half_sides(
     if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
         ex, ey = -ry / level, rx / level
     for k in range(lanes):
-        sx, sy, sz = sun[k], sun[ROW + k], sun[2 * ROW + k]
+        sx, sy, sz = sun[at + k], sun[at + ROW + k], sun[at + 2 * ROW + k]
         nx, ny, nz = rx + sx, ry + sy, rz + sz
         if tracking == SPINNING_ELEVATION:
             ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx
