@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.gazing.lanes import CHUNK, LANES, power
+from heliosweep.kernels.gazing.lanes import CHUNK, LANES
 from heliosweep.kernels.gazing.search import merits
-from heliosweep.kernels.sun.profiles import brightness, jose
+from heliosweep.kernels.sun.profiles import brightness, jose, power
 from heliosweep.kernels.sun.tables import noisy, smooth_fit
 from tests.kernels.gazing import twin
 from tests.kernels.gazing.twin import sun_offsets

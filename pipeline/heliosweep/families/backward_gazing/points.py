@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 #: Time of a pixel on one core by each method, for a tabulated profile. [s]
-SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 4.5e-6, "O2": 5e-6, "LM": 1.6e-6}
+SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 1.8e-6, "O2": 2e-6, "LM": 1.6e-6}
 #: Relative difference of focal lengths that is said, and over its standard error.
 NO_SPHERE, SURE = 0.03, 4.0
 #: Overhead of a point. [s]

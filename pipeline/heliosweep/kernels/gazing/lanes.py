@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.rays import ideal_mirror, unit
+from heliosweep.kernels.sun.profiles import power
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -68,18 +69,13 @@ OWN = 14
 FIRST_CAMERA = OWN + 20
 """First row of the first camera."""
 
-_RX, _RY, _RZ, _RV, _RW, _IMAGE, LIT, SQUARE, VALUE, REST, BY_A, BY_B = range(12)
+_RX, _RY, _RZ, _RV, _RW, IMAGE, LIT, SQUARE, VALUE, REST, BY_A, BY_B = range(12)
 CAMERA_ROWS = 12
 """Rows of a camera: R and its part in v and w (of a wavefront: m in the first two), brightness seen, 1 or 0 for lit;
 then, at the trial point, eps^2 [rad^2], the brightness of the disc there, what gain and image leave of it, and its
 derivatives [1/rad]."""
 
 _TINY = 1e-60
-_BITS, _BIAS, _ROOT_HALF = np.int64(52), np.int64(1023), np.int64(0x3FE6A09E667F3BCD)
-_L0, _L1, _L2, _L3, _L4, _L5, _L6, _L7, _L8, _L9, _L10 = (2.0 / ((2 * k + 1) * math.log(2.0)) for k in range(11))
-_E1, _E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12, _E13 = (
-    math.log(2.0) ** k / math.factorial(k) for k in range(1, 14)
-)
 
 
 @kernel
@@ -92,29 +88,6 @@ def block_size(cameras: int) -> int:
 def at(first, row, k):
     """Place of lane k in a row after the place `first`; unsigned, or a test for negative places hinders vector code."""
     return np.uint64(first + row * LANES + k)
-
-
-@inline
-def power(base, exponent):
-    """Base to an exponent, for a normal positive base, to a few units of the last digit: vector code.
-
-    The logarithm is a series in (m - 1) / (m + 1) of the mantissa m, the exponential a Taylor polynomial. The error is
-    4e-16 of the result for each doubling from 1 to it.
-    """
-    bits = np.float64(base).view(np.int64)
-    octave = np.int64((bits - _ROOT_HALF) >> _BITS)
-    mantissa = np.int64(bits - (octave << _BITS)).view(np.float64)
-    z = (mantissa - 1.0) / (mantissa + 1.0)
-    w = z * z
-    s = _L7 + w * (_L8 + w * (_L9 + w * _L10))
-    s = _L3 + w * (_L4 + w * (_L5 + w * (_L6 + w * s)))
-    x = exponent * (octave + z * (_L0 + w * (_L1 + w * (_L2 + w * s))))
-    whole = math.floor(x + 0.5)
-    f = x - whole
-    e = _E9 + f * (_E10 + f * (_E11 + f * (_E12 + f * _E13)))
-    e = _E4 + f * (_E5 + f * (_E6 + f * (_E7 + f * (_E8 + f * e))))
-    e = 1.0 + f * (_E1 + f * (_E2 + f * (_E3 + f * e)))
-    return e * np.int64((np.int64(whole) + _BIAS) << _BITS).view(np.float64)
 
 
 @kernel
@@ -185,7 +158,7 @@ def place(lanes, k, wavefront, gaze, rays, n, images, pixel, threshold):
             for row in range(5):
                 lanes[to + row * LANES] = rays[(2 + 5 * camera + row) * CHUNK + n]
         seen = images[camera, pixel] >= threshold  # False for NaN
-        lanes[to + _IMAGE * LANES] = images[camera, pixel] if seen else 0.0
+        lanes[to + IMAGE * LANES] = images[camera, pixel] if seen else 0.0
         lanes[to + LIT * LANES] = 1.0 if seen else 0.0
         lit += 1 if seen else 0
     return lit
@@ -297,14 +270,14 @@ def weigh(lanes, cameras, fit_gain):
             n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
             for k in range(LANES):
                 value = lanes[at(n, VALUE, k)] * lanes[at(n, LIT, k)]
-                lanes[_BI * LANES + k] += value * lanes[at(n, _IMAGE, k)]
+                lanes[_BI * LANES + k] += value * lanes[at(n, IMAGE, k)]
                 lanes[_BB * LANES + k] += value * value
         for k in range(LANES):
             lanes[GAIN * LANES + k] = lanes[_BI * LANES + k] / lanes[_BB * LANES + k]
     for camera in range(cameras):
         n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
         for k in range(LANES):
-            rest = lanes[GAIN * LANES + k] * lanes[at(n, VALUE, k)] - lanes[at(n, _IMAGE, k)]
+            rest = lanes[GAIN * LANES + k] * lanes[at(n, VALUE, k)] - lanes[at(n, IMAGE, k)]
             rest *= lanes[at(n, LIT, k)]
             lanes[at(n, REST, k)] = rest
             lanes[MERIT * LANES + k] += rest * rest

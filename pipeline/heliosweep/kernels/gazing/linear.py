@@ -14,29 +14,57 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import Scene
-from heliosweep.kernels.gazing.rays import camera_ray, ideal_mirror, mirror_offsets
-from heliosweep.kernels.sun.profiles import Profile, brightness, inverse_square
+from heliosweep.kernels.gazing.lanes import (
+    BY_A,
+    BY_B,
+    CAMERA_ROWS,
+    FIRST_CAMERA,
+    IDEAL_A,
+    IDEAL_B,
+    IMAGE,
+    LANES,
+    LIT,
+    OWN,
+    SQUARE,
+    VALUE,
+    A,
+    B,
+    at,
+    block_size,
+    brighten,
+    place,
+    rays_size,
+    reflect,
+    trace_back,
+)
+from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of, unit
+from heliosweep.kernels.sun.profiles import Profile, inverse_squares
 from heliosweep.kernels.sun.tables import smooth_fit
 
 Floats = NDArray[np.float64]
 _NEEDED = 3
 """Lit cameras that two slopes and the constant need."""
+_LEAST = 5e-324
+"""Least noise of a camera that counts. [1]"""
+_YY, _YZ, _ZZ, _GY, _GZ, _GG, _BY_Y, _BY_Z = range(OWN, OWN + 8)
+"""Rows of lanes: sums of products of derivatives along y and z and of the brightness, g; the least deviations."""
 
 
 @kernel
 def ideal_squares(layout: Scene, y: Floats, z: Floats) -> Floats:
     """Squares of the angles eps0_i at which K cameras see the ideal mirror at N pixels [m], shape (K, N). [rad^2]"""
     cameras, pixels = layout.eyes.shape[0], y.size
-    out = np.empty((cameras, pixels))
-    eyes, sun_y, sun_z = layout.eyes, layout.sun_y, layout.sun_z
+    out, focal_length = np.empty((cameras, pixels)), layout.focal_length
+    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
     for i in range(cameras):
+        row, (ex, ey, ez) = out[i], row_of(layout.eyes[i])
         for k in range(pixels):
-            x, a, b = ideal_mirror(layout.focal_length, y[k], z[k])
-            rx, ry, rz = camera_ray(eyes, i, x, y[k], z[k])
+            x, a, b = ideal_mirror(focal_length, y[k], z[k])
+            rx, ry, rz = unit(ex - x, ey - y[k], ez - z[k])
             v, w, _, _, _, _ = mirror_offsets(a, b, rx, ry, rz, sun_y, sun_z)
-            out[i, k] = v * v + w * w
+            row[k] = v * v + w * w
     return out
 
 
@@ -88,21 +116,21 @@ def wavefront_departures(
     or those are in one line; bit i of a pixel's number is set where camera i is lit.
     """
     cameras, pixels = images.shape
-    out, masks = np.empty((2, pixels)), np.empty(pixels, np.int64)
-    for k in range(pixels):
-        lit = 0
-        for i in range(cameras):
-            if images[i, k] >= threshold:
-                lit |= 1 << i
-        dy, dz = 0.0, 0.0
-        for i in range(cameras):
-            if lit >> i & 1:
-                change = ideal[i, k] - inverse_square(profile, images[i, k])
-                dy += rows[lit, 0, i] * change
-                dz += rows[lit, 1, i] * change
-        enough = not math.isnan(rows[lit, 0, 0])
-        out[0, k], out[1, k] = dy if enough else math.nan, dz if enough else math.nan
-        masks[k] = lit
+    out, masks, squares = np.zeros((2, pixels)), np.zeros(pixels, np.int64), np.empty(pixels)
+    table = rows.reshape(-1)
+    for i in range(cameras):
+        image = images[i]
+        for k in range(pixels):
+            masks[k] |= np.int64(image[k] >= threshold) << i  # False for NaN
+    across, up = out[0], out[1]
+    for i in range(cameras):
+        image, seen = images[i], ideal[i]
+        inverse_squares(profile, image, squares)
+        for k in range(pixels):
+            place = 2 * cameras * masks[k] + i
+            change = seen[k] - squares[k] if image[k] >= threshold else 0.0
+            across[k] += table[place] * change
+            up[k] += table[place + cameras] * change
     return out, masks
 
 
@@ -180,31 +208,59 @@ def least_deviations(
     lit: NDArray[np.int64],
 ) -> Floats:
     """`slope_bound` of noise (K, N) and a profile that is not noisy itself."""
-    cameras, pixels = layout.eyes.shape[0], y.size
-    out = np.empty((2, pixels))
-    eyes, sun_y, sun_z = layout.eyes, layout.sun_y, layout.sun_z
-    for k in range(pixels):
-        x, a, b = ideal_mirror(layout.focal_length, y[k], z[k])
-        a, b = a + slopes[0, k], b + slopes[1, k]
-        yy, yz, zz, gy, gz, gg = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(cameras):
-            if not (lit[k] >> i & 1 and noise[i, k] > 0.0):
-                continue
-            rx, ry, rz = camera_ray(eyes, i, x, y[k], z[k])
-            v, w, v_y, v_z, w_y, w_z = mirror_offsets(a, b, rx, ry, rz, sun_y, sun_z)
-            square = v * v + w * w
-            if not square <= profile.radius * profile.radius:
-                continue
-            value, steepness = brightness(profile, square)
-            value, steepness = value / noise[i, k], steepness / noise[i, k]
-            i_y, i_z = steepness * (v * v_y + w * w_y), steepness * (v * v_z + w * w_z)
-            yy, yz, zz = yy + i_y * i_y, yz + i_y * i_z, zz + i_z * i_z
-            gy, gz, gg = gy + value * i_y, gz + value * i_z, gg + value * value
-        if fit_gain and gg > 0.0:
-            yy, yz, zz = yy - gy * gy / gg, yz - gy * gz / gg, zz - gz * gz / gg
-        determinant = yy * zz - yz * yz
-        if determinant > 1e-12 * (yy + zz) * (yy + zz):
-            out[0, k], out[1, k] = math.sqrt(zz / determinant), math.sqrt(yy / determinant)
-        else:
-            out[0, k], out[1, k] = math.nan, math.nan
+    cameras, pixels, area = layout.eyes.shape[0], y.size, profile.radius * profile.radius
+    out, places = np.empty((2, pixels)), np.empty((2, pixels))
+    places[0], places[1] = y, z
+    lanes, rays, level = np.zeros(block_size(cameras)), np.empty(rays_size(cameras)), np.empty_like(noise)
+    for i in range(cameras):
+        for k in range(pixels):
+            level[i, k] = noise[i, k] if lit[k] >> i & 1 else math.nan
+    following, first, end = 0, 0, 0
+    while following < pixels:
+        if following >= end:
+            first, end = following, trace_back(rays, cameras, layout, places, following)
+        count = min(LANES, end - following)
+        for k in range(count):
+            pixel = following + k
+            place(lanes, k, False, layout.gaze, rays, pixel - first, level, pixel, _LEAST)
+            lanes[A * LANES + k] = lanes[IDEAL_A * LANES + k] + slopes[0, pixel]
+            lanes[B * LANES + k] = lanes[IDEAL_B * LANES + k] + slopes[1, pixel]
+        reflect(lanes, cameras, layout, True)
+        brighten(lanes, cameras, profile, True)
+        _bound(lanes, cameras, area, fit_gain)
+        for k in range(count):
+            out[0, following + k], out[1, following + k] = lanes[_BY_Y * LANES + k], lanes[_BY_Z * LANES + k]
+        following += count
     return out
+
+
+@inline
+def _bound(lanes, cameras, area, fit_gain):
+    """Least deviations of all lanes, from brightnesses and derivatives there and with noise in place of images.
+
+    Of the cameras that are lit and see the disc, whose squares of angles are not above `area`.
+    """
+    for row in range(_YY, _GG + 1):
+        for k in range(LANES):
+            lanes[row * LANES + k] = 0.0
+    for camera in range(cameras):
+        n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
+        for k in range(LANES):
+            counts = (lanes[at(n, LIT, k)] > 0.0) & (lanes[at(n, SQUARE, k)] <= area)
+            weight = 1.0 / lanes[at(n, IMAGE, k)] if counts else 0.0
+            value, by_y, by_z = lanes[at(n, VALUE, k)], lanes[at(n, BY_A, k)], lanes[at(n, BY_B, k)]
+            value, by_y, by_z = weight * value, weight * by_y, weight * by_z
+            lanes[_YY * LANES + k] += by_y * by_y
+            lanes[_YZ * LANES + k] += by_y * by_z
+            lanes[_ZZ * LANES + k] += by_z * by_z
+            lanes[_GY * LANES + k] += value * by_y
+            lanes[_GZ * LANES + k] += value * by_z
+            lanes[_GG * LANES + k] += value * value
+    for k in range(LANES):
+        yy, yz, zz = lanes[_YY * LANES + k], lanes[_YZ * LANES + k], lanes[_ZZ * LANES + k]
+        gy, gz, gg = lanes[_GY * LANES + k], lanes[_GZ * LANES + k], lanes[_GG * LANES + k]
+        each = 1.0 / gg if fit_gain & (gg > 0.0) else 0.0
+        yy, yz, zz = yy - gy * gy * each, yz - gy * gz * each, zz - gz * gz * each
+        determinant = yy * zz - yz * yz
+        inverse = 1.0 / determinant if determinant > 1e-12 * (yy + zz) * (yy + zz) else math.nan
+        lanes[_BY_Y * LANES + k], lanes[_BY_Z * LANES + k] = math.sqrt(zz * inverse), math.sqrt(yy * inverse)

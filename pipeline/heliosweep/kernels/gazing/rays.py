@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline
 
 Floats = NDArray[np.float64]
+Row = Floats | tuple[float, float, float]
 
 
 @inline
@@ -35,8 +36,14 @@ def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 @inline
+def row_of(vector: Floats) -> tuple[float, float, float]:
+    """A row of a scene as numbers: loops that load it at each pixel do not become vector code."""
+    return vector[0], vector[1], vector[2]
+
+
+@inline
 def mirror_offsets(
-    a: float, b: float, rx: float, ry: float, rz: float, sun_y: Floats, sun_z: Floats
+    a: float, b: float, rx: float, ry: float, rz: float, sun_y: Row, sun_z: Row
 ) -> tuple[float, float, float, float, float, float]:
     """Point of the disc that the ray to a camera comes from, for a mirror with the normal N ~ (1, a, b).
 
