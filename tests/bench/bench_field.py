@@ -45,9 +45,9 @@ def operations(latitude: int, method: str) -> float:
     visible. The few lanes of the general way are left out.
     """
     stages = (
-        counted(images._along_v),
+        counted(images._project_along_v),
         counted(images._project_along_u),
-        counted(images._areas_of),
+        counted(images._areas),
         counted(unions._overlaps, loop=0),
         counted(overlaps.shared_by_two),
         counted(boundaries._cover) + counted(boundaries._shorten),

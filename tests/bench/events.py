@@ -58,7 +58,7 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
                 for j in named:
                     to = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
                     place = everyone.place[j]
-                    level = _project_along_v(images.rows, spare, lines.views, frames, place, *to, -1, lanes)
+                    level = _project_along_v(images.rows, spare, lines.views, 0, frames, place, *to, lanes)
                     found["level"] += _count(int(level) & real)
                 candidates += len(named)
                 made = int(stages._make_images(i, i, some, *scene, images, made, lanes)[0])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, next_run
+from heliosweep.kernels.field.images import IMAGE_ROWS, Images, next_run
 from heliosweep.kernels.field.polygons import larger, smaller
 from heliosweep.kernels.vectors import ROW
 
@@ -137,18 +137,14 @@ def _more(cover, at, x, cy, a, b, here):
 
 @inner
 def take_out_hidden(images: Images, m: int, cover: Floats, some: np.int64, lanes: int) -> np.int64:
-    """Leave an image that `images.project` has made no area where it is hidden; returns these of some lanes."""
+    """Take an image that `images.project` has made out of those of some lanes where it is hidden; returns these."""
     hidden = np.int64(0)
     start, stop = _first_run(some, lanes)
     while start < stop:
         hidden |= _hidden(images.rows, m * IMAGE_ROWS * ROW + start, cover, start, stop - start) << start
         start, stop = next_run(stop, some, lanes)
     hidden &= some
-    if hidden != 0:
-        area = max(m, 0) * IMAGE_ROWS * ROW + AREA
-        for k in range(lanes):
-            images.rows[area + k] = 0.0 if hidden >> k & 1 else images.rows[area + k]
-        images.present[m] &= ~hidden
+    images.present[m] &= ~hidden
     return hidden
 
 

@@ -87,59 +87,39 @@ def project(
 
     It is done for the groups of `some` lanes: outside them it is known to cover nothing.
 
-    Separating axes tell: the normals of the square's edges and of the image's. Image number `m` is written; instead of
-    its area 1 in the lanes found, and 0 elsewhere.
+    Separating axes tell: the normals of the square's edges and of the image's. Image number `m` is written, but for its
+    area.
 
     `views` are U and V of the test mirror, from `axes`; `directions` the rows of d, shape (3 * ROW,). The frame of the
     mirror begins at `f` in `frames` [m], and (dx, dy, dz) leads from the centre of the test mirror to its own [m].
     `apart` says that the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     """
     o, behind, found = m * IMAGE_ROWS * ROW, 0.0 if apart else -np.inf, np.int64(0)
-    near = _project_along_v(images.rows, o, views, frames, f, dx, dy, dz, some, lanes)
+    near = some
+    if some == -1:  # where it stands is not known: two of five mirrors are above or below
+        near = _project_along_v(images.rows, o, views, 0, frames, f, dx, dy, dz, lanes)
     start, stop = next_run(0, near, lanes)
     while start < stop:
-        found |= (
-            _project_along_u(
-                images.rows, o + start, views, start, frames, f + start, directions, dx, dy, dz, behind, stop - start
-            )
-            << start
-        )
+        o_run, f_run, filled = o + start, f + start, stop - start
+        if some != -1:
+            _project_along_v(images.rows, o_run, views, start, frames, f_run, dx, dy, dz, filled)
+        hits = _project_along_u(images.rows, o_run, views, start, frames, f_run, directions, dx, dy, dz, behind, filled)
+        found |= hits << start
         start, stop = next_run(stop, near, lanes)
     images.apart[m], images.present[m] = apart, found
     return found
 
 
 @inner
-def _project_along_v(out, o, views, frames, f, dx, dy, dz, some, lanes):
-    """Write the y of an image for some lanes, and no area; returns those where it is not above or below the square."""
-    near = np.int64(0)
-    if some != -1:
-        _clear(out, o + AREA, lanes)
-    start, stop = next_run(0, some, lanes)
-    while start < stop:
-        near |= _along_v(out, o + start, views, start, frames, f + start, dx, dy, dz, stop - start) << start
-        start, stop = next_run(stop, some, lanes)
-    return near
-
-
-@inner
-def _clear(out, row, lanes):
-    """Write nothing to a row."""
-    row = max(row, 0)
-    for k in range(lanes):
-        out[row + k] = 0.0
-
-
-@inner
-def _along_v(out, o, views, v, frames, f, dx, dy, dz, lanes):
-    """The same in a run of lanes."""
+def _project_along_v(out, o, views, v, frames, f, dx, dy, dz, lanes):
+    """Write the y of an image in a run of lanes; returns those in which it is neither above nor below the square."""
     o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
     for k in range(lanes):
         vx, vy, vz = views[v + 3 * ROW + k], views[v + 4 * ROW + k], views[v + 5 * ROW + k]
         cy = dx * vx + dy * vy + dz * vz
         ay = frames[f + k] * vx + frames[f + ROW + k] * vy + frames[f + 2 * ROW + k] * vz
         by = frames[f + 3 * ROW + k] * vx + frames[f + 4 * ROW + k] * vy + frames[f + 5 * ROW + k] * vz
-        out[o + ROW + k], out[o + 3 * ROW + k], out[o + 5 * ROW + k], out[o + AREA + k] = cy, ay, by, 0.0
+        out[o + ROW + k], out[o + 3 * ROW + k], out[o + 5 * ROW + k] = cy, ay, by
         found |= np.int64(abs(cy) - abs(ay) - abs(by) < 1.0) << k
     return found
 
@@ -160,9 +140,7 @@ def _project_along_u(out, o, views, v, frames, f, directions, dx, dy, dz, behind
         gap = larger(abs(cx) - abs(ax) - abs(bx), abs(cy) - abs(ay) - abs(by)) - 1.0
         gap = larger(gap, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
         gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
-        hit = (gap < 0.0) & (ahead > behind)
-        out[o + AREA + k] = 1.0 if hit else 0.0
-        found |= np.int64(hit) << k
+        found |= np.int64((gap < 0.0) & (ahead > behind)) << k
     return found
 
 
@@ -174,21 +152,24 @@ def measure(
 
     Arguments are those of `project`; `test` is where the frame of the test mirror begins.
     """
-    o = m * IMAGE_ROWS * ROW
-    _areas(images.rows, o, images.present[m], lanes)
+    o, some, found = m * IMAGE_ROWS * ROW, images.present[m], np.int64(0)
+    _clear(images.rows, o + AREA, lanes)
+    start, stop = next_run(0, some, lanes)
+    while start < stop:
+        found |= _areas(images.rows, o + start, some >> start, stop - start) << start
+        start, stop = next_run(stop, some, lanes)
     if not images.apart[m]:
-        _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
-    images.present[m] = _some_area(images.rows, o, lanes)
-    return images.present[m]
+        found = _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
+    images.present[m] = found
+    return found
 
 
 @inner
-def _areas(images, o, some, lanes):
-    """Write the area on the square where there is a chance of one, for runs of groups of lanes that have some."""
-    start, stop = next_run(0, some, lanes)
-    while start < stop:
-        _areas_of(images, o + start, stop - start)
-        start, stop = next_run(stop, some, lanes)
+def _clear(images, row, lanes):
+    """Write nothing to a row."""
+    row = max(row, 0)
+    for k in range(lanes):
+        images[row + k] = 0.0
 
 
 @inner
@@ -203,9 +184,9 @@ def next_run(start: int, some: int, lanes: int) -> tuple[int, int]:
 
 
 @inner
-def _areas_of(images, o, lanes):
-    """The same for all of some lanes, by Green's theorem."""
-    o = max(o, 0)
+def _areas(images, o, some, lanes):
+    """Write the area on the square in some lanes of a run, by Green's theorem; returns those that have any."""
+    o, found = max(o, 0), np.int64(0)
     for k in range(lanes):
         cx, cy = images[o + k], images[o + ROW + k]
         ax, ay = images[o + 2 * ROW + k], images[o + 3 * ROW + k]
@@ -216,22 +197,19 @@ def _areas_of(images, o, lanes):
         total = (edge_term(x0, y0, x1, y1, a_rise, a_run) + edge_term(x2, y2, x3, y3, a_rise, a_run)) + (
             edge_term(x1, y1, x2, y2, b_rise, b_run) + edge_term(x3, y3, x0, y0, b_rise, b_run)
         )
-        images[o + AREA + k] *= abs(total)
-
-
-@inner
-def _some_area(images, o, lanes):
-    """Lanes where the image has an area."""
-    area, found = max(o, 0) + AREA, np.int64(0)
-    for k in range(lanes):
-        found |= np.int64(images[area + k] > 0.0) << k
+        area = abs(total) if some >> k & 1 == 1 else 0.0
+        images[o + AREA + k] = area
+        found |= np.int64(area > 0.0) << k
     return found
 
 
 @inner
 def _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes):
-    """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it."""
-    o, f, test = max(o, 0), max(f, 0), max(test, 0)
+    """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it.
+
+    Returns the lanes where there is any.
+    """
+    o, f, test, found = max(o, 0), max(f, 0), max(test, 0), np.int64(0)
     height = o + _HEIGHT
     for k in range(lanes):
         ux, uy, uz = frames[test + k], frames[test + ROW + k], frames[test + 2 * ROW + k]
@@ -245,6 +223,8 @@ def _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes):
     for k in range(lanes):
         if images[o + AREA + k] > 0.0 and straddles(images, o + k):
             images[o + AREA + k] = _area_in_front(images, o + k)
+        found |= np.int64(images[o + AREA + k] > 0.0) << k
+    return found
 
 
 @kernel
