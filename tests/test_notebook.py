@@ -186,6 +186,14 @@ def test_what_a_plot_needs(result):
         plot.map("field_optical_efficiency", latitude=20, tracking="azimuth_elevation")
     with pytest.raises(StudyError, match="optical: no such variable"):
         plot.map("optical")
+    many = xr.Dataset({"x": ("draw", np.arange(16))}, {"draw": np.arange(16)})
+    with pytest.raises(StudyError, match=r"choose one value of draw \(draw: 0, 1, .*, 9 and 6 more\)"):
+        many.heliosweep.plot.map("x")
+    days = many.assign_coords(draw=np.arange("2021-06-01", "2021-06-17", dtype="datetime64[D]").astype("M8[ns]"))
+    with pytest.raises(StudyError, match=r"choose from 2021-06-01, .*, 2021-06-10 and 6 more \(got 2021-07-01\)"):
+        days.heliosweep.plot.map("x", draw="2021-07-01")
+    with pytest.raises(StudyError, match=r"is not known of each heliostat"):
+        days.heliosweep.plot.map("x", draw="2021-06-03")
     with pytest.raises(StudyError, match=r"select\.latitude: is not in the result; choose from 0\.0, 20\.0, 40\.0"):
         plot.map(latitude=21)
     with pytest.raises(StudyError, match="time: is no dimension of field_optical_efficiency"):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.config.faults import few_of
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.report.comparison import FILE as COMPARISON
@@ -376,7 +377,7 @@ def _selected(
         here = here.sel({name: sam.label(here[variable], name, value)})
     left = [str(dim) for dim in here[variable].dims if dim not in keep and here.sizes[dim] > 1]
     if len(left) > most_left:
-        told = "; ".join(f"{dim}: {', '.join(map(str, here[dim].to_numpy()[:6]))}" for dim in left)
+        told = "; ".join(f"{dim}: {few_of(here[dim].to_numpy())}" for dim in left)
         raise StudyError(Problem(f"choose one value of {' and '.join(left)} ({told})", variable))
     single = {dim: 0 for dim in here[variable].dims if dim not in keep and here.sizes[dim] == 1}
     return here.isel(single)

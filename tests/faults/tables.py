@@ -41,8 +41,8 @@ def _through_a_study(key: str) -> Callable[[Path], object]:
     return read
 
 
-#: From here on a file is mutated no further: columns and lines would multiply.
-LARGEST = 4 * 2**20
+#: From here on a file is mutated no further, and a change repeats no more than that: columns and lines would multiply.
+LARGEST, MOST_REPEATED = 4 * 2**20, 16 * 2**20
 
 #: Who reads a file of each kind.
 READERS: dict[str, Callable[[Path], object]] = {
@@ -112,13 +112,20 @@ def _columns(text: str, random: Random) -> str:
     """A column removed, repeated, or more often than anyone has columns."""
     rows = [line.split(",") for line in text.split("\n")]
     at, times = random.randrange(4), random.choice((0, 0, 2, 2, 2000 if len(rows) < 1000 else 2))
+    times = min(times, _room(sum(len(cell) for cells in rows for cell in cells[at : at + 1])))
     return "\n".join(",".join([*cells[:at], *cells[at : at + 1] * times, *cells[at + 1 :]]) for cells in rows)
+
+
+def _room(size: int) -> int:
+    """How often so many characters may be repeated."""
+    return MOST_REPEATED // (size + 1) + 1
 
 
 def _many(text: str, random: Random) -> str:
     """A line again and again."""
     lines = text.split("\n")
     at, times = random.randrange(len(lines)), 10 ** random.choice((2, 2, 3, 5))
+    times = min(times, _room(len(lines[at])))
     return "\n".join([*lines[:at], *lines[at : at + 1] * times, *lines[at:]])
 
 

@@ -161,7 +161,7 @@ def test_southern_latitudes():
 
 def test_sites_are_named_with_their_latitude():
     titles = [axes.get_title() for axes in maps_of(case("sites")["field_maps"].figure)]
-    assert "azimuth-elevation, Alice Springs (23.7\N{DEGREE SIGN} S)" in titles[3]
+    assert "azimuth-elevation, Alice Springs (23.7\N{DEGREE SIGN}\N{NO-BREAK SPACE}S)" in titles[3]
 
 
 def test_padded_heliostats_are_left_out():

@@ -111,6 +111,14 @@ def test_long_words_along_an_axis_stand_on_two_lines():
     assert second.endswith("\N{HORIZONTAL ELLIPSIS} (3)")
 
 
+def test_long_names_stand_whole_in_a_legend():
+    names = [f"Plataforma Solar de Almería, Tabernas, Spain, field {number} of the year" for number in range(5)]
+    line = xr.DataArray([3.0, 1.0], {"tilt": [3.0, 1.0]}, "tilt")
+    figure = curve_figure([Panel("efficiency (%)", {name: number * line for number, name in enumerate(names)})], "tilt")
+    assert [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()] == names
+    assert is_inside(figure)
+
+
 def test_other_figures_are_measured_as_ever_while_one_is_laid_out(monkeypatch):
     figure, measured, found = Figure(layout="constrained"), Axes.get_tightbbox, list[bool]()
     figure.subplots()

@@ -8,7 +8,9 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.grid.sun import sun_vectors
+from heliosweep.report.inputs import inputs
 from heliosweep.report.sampled import sampled
+from heliosweep.report.summary import summary
 from tests.weather import plain
 
 FIELD = {
@@ -44,6 +46,20 @@ def test_solar_elevation_at_noon_of_an_equinox_is_that_of_the_latitude():
         found["mean elevation of the sun"]
         == "60.0\N{DEGREE SIGN} to 90.0\N{DEGREE SIGN}, while it is above the horizon"
     )
+
+
+@pytest.mark.parametrize(("count", "text"), [(2, "place 0, place 1"), (9, "9, place 0 to place 8")])
+def test_sites_by_their_names(count, text):
+    sites = [{"name": f"place {number}", "latitude": 5 * number} for number in range(count)]
+    time = {"clock": "solar", "days": [80], "hours": [12]}
+    field = {key: value for key, value in FIELD.items() if key != "site"}
+    study = api.load({**field, "sites": sites, "time": time})
+    result = api.build(study)
+    assert sampled(result, study)[0] == ("sites", text)
+    table = inputs(study, [])
+    assert table is not None
+    assert [row[0] for row in table.rows if row[3] == "sites[1].latitude"] == ["latitude, place 1"]
+    assert "; largest at place " in list(summary(result, ["field_optical_efficiency"]))[-1]
 
 
 @pytest.mark.parametrize(("sampling", "count"), [("inclusive", 25), ("left", 24), ("midpoint", 24)])

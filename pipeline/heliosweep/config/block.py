@@ -182,5 +182,6 @@ def _purpose(block: type[Block], details: ErrorDetails) -> str:
     for inner in blocks_at(block, outer):
         if key in inner.model_fields:
             parameter = inner.parameter(str(key))
-            return f": {parameter.purpose if parameter else inner.model_fields[str(key)].description}"
+            purpose = parameter.purpose if parameter else inner.model_fields[str(key)].description
+            return f": {purpose or one_of(inner.literals(str(key)))}"
     return ""

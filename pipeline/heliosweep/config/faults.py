@@ -128,6 +128,12 @@ def one_of(names: Iterable[str]) -> str:
     return f"{', '.join(most)} or {last}" if most else last
 
 
+def few_of(values: Iterable[object]) -> str:
+    """Return values as a list: the first ten, and how many more there are."""
+    texts = list(map(str, values))
+    return ", ".join(texts[:10]) + (f" and {len(texts) - 10:,} more" if len(texts) > 10 else "")
+
+
 def in_short(text: str) -> str:
     """Return text on one line: what would move or colour a terminal as an escape, and no more than 60 characters."""
     text = "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text[:100])

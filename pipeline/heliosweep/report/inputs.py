@@ -7,6 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from heliosweep.config.block import Block
+from heliosweep.config.blocks import NamedSite
 from heliosweep.config.distribution import Distribution
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.study import Study
@@ -75,7 +76,8 @@ def _rows(block: Block, prefix: str = "") -> Iterator[tuple[list[str], bool]]:
             yield [_words(key), one, "fixed", key], True
         elif isinstance(value, tuple):
             for number, item in enumerate(value[:FEW]):
-                yield from _rows(item, f"{key}[{number}].")
+                of = f", {item.name}" if isinstance(item, NamedSite) else ""
+                yield from (([f"{row[0]}{of}", *row[1:]], given) for row, given in _rows(item, f"{key}[{number}]."))
 
 
 def _words(key: str) -> str:

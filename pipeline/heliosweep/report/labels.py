@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from pathlib import PurePath
 from typing import Any
@@ -12,6 +13,7 @@ import xarray as xr
 
 DEGREE = "\N{DEGREE SIGN}"
 MINUS = "\N{MINUS SIGN}"
+NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
 NOTHING = "\N{EN DASH}"
 INFINITY = "\N{INFINITY}"
 
@@ -20,8 +22,8 @@ _UNITS = {
     "1": "",
     "degree": DEGREE,
     "degrees": DEGREE,
-    "degrees_north": f"{DEGREE}\N{NO-BREAK SPACE}N",
-    "degrees_east": f"{DEGREE}\N{NO-BREAK SPACE}E",
+    "degrees_north": f"{DEGREE}{NO_BREAK_SPACE}N",
+    "degrees_east": f"{DEGREE}{NO_BREAK_SPACE}E",
     "percent": "%",
     "m2": "m\N{SUPERSCRIPT TWO}",
     **{f"{unit} m-2": f"{unit}/m\N{SUPERSCRIPT TWO}" for unit in ("W", "kW", "MWh")},
@@ -34,8 +36,8 @@ LEAST_SIDE = 0.02
 STEPS = {"degree": (1, 1.5, 3, 4.5, 9), "h": (1, 2, 3, 6)}
 ROUND = (1, 2, 2.5, 5)
 
-#: Letters of a name that a figure shows, and of each of its two lines along an axis.
-MOST_LETTERS, TICK_LETTERS = 40, 24
+#: Letters of a name that a figure shows, of each of its lines in a legend, and of each of its two lines along an axis.
+MOST_LETTERS, LEGEND_LETTERS, TICK_LETTERS = 120, 44, 24
 
 #: Coordinates whose words speak for themselves.
 SPEAKING = ("site", "layout", "tracking")
@@ -90,7 +92,12 @@ def printed(array: xr.DataArray) -> Any:
 
 def title_of(array: xr.DataArray) -> str:
     """What an array is called in running text."""
-    return str(array.attrs.get("long_name") or str(array.name).replace("_", " "))
+    return str(array.attrs.get("long_name") or str(array.name).replace("_", " ")).removeprefix("name of the ")
+
+
+def head_of(array: xr.DataArray) -> str:
+    """What an array is called, without what a comma or colon adds."""
+    return re.split("[:,]", title_of(array))[0]
 
 
 def axis_label(array: xr.DataArray) -> str:
@@ -122,6 +129,12 @@ def latitude_text(latitude: float) -> str:
     return f"{abs(latitude):g}{DEGREE}{hemisphere}"
 
 
+def longitude_text(longitude: float) -> str:
+    """Longitude with its hemisphere."""
+    hemisphere = "" if longitude == 0 else " E" if longitude > 0 else " W"
+    return f"{abs(longitude):g}{DEGREE}{hemisphere}"
+
+
 def value_text(coordinate: xr.DataArray) -> str:
     """One coordinate value with its unit, for instance ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
     value = coordinate.item()
@@ -133,6 +146,8 @@ def value_text(coordinate: xr.DataArray) -> str:
         return str(coordinate.to_numpy().astype("datetime64[m]"))
     if is_latitude(coordinate):
         return latitude_text(float(value))
+    if coordinate.attrs.get("units") == "degrees_east":
+        return longitude_text(float(value))
     unit = unit_of(coordinate)
     space = "" if unit.startswith(DEGREE) else " "
     return f"{value:g}{space}{unit}".rstrip().replace("-", MINUS)

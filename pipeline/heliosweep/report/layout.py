@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from heliosweep.report.labels import ROUND, is_latitude, latitude_text, steps_of
+from heliosweep.report.labels import LEGEND_LETTERS, ROUND, is_latitude, latitude_text, steps_of
 from heliosweep.report.style import PlainPowers
 
 #: Width of a figure over both columns of a journal page, of one with a single panel, and its largest height. [inch]
@@ -64,9 +64,10 @@ def label_outside(axes: Sequence[Axes], columns: int, x: str, y: Sequence[str], 
 def legend(figure: Figure, entries: Mapping[str, Artist], title: str = "", loc: str = "upper center") -> None:
     """Write a legend outside of all axes, in as few rows as fit."""
     place: Any = f"outside {loc}"
+    names = [textwrap.fill(name, LEGEND_LETTERS) for name in entries]
     for rows in range(1, len(entries) + 1):
         columns = -(-len(entries) // rows)
-        written = figure.legend(list(entries.values()), list(entries), loc=place, ncols=columns, title=title or None)
+        written = figure.legend(list(entries.values()), names, loc=place, ncols=columns, title=title or None)
         if rows == len(entries) or written.get_window_extent().width <= 0.98 * figure.bbox.width:
             return
         written.remove()

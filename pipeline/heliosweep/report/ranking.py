@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,11 +16,11 @@ from heliosweep.report.labels import (
     MINUS,
     SPEAKING,
     flag_text,
+    head_of,
     is_flag,
     labels_along,
     number_text,
     printed,
-    title_of,
     unit_of,
     value_text,
 )
@@ -140,10 +139,10 @@ def _place(result: xr.Dataset, index: Sequence[int], dims: Sequence[str], along:
                 f"heliostat {_at(labels_along(result, dim), place)}" + f" at ({', '.join(where)}) m" * bool(where)
             )
             continue
-        tied = [one for one in along.values() if one.dims == (dim,)]
+        tied = [one for one in along.values() if one.dims == (dim,) and dim != "site"]
         shown = [labels_along(result, dim), *tied]
         for one in shown:
-            title = "" if one.name in SPEAKING else re.split("[:,]", title_of(one))[0]
+            title = "" if one.name in SPEAKING else head_of(one)
             words.append(f"{title} {_at(one, place)}".strip())
     return ", ".join(words)
 
@@ -174,7 +173,7 @@ def _steps(result: xr.Dataset, name: str, values: np.ndarray, dims: Sequence[str
             if 0 <= place < values.shape[axis]:
                 index = (*best[:axis], place, *best[axis + 1 :])
                 label = labels_along(result, dim)
-                rows.append([title_of(label).split(",")[0], _at(label, best[axis]), _at(label, place)])
+                rows.append([head_of(label), _at(label, best[axis]), _at(label, place)])
                 costs.append(values[index] - values[best])
     unit = unit_of(result[name])
     unit = "percentage points" if unit == "%" else unit
@@ -221,7 +220,7 @@ def _points(
     for array in flags.values():
         cells.append(array.ravel()[order].tolist())
         numbers.append(cells[-1])
-    header = [re.split("[:,]", title_of(one))[0] for one in columns.values()]
+    header = [head_of(one) for one in columns.values()]
     header += [name.replace("_", " ") for name in (*values, *flags)]
     units = ["" if one.dtype.kind not in "fiu" else unit_of(one) for one in columns.values()]
     units += [*(unit_of(result[name]) for name in values), *("" for _ in flags)]

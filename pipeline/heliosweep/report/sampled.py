@@ -12,7 +12,7 @@ from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Suns
 from heliosweep.report.labels import DEGREE, number_text
-from heliosweep.store.coverage import dates, hours, months
+from heliosweep.store.coverage import FEW, dates, hours, months
 
 #: Suns up to which all are averaged; of more, so many evenly picked instants of each place. [1]
 MOST_SUNS, PICKED = 2_000_000, 5_000
@@ -25,10 +25,13 @@ def sampled(result: xr.Dataset, study: Study | None) -> list[tuple[str, str]]:
     """Pairs of a name and what a result covers; without the study, what the result alone tells."""
     time = getattr(study, "time", None)
     found = []
+    if "site" in result.coords and result["site"].ndim:
+        names = [str(name) for name in result["site"].to_numpy()]
+        found.append(("sites", ", ".join(names) if len(names) <= FEW else f"{len(names):,}, {names[0]} to {names[-1]}"))
     if isinstance(time, SolarTime | CivilTime):
-        found = [("dates", dates(time)), ("hours", hours(time))]
+        found += [("dates", dates(time)), ("hours", hours(time))]
     elif isinstance(time, WeatherTime):
-        found = [
+        found += [
             ("months", months(time)),
             ("hours", "those of the weather file, the sun at the middle of each lit part"),
         ]

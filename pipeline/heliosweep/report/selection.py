@@ -8,7 +8,16 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import DEGREE, SPEAKING, axis_label, is_latitude, shortened, title_of, value_text
+from heliosweep.report.labels import (
+    DEGREE,
+    NO_BREAK_SPACE,
+    SPEAKING,
+    axis_label,
+    is_latitude,
+    shortened,
+    title_of,
+    value_text,
+)
 
 #: Position along some dimensions.
 Point = Mapping[str, int]
@@ -136,7 +145,7 @@ class Shown:
         """Name of a dimension or coordinate in running text."""
         if name in self.titles:
             return self.titles[name]
-        words = title_of(self.result[name]).removeprefix("name of the ") if name in self.result.coords else ""
+        words = title_of(self.result[name]) if name in self.result.coords else ""
         return words if words and len(words) <= self.longest else name.replace("_", " ")
 
     def label(self, dim: str) -> str:
@@ -174,7 +183,8 @@ class Shown:
         """Values at a point with what they are, such as the title of a panel; sites with their latitude."""
         words = ", ".join(self.full(dim, index) for dim, index in point.items())
         if "site" in point and "latitude" in self.result.coords:
-            words += f" ({value_text(at(self.result['latitude'], point))})"
+            latitude = value_text(at(self.result["latitude"], point))
+            words += f" ({latitude.replace(' ', NO_BREAK_SPACE)})"
         return words
 
     def heading(self, dim: str | None) -> str:

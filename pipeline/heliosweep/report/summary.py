@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import is_flag, printed, title_of, value_text
+from heliosweep.report.labels import SPEAKING, head_of, is_flag, printed, value_text
 from heliosweep.report.sections import MOST_NUMBERS, headline
 
 
@@ -39,5 +39,6 @@ def _largest(array: xr.DataArray) -> str:
     words = []
     for dim, index in zip(array.dims, place, strict=True):
         if array.sizes[dim] > 1 and dim in array.coords:
-            words.append(f"{title_of(array[dim])} {value_text(array[dim][index])}")
+            title = "" if dim in SPEAKING else head_of(array[dim])
+            words.append(f"{title} {value_text(array[dim][index])}".strip())
     return f"; largest at {', '.join(words)}" if words else ""

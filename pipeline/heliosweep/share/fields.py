@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
+from heliosweep.config.faults import few_of
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
@@ -176,7 +177,7 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
         name = key.replace(".", "_") if key not in here.dims else key
         here = here.sel({name: label(here["kept" if "kept" in here else "x"], name, value)})
     if others := [str(dim) for dim in here.dims if dim != "heliostat"]:
-        known = "; ".join(f"{dim}: {', '.join(map(str, here[dim].to_numpy()[:10]))}" for dim in others)
+        known = "; ".join(f"{dim}: {few_of(here[dim].to_numpy())}" for dim in others)
         raise StudyError(Problem(f"there are several layouts: choose one value of {' and '.join(others)} ({known})"))
     there = np.isfinite(here["x"].to_numpy())
     if "kept" in here:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
+import sys
+import textwrap
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from heliosweep.config.faults import nearest, one_of
+from heliosweep.config.faults import few_of, nearest, one_of
 from heliosweep.config.keys import Key, is_sampled, keys_of
 from heliosweep.config.load import load
 from heliosweep.config.source import Source, parse, read
@@ -24,6 +27,8 @@ from heliosweep.store.targets import sources_of, target_file
 _STUDIES = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
 #: Longer examples are not shown. [characters]
 _WIDTH = 100
+#: Columns that the meaning of a key needs beside its name.
+_LEAST_ROOM = 40
 
 
 def explain(words: Iterable[str]) -> str:
@@ -143,11 +148,24 @@ def _plain(key: Key) -> str:
     return key.name.replace("[]", "")
 
 
-def _lines(keys: Iterable[Key]) -> list[str]:
-    """One line for each key: its name, and what it is."""
+def _lines(keys: Iterable[Key], indent: str = "") -> list[str]:
+    """Name of each key, and what it is, beside it or below where that leaves no room."""
     told = [(one.name, f"{one.meaning or one.value}{f' [{one.unit}]' if one.unit else ''}") for one in keys]
     width = max((len(name) for name, _ in told), default=0)
-    return [f"{name:{width}}  {what}" for name, what in told]
+    if len(indent) + width + _LEAST_ROOM <= _columns():
+        return [line for name, what in told for line in _folded(f"{indent}{name:{width}}  ", what)]
+    return [line for name, what in told for line in (f"{indent}{name}", *_folded(f"{indent}    ", what))]
+
+
+def _folded(head: str, text: str) -> list[str]:
+    """Lines that the terminal has room for: a head, and text beside it."""
+    options: Any = {"break_long_words": False, "break_on_hyphens": False}
+    return textwrap.wrap(text, _columns(), initial_indent=head, subsequent_indent=" " * len(head), **options)
+
+
+def _columns() -> int:
+    """Columns of the terminal; without one, lines are as long as they are."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
 
 
 def _explained(family: str, key: Key) -> str:
@@ -155,7 +173,7 @@ def _explained(family: str, key: Key) -> str:
     inner = [one for one in _keys(family) if one.name.startswith((f"{key.name}.", f"{key.name}[]."))]
     meaning = f"{key.meaning}{f' (where {key.only})' if key.only else ''}".replace("`", "")
     rows = [("", meaning)] if meaning else []
-    rows += [("", f"  {name}: {meaning}") for name, meaning in key.options]
+    rows += [("  ", f"{name}: {meaning}") for name, meaning in key.options]
     if not inner:
         value = key.value.replace("`", "")
         rows += [("value", value)] if value else []
@@ -167,8 +185,8 @@ def _explained(family: str, key: Key) -> str:
         whats = "the values are averaged over" if is_sampled(families()[family].study_class(), key) else ""
         rows.append(("sweep", f"{_SWEEP}; {whats or 'a dimension of the result'}"))
     rows.append(("default", key.default.strip("`") or ("none: it must be given" if key.required else "not given")))
-    text = "\n".join(f"  {name:9}{what}" if name else f"  {what}" for name, what in rows)
-    return text + "".join(f"\n    {line}" for line in _lines(inner))
+    lines = [line for name, what in rows for line in _folded(f"  {name:9}" if name.strip() else f"  {name}", what)]
+    return "\n".join([*lines, *_lines(inner, "    ")])
 
 
 #: A unit that is written out, for that of a key.
@@ -210,8 +228,12 @@ def _flow(value: Any) -> str:
 def _unknown(wanted: str, chosen: list[str]) -> str:
     """What to say of a key that is not there: those of its block, the nearest first."""
     known = {_plain(key): key for name in chosen for key in _keys(name)}
-    if ends := [name for name in known if name.endswith(f".{wanted}")]:
-        return f"unknown key; keys of that name are {', '.join(ends)}"
+    ends = [name for name in known if name.endswith(f".{wanted}")]
+    others = [name for name in known if wanted in name.rpartition(".")[2] and name not in ends]
+    told = [f"keys of that name are {', '.join(ends)}"] * bool(ends)
+    told += [f"{'others' if ends else 'keys'} with that word are {few_of(others)}"] * bool(others)
+    if told:
+        return f"unknown key; {'; '.join(told)}"
     block = wanted.rpartition(".")[0]
     while block and block not in known:
         block = block.rpartition(".")[0]

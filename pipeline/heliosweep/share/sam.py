@@ -25,12 +25,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.faults import few_of
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study
@@ -218,7 +220,7 @@ def _over_directions(
     others = [str(dim) for dim in table.dims if dim not in (_AZIMUTH, _ELEVATION, *inner)]
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
     if others:
-        known = "; ".join(f"{dim}: {', '.join(map(str, table[dim].to_numpy()[:10]))}" for dim in others)
+        known = "; ".join(f"{dim}: {few_of(table[dim].to_numpy())}" for dim in others)
         remedy = f"--select {others[0]}=... on the command line"
         raise StudyError(Problem(f"choose one value of {' and '.join(others)}, as by {remedy} ({known})", "select"))
     if tied:
@@ -346,12 +348,18 @@ def label(table: xr.DataArray | xr.Dataset, name: Hashable, value: Any) -> Any:
     if name not in table.dims:
         dims = ", ".join(map(str, table.dims))
         raise StudyError(Problem(f"is no dimension of the result; it has {dims}", f"select.{name}"))
-    labels = table[name].to_numpy().tolist()
+    values = table[name].to_numpy()
+    labels: list[Any] = values.tolist()
+    if values.dtype.kind == "M":
+        labels = np.datetime_as_string(values, unit="auto").tolist()
+        with suppress(ValueError):
+            for one in values[values == np.datetime64(value)]:
+                return one
     names = table["name"].to_numpy().tolist() if name == "heliostat" and "name" in table.coords else []
     if names and isinstance(value, str):
         named = [number for number, own in zip(labels, names, strict=True) if str(own) == value]
         if len(named) > 1:
-            message = f"is the name of {len(named)} heliostats; choose a number of {named[:10]} (got {value})"
+            message = f"is the name of {len(named)} heliostats; choose a number: {few_of(named)} (got {value})"
             raise StudyError(Problem(message, "select.heliostat"))
         if named:
             return named[0]
@@ -363,6 +371,5 @@ def label(table: xr.DataArray | xr.Dataset, name: Hashable, value: Any) -> Any:
                 return one
         except (TypeError, ValueError):
             continue
-    known = names or labels
-    shown = ", ".join(map(str, known[:10])) + (", ..." if len(known) > 10 else "")
-    raise StudyError(Problem(f"is not in the result; choose from {shown} (got {value})", f"select.{name}"))
+    message = f"is not in the result; choose from {few_of(names or labels)} (got {value})"
+    raise StudyError(Problem(message, f"select.{name}"))

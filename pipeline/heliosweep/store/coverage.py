@@ -36,7 +36,7 @@ def summary(about: str, study: Study) -> str:
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)
     elif isinstance(time, WeatherTime):
-        period = f"months of the weather file: {months(time)}"
+        period = f"{'all months' if time.months is None else f'months {months(time)}'} of the weather file"
     else:
         return said
     return f"{said.rstrip('.')}. Period: {period}."

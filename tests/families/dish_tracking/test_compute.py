@@ -360,6 +360,7 @@ def test_a_tilted_mount_leans_as_its_opposite():
             {"statistics": {"required_factor": 0.5}, "zip": [["errors.axis_tilt", "tolerance"]], "tolerance": [3, 4]},
             "cannot be solved for",
         ),
+        ({"time": {"dates": "2021-06-21"}}, r"time\.clock: is missing: 'civil'"),
     ],
 )
 def test_bad_input_is_said(blocks, message):

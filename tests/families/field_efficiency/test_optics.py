@@ -100,6 +100,10 @@ def test_air_of_a_site(lit):
         ({"receiver": {"kind": "cylinder", "height": 60, "radius": 3}}, "receiver: 'height_extent' is missing"),
         ({"receiver": {**RECEIVER, "width": 3}}, "receiver.width: is not for a receiver of kind cylinder"),
         ({"receiver": {**RECEIVER, "radius": 70}}, "receiver.radius: must be less than the distance of the mirrors"),
+        (
+            {"heliostat": {"width": 9, "height": 8, "pivot_height": 5, "focus": "slnt"}},
+            "heliostat.focus: must be a length in m, or 'flat' or 'slant'",
+        ),
         ({"optics": None}, "receiver.kind: is used with 'optics' only"),
         ({"optics": {**OPTICS, "reflectivity": 1.2}}, "optics.reflectivity: must be between 0 and 1"),
         ({"optics": {"sun_shape": {"kind": "pillbox"}}}, "optics: give 'slope_error'"),

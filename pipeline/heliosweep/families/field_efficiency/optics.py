@@ -12,7 +12,7 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Heliostat as HeliostatBlock
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import Distribution
-from heliosweep.config.faults import Fault
+from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.sweep import Listed, Sweep, ends, read_items
 from heliosweep.config.values import MAX_SEED, Choice, FileName, Numbers, Quantity, list_schema
 from heliosweep.families.misalignment.blocks import ERRORS, NOT_DRAWN, MountAngles
@@ -57,7 +57,11 @@ class Focus(Quantity):
         several = raw.items if isinstance(raw, Listed) else raw
         if isinstance(several, list | tuple) and several and all(each in self.words for each in several):
             return Listed(read_items(several, lambda word: word))
-        return raw if isinstance(raw, str) and raw in self.words else super().read(raw)
+        if isinstance(raw, str) and raw.isalpha():
+            if raw not in self.words:
+                raise Invalid(f"must be a length in m, or {one_of(self.words)}")
+            return raw
+        return super().read(raw)
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of a word or a number."""
