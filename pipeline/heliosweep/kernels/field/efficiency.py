@@ -347,12 +347,11 @@ def _write(result, packet, t, sums, series, part):
     if part.shape[0] > 0:
         for k in range(count):
             result[4 * ROW + k] = result[3 * ROW + k] * part[t, packet[k]]
-    for c in range(sums.shape[1]):
-        if sums.shape[0] > 0:
-            sums[t, c] += _sum(result, c * ROW, count)
-        if series.shape[2] > 0:
-            for k in range(count):
-                series[c, packet[k], t] = result[c * ROW + k]
+    if sums.shape[0] > 0:
+        _add(result, count, t, sums)
+    for c in range(4 if series.shape[2] > 0 else 0):
+        for k in range(count):
+            series[c, packet[k], t] = result[c * ROW + k]
 
 
 @inner
@@ -374,25 +373,37 @@ def _weigh(result, packet, t, part, weighted):
 
 
 @inner
-def _sum(row, start, count):
-    """Sum of a row, in a fixed order: eight sums side by side, which the lanes behind the packet hold, and the rest."""
-    start, whole, sums = max(start, 0), count // 8 * 8, max(start, 0) + PACKET
+def _add(result, count, t, sums):
+    """Add the sums of rows, in a fixed order: eight sums side by side, in the lanes behind the packet, and the rest."""
     if count == PACKET:  # in the form that becomes vector code
-        for k in range(count // 8):
-            m = start + k
-            half = ((row[m] + row[m + 8]) + row[m + 16]) + row[m + 24]
-            row[sums + k] = (((half + row[m + 32]) + row[m + 40]) + row[m + 48]) + row[m + 56]
-    else:
-        for k in range(8):
-            row[sums + k] = 0.0
-        for k in range(whole):
-            row[sums + k % 8] += row[start + k]
-    a, b, c, d = row[sums], row[sums + 1], row[sums + 2], row[sums + 3]
-    e, f, g, h = row[sums + 4], row[sums + 5], row[sums + 6], row[sums + 7]
-    total = ((a + b) + (c + d)) + ((e + f) + (g + h))
-    for k in range(start + whole, start + count):
-        total += row[k]
-    return total
+        for k in range(GROUP):
+            result[PACKET + k] = _side(result, k)
+            result[ROW + PACKET + k] = _side(result, ROW + k)
+            result[2 * ROW + PACKET + k] = _side(result, 2 * ROW + k)
+            result[3 * ROW + PACKET + k] = _side(result, 3 * ROW + k)
+            result[4 * ROW + PACKET + k] = _side(result, 4 * ROW + k)
+    whole = count // GROUP * GROUP
+    for c in range(sums.shape[1]):
+        row = c * ROW
+        if count < PACKET:
+            for k in range(GROUP):
+                result[row + PACKET + k] = 0.0
+            for k in range(whole):
+                result[row + PACKET + k % GROUP] += result[row + k]
+        m = row + PACKET
+        total = ((result[m] + result[m + 1]) + (result[m + 2] + result[m + 3])) + (
+            (result[m + 4] + result[m + 5]) + (result[m + 6] + result[m + 7])
+        )
+        for k in range(row + whole, row + count):
+            total += result[k]
+        sums[t, c] += total
+
+
+@inline
+def _side(row, m):
+    """One of the eight sums of a full row."""
+    half = ((row[m] + row[m + 8]) + row[m + 16]) + row[m + 24]
+    return (((half + row[m + 32]) + row[m + 40]) + row[m + 48]) + row[m + 56]
 
 
 def field_sums(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.polygons import CORNERS, edge_term, larger, slopes, square_area
+from heliosweep.kernels.field.polygons import CORNERS, edge_terms, larger, slopes, square_area
 from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 AXES_ROWS = 6
@@ -192,11 +192,12 @@ def _areas(images, o, some, lanes):
         ax, ay = images[o + 2 * ROW + k], images[o + 3 * ROW + k]
         bx, by = images[o + 4 * ROW + k], images[o + 5 * ROW + k]
         (a_rise, a_run), (b_rise, b_run) = slopes(ax, ay), slopes(bx, by)
-        x0, y0, x1, y1 = cx - ax - bx, cy - ay - by, cx + ax - bx, cy + ay - by
-        x2, y2, x3, y3 = cx + ax + bx, cy + ay + by, cx - ax + bx, cy - ay + by
-        total = (edge_term(x0, y0, x1, y1, a_rise, a_run) + edge_term(x2, y2, x3, y3, a_rise, a_run)) + (
-            edge_term(x1, y1, x2, y2, b_rise, b_run) + edge_term(x3, y3, x0, y0, b_rise, b_run)
-        )
+        px = cx - ax - bx, cx + ax - bx, cx + ax + bx, cx - ax + bx
+        py = cy - ay - by, cy + ay - by, cy + ay + by, cy - ay + by
+        qx, qy = (px[1], px[2], px[3], px[0]), (py[1], py[2], py[3], py[0])
+        rise, run = (a_rise, b_rise, a_rise, b_rise), (a_run, b_run, a_run, b_run)
+        first, second, third, fourth = edge_terms(px, py, qx, qy, rise, run)
+        total = (first + third) + (second + fourth)
         area = abs(total) if some >> k & 1 == 1 else 0.0
         images[o + AREA + k] = area
         found |= np.int64(area > 0.0) << k

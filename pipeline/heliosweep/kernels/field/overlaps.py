@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner
-from heliosweep.kernels.field.polygons import edge_term, larger, slope, slopes, smaller, unit
+from heliosweep.kernels.field.polygons import along, edge_terms, larger, slope, slopes, smaller, unit
 from heliosweep.kernels.vectors import ROW
 
 Floats = NDArray[np.float64]
@@ -47,24 +47,35 @@ def shared_by_two(images: Floats, one: int, other: int, shared: Floats, lanes: i
         (x_rise, x_run), (y_rise, y_run) = slopes(e, h), slopes(f, i)
         inverse_a, inverse_b = 1.0 / (ax * ay), 1.0 / (bx * by)
         rx, ry, sx, sy = ay * inverse_a, ax * inverse_a, by * inverse_b, bx * inverse_b
-        low, high, e0, w0, n0, s0 = _within(cx - bx, cy - by, ax, ay, rx, ry)
-        total = _part(mx - vx, my - vy, ux, uy, low, high, u_rise, u_run)
-        low, high, e1, w1, n1, s1 = _within(cx + bx, cy + by, ax, ay, rx, ry)
-        total -= _part(mx + vx, my + vy, ux, uy, low, high, u_rise, u_run)
-        low, high, e2, w2, n2, s2 = _within(cx + ax, cy + ay, bx, by, sx, sy)
-        total += _part(mx + ux, my + uy, vx, vy, low, high, v_rise, v_run)
-        low, high, e3, w3, n3, s3 = _within(cx - ax, cy - ay, bx, by, sx, sy)
-        total -= _part(mx - ux, my - uy, vx, vy, low, high, v_rise, v_run)
+        px, py = (cx - bx, cx + bx, cx + ax, cx - ax), (cy - by, cy + by, cy + ay, cy - ay)
+        low, high, east, west, north, south = _within(
+            px, py, (ax, ax, bx, bx), (ay, ay, by, by), (rx, rx, sx, sx), (ry, ry, sy, sy)
+        )
+        first, second, third, fourth = _parts(
+            (mx - vx, mx + vx, mx + ux, mx - ux),
+            (my - vy, my + vy, my + uy, my - uy),
+            (ux, ux, vx, vx),
+            (uy, uy, vy, vy),
+            low,
+            high,
+            (u_rise, u_rise, v_rise, v_rise),
+            (u_run, u_run, v_run, v_run),
+        )
+        total = first - second + third - fourth
         area = ax * by - ay * bx
         total = total if area > 0.0 else -total
-        low, high = _between(e0, e1, e2, e3)
-        total += _part(g + e, j + h, f, i, low, high, y_rise, y_run)
-        low, high = _between(w0, w1, w2, w3)
-        total -= _part(g - e, j - h, f, i, low, high, y_rise, y_run)
-        low, high = _between(n0, n1, n2, n3)
-        total -= _part(g + f, j + i, e, h, low, high, x_rise, x_run)
-        low, high = _between(s0, s1, s2, s3)
-        total += _part(g - f, j - i, e, h, low, high, x_rise, x_run)
+        low, high = _sides(east, west, north, south)
+        first, second, third, fourth = _parts(
+            (g + e, g - e, g + f, g - f),
+            (j + h, j - h, j + i, j - i),
+            (f, f, e, e),
+            (i, i, h, h),
+            low,
+            high,
+            (y_rise, y_rise, x_rise, x_rise),
+            (y_run, y_run, x_run, x_run),
+        )
+        total = total + first - second - third + fourth
         shared[k] = abs(total * turn)
         near = _tied(cx, bx, ax) | _tied(cy, by, ay) | _tied(cx, ax, bx) | _tied(cy, ay, by) | (abs(area) < _THIN)
         tied |= np.int64(near) << k
@@ -79,24 +90,46 @@ def _turned(value):
 
 @inline
 def _within(px, py, dx, dy, r, s):
-    """Part of the edge p + t d within the square; y where it crosses x = 1 and x = -1, x where it crosses y = 1, -1."""
-    east, west, north, south = (1.0 - px) * r, (-1.0 - px) * r, (1.0 - py) * s, (-1.0 - py) * s
-    low = unit(larger(smaller(east, west), smaller(north, south)))
-    high = larger(smaller(smaller(larger(east, west), larger(north, south)), 1.0), low)
-    return low, high, py + east * dy, py + west * dy, px + north * dx, px + south * dx
+    """Parts of four edges p + t d within the square; y where each crosses x = 1, -1, x where it crosses y = 1, -1."""
+    east, west = _crossings(1.0, px, r), _crossings(-1.0, px, r)
+    north, south = _crossings(1.0, py, s), _crossings(-1.0, py, s)
+    low, high = _between(east, west, north, south)
+    return low, high, along(py, east, dy), along(py, west, dy), along(px, north, dx), along(px, south, dx)
+
+
+@inline
+def _crossings(side, p, r):
+    """Where four edges cross a side, by the inverse of d."""
+    return (side - p[0]) * r[0], (side - p[1]) * r[1], (side - p[2]) * r[2], (side - p[3]) * r[3]
 
 
 @inline
 def _between(a, b, c, d):
-    """Part of a side of the square between two crossings and between two others."""
+    """Parts, from -1 to 1, of four lines between two crossings, a and b, and between two others, c and d."""
+    (low0, high0), (low1, high1) = _ends(a[0], b[0], c[0], d[0]), _ends(a[1], b[1], c[1], d[1])
+    (low2, high2), (low3, high3) = _ends(a[2], b[2], c[2], d[2]), _ends(a[3], b[3], c[3], d[3])
+    return (low0, low1, low2, low3), (high0, high1, high2, high3)
+
+
+@inline
+def _ends(a, b, c, d):
+    """The same of one."""
     low = unit(larger(smaller(a, b), smaller(c, d)))
     return low, larger(smaller(smaller(larger(a, b), larger(c, d)), 1.0), low)
 
 
 @inline
-def _part(px, py, dx, dy, low, high, rise, run):
-    """Green's term of a part of the line p + t d."""
-    return edge_term(px + low * dx, py + low * dy, px + high * dx, py + high * dy, rise, run)
+def _sides(east, west, north, south):
+    """Parts of the square's sides between what the four edges of an image cross."""
+    a, b = (east[0], west[0], north[0], south[0]), (east[1], west[1], north[1], south[1])
+    c, d = (east[2], west[2], north[2], south[2]), (east[3], west[3], north[3], south[3])
+    return _between(a, b, c, d)
+
+
+@inline
+def _parts(px, py, dx, dy, low, high, rise, run):
+    """Green's terms of parts of four lines p + t d."""
+    return edge_terms(along(px, low, dx), along(py, low, dy), along(px, high, dx), along(py, high, dy), rise, run)
 
 
 @inline
