@@ -59,8 +59,8 @@ def test_values_are_read_only_where_they_are_drawn(family, name, dim):
 
 #: Few points of each dimension: all the figures of many, sooner. And how many sets of variables are left out in turn.
 FEW = {
-    "simulated": (of_gazing.GALLERY, lambda: gazing.result(methods=["LM"], modules=1, pixel=0.6), 3),
-    "measured": (of_gazing.GALLERY, lambda: of_gazing.measured(methods=["LM"], modules=1, pixel=0.6), 3),
+    "simulated": (of_gazing.GALLERY, lambda: gazing.result(methods=["LM"], modules=1, pixel=0.4), 3),
+    "measured": (of_gazing.GALLERY, lambda: of_gazing.measured(methods=["LM"]), 3),
     "field": (of_gazing.GALLERY, lambda: gazing.field(count=9), 3),
     "curves": (
         of_misalignment.GALLERY,

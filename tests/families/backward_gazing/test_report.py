@@ -7,7 +7,6 @@ import pytest
 import xarray as xr
 
 from heliosweep.families.backward_gazing.figures import MOST_FIGURES, figures
-from heliosweep.families.backward_gazing.variables import MAPS, MEASURED, RAW, SIMULATED
 from heliosweep.report.comparison import Comparison, told
 from tests.families.backward_gazing import report_results as results
 from tests.families.gallery import Gallery, nothing
@@ -16,6 +15,7 @@ PROFILES = {"sun_profile": ["jose", "noisy"]}
 SUNS = {"sun_azimuth": [60.0, 0.0, 30.0]}
 NOISES = {"camera_noise": [0.001, 0.01, 0.1]}
 SEEDS = {"profile_seed": np.arange(5)}
+MAPS = {"maps": True}
 
 
 def published(dataset, end=""):
@@ -31,8 +31,8 @@ def shuffled(dataset):
 
 
 def measured(**others):
-    """Result of the mode `measured`."""
-    dataset = results.result(entries=MEASURED, maps=True, mode="measured", defects={}, **others)
+    """Result of the mode `measured`, of which some pixels are not lit."""
+    dataset = results.measured(**others)
     unlit = (dataset["y"] > 2) & (dataset["mask"] > 0)
     dataset["mask"] = xr.where(unlit, 2, dataset["mask"]).astype(np.int8)
     return dataset
@@ -40,30 +40,30 @@ def measured(**others):
 
 def zipped():
     """Azimuth and elevation of the sun tied together."""
-    dataset = results.result({**SUNS, **SEEDS})
+    dataset = results.result({**SUNS, **SEEDS}).drop_vars("sun_elevation")
     return dataset.assign_coords(sun_elevation=("sun_azimuth", [40.0, 50.0, 60.0]))
 
 
 CASES = {
-    "maps": lambda: results.result(PROFILES, maps=True),
-    "raw slopes": lambda: results.result(maps=True, entries={**SIMULATED, **MAPS, **RAW}),
-    "maps of seeds": lambda: results.result({**PROFILES, **SEEDS}, methods=["A", "LM"], maps=True),
-    "one module, one method": lambda: results.result(methods=["LM"], referentials=["none"], maps=True, modules=1),
+    "maps": lambda: results.result(PROFILES, output=MAPS),
+    "raw slopes": lambda: results.result(output={"maps": True, "raw_slopes": True}),
+    "maps of seeds": lambda: results.result({**PROFILES, **SEEDS}, methods=["A", "LM"], output=MAPS),
+    "one module, one method": lambda: results.result(methods=["LM"], referentials=["none"], output=MAPS, modules=1),
     "one method over suns": lambda: results.result(SUNS, methods=["A"], referentials=["exact"]),
     "table": lambda: published(results.result({**PROFILES, **SEEDS}), "_median"),
     "table of one profile": lambda: published(results.result()),
     "suns": lambda: results.result({**PROFILES, **SUNS}),
-    "suns, shuffled": lambda: shuffled(results.result({**SUNS, **SEEDS}, methods=["A"], modules=3, maps=True)),
+    "suns, shuffled": lambda: shuffled(results.result({**SUNS, **SEEDS}, methods=["A"], modules=3, output=MAPS)),
     "noises": lambda: results.result({**NOISES, "camera_seed": np.arange(3)}, methods=["A", "LM"]),
     "two numbers": lambda: results.result(
         {**NOISES, "camera_radius": [0.1, 0.2], "arrangement": ["square", "cross"]}, methods=["A", "LM"], modules=2
     ),
     "tied": zipped,
-    "many modules": lambda: results.result({**PROFILES, **SEEDS}, defects={}),
-    "bare": lambda: results.result(methods=["A", "LM"], modules=2, maps=True).drop_vars(
+    "many modules": lambda: results.result({**PROFILES, **SEEDS}, canting={}),
+    "bare": lambda: results.result(methods=["A", "LM"], modules=2, output=MAPS).drop_vars(
         ["module", "slope_method", "referential", "module_y", "camera"]
     ),
-    "nothing": lambda: nothing(results.result({**PROFILES, **SUNS, **SEEDS}, maps=True)),
+    "nothing": lambda: nothing(results.result({**PROFILES, **SUNS, **SEEDS}, output=MAPS)),
     "measured": measured,
     "measured by one method": lambda: measured(methods=["LM"], referentials=["exact"]),
     "measured, nothing": lambda: nothing(measured()),
@@ -74,13 +74,13 @@ CASES = {
 }
 #: Names of the figures of some cases.
 EXPECTED = {
-    "maps": "images slope_maps slope_errors quality errors canting sun_profile sun_disc effort",
-    "one module, one method": "images slope_maps slope_errors quality errors canting sun_profile sun_disc",
-    "raw slopes": "images slope_maps slope_errors quality errors canting sun_profile sun_disc raw_slopes effort",
+    "maps": "images slope_maps slope_errors errors canting sun_profile sun_disc effort",
+    "one module, one method": "images slope_maps slope_errors errors canting sun_profile sun_disc",
+    "raw slopes": "images slope_maps slope_errors errors canting sun_profile sun_disc raw_slopes effort",
     "table": "errors canting effort",
     "suns": "errors canting errors_over_sun_azimuth rms_errors_over_sun_azimuth sight_over_sun_azimuth effort",
     "many modules": "errors_jose errors_noisy canting effort",
-    "nothing": "quality",
+    "nothing": "",
     "measured": "images slope_maps slope_uncertainty residuals which_pixels_count quality canting sun_profile sun_disc",
     "measured, nothing": "which_pixels_count quality",
     "field": "accuracy_map usable_map accuracy_over_distance",
@@ -98,7 +98,7 @@ def bars_of(axes):
 
 def test_maps_of_two_numbers_and_curves_over_each():
     found = {named.name: named for named in figures(result_of("two numbers"))}
-    assert "accuracy_over_camera_noise_and_camera_radius" in found
+    assert "accuracy_over_camera_radius_and_camera_noise" in found
     titles = [axes.get_title() for axes in found["errors_over_camera_radius"].figure.axes]
     assert titles == [f"{shape}, {way}" for shape in ("square", "cross") for way in ("horizontal", "vertical")]
     assert found["errors_over_camera_noise"].figure.axes[0].get_xscale() == "log"
