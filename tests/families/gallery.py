@@ -49,8 +49,3 @@ def nothing(dataset: xr.Dataset) -> xr.Dataset:
     """The same without a value."""
     missing = {name: array * np.nan for name, array in dataset.data_vars.items() if array.dtype == float}
     return dataset.assign(missing).assign_attrs(dataset.attrs)
-
-
-def attributes(name: str, units: Mapping[str, str]) -> dict[str, Any]:
-    """Attributes of a coordinate."""
-    return {"long_name": name.replace("_", " "), **({"units": units[name]} if name in units else {})}

@@ -2,71 +2,52 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_rgba
 
-from heliosweep.families.dish_tracking import variables
-from heliosweep.families.dish_tracking.figures import MOST_FIGURES, figures
+from heliosweep import api
+from heliosweep.families.dish_tracking.figures import MOST_FIGURES, OFFSETS, figures
 from heliosweep.report.style import NO_VALUE
 from tests.families import gallery
+from tests.families.studies import computed
 
-UNITS = {
-    "latitude": "degrees_north",
-    "axis_tilt": "degree",
-    "axis_tilt_direction": "degree",
-    "home_azimuth_offset": "degree",
-    "home_elevation_offset": "degree",
-    "tolerance": "mrad",
-    "required_factor": "1",
-}
-PLACES = ("site", "latitude")
 DIRECTIONS = {"axis_tilt_direction": np.arange(0.0, 360, 30)}
 DAY = np.array(["2021-06-21"], dtype="datetime64[ns]")
 YEAR = np.arange("2021-01-01", "2022-01-01", 7, dtype="datetime64[D]").astype("datetime64[ns]")
 LATITUDES = {"latitude": np.arange(-60.0, 61, 10)}
 SITES = {"site": ["Dunhuang", "Naqu", "Kunming"]}
-attributes = partial(gallery.attributes, units=UNITS)
+#: Keys of swept dimensions and of numbers.
+KEYS = {
+    **{name: f"errors.{name}" for name in ("axis_tilt", "axis_tilt_direction", *OFFSETS)},
+    **{"latitude": "site.latitude", "model": "mount.model", "tolerance": "tolerance"},
+}
 
 
 def result(sweep=None, dates=DAY, required=(), **scalars):
-    """Data set with the variables of the family over any sweep; factors are random, the same every time."""
+    """Result of a study over any sweep."""
     sweep = dict(sweep or {})
-    rng = np.random.default_rng(1)
-    months = np.unique(dates.astype("datetime64[M]")).astype(str).astype(object)
-    axes = {**sweep, "date": dates, "month": months, "required_factor": required}
-    sizes = {name: len(values) for name, values in axes.items()}
-    places = [name for name in sweep if name in PLACES]
-    others = [name for name in sweep if name not in PLACES]
-
-    def filled(names, *dims):
-        shape = [sizes[dim] for dim in dims]
-        return {name: (dims, rng.uniform(0.3, 0.9, shape), attrs) for name, attrs in names.items()}
-
-    data = filled(variables.DAILY, *places, "date", *others)
-    if len(dates) > 1:
-        data |= filled(variables.ALL_DATES, *places, *others)
-        data |= filled(variables.MONTHLY, *places, "month", *others)
-        if "axis_tilt_direction" in sweep:
-            undirected = [dim for dim in others if dim != "axis_tilt_direction"]
-            data |= filled(variables.MONTHLY_DIRECTIONS, *places, "month", *undirected)
-        when = dates[rng.integers(0, len(dates), [sizes[dim] for dim in (*places, *others)])]
-        data |= {name: ((*places, *others), when, attrs) for name, attrs in variables.EXTREMES.items()}
+    study = {
+        "family": "dish_tracking",
+        "time": {
+            "clock": "civil",
+            "timezone": "+08:00",
+            "dates": dates.astype("datetime64[D]").astype(str).tolist(),
+            "window": {"start": "07:00", "stop": "21:00", "step": "1 h"},
+            "sampling": "left",
+        },
+        "mount": {"model": "rigid"},
+        "errors": {"axis_tilt": 0.1},
+        "tolerance": 4,
+    }
+    if sites := sweep.pop("site", ()):
+        study["sites"] = [{"name": name, "latitude": 40.13 - i / 4, "longitude": 94.67} for i, name in enumerate(sites)]
+    else:
+        study["site"] = {"latitude": 40.13, "longitude": 94.67}
     if len(required):
-        untilted = [dim for dim in others if dim != "axis_tilt"]
-        data |= filled(variables.TOLERABLE, *places, "required_factor", *untilted)
-    shown = [name for name in axes if sizes[name] and not (name == "month" and len(dates) == 1)]
-    labels = {name: (name, axes[name], attributes(name)) for name in shown}
-    labels |= {name: ((), value, attributes(name)) for name, value in scalars.items()}
-    return xr.Dataset(data, labels)
-
-
-def sited(*args, **others):
-    dataset = result(*args, **others)
-    return dataset.assign_coords(latitude=("site", [40.13, 31.29, 25.0], attributes("latitude")))
+        study["statistics"] = {"required_factor": list(required)}
+    return computed(api.load(study, {KEYS[name]: value for name, value in (sweep | scalars).items()}))
 
 
 def dark(dataset):
@@ -86,7 +67,7 @@ def perfect(dataset):
     return dataset.assign({name: array * 0 + 1 for name, array in dataset.data_vars.items() if array.dtype == float})
 
 
-OFFSETS = np.linspace(-1, 1, 9)
+STEPS = np.linspace(-1, 1, 9)
 CASES = {
     "no sweep": lambda: result(axis_tilt=0.1, model="rigid"),
     "no sweep over a year": lambda: result(dates=YEAR, axis_tilt=0.1, axis_tilt_direction=0.0),
@@ -94,20 +75,20 @@ CASES = {
     "directions": lambda: result(DIRECTIONS, axis_tilt=0.1),
     "two directions": lambda: result({"axis_tilt_direction": [-90.0, 90.0]}, dates=YEAR),
     "one direction": lambda: result({"axis_tilt_direction": [30.0]}, dates=YEAR, required=[0.5]),
-    "sites": lambda: sited({**SITES, **DIRECTIONS}),
-    "sites alone": lambda: sited(SITES),
-    "sites and tilts over a year": lambda: sited(
+    "sites": lambda: result({**SITES, **DIRECTIONS}),
+    "sites alone": lambda: result(SITES),
+    "sites and tilts over a year": lambda: result(
         {**SITES, "axis_tilt": [0.05, 0.1], **DIRECTIONS}, dates=YEAR, required=[0.5, 0.9]
     ),
     "many sites": lambda: result({"site": [f"Place number {i}" for i in range(300)], **DIRECTIONS}),
     "latitudes": lambda: result({**LATITUDES, "axis_tilt": [0.1, 0.2], **DIRECTIONS}, dates=YEAR, required=[0.5, 0.9]),
     "tilts alone": lambda: result({"axis_tilt": np.linspace(0, 0.3, 12)}, dates=YEAR),
     "offsets": lambda: result(
-        {**DIRECTIONS, "home_azimuth_offset": OFFSETS, "home_elevation_offset": OFFSETS}, axis_tilt=0.1
+        {**DIRECTIONS, "home_azimuth_offset": STEPS, "home_elevation_offset": STEPS}, axis_tilt=0.1
     ),
-    "offset over a year": lambda: result({"home_azimuth_offset": OFFSETS}, dates=YEAR),
+    "offset over a year": lambda: result({"home_azimuth_offset": STEPS}, dates=YEAR),
     "models": lambda: result({"model": ["rigid", "untilted_home_axes"], **LATITUDES, **DIRECTIONS}, dates=YEAR),
-    "everything": lambda: sited(
+    "everything": lambda: result(
         {
             **SITES,
             "axis_tilt": [0.1, 0.2],
@@ -119,10 +100,10 @@ CASES = {
         required=[0.5],
     ),
     "nights": lambda: dark(result({**LATITUDES, **DIRECTIONS}, dates=YEAR, required=[0.5])),
-    "nights at sites": lambda: dark(sited({**SITES, **DIRECTIONS, "home_azimuth_offset": OFFSETS}, dates=YEAR)),
+    "nights at sites": lambda: dark(result({**SITES, **DIRECTIONS, "home_azimuth_offset": STEPS}, dates=YEAR)),
     "two dates": lambda: result(DIRECTIONS, dates=YEAR[:2]),
     "zip": lambda: result({"axis_tilt": [0.1, 0.2]}).assign_coords(
-        axis_tilt_direction=("axis_tilt", [0.0, 90.0], attributes("axis_tilt_direction"))
+        axis_tilt_direction=("axis_tilt", [0.0, 90.0], {"long_name": "direction", "units": "degree"})
     ),
     "no coordinate": lambda: result({"site": ["a", "b"], **DIRECTIONS}, dates=YEAR).drop_vars("site"),
     "one direction and two sites": lambda: result({"site": ["a", "b"], "axis_tilt_direction": [30.0]}),
@@ -161,7 +142,7 @@ def test_offsets_are_drawn_with_the_other_one_at_zero():
 
 def test_course_of_a_day_stands_on_the_clock():
     hours = np.array([-1.0, 6.0, 12.0, 18.0, 25.0])
-    dataset = sited({**SITES, **DIRECTIONS}).assign_coords(
+    dataset = result({**SITES, **DIRECTIONS}).assign_coords(
         time=DAY[0] + ((hours - 8.0) * 3600e9).astype("timedelta64[ns]"), timezone=("site", ["+08:00"] * 3)
     )
     errors = np.arange(3 * 12 * 5.0).reshape(3, 12, 5)
@@ -189,7 +170,7 @@ def test_lines_are_the_factor_of_the_only_date_or_the_mean_over_the_dates():
 
 
 def test_bars_of_sites_are_mean_and_sample_deviation_over_the_directions():
-    dataset = sited({**SITES, **DIRECTIONS})
+    dataset = result({**SITES, **DIRECTIONS})
     (axes,) = one(dataset, "directions_over_site").figure.axes
     (bars,) = axes.containers
     factor = dataset["effective_tracking_factor"].isel(date=0).to_numpy()
@@ -219,7 +200,7 @@ def test_months_have_the_deviation_as_band():
 
 
 def test_extremes_stand_above_their_dates():
-    dataset = sited({**SITES, **DIRECTIONS}, dates=YEAR)
+    dataset = result({**SITES, **DIRECTIONS}, dates=YEAR)
     figure = one(dataset, "extremes").figure
     values, dates = figure.axes[:3], figure.axes[3:]
     for place in range(3):
@@ -242,7 +223,7 @@ def test_map_shows_latitudes_upwards_and_nights_grey():
 
 @pytest.mark.usefixtures("unplaced")
 def test_largest_error_is_that_of_all_dates_with_a_factor():
-    dataset = dark(sited({**SITES, "home_azimuth_offset": OFFSETS}, dates=YEAR))
+    dataset = dark(result({**SITES, "home_azimuth_offset": STEPS}, dates=YEAR))
     mean, largest = one(dataset, "tracking_errors").figure.axes
     for axes, name, reduce in ((mean, "mean_tracking_error", np.nanmean), (largest, "max_tracking_error", np.nanmax)):
         np.testing.assert_allclose(axes.get_lines()[0].get_ydata(), reduce(dataset[name][0], axis=0))
@@ -258,6 +239,6 @@ def test_captions_say_where_the_rest_stands():
         home_azimuth_offset=0.0,
     )
     caption = one(dataset, "factor_over_year").caption
-    assert "Fixed: axis tilt 0.1\N{DEGREE SIGN} (one of 3), model rigid, tolerance 4 mrad." in caption
+    assert "Fixed: tilt of the azimuth axis 0.1\N{DEGREE SIGN} (one of 3), model rigid, tolerance 4 mrad." in caption
     assert "Shown are 4 of 12 values of direction of the tilt and 6 of 13 values of latitude." in caption
     assert "offset" not in caption
