@@ -18,15 +18,10 @@ from heliosweep import api
 from heliosweep.report.comparison import compare, read_published
 from tests.conftest import STUDIES
 
-PUBLISHED_FILE = STUDIES / "published" / "defieux2020_table1.csv"
-TABLE = read_published(PUBLISHED_FILE)
-NUMBERS = [f"Table 1: {method} {profile}" for method in ("A", "O1", "O2") for profile in ("clean", "noisy")]
-PUBLISHED = {
-    (one.where["slope_method"], one.where["sun_profile"], int(one.where["module"]), one.quantity[15]): one.published
-    for one in TABLE.values
-    if one.claim in NUMBERS
-}
+TABLE = read_published(STUDIES / "published" / "defieux2020_table1.csv")
 PAPER = ("A", "O1", "O2")
+NUMBERS = [f"Table 1: {method} {profile}" for method in PAPER for profile in ("clean", "noisy")]
+PUBLISHED = [one for one in TABLE.values if one.claim in NUMBERS]
 
 
 def result_of(name: str, **blocks: Any) -> Any:
@@ -66,10 +61,6 @@ def test_clean_a_and_o1_miss_the_rotation_of_the_field(table):
     clean = table[0, 0]
     assert clean[:2, :, 0] == pytest.approx(np.full((2, 2), 14.75), abs=0.3)
     assert clean[:2, :, 1] == pytest.approx(np.full((2, 2), 1.95), abs=0.25)
-    for number, method in enumerate(("A", "O1")):
-        for place, module in enumerate((2, 3)):
-            for axis, letter in enumerate("xy"):
-                assert clean[number, place, axis] == pytest.approx(PUBLISHED[method, "jose", module, letter], abs=1.3)
 
 
 def test_clean_o2_and_lm_are_exact(table):
@@ -112,18 +103,13 @@ def test_noisy_lm_is_better_than_o2(table):
 
 
 def test_published_values_lie_within_the_spread_of_the_seeds(table):
-    """All 12 noisy values within all seeds, 11 within 5 to 95 %: O1's 10.1 % on Y of module 2 is at the 97th."""
-    within, outside = 0, []
-    for (method, profile, module, letter), value in PUBLISHED.items():
-        if profile != "noisy":
-            continue
-        errors = table[1, :, PAPER.index(method), module - 2, "xy".index(letter)]
-        assert errors.min() <= value <= errors.max(), (method, module, letter)
-        low, high = np.quantile(errors, (0.05, 0.95))
-        within += low <= value <= high
-        outside += [] if low <= value <= high else [(method, module, letter)]
-    assert within == 11
-    assert outside == [("O1", 2, "y")]
+    """All 12 noisy values within all seeds; the table of claims asks whether within 5 to 95 %."""
+    noisy = [one for one in PUBLISHED if one.where["sun_profile"] == "noisy"]
+    assert len(noisy) == 12
+    for one in noisy:
+        method, module = PAPER.index(one.where["slope_method"]), int(one.where["module"]) - 2
+        errors = table[1, :, method, module, "xy".index(one.quantity[15])]
+        assert errors.min() <= one.published <= errors.max(), one
 
 
 def test_under_4_5_percent_is_a_matter_of_luck(table):
@@ -183,18 +169,7 @@ def test_a_field_is_measured_far_from_the_tower_and_under_a_sun_behind_it():
 
 def test_claims(result):
     """Every verdict and number is the one that the table states, also where the paper's claim does not hold here."""
-    compared = compare(result, TABLE)
-    assert compared.surprises == []
-    verdicts: dict[str, set[str]] = {one.claim: set() for one in compared.values}
-    for one in compared.values:
-        verdicts[one.claim].add(one.verdict)
-    assert verdicts["Abstract: slopes within 0.05 mrad RMS, single pixels"] == {"does not agree"}
-    assert verdicts["Conclusion: noisy, O2 is off by less than 4.5 %"] == {"does not agree"}
-    assert verdicts["Results: O2 is more accurate than O1"] == {"agrees"}
-    numbers = [one for one in compared.values if one.claim in NUMBERS]
-    assert sum(one.agrees for one in numbers) == 16
-    between = [one for one in compared.values if "seeds" in one.claim]
-    assert [(one.where["slope_method"], one.text) for one in between if not one.agrees] == [("O1", ">= 10.1")]
+    assert compare(result, TABLE).surprises == []
 
 
 def test_no_error_at_all_is_not_what_was_published(result):
