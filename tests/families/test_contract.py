@@ -158,3 +158,12 @@ def test_labels_of_an_example_can_be_selected(example):
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_labels_of_a_shipped_study_can_be_selected(path):
     check_names(api.load(path))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_resolved_study_is_the_same(path, tmp_path):
+    study, file = api.load(path), tmp_path / "study.resolved.yaml"
+    file.write_text(study.to_yaml(tmp_path), encoding="utf-8")
+    again = api.load(file)
+    assert again.study_id == study.study_id
+    assert again.to_yaml(tmp_path) == study.to_yaml(tmp_path)

@@ -85,24 +85,6 @@ def test_keys_of_canting_are_numbers_in_the_file():
     assert study(defects={"canting": {"2": ["1 mrad", "0.1 deg"]}}).defects.canting["2"][1] == pytest.approx(1.74532925)
 
 
-def test_resolved_study_loads_to_the_same_study(tmp_path):
-    modules = [{"centre": [-1, 0], "size": [1.9, 1.9]}, {"centre": [1, 0], "size": [1.9, 1.9]}]
-    one = study(
-        heliostat={"distance": [60, 120], "modules": modules, "pixel": 0.2},
-        defects={"canting": {"2": [0, -1]}},
-        method="LM",
-        sun_profile=["jose", "noisy"],
-        profile_noise={"seed": {"start": 0, "stop": 3, "step": 1}},
-        output={"maps": True},
-    )
-    path = tmp_path / "again.yaml"
-    path.write_text(one.to_yaml(), encoding="utf-8")
-    again: Any = api.load(path)
-    assert again == one
-    assert again.study_id == one.study_id
-    assert again.method == ("LM",)
-
-
 def test_schema_knows_units_and_the_modules():
     schema = json_schema(BackwardGazingStudy)
     jsonschema.Draft202012Validator.check_schema(schema)

@@ -136,29 +136,6 @@ def test_a_swept_offset_is_an_error_only_where_all_of_it_is_too_large():
         study(mount={"mirror_offset": {"start": 300, "stop": 400, "num": 3}})
 
 
-def test_a_resolved_study_is_the_same_study(tmp_path):
-    for one in (
-        study(detectors={"lines": [[1, 0, "60 cm"]]}),
-        study(time=None, sun={"azimuth": [101, 260], "elevation": [50, 48]}, zip=[["sun.azimuth", "sun.elevation"]]),
-        study(
-            mode="mount_errors",
-            error=None,
-            mount_errors={"azimuth_reference": {"normal": [0, "0.1 deg"]}, "scale": [0, 1], "samples": 9, "seed": 3},
-            statistics={"percentiles": [5, 95]},
-        ),
-        study(
-            mode="calibration",
-            error=None,
-            mount_errors={"azimuth_reference": 1},
-            calibration={"parameters": [2, 4], "loss": ["squared", "huber"]},
-        ),
-    ):
-        path = tmp_path / "resolved.yaml"
-        path.write_text(one.to_yaml(), encoding="utf-8")
-        assert api.load(path) == one
-        assert api.load(path).study_id == one.study_id
-
-
 def test_the_schema_takes_what_the_model_takes():
     validator = jsonschema.Draft202012Validator(json_schema(MisalignmentStudy))
     validator.validate(SMALL)
