@@ -5,7 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.layouts import read_csv
+
 DATA = Path(__file__).parents[2] / "data"
+FIELD = Path(__file__).parents[3] / "studies/layouts/chong2012.csv"
 TARGET = 95.0
 
 Floats = NDArray[np.float64]
@@ -15,9 +18,9 @@ Field = tuple[Floats, Floats, Floats, Floats, Floats, float]
 
 def chong2012(side: float = 11.0) -> Field:
     """The field of Chong and Tan 2012."""
-    table = np.genfromtxt(DATA / "chong2012_layout.csv", delimiter=",", names=True)
-    half = np.full(len(table), side / 2.0)
-    return table["x_east"].copy(), table["y_north"].copy(), table["z"].copy(), half, half, TARGET
+    layout = read_csv(FIELD)
+    half = np.full(len(layout), side / 2.0)
+    return layout.x.copy(), layout.y.copy(), layout.z + 7.0, half, half, TARGET
 
 
 def scattered(rng: np.random.Generator, count: int, spacing: float, uneven: bool = True) -> Field:
