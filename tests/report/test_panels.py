@@ -7,12 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from heliosweep.report.labels import TICK_LETTERS, folded
-from heliosweep.report.layout import fit
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.style import image
 from tests.report.synthetic import is_inside
@@ -117,18 +113,3 @@ def test_long_names_stand_whole_in_a_legend():
     figure = curve_figure([Panel("efficiency (%)", {name: number * line for number, name in enumerate(names)})], "tilt")
     assert [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()] == names
     assert is_inside(figure)
-
-
-def test_other_figures_are_measured_as_ever_while_one_is_laid_out(monkeypatch):
-    figure, measured, found = Figure(layout="constrained"), Axes.get_tightbbox, list[bool]()
-    figure.subplots()
-    execute = ConstrainedLayoutEngine.execute
-
-    def seen(engine, one):
-        found.append(Axes.get_tightbbox is measured)
-        execute(engine, one)
-
-    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", seen)
-    fit(figure, 0.6)
-    assert found
-    assert all(found)

@@ -1,12 +1,10 @@
-"""Sheets of panels: as wide as a page, as high as the panels need, placed by matplotlib's constrained layout."""
+"""Sheets of panels: as wide as a page, as high as the panels need with what stands around them."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
-from typing import Any, Literal
-from unittest import mock
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -27,6 +25,12 @@ from heliosweep.report.style import PlainPowers
 #: Width of a figure over both columns of a journal page, of one with a single panel, and its largest height. [inch]
 PAGE_WIDTH, SINGLE_WIDTH, MOST_HEIGHT = 7.2, 4.8, 9.6
 
+#: Room beside what stands around panels, between it and a colour bar, and height of a bar. [inch]
+_GAP, _ABOVE_BAR, _BAR = 0.05, 0.14, 0.09
+
+#: Left, right, below and above panels, before that is measured. [inch]
+_GUESS = (0.5, 0.1, 0.4, 0.3)
+
 
 def abreast(count: int, most: int) -> int:
     """Columns in which so many panels stand in rows that are as even as can be."""
@@ -42,11 +46,13 @@ def sheet(
     """
     rows = -(-count // columns)
     width = PAGE_WIDTH if wide or columns > 1 else SINGLE_WIDTH
-    figure = Figure(figsize=(width, MOST_HEIGHT), layout="constrained")
+    figure = Figure(figsize=(width, MOST_HEIGHT))
     FigureCanvasAgg(figure)
     grid = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False).ravel()
     for axes in grid[count:]:
         axes.remove()
+    for axes in grid[:count]:
+        axes.spines[:].set_in_layout(False)  # they reach no further than ticks, and to measure them takes a quarter
     return figure, list(grid[:count])
 
 
@@ -61,30 +67,31 @@ def label_outside(axes: Sequence[Axes], columns: int, x: str, y: Sequence[str], 
         one.set(xlabel=x if bottom else "", ylabel=label if left else "")
 
 
-def legend(figure: Figure, entries: Mapping[str, Artist], title: str = "", loc: str = "upper center") -> None:
-    """Write a legend outside of all axes, in as few rows as fit."""
-    place: Any = f"outside {loc}"
+def legend(
+    figure: Figure,
+    entries: Mapping[str, Artist],
+    title: str = "",
+    loc: Literal["upper center", "lower center"] = "upper center",
+) -> None:
+    """Write a legend above or below all axes, in as few rows as fit."""
     names = [textwrap.fill(name, LEGEND_LETTERS) for name in entries]
     for rows in range(1, len(entries) + 1):
         columns = -(-len(entries) // rows)
-        written = figure.legend(list(entries.values()), names, loc=place, ncols=columns, title=title or None)
+        written = figure.legend(list(entries.values()), names, loc=loc, ncols=columns, title=title or None)
         if rows == len(entries) or written.get_window_extent().width <= 0.98 * figure.bbox.width:
             return
         written.remove()
 
 
 def colour_bar(figure: Figure, mappable: ScalarMappable, axes: Sequence[Axes], label: str, extend: str) -> Colorbar:
-    """Draw the colour bar of some axes below them."""
+    """Draw the colour bar of one of the axes, or of all of them, below: `fit` places it."""
     alone = len(axes) == 1
     bar = figure.colorbar(
         mappable,
-        ax=list(axes),
-        location="bottom",
+        cax=figure.add_axes((0.1, 0.1, 0.85 if alone else 0.6, 0.1)),
+        orientation="horizontal",
         label=label,
         extend=extend,
-        shrink=0.85 if alone else 0.6,
-        pad=0.03,
-        aspect=30 if alone else 45,
         ticks=MaxNLocator(5 if alone else 7, steps=[*ROUND, 10]),
     )
     bar.outline.set_linewidth(0.5)
@@ -122,49 +129,59 @@ def fit(figure: Figure, box: float) -> Figure:
 
     `box` is height over width of the axes.
     """
-    places = [(axes, axes.get_subplotspec()) for axes in figure.axes]
-    rows, columns = next(place.get_gridspec().get_geometry() for _, place in places if place)
-    panels = [axes for axes, place in places if place]
-    for _ in range(3):  # broken labels make axes narrower
-        _place(figure)
-        sides = [(axes, axes.get_window_extent().width) for axes in figure.axes]
-        broken = [_break(text, wide, 0) for axes, wide in sides for text in (axes.title, axes.xaxis.label)]
-        if not any(broken + [_break(axes.yaxis.label, box * wide, 1) for axes, wide in sides]):
+    page, room, moved = figure.get_figwidth(), np.tile(_GUESS, (len(figure.axes), 1)), True
+    _place(figure, page, box, room)
+    for _ in range(4):  # broken labels make axes narrower, and other ticks come with another size
+        around = np.array([_around(axes, figure.dpi) for axes in figure.axes])
+        if not moved and np.all((around <= room + _GAP / 2) & (around >= room - 2 * _GAP)):
             break
-    size = figure.get_size_inches()
-    wide, high = np.min([axes.get_position().size for axes in panels], axis=0) * size
-    wanted = min(wide, (MOST_HEIGHT - size[1] + rows * high) / (rows * box))
-    figure.set_size_inches(size[0] + columns * (wanted - wide), size[1] + rows * (wanted * box - high))
-    for _ in range(3):
-        _place(figure)
-        held = figure.get_tightbbox()
-        if min(*held.min, *(figure.get_size_inches() - held.max)) >= 0:  # else other ticks came with another size
-            break
-    for axes in panels:
-        axes.set_box_aspect(box)
-        axes.apply_aspect()
-    figure.set_layout_engine("none")
+        room = around
+        _place(figure, page, box, room)
+        sides = [(axes, *axes.get_window_extent().size) for axes in figure.axes]
+        broken = [_break(text, wide, 0) for axes, wide, _ in sides for text in (axes.title, axes.xaxis.label)]
+        moved = any(broken + [_break(axes.yaxis.label, high, 1) for axes, _, high in sides])
     return figure
 
 
-def _place(figure: Figure) -> None:
-    """Place all by constrained layout, which measures a colour bar once for each of its axes: here once where it is."""
-    engine: Any = figure.get_layout_engine()
-    with ExitStack() as stack:
-        for axes in figure.axes:  # of this figure alone, for other threads may draw others
-            stack.enter_context(mock.patch.object(axes, "get_tightbbox", _measured_once(axes)))
-        engine.execute(figure)
+def _around(axes: Axes, dpi: float) -> list[float]:
+    """How far what belongs to axes reaches out on the left, on the right, below and above. [inch]"""
+    inner, outer = axes.get_window_extent(), axes.get_tightbbox(for_layout_only=True)
+    assert outer
+    ends = inner.x0 - outer.x0, outer.x1 - inner.x1, inner.y0 - outer.y0, outer.y1 - inner.y1
+    return [max(0.0, end) / dpi for end in ends]
 
 
-def _measured_once(axes: Axes) -> Callable[..., Any]:
-    measured, known = axes.get_tightbbox, dict[Any, Any]()
-
-    def reach(*args: Any, **options: Any) -> Any:
-        here = axes.get_position(original=True).bounds
-        known[here] = known.get(here) or measured(*args, **options)
-        return known[here]
-
-    return reach
+def _place(figure: Figure, page: float, box: float, around: np.ndarray) -> None:
+    """Give panels one size and the room that they need around, on a page so wide [inch]; colour bars stand below."""
+    specs = [spec for axes in figure.axes if (spec := axes.get_subplotspec())]
+    count, (rows, columns) = len(specs), specs[0].get_gridspec().get_geometry()
+    row, column = np.divmod([spec.num1 for spec in specs], columns)
+    left, right, below, above = (np.zeros(length) for length in (columns, columns, rows, rows))
+    for room, at, found in zip((left, right, below, above), (column, column, row, row), around[:count].T, strict=True):
+        np.maximum.at(room, at, found + _GAP)
+    bars, under = figure.axes[count:], np.zeros(rows)
+    own = len(bars) == count
+    if bars:
+        under[slice(None) if own else -1] = _ABOVE_BAR + _BAR + around[count:, 2].max() + _GAP
+    top = bottom = _GAP
+    for written in figure.legends:
+        extent = written.get_window_extent()
+        high = extent.height / figure.dpi + 2 * _GAP
+        top, bottom = (top + high, bottom) if extent.y0 > figure.bbox.height / 2 else (top, bottom + high)
+    beside, over = (left + right).sum(), (below + under + above).sum() + top + bottom
+    wide = min((page - beside) / columns, (MOST_HEIGHT - over) / (rows * box))
+    high = wide * box
+    size = beside + columns * wide, over + rows * high
+    figure.set_size_inches(size)
+    x: np.ndarray = np.cumsum(left + wide + right) - wide - right
+    y: np.ndarray = size[1] - top - np.cumsum(above + high + below + under) + below + under
+    for axes, i, j in zip(figure.axes, row, column, strict=False):
+        axes.set_position((x[j] / size[0], y[i] / size[1], wide / size[0], high / size[1]))
+    for number, bar in enumerate(bars):
+        i, first, last = (row[number], column[number], column[number]) if own else (-1, 0, -1)
+        middle, length = (x[first] + x[last] + wide) / 2, (0.85 if own else 0.6) * (x[last] + wide - x[first])
+        start, lower = middle - length / 2, y[i] - below[i] - _ABOVE_BAR - _BAR
+        bar.set_position((start / size[0], lower / size[1], length / size[0], _BAR / size[1]))
 
 
 def _break(text: Text, room: float, side: int) -> bool:
