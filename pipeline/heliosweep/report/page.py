@@ -26,6 +26,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison, sections
+from heliosweep.report.beside import Beside
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.inputs import inputs
 from heliosweep.report.ranking import ranked
@@ -97,6 +98,7 @@ def write_report(
     study: Study | None = None,
     *,
     vector: Sequence[str] = (),
+    beside: Beside | None = None,
 ) -> Path:
     """Draw the figures of a result folder and write its page.
 
@@ -111,6 +113,8 @@ def write_report(
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
     vector : sequence of {"svg", "pdf"}
         Formats in which figures are saved besides PNG.
+    beside : Beside, optional
+        Process that does `draw_figures` meanwhile.
 
     Returns
     -------
@@ -131,9 +135,26 @@ def write_report(
     if study is None:  # else it was checked or written just now
         sound(place, as_written=True)
     with blaming_damage(place), open_result(place) as result:
-        text = _page(place, locate(place).name, result, family_of(result), study, vector)
+        text = _page(place, locate(place).name, result, family_of(result), study, vector, beside)
     write_whole(place / PAGE, text)
     return place / PAGE
+
+
+def import_figures() -> None:
+    """Import what draws, in a process that does nothing else."""
+    from matplotlib import artist
+
+    vars(artist)["kwdoc"] = str  # a quarter of the time goes into docstrings
+    from heliosweep.report import panels, pictures  # noqa: F401
+
+
+def draw_figures(path: Path, family_of: FamilyOf, study: Study) -> list[dict[str, Any]]:
+    """Draw the figures of a result, as `write_report` does where no other process has done it.
+
+    What cannot be drawn is an error.
+    """
+    with open_result(path) as result:
+        return _draw(path.parent / FIGURES, _Undrawn(False), family_of(result), result, _compared(study, result), ())
 
 
 def _page(
@@ -143,16 +164,15 @@ def _page(
     family: Any,
     study: Study | None,
     vector: Sequence[str],
+    beside: Beside | None,
 ) -> str:
     from heliosweep.report.interactive import explore, scripts
 
     headlines = family.headlines if family else ()
     compared = _comparison(place, study, result)
     manifest, damage = _manifest(place)
-    told = comparison.told(result, compared.values) if compared else result
     surprises = compared.surprises if compared else []
     undrawn = _Undrawn(bool(manifest))
-    figures = _draw(place / FIGURES, undrawn, family.figures(told) if family else (), vector)
     views: list[dict[str, Any]] = []
     plots: dict[str, Any] = {}
     results = None
@@ -168,6 +188,11 @@ def _page(
         results = sections.results(result, family.tables(result) if family else (), headlines)
     with undrawn.noting("The ranking"):
         points = ranked(result, headlines)
+    for name in _environment().list_templates(["html"]) if beside else ():  # compiled while figures are drawn
+        _environment().get_template(name)
+    figures = beside.result() if beside else None
+    if figures is None:
+        figures = _draw(place / FIGURES, undrawn, family, result, compared, vector)
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),
@@ -262,11 +287,18 @@ class _Undrawn:
 
 
 def _draw(
-    folder: Path, undrawn: _Undrawn, figures: Iterable[NamedFigure], vector: Sequence[str]
+    folder: Path,
+    undrawn: _Undrawn,
+    family: Any,
+    result: xr.Dataset,
+    compared: comparison.Compared | None,
+    vector: Sequence[str],
 ) -> list[dict[str, Any]]:
     """Draw and save one figure after the other, and let go of it; then remove those of an earlier run."""
     from heliosweep.report.style import image, pixels, png, small
 
+    told = comparison.told(result, compared.values) if compared else result
+    figures: Iterable[NamedFigure] = family.figures(told) if family else ()
     if folder.is_symlink():
         raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
@@ -320,17 +352,24 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     stored = place / comparison.FILE
     if study is None:
         return comparison.read_comparison(stored) if stored.is_file() else None
-    published = study.report.published
-    if published is None:
+    compared = _compared(study, result)
+    if compared is None:
         stored.unlink(missing_ok=True)
         return None
-    table = comparison.read_published(study.resolve(published.file), published.source, published.file)
-    compared = comparison.compare(result, table)
     write_whole(stored, comparison.comparison_csv(compared))
     log.info("%s: %s", compared.source, compared.summary)
     for surprise in compared.surprises:
         log.warning("%s: %s", compared.file, surprise)
     return compared
+
+
+def _compared(study: Study, result: xr.Dataset) -> comparison.Compared | None:
+    """Comparison with the published numbers that a study names."""
+    published = study.report.published
+    if published is None:
+        return None
+    table = comparison.read_published(study.resolve(published.file), published.source, published.file)
+    return comparison.compare(result, table)
 
 
 def study_beside(place: Path, family: Any) -> Study | None:
