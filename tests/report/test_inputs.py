@@ -6,7 +6,8 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.report.inputs import inputs
-from heliosweep.report.sections import ranges, results
+from heliosweep.report.labels import NOTHING
+from heliosweep.report.sections import number_texts, ranges, results
 from tests.conftest import STUDIES
 
 
@@ -71,3 +72,9 @@ def test_a_result_without_common_dimensions_tells_ranges():
     apart = result.drop_vars(["status", "share"]).assign(other=("day", [1.0]))
     (shown,) = results(apart, ())["tables"]
     assert shown.label == "Ranges over the dimensions"
+
+
+def test_small_numbers_have_powers_of_ten():
+    small = number_texts(np.array([0.0, 2.6e-6, -7.21e-5, np.nan]))
+    assert [text.replace("\N{MINUS SIGN}", "-") for text in small] == ["0", "2.6e-06", "-7.21e-05", NOTHING]
+    assert number_texts(np.array([0.0, 2.6e-6, 0.00721])) == ["0.00000", "0.00000", "0.00721"]

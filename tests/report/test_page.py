@@ -75,7 +75,8 @@ def filled(tmp_path):
     (tmp_path / "study.resolved.yaml").write_text(f"title: {EVIL}\n", encoding="utf-8")
     path = tmp_path / "result.nc"
     manifest = {
-        "command": ["heliosweep", "run", f"{EVIL}.yaml"],
+        "command": ["heliosweep", "run", "other.yaml", f"{EVIL}.yaml", "--quiet"],
+        "study_file": f"{EVIL}.yaml",
         "study_id": "abc",
         "environment": {"packages": {"heliosweep": "0.1.0", "numpy": "2.0", "pvlib": None}, "commit": None},
         "result": {"file": "result.nc", "bytes": path.stat().st_size, "sha256": file_digest(path)},
@@ -151,6 +152,7 @@ def test_words_never_become_markup_and_nothing_is_fetched(whole):
     text = whole.read_text(encoding="utf-8")
     page = Page(text)
     assert not any("alert" in script for script in page.scripts[:1])
+    assert "other.yaml" not in page.text
     assert page.text.count(EVIL) == 4  # title, heading, source, study; the command has shell quotes in between
     for tag, attrs in page.elements:
         assert str(attrs.get("src", "data:")).startswith("data:")

@@ -126,7 +126,7 @@ def test_results_without_common_points_are_told_by_their_ranges(tmp_path):
     assert together({"A": swept(), "B": swept(latitudes=[1.0, 2.0])}).sizes.get("latitude", 0) == 0
     text = heliosweep.comparison_page(places, tmp_path / "page.html").read_text(encoding="utf-8")
     shown = Page(text)
-    assert "no numbers at the same points" in shown.text
+    assert "no points in common" in shown.text
     assert " to " in next(row for row in rows_of(shown, text) if row and row[0].startswith("mean optical"))[1]
     assert shown.all("img") == []
 
@@ -136,7 +136,7 @@ def test_results_of_two_families(tmp_path):
     places = [folder(tmp_path / "field", swept()), folder(tmp_path / "dish", other)]
     shown = Page(heliosweep.comparison_page(places, tmp_path / "page.html").read_text(encoding="utf-8"))
     assert "A dish" in shown.text
-    assert "no numbers at the same points" in shown.text
+    assert "no points in common" in shown.text
 
 
 def test_other_layouts_have_no_differences_of_mirrors(tmp_path):

@@ -96,8 +96,8 @@ def title_of(array: xr.DataArray) -> str:
 
 
 def head_of(array: xr.DataArray) -> str:
-    """What an array is called, without what a comma or colon adds."""
-    return re.split("[:,]", title_of(array))[0]
+    """What an array is called, without what a comma or colon adds, and no "number of the"."""
+    return re.split("[:,]", title_of(array))[0].removeprefix("number of the ")
 
 
 def axis_label(array: xr.DataArray) -> str:

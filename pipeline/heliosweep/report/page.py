@@ -84,6 +84,7 @@ class _Manifest(Manifest):
     """A manifest, and what else of it is told on a page."""
 
     command: list[str] = Field(default_factory=list)
+    study_file: str = ""
     environment: _Environment = _Environment()
     plan: _Plan = _Plan()
     remarks: list[str] = Field(default_factory=list)

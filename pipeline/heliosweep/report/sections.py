@@ -15,6 +15,7 @@ import xarray as xr
 from heliosweep.report.contents import Table
 from heliosweep.report.labels import (
     DEGREE,
+    MINUS,
     coordinate_text,
     flag_text,
     is_flag,
@@ -131,9 +132,14 @@ def _texts(array: xr.DataArray, values: np.ndarray, digits: int) -> list[str]:
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
-    """Numbers of one column with the same decimals: none where all are whole or large, else so many digits."""
+    """Numbers of one column with the same decimals: none where all are whole or large, else so many digits.
+
+    All below a thousandth have powers of ten.
+    """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0
+    if 0.0 < largest < 1e-3:
+        return [f"{one:.{digits}g}".replace("-", MINUS) if math.isfinite(one) else number_text(one) for one in values]
     least = 0 if largest >= 10_000 else 1 if largest >= 1_000 else 2
     decimals = least if largest == 0.0 else min(8, max(least, digits - 1 - math.floor(math.log10(largest))))
     whole = finite.size > 0 and largest >= 1.0 and bool(np.all(finite == np.round(finite)))
@@ -211,8 +217,11 @@ def made(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def command(manifest: Mapping[str, Any]) -> str:
-    """The command that makes the result again; empty where nobody knows."""
-    return shlex.join(map(str, manifest.get("command", [])))
+    """The command that makes the result again, without other studies that it ran; empty where nobody knows."""
+    words, own = list(map(str, manifest.get("command", []))), manifest.get("study_file", "")
+    if own in words:
+        words = [word for word in words if word == own or not word.endswith((".yaml", ".yml"))]
+    return shlex.join(words)
 
 
 def references(result: xr.Dataset) -> list[str]:

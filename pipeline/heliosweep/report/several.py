@@ -222,7 +222,7 @@ def _beside(view: View, same: bool) -> View:
 
 def _remarks(joined: xr.Dataset, same: bool) -> list[str]:
     if not joined.data_vars:
-        return ["These results have no numbers at the same points in common: they are told by their ranges."]
+        return ["These results have no points in common: below are the ranges of each."]
     moved = "Heliostats stand in other places, or are others: there are maps beside each other, and no difference maps."
     return [] if same else [moved]
 

@@ -60,7 +60,7 @@ def _kept(result: xr.Dataset) -> np.ndarray:
 
 def _legend(figure: Figure, result: xr.Dataset, looks: dict[str, dict[str, Any]]) -> None:
     """Legend of the looks that some evaluation has."""
-    there = {"bounds missed": not _kept(result).all(), "best": bool(result["best"].any())}
+    there = {"infeasible": not _kept(result).all(), "best": bool(result["best"].any())}
     called = {"best": "best compromise"} if len(goals_of(result)) > 1 else {}
     entries = {called.get(name, name): Line2D([], [], **look) for name, look in looks.items() if there.get(name, True)}
     legend(figure, entries)
@@ -80,7 +80,7 @@ def _course(result: xr.Dataset) -> Figure:
     axes.set(xlabel=title_of(result[EVALUATION]).split(",")[0], ylabel=axis_label(result[goal]))
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     axes.grid(True)
-    _legend(figure, result, {"evaluation": _KEPT, "bounds missed": _MISSED, "best so far": _LINE, "best": _BEST})
+    _legend(figure, result, {"evaluation": _KEPT, "infeasible": _MISSED, "best so far": _LINE, "best": _BEST})
     return fit(figure, 0.62)
 
 
@@ -97,7 +97,7 @@ def _map(result: xr.Dataset) -> Figure:
     axes.set(xlabel=axis_label(x), ylabel=axis_label(y))
     axes.grid(True)
     colour_bar(figure, shades, [axes], axis_label(result[goal]), "neither")
-    _legend(figure, result, {"evaluation": _KEPT | {"color": "#777777"}, "bounds missed": _MISSED, "best": _BEST})
+    _legend(figure, result, {"evaluation": _KEPT | {"color": "#777777"}, "infeasible": _MISSED, "best": _BEST})
     return fit(figure, 0.8)
 
 
@@ -108,7 +108,7 @@ def _front(result: xr.Dataset) -> Figure:
     _compared(axes, result, printed(x), printed(y))
     axes.set(xlabel=axis_label(x), ylabel=axis_label(y))
     axes.grid(True)
-    _legend(figure, result, {"evaluation": _KEPT, "bounds missed": _MISSED, "front": _FRONT, "best": _BEST})
+    _legend(figure, result, {"evaluation": _KEPT, "infeasible": _MISSED, "front": _FRONT, "best": _BEST})
     return fit(figure, 0.8)
 
 
@@ -127,7 +127,7 @@ def _keys(result: xr.Dataset) -> Figure:
             axes.set_xlim(-0.5, len(words) - 0.5)
         axes.set(xlabel=title_of(result[key]) if words else axis_label(result[key]), ylabel=axis_label(result[goal]))
         axes.grid(True)
-    looks = {"evaluation": _KEPT, "bounds missed": _MISSED, "best": _BEST}
+    looks = {"evaluation": _KEPT, "infeasible": _MISSED, "best": _BEST}
     looks |= {"front": _FRONT | {"linestyle": ""}} if len(goals) == 2 else {}
     _legend(figure, result, looks)
     return fit(figure, 0.8)
