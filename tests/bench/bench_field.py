@@ -42,16 +42,17 @@ def operations(latitude: int, method: str) -> float:
 
     A frame, two pairs of axes, and stage by stage as often as `events` counts: projection along one axis, along the
     other and separating axes, area of an image, separating axes and areas of overlaps, edges that images leave
-    visible. The few lanes of the general way are left out.
+    visible. The few lanes of the general way are left out, and lower edges, most of which are below the mirror.
     """
+    lower = {"lower": 0.0}
     stages = (
         counted(images._project_along_v),
         counted(images._project_along_u),
         counted(images._areas),
         counted(unions._overlaps, loop=0),
         counted(overlaps.shared_by_two),
-        counted(boundaries._cover) + counted(boundaries._shorten),
-        counted(boundaries.prepare) + counted(boundaries._add_open),
+        counted(boundaries._cover_edges, lower) + counted(boundaries._shorten_edges, lower),
+        counted(boundaries.prepare) + counted(boundaries._add_open, lower),
     )
     frame = counted(half_sides, {"tracking == SPINNING_ELEVATION": float(method == "spinning")}, loop=0)
     times = events(chong2012(), METHODS[method], year(latitude))

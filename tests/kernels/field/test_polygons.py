@@ -16,6 +16,12 @@ def random_shapes(rng, count):
     return np.concatenate((centre, edges), axis=2)
 
 
+def leaning(rng, count):
+    """Images about as large as the mirror, each turned and sheared by up to half a right angle."""
+    edges = np.array([1.0, 0.0, 0.0, 1.0]) + rng.uniform(-0.4, 0.4, (count, PACKET, 4))
+    return np.concatenate((rng.uniform(-1.0, 1.0, (count, PACKET, 2)), edges), axis=-1)
+
+
 def tied_shapes(rng, count):
     """Rectangles on a coarse lattice, turned together, then disturbed by next to nothing."""
     low = rng.integers(-4, 4, (count, PACKET, 2))
@@ -29,7 +35,7 @@ def tied_shapes(rng, count):
     return shapes + rng.choice([-1, 0, 1], shapes.shape) * 10.0 ** rng.uniform(-17, -12, shapes.shape)
 
 
-@pytest.mark.parametrize("make", [random_shapes, tied_shapes])
+@pytest.mark.parametrize("make", [random_shapes, leaning, tied_shapes])
 @pytest.mark.parametrize(
     ("shading", "count"), [(0, 1), (1, 1), (2, 2), (1, 2), (2, 3), (3, 3), (2, 5), (5, 8), (30, 40)]
 )
@@ -69,7 +75,7 @@ def test_crowds_in_a_group_of_lanes_have_room():
 @pytest.mark.parametrize("count", [3, 4, 7])
 def test_lanes_that_overlap_do_not_tie(count):
     """Images at random are put together by their edges, none of them by subtracting."""
-    images, room = images_for(random_shapes(np.random.default_rng(count), count)), room_for(count)
+    images, room = images_for(leaning(np.random.default_rng(count), count)), room_for(count)
     meeting = unions._meetings(images, np.int64(-1), count, room, PACKET)
     total = np.zeros(3 * ROW)
     assert unions._more_than_two(room.several, count) != 0

@@ -1,14 +1,19 @@
 """Areas of unions of images that overlap, by what is visible of their edges.
 
-The boundary of a union is what is left of the edges of each image outside all others. Along an edge c + t d, t from -1
-to 1, another image covers an interval: between its two pairs of sides, each of which the edge's line crosses. Intervals
-are put together, and by Green's theorem the integral of (y + 1) dx along what they leave is the area, where y is
-clamped to the square and x too.
+The boundary of a union is what is left of the edges of each image outside all others. The lower and the upper edge of
+an image, those that are more level, are lines y = Y + s x, and the left and the right one x = X + r y. Along an edge,
+by x or by y, another image covers an interval: between its lower and upper edge, and between its left and right one.
+Intervals are put together, and by Green's theorem the integral of (y + 1) dx along what they leave is the area, where y
+is clamped to the square and x too.
+
+An image meets the square. So an edge of it that does not reach between the sides of the square, above its lower side,
+bounds nothing there: it counts nothing, and stands nowhere. With a low sun that is every second one, most of the lower
+edges among them.
 
 Where two edges nearly coincide, their crossing is ill defined, and the two must not both be taken as hidden, or both
-as visible. So each crossing is computed once, on the line of one edge, and put on the other as the nearest point: it
-may be misplaced along the edges, where they are as good as one. Three such edges could still be seen to hide one
-another in turn: lanes where two edges coincide within some 1e-8 are left to another way.
+as visible: it is one number for both, x of two level edges, y of two upright ones. Three such edges could still be seen
+to hide one another in turn: lanes where two edges coincide within some 1e-8 are left to another way. So are those where
+a level edge may be parallel to an upright one: elsewhere their crossings are well conditioned.
 """
 
 from typing import NamedTuple
@@ -17,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.polygons import edge_term, larger, slopes, smaller, unit
+from heliosweep.kernels.field.polygons import larger, smaller, unit
 from heliosweep.kernels.vectors import GROUP, ROW, aligned
 
 Floats = NDArray[np.float64]
@@ -29,21 +34,24 @@ SLOTS = 32
 WIDTH = 2 * GROUP
 """Most lanes that are done together: of one group alone every step would wait for the one before."""
 
-_A, _B, _SLOPES, _TURN, _COUNTS = 2 * WIDTH, 4 * WIDTH, 6 * WIDTH, 10 * WIDTH, 11 * WIDTH
-SLOT = 19 * WIDTH
-"""Numbers of an image in a group of lanes: centre, half edges a and b (x, y of each); the slopes of a and b; their
-vector product; and for each edge, at -b and b along a, at -a and a along b, from where to where it counts."""
+_R, _RUN = WIDTH, 2 * WIDTH
+_LINES, _COUNTS = 3 * WIDTH, 7 * WIDTH
+SLOT = 15 * WIDTH
+"""Numbers of an image in a group of lanes: s, r, and the reciprocal of s; Y of the lower and upper edge, X of the left
+and right; and for each edge in that order from where to where it counts."""
 _PAIR = 8 * WIDTH
 """Numbers of an ordered pair of images: from where to where the other covers each edge of the one."""
 _OPEN, _INTERVALS = WIDTH, WIDTH + _PAIR
 """Rows of ends, behind the areas: what is open of each edge of an image; what is covered between the ends of one."""
 
 _NOWHERE = 1e15
-"""Place of an image without area, so far away that edges of the largest images do not reach it."""
+"""Place of an image without area, and of an edge that bounds nothing: edges of the largest images do not reach it."""
 _PARALLEL = 1e-8
-"""Sine of an angle below which edges are as good as parallel, and the crossings of their lines no points of theirs."""
+"""Difference of s, or of r, below which edges are as good as parallel, and the crossings of their lines no points."""
 _BEYOND = 4.0
-"""Crossings of such lines further from the middle of an edge, in half edges, are no tie."""
+"""Crossings of such lines further from an axis are no tie."""
+_APART, _STEEP = 0.1, 30.0
+"""1 - s r from which on the crossing of a level and an upright edge is well conditioned, for |s| and |r| up to this."""
 
 
 class Group(NamedTuple):
@@ -53,6 +61,8 @@ class Group(NamedTuple):
     """`SLOT` numbers of each image."""
     masks: Integers
     """Lanes in which each is, a bit for each lane."""
+    edges: Integers
+    """Lanes in which the edges of each count, `WIDTH` bits for each edge."""
     inside: Integers
     """Images that cover something between the ends of edges of each, a bit for each."""
     pairs: Floats
@@ -66,6 +76,7 @@ def group_of_lanes() -> Group:
     return Group(
         aligned(SLOTS * SLOT),
         np.empty(SLOTS, np.int64),
+        np.empty(SLOTS, np.int64),
         np.zeros(SLOTS, np.int64),
         aligned(SLOTS * (SLOTS - 1) * _PAIR),
         aligned(_INTERVALS + 2 * SLOTS * WIDTH),
@@ -73,45 +84,68 @@ def group_of_lanes() -> Group:
 
 
 @inner
-def prepare(images: Floats, image: int, some: int, slots: Floats, o: int, lanes: int) -> None:
+def prepare(images: Floats, image: int, some: int, slots: Floats, o: int, lanes: int) -> np.int64:
     """Write an image in some lanes to a slot that begins at `o`, and an image that is nowhere to the others.
 
-    The image begins at `image` in `images`.
+    The image begins at `image` in `images`. Returns the lanes in which its edges count, `WIDTH` bits for each edge.
     """
-    image, o = max(image, 0), max(o, 0)
+    image, o, counting = max(image, 0), max(o, 0), np.int64(0)
     for k in range(lanes):
         here = some >> k & 1 == 1
-        cx, cy = images[image + k] if here else _NOWHERE, images[image + ROW + k] if here else _NOWHERE
+        cx, cy = images[image + k], images[image + ROW + k] if here else -_NOWHERE
         ax, ay = images[image + 2 * ROW + k] if here else 1.0, images[image + 3 * ROW + k] if here else 0.0
-        bx, by = images[image + 4 * ROW + k] if here else 1.0, images[image + 5 * ROW + k] if here else 0.0
-        slots[o + k], slots[o + WIDTH + k] = cx, cy
-        slots[o + _A + k], slots[o + _A + WIDTH + k] = ax, ay
-        slots[o + _B + k], slots[o + _B + WIDTH + k] = bx, by
-        slots[o + _SLOPES + k], slots[o + _SLOPES + WIDTH + k] = slopes(ax, ay)
-        slots[o + _SLOPES + 2 * WIDTH + k], slots[o + _SLOPES + 3 * WIDTH + k] = slopes(bx, by)
-        slots[o + _TURN + k] = ax * by - ay * bx
-        rx, ry, sx, sy = _inverse(ax), _inverse(ay), _inverse(bx), _inverse(by)
-        w = o + _COUNTS + k
-        slots[w], slots[w + WIDTH] = _counting(cx - bx, cy - by, rx, ry)
-        slots[w + 2 * WIDTH], slots[w + 3 * WIDTH] = _counting(cx + bx, cy + by, rx, ry)
-        slots[w + 4 * WIDTH], slots[w + 5 * WIDTH] = _counting(cx - ax, cy - ay, sx, sy)
-        slots[w + 6 * WIDTH], slots[w + 7 * WIDTH] = _counting(cx + ax, cy + ay, sx, sy)
+        bx, by = images[image + 4 * ROW + k] if here else 0.0, images[image + 5 * ROW + k] if here else 1.0
+        swap = abs(ay * bx) > abs(ax * by)
+        ax, bx, ay, by = (bx if swap else ax), (ax if swap else bx), (by if swap else ay), (ay if swap else by)
+        ay, bx = ay if ax > 0.0 else -ay, bx if by > 0.0 else -bx
+        ax, by = abs(ax), abs(by)  # a points to the right, b upwards
+        inverse = 1.0 / (ax * by)
+        s, r = ay * by * inverse, bx * ax * inverse
+        run, rise = _inverse(s), _inverse(r)
+        middle, height = cy - s * cx, by - s * bx
+        centre, width = cx - r * cy, ax - r * ay
+        slots[o + k] = s if larger(abs(s), abs(r)) < _STEEP else np.nan
+        slots[o + _R + k], slots[o + _RUN + k] = r, run
+        w, lines = o + _COUNTS + k, o + _LINES + k
+        low, high = _level_counts(cx - bx - ax, cx - bx + ax, middle - height, run)
+        lower = high > low
+        slots[w], slots[w + WIDTH] = low, larger(high, low)
+        slots[lines] = middle - height if lower else -_NOWHERE
+        low, high = _level_counts(cx + bx - ax, cx + bx + ax, middle + height, run)
+        upper = high > low
+        slots[w + 2 * WIDTH], slots[w + 3 * WIDTH] = low, larger(high, low)
+        slots[lines + WIDTH] = _NOWHERE if here & (high <= low) else middle + height
+        low, high = _upright_counts(cy - ay - by, cy - ay + by, centre - width, rise)
+        left = high > low
+        slots[w + 4 * WIDTH], slots[w + 5 * WIDTH] = low, larger(high, low)
+        slots[lines + 2 * WIDTH] = centre - width if left else -_NOWHERE
+        low, high = _upright_counts(cy + ay - by, cy + ay + by, centre + width, rise)
+        right = high > low
+        slots[w + 6 * WIDTH], slots[w + 7 * WIDTH] = low, larger(high, low)
+        slots[lines + 3 * WIDTH] = centre + width if right else _NOWHERE
+        counting |= np.int64(lower) << k | np.int64(upper) << WIDTH + k
+        counting |= np.int64(left) << 2 * WIDTH + k | np.int64(right) << 3 * WIDTH + k
+    return counting
 
 
 @inline
 def _inverse(value):
-    """Reciprocal of a component of an edge, never infinite: an edge along an axis is taken as turned a little."""
+    """Reciprocal of a slope, never infinite: an edge along an axis is taken as turned a little."""
     return 1.0 / (value if abs(value) > 1e-290 else 1e-290)
 
 
 @inline
-def _counting(mx, my, rx, ry):
-    """Where the edge m + t d counts, for the reciprocals of d: with x in the square, and y above its lower side."""
-    one, other, level = (-1.0 - mx) * rx, (1.0 - mx) * rx, (-1.0 - my) * ry
-    low, high = larger(smaller(one, other), -1.0), smaller(larger(one, other), 1.0)
-    low = larger(low, level) if ry > 0.0 else low
-    high = high if ry > 0.0 else smaller(high, level)
-    return low, larger(high, low)
+def _level_counts(low, high, y, run):
+    """From which x to which an edge counts that has y at x = 0: within the sides of the square, above its lower one."""
+    low, high, floor = larger(low, -1.0), smaller(high, 1.0), (-1.0 - y) * run
+    return larger(low, floor) if run > 0.0 else low, high if run > 0.0 else smaller(high, floor)
+
+
+@inline
+def _upright_counts(low, high, x, rise):
+    """From which y to which an edge counts that has x at y = 0."""
+    one, other = (-1.0 - x) * rise, (1.0 - x) * rise
+    return larger(larger(low, -1.0), smaller(one, other)), smaller(high, larger(one, other))
 
 
 @inner
@@ -119,9 +153,9 @@ def union_areas(group: Group, first: int, middle: int, last: int, lanes: int) ->
     """Write the areas that images first..last of a group cover of the square together to the first row of its ends.
 
     Where `middle` is not `first`, this has been called for the images up to there, and for those from there on. Returns
-    the lanes in which two edges tie.
+    the lanes that are left to another way.
     """
-    slots, pairs, ends, masks = group.slots, group.pairs, group.ends, group.masks
+    slots, pairs, ends, masks, edges = group.slots, group.pairs, group.ends, group.masks, group.edges
     tied = np.int64(0)
     for k in range(lanes):
         ends[k] = 0.0
@@ -130,18 +164,26 @@ def union_areas(group: Group, first: int, middle: int, last: int, lanes: int) ->
         _copy(slots, o + _COUNTS, ends, _OPEN, lanes)
         for j in range(first if i >= middle else i, i if middle == first else min(i, middle)):
             if masks[i] & masks[j] != 0:
-                inside |= np.int64(_shorten(pairs, _block(i, j), ends, lanes) != 0) << j
+                inside |= np.int64(_shorten(pairs, _block(i, j), ends, _counts(edges[i], 0), lanes) != 0) << j
         for j in range(max(i + 1, middle), last if middle == first or i < middle else i):
             if masks[i] & masks[j] != 0:
-                near, between = _cover(slots, o, j * SLOT, pairs, _block(i, j), ends, lanes)
+                lower = _counts(edges[i] | edges[j], 0)
+                near, between = _cover(slots, o, j * SLOT, pairs, _block(i, j), ends, lower, lanes)
                 tied |= near & masks[i] & masks[j]
                 inside |= np.int64(between != 0) << j
         group.inside[i] = inside
         _copy(ends, _OPEN, slots, o + _COUNTS, lanes)
-        _add_open(slots, o, ends, lanes)
+        _add_open(slots, o, ends, _counts(edges[i], 0), lanes)
         for e in range(4 if inside != 0 else 0):
-            _take_out_inside(slots, pairs, i, e, first, last, ends, inside, lanes)
+            if _counts(edges[i], e):
+                _take_out_inside(slots, pairs, i, e, first, last, ends, inside, lanes)
     return tied
+
+
+@inline
+def _counts(edges, e):
+    """Whether an edge counts in any lane."""
+    return edges >> e * WIDTH & (1 << WIDTH) - 1 != 0
 
 
 @inline
@@ -163,87 +205,70 @@ def _copy(one, at, other, to, lanes):
 
 
 @inner
-def _cover(slots, i, j, pairs, ij, ends, lanes):
+def _cover(slots, i, j, pairs, ij, ends, lower, lanes):
     """Write the intervals of two images, and shorten what is open of the edges of the one.
 
-    Returns the lanes in which edges of theirs tie, and those in which the other covers something between the ends.
-
-    With c from the first centre to the second, the line s g + t e meets c + s' h + t' f, s and s' -1 or 1, at
-
-        t = (c x f + s' h x f - s g x f) / (e x f),
-
-    and t' is that of the nearest point of the second. Here e and g are a and b of the one, f and h are p and q of the
-    other, and the reverse.
+    Returns the lanes that are left to another way, and those in which the other covers something between the ends.
+    `lower` tells whether lower edges of theirs count.
     """
+    if lower:
+        return _cover_edges(slots, i, j, pairs, ij, ends, True, lanes)
+    return _cover_edges(slots, i, j, pairs, ij, ends, False, lanes)
+
+
+@inline
+def _cover_edges(slots, i, j, pairs, ij, ends, lower, lanes):
+    """The same: compiled once with lower edges, and once without."""
     i, j, ij = max(i, 0), max(j, 0), max(ij, 0)
     ji = ij + _PAIR
     tied = between = np.int64(0)
     for k in range(lanes):
-        cx, cy = slots[j + k] - slots[i + k], slots[j + WIDTH + k] - slots[i + WIDTH + k]
-        ax, ay, bx, by = slots[i + _A + k], slots[i + _A + WIDTH + k], slots[i + _B + k], slots[i + _B + WIDTH + k]
-        px, py, qx, qy = slots[j + _A + k], slots[j + _A + WIDTH + k], slots[j + _B + k], slots[j + _B + WIDTH + k]
-        turn = slots[j + _TURN + k]
-        ap, aq, bp, bq = ax * py - ay * px, ax * qy - ay * qx, bx * py - by * px, bx * qy - by * qx
-        cp, cq = cx * py - cy * px, cx * qy - cy * qx
-        a, b = abs(ax) + abs(ay), abs(bx) + abs(by)
-        p, q = abs(px) + abs(py), abs(qx) + abs(qy)
-        # Of the edges at g and at -g, with those of the other at h and at -h.
-        ap_pp, ap_pm, ap_mp, ap_mm, tie_ap = _crossings(cp, -turn, bp, ap, a * p)
-        bp_pp, bp_pm, bp_mp, bp_mm, tie_bp = _crossings(cp, -turn, ap, bp, b * p)
-        aq_pp, aq_pm, aq_mp, aq_mm, tie_aq = _crossings(cq, turn, bq, aq, a * q)
-        bq_pp, bq_pm, bq_mp, bq_mm, tie_bq = _crossings(cq, turn, aq, bq, b * q)
-        one = _put(pairs, ij + k, ap_mm, ap_mp, aq_mm, aq_mp, ends, 0, k)
-        two = _put(pairs, ij + 2 * WIDTH + k, ap_pm, ap_pp, aq_pm, aq_pp, ends, 2, k)
-        three = _put(pairs, ij + 4 * WIDTH + k, bp_mm, bp_mp, bq_mm, bq_mp, ends, 4, k)
-        four = _put(pairs, ij + 6 * WIDTH + k, bp_pm, bp_pp, bq_pm, bq_pp, ends, 6, k)
-        # The same points along the edges of the other, from their middles.
-        scale = 1.0 / (px * px + py * py)
-        e, f, g = (ax * px + ay * py) * scale, (bx * px + by * py) * scale, (qx * px + qy * py) * scale
-        middle = (cx * px + cy * py) * scale
-        m = g - middle
-        _write(pairs, ji + k, m - f + ap_mm * e, m + f + ap_pm * e, m - e + bp_mm * f, m + e + bp_pm * f)
-        m = -g - middle
-        _write(pairs, ji + 2 * WIDTH + k, m - f + ap_mp * e, m + f + ap_pp * e, m - e + bp_mp * f, m + e + bp_pp * f)
-        scale = 1.0 / (qx * qx + qy * qy)
-        e, f, g = (ax * qx + ay * qy) * scale, (bx * qx + by * qy) * scale, (qx * px + qy * py) * scale
-        middle = (cx * qx + cy * qy) * scale
-        m = g - middle
-        _write(pairs, ji + 4 * WIDTH + k, m - f + aq_mm * e, m + f + aq_pm * e, m - e + bq_mm * f, m + e + bq_pm * f)
-        m = -g - middle
-        _write(pairs, ji + 6 * WIDTH + k, m - f + aq_mp * e, m + f + aq_pp * e, m - e + bq_mp * f, m + e + bq_pp * f)
-        tied |= np.int64(tie_ap | tie_aq | tie_bp | tie_bq) << k
+        s, r, t, u = slots[i + k], slots[i + _R + k], slots[j + k], slots[j + _R + k]
+        m, n = i + _LINES + k, j + _LINES + k
+        b, y, x, z = slots[m], slots[m + WIDTH], slots[m + 2 * WIDTH], slots[m + 3 * WIDTH]
+        c, v, w, q = slots[n], slots[n + WIDTH], slots[n + 2 * WIDTH], slots[n + 3 * WIDTH]
+        st, ru, su, rt = s - t, r - u, 1.0 - s * u, 1.0 - r * t
+        level, upright = abs(st) < _PARALLEL, abs(ru) < _PARALLEL
+        # Of two level edges x, of two upright ones y, for the lower, upper, left, right of the one and of the other.
+        inverse = 1.0 / (_PARALLEL if level else st)
+        by, yc, yv = (v - b) * inverse, (c - y) * inverse, (v - y) * inverse
+        near = abs(yv)
+        one = False
+        if lower:
+            bc = (c - b) * inverse
+            near = smaller(smaller(near, abs(bc)), smaller(abs(by), abs(yc)))
+        tie = level & (near < _BEYOND) | ~((su >= _APART) & (rt >= _APART))  # so it is where s is no number
+        inverse = 1.0 / (_PARALLEL if upright else ru)
+        xw, xq, zw, zq = (w - x) * inverse, (q - x) * inverse, (w - z) * inverse, (q - z) * inverse
+        near = smaller(smaller(abs(xw), abs(xq)), smaller(abs(zw), abs(zq)))
+        tie = tie | upright & (near < _BEYOND)
+        su, rt = 1.0 / larger(su, _APART), 1.0 / larger(rt, _APART)
+        if lower:
+            one = _put(pairs, ij + k, bc, by, (w + u * b) * su, (q + u * b) * su, ends, 0, k)
+            _write(pairs, ji + k, bc, yc, (x + r * c) * rt, (z + r * c) * rt)
+        two = _put(pairs, ij + 2 * WIDTH + k, yc, yv, (w + u * y) * su, (q + u * y) * su, ends, 2, k)
+        _write(pairs, ji + 2 * WIDTH + k, by, yv, (x + r * v) * rt, (z + r * v) * rt)
+        three = _put(pairs, ij + 4 * WIDTH + k, xw, xq, (c + t * x) * rt, (v + t * x) * rt, ends, 4, k)
+        four = _put(pairs, ij + 6 * WIDTH + k, zw, zq, (c + t * z) * rt, (v + t * z) * rt, ends, 6, k)
+        _write(pairs, ji + 4 * WIDTH + k, xw, zw, (b + s * w) * su, (y + s * w) * su)
+        _write(pairs, ji + 6 * WIDTH + k, xq, zq, (b + s * q) * su, (y + s * q) * su)
+        tied |= np.int64(tie) << k
         between |= np.int64(one | two | three | four) << k
     return tied, between
 
 
 @inline
-def _crossings(cf, hf, gf, ef, size):
-    """Crossings t for (s, s') = (1, 1), (1, -1), (-1, 1), (-1, -1), from c x f, h x f, g x f, e x f; and any tie.
-
-    `size` is a bound of |e| |f|.
-    """
-    least = _PARALLEL * size
-    parallel = abs(ef) < least
-    inverse = 1.0 / (least if parallel else ef)
-    middle, above, aside = cf * inverse, hf * inverse, gf * inverse
-    one, other = middle - aside, middle + aside
-    near = smaller(abs(abs(one) - abs(above)), abs(abs(other) - abs(above)))
-    return one + above, one - above, other + above, other - above, parallel & (near < _BEYOND)
-
-
-@inline
-def _write(pairs, at, one, other, third, fourth):
-    """Write the interval between two crossings and between two others."""
-    low = larger(smaller(one, other), smaller(third, fourth))
-    high = smaller(larger(one, other), larger(third, fourth))
+def _write(pairs, at, one, other, low, high):
+    """Write the interval between two crossings, and from one to another."""
+    low, high = larger(smaller(one, other), low), smaller(larger(one, other), high)
     pairs[at], pairs[at + WIDTH] = low, high
     return low, high
 
 
 @inline
-def _put(pairs, at, one, other, third, fourth, ends, row, k):
+def _put(pairs, at, one, other, low, high, ends, row, k):
     """The same, and shorten what is open of the edge."""
-    low, high = _write(pairs, at, one, other, third, fourth)
+    low, high = _write(pairs, at, one, other, low, high)
     return _shorten_one(low, high, ends, row, k)
 
 
@@ -258,11 +283,19 @@ def _shorten_one(low, high, ends, row, k):
 
 
 @inner
-def _shorten(pairs, ij, ends, lanes):
+def _shorten(pairs, ij, ends, lower, lanes):
     """Take what another image covers from the ends of edges; returns the lanes where it is between the ends."""
+    if lower:
+        return _shorten_edges(pairs, ij, ends, True, lanes)
+    return _shorten_edges(pairs, ij, ends, False, lanes)
+
+
+@inline
+def _shorten_edges(pairs, ij, ends, lower, lanes):
+    """The same: compiled once with lower edges, and once without."""
     ij, between = max(ij, 0), np.int64(0)
     for k in range(lanes):
-        one = _shorten_one(pairs[ij + k], pairs[ij + WIDTH + k], ends, 0, k)
+        one = _shorten_one(pairs[ij + k], pairs[ij + WIDTH + k], ends, 0, k) if lower else False
         two = _shorten_one(pairs[ij + 2 * WIDTH + k], pairs[ij + 3 * WIDTH + k], ends, 2, k)
         three = _shorten_one(pairs[ij + 4 * WIDTH + k], pairs[ij + 5 * WIDTH + k], ends, 4, k)
         four = _shorten_one(pairs[ij + 6 * WIDTH + k], pairs[ij + 7 * WIDTH + k], ends, 6, k)
@@ -271,30 +304,37 @@ def _shorten(pairs, ij, ends, lanes):
 
 
 @inner
-def _add_open(slots, i, ends, lanes):
+def _add_open(slots, i, ends, lower, lanes):
     """Add the area under what is open of the edges of an image, as if nothing were covered between the ends."""
     i = max(i, 0)
     for k in range(lanes):
-        ax, ay, bx, by = slots[i + _A + k], slots[i + _A + WIDTH + k], slots[i + _B + k], slots[i + _B + WIDTH + k]
-        cx, cy = slots[i + k], slots[i + WIDTH + k]
-        a_rise, a_run = slots[i + _SLOPES + k], slots[i + _SLOPES + WIDTH + k]
-        b_rise, b_run = slots[i + _SLOPES + 2 * WIDTH + k], slots[i + _SLOPES + 3 * WIDTH + k]
-        total = (
-            _under(cx + bx, cy + by, ax, ay, a_rise, a_run, ends[_OPEN + 2 * WIDTH + k], ends[_OPEN + 3 * WIDTH + k])
-            - _under(cx - bx, cy - by, ax, ay, a_rise, a_run, ends[_OPEN + k], ends[_OPEN + WIDTH + k])
-        ) + (
-            _under(cx - ax, cy - ay, bx, by, b_rise, b_run, ends[_OPEN + 4 * WIDTH + k], ends[_OPEN + 5 * WIDTH + k])
-            - _under(cx + ax, cy + ay, bx, by, b_rise, b_run, ends[_OPEN + 6 * WIDTH + k], ends[_OPEN + 7 * WIDTH + k])
-        )
-        ends[k] += total if slots[i + _TURN + k] > 0.0 else -total
+        s, r, run, lines = slots[i + k], slots[i + _R + k], slots[i + _RUN + k], i + _LINES + k
+        upper = _under_level(slots[lines + WIDTH], s, run, ends[_OPEN + 2 * WIDTH + k], ends[_OPEN + 3 * WIDTH + k])
+        left = _under_upright(ends[_OPEN + 4 * WIDTH + k], ends[_OPEN + 5 * WIDTH + k])
+        right = _under_upright(ends[_OPEN + 6 * WIDTH + k], ends[_OPEN + 7 * WIDTH + k])
+        ends[k] += upper + r * (left - right)
+    if lower:
+        for k in range(lanes):
+            s, run = slots[i + k], slots[i + _RUN + k]
+            ends[k] -= _under_level(slots[i + _LINES + k], s, run, ends[_OPEN + k], ends[_OPEN + WIDTH + k])
 
 
 @inline
-def _under(mx, my, dx, dy, rise, run, low, high):
-    """Integral of (y + 1) dx along the edge m + t d from one t to another, nothing if the other comes first."""
+def _under_level(y, s, run, low, high):
+    """Integral of (y + 1) dx along a level edge from one x to another, nothing if the other comes first."""
     high = larger(high, low)
-    px, py, qx, qy = mx + low * dx, my + low * dy, mx + high * dx, my + high * dy
-    return edge_term(px, py, qx, qy, rise, run) + (unit(qx) - unit(px))
+    one, other = y + s * low, y + s * high
+    begin, end = unit(one), unit(other)
+    middle = unit(0.5 * ((low + (begin - one) * run) + (high + (end - other) * run)))
+    return end * (high - middle) - begin * (low - middle) + (high - low)
+
+
+@inline
+def _under_upright(low, high):
+    """Integral of (y + 1) dy from one y to another, above the square of 2 dy; nothing if the other comes first."""
+    high = larger(high, low)
+    one, other = smaller(low, 1.0), smaller(high, 1.0)
+    return (other - one) * (0.5 * (other + one) - 1.0) + 2.0 * (high - low)
 
 
 @inner
@@ -307,10 +347,12 @@ def _take_out_inside(slots, pairs, i, e, first, last, ends, inside, lanes):
             for m in range(count, 0, -1):
                 _in_order(ends, _INTERVALS + 2 * m * WIDTH, lanes)
             count += 1
-    image, half, side = i * SLOT, _A if e < 2 else _B, -1.0 if e % 2 == 0 else 1.0
-    other, slope_row, sign = _A + _B - half, _SLOPES + (0 if e < 2 else 2 * WIDTH), 1.0 if e == 0 or e == 3 else -1.0
     for m in range(count):
-        _take_out(slots, image, half, other, slope_row, side, sign, ends, at, _INTERVALS + 2 * m * WIDTH, lanes)
+        if e < 2:
+            sign = 1.0 if e == 0 else -1.0
+            _take_out_level(slots, i * SLOT, e * WIDTH, sign, ends, at, _INTERVALS + 2 * m * WIDTH, lanes)
+        else:
+            _take_out_upright(slots, i * SLOT, 1.0 if e > 2 else -1.0, ends, at, _INTERVALS + 2 * m * WIDTH, lanes)
 
 
 @inner
@@ -339,15 +381,22 @@ def _in_order(ends, at, lanes):
 
 
 @inner
-def _take_out(slots, i, half, other, slope_row, side, sign, ends, at, interval, lanes):
-    """Take out one interval of an edge; what is left of the edge begins behind it."""
-    i, half, other, slope_row = max(i, 0), max(i + half, 0), max(i + other, 0), max(i + slope_row, 0)
-    at, interval = max(at, 0), max(interval, 0)
+def _take_out_level(slots, i, line, sign, ends, at, interval, lanes):
+    """Take out one interval of a level edge; what is left of the edge begins behind it."""
+    i, line, at, interval = max(i, 0), max(i + _LINES + line, 0), max(at, 0), max(interval, 0)
     for k in range(lanes):
-        dx, dy = slots[half + k], slots[half + WIDTH + k]
-        mx, my = slots[i + k] + side * slots[other + k], slots[i + WIDTH + k] + side * slots[other + WIDTH + k]
         low = larger(ends[at + k], ends[interval + k])
         high = larger(low, ends[interval + WIDTH + k])
-        area = sign * _under(mx, my, dx, dy, slots[slope_row + k], slots[slope_row + WIDTH + k], low, high)
-        ends[k] += area if slots[i + _TURN + k] > 0.0 else -area
+        ends[k] += sign * _under_level(slots[line + k], slots[i + k], slots[i + _RUN + k], low, high)
+        ends[at + k] = high
+
+
+@inner
+def _take_out_upright(slots, i, sign, ends, at, interval, lanes):
+    """Take out one interval of an upright edge; what is left of the edge begins behind it."""
+    i, at, interval = max(i, 0), max(at, 0), max(interval, 0)
+    for k in range(lanes):
+        low = larger(ends[at + k], ends[interval + k])
+        high = larger(low, ends[interval + WIDTH + k])
+        ends[k] += sign * slots[i + _R + k] * _under_upright(low, high)
         ends[at + k] = high

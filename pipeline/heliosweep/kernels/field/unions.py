@@ -2,7 +2,8 @@
 
 Where no three images of a lane overlap one another, the union is the sum of their areas, less what pairs of them share.
 In other lanes images are put together by `boundaries`, group by group of lanes. Few lanes, those where edges tie, a
-mirror straddles the plane of the test mirror, or a crowd overlaps, subtract their images from the square one by one.
+mirror straddles the plane of the test mirror or looks turned by half a right angle, or a crowd overlaps, subtract their
+images from the square one by one.
 
 Sets of lanes are integers with a bit for each lane. Which way a lane goes depends on its own images only, and they keep
 the order of the search, outward from the test mirror: the bits of a lane do not depend on its packet.
@@ -261,7 +262,8 @@ def _put_together(images, some, shading, count, total, room, lanes):
                 tied |= _put_group_together(images, here, shading, count, total, room, start, filled)
             else:
                 for k in range(start, start + filled):
-                    tied |= _put_group_together(images, here & 1 << k, shading, count, total, room, start, filled)
+                    lane = here & np.int64(1) << k
+                    tied |= _put_group_together(images, lane, shading, count, total, room, start, filled)
         start += filled
     return tied
 
@@ -288,7 +290,8 @@ def _put_group_together(images, here, shading, count, total, room, start, lanes)
     for m in range(count):
         mask = (room.meeting[m] & here) >> start
         if mask != 0:
-            prepare(images, m * IMAGE_ROWS * ROW + start, mask, room.group.slots, slots * SLOT, lanes)
+            image = m * IMAGE_ROWS * ROW + start
+            room.group.edges[slots] = prepare(images, image, mask, room.group.slots, slots * SLOT, lanes)
             room.group.masks[slots] = mask
             slots += 1
             shades += np.int64(m < shading)
