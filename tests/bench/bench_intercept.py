@@ -91,7 +91,7 @@ def years() -> Iterator[Row]:
 
 def shared(made: Scene, sun: Floats, latitude: float) -> None:
     """All mirrors of a field, with the table that they share."""
-    course(made, sun, latitude, table=table_of(made, sun))
+    course(made, sun, latitude, table=table_of(made, sun, latitude))
 
 
 GROUPS = (direct, years)

@@ -84,7 +84,7 @@ def shipped(name: str, **blocks: Any) -> dict[str, Any]:
     return content | blocks
 
 
-def _stagger(heliostats: int) -> dict[str, Any]:
+def stagger(heliostats: int) -> dict[str, Any]:
     return {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}}
 
 
@@ -95,7 +95,7 @@ def _field(heliostats: int, days: int, hours: int, **blocks: Any) -> dict[str, A
         "hours": {"start": 6, "stop": 18, "step": 12 / hours},
         "sampling": "midpoint",
     }
-    one = {"tracking": "azimuth_elevation", "site": {"latitude": 30}, "layout": _stagger(heliostats)}
+    one = {"tracking": "azimuth_elevation", "site": {"latitude": 30}, "layout": stagger(heliostats)}
     return shipped("latitude_sweep", **one, time=time_block) | blocks
 
 
@@ -132,10 +132,10 @@ def larger_studies() -> dict[str, dict[str, Any]]:
             "error",
             size={"start": -12, "stop": 12, "step": 24 / 2999},
         ),
-        "tolerance_20k_heliostats": shipped("field_tolerance", layout=_stagger(20_000)),
-        "draws_1000_heliostats": shipped("mount_error_monte_carlo", layout=_stagger(1000)),
+        "tolerance_20k_heliostats": shipped("field_tolerance", layout=stagger(20_000)),
+        "draws_1000_heliostats": shipped("mount_error_monte_carlo", layout=stagger(1000)),
         "draws_100k_samples": _changed(
-            shipped("mount_error_monte_carlo", layout=_stagger(10)), "mount_errors", samples=100_000
+            shipped("mount_error_monte_carlo", layout=stagger(10)), "mount_errors", samples=100_000
         ),
         "calibration_1000_draws": _changed(shipped("calibration_synthetic"), "mount_errors", samples=1000),
         "gazing_maps": _changed(
@@ -147,17 +147,22 @@ def larger_studies() -> dict[str, dict[str, Any]]:
     }
 
 
+def written(name: str, content: dict[str, Any] | None, folder: Path) -> Path:
+    """File of a shipped study, or of another one beside what the shipped ones take."""
+    if content is None:
+        return STUDIES / f"{name}.yaml"
+    for place in STUDIES.iterdir():
+        if place.is_dir() and not (folder / place.name).exists():
+            (folder / place.name).symlink_to(place)
+    study = folder / f"{name}.yaml"
+    study.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return study
+
+
 def measured(name: str, content: dict[str, Any] | None, folder: Path) -> Iterator[tuple[bool, int, int]]:
     """Whether with a report, what the plan says and what is measured [bytes]."""
-    study = STUDIES / f"{name}.yaml"
-    if content is not None:
-        for place in STUDIES.iterdir():
-            if place.is_dir() and not (folder / place.name).exists():
-                (folder / place.name).symlink_to(place)
-        study = folder / f"{name}.yaml"
-        study.write_text(yaml.safe_dump(content), encoding="utf-8")
     output = folder / f"{name}-result"
-    peaks = peak_memory(study, output)
+    peaks = peak_memory(written(name, content, folder), output)
     manifest = json.loads((output / "manifest.json").read_text(encoding="utf-8"))
     shutil.rmtree(output)
     for report, peak in enumerate(peaks):

@@ -161,7 +161,7 @@ def test_instants_that_are_padded_leave_the_table_of_a_field_known(lit, monkeypa
     monkeypatch.setattr(chain, "table_of", lambda *given: made.append(given))
     monkeypatch.setattr(chain.Way, "scene", lambda *_: None)
     for hour in (1.0, 1.0, 2.0, 1.0):
-        inputs.field_table(way, (np.ones(3), 1), np.array([[0.0, hour, 1.0], [np.nan] * 3]))
+        inputs.field_table(way, (np.ones(3), 1), np.array([[0.0, hour, 1.0], [np.nan] * 3]), 0.6)
     assert len(made) == 2
 
 

@@ -160,16 +160,16 @@ class Inputs(LayoutAxis):
             self._tables = {errors: found}
         return found
 
-    def field_table(self, way: Way, mirrors: tuple[Any, ...], sun: Floats) -> FieldTable | None:
+    def field_table(self, way: Way, mirrors: tuple[Any, ...], sun: Floats, latitude: float | None) -> FieldTable | None:
         """Table of all mirrors of a field at instants, if it has one; those of the last fields are kept.
 
         Threads may share it: they replace what is kept, and change nothing of it.
         """
-        given, field = intercept_values(way.values), (*mirrors, way.turns(), sun)
+        given, field = (latitude, *intercept_values(way.values)), (*mirrors, way.turns(), sun)
         for others, there, found in self._fields:
             if others == given and all(map(_equal, there, field)):
                 return found
-        found = table_of(way.scene(mirrors, 0, len(mirrors[0])), sun)
+        found = table_of(way.scene(mirrors, 0, len(mirrors[0])), sun, latitude)
         self._fields = [(given, field, found), *self._fields][:FIELDS]
         return found
 
@@ -362,8 +362,9 @@ def light(
 
     def intercepted() -> tuple[Floats, Floats]:
         if values["method"] != "gaussian":
-            table = way.inputs.field_table(way, mirrors, sun)
-            return course(scene, sun, None if place[0] is None else math.radians(place[0]), table=table)
+            latitude = None if place[0] is None else math.radians(place[0])
+            table = way.inputs.field_table(way, mirrors, sun, latitude)
+            return course(scene, sun, latitude, table=table)
         spread = way.inputs.sun_of(values).spread
         return hflcal.intercepts(*scene[:4], spread, scene.errors, scene.receiver, sun), np.zeros(stop - start)
 

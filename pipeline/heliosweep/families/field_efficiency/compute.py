@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency import energy, known
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
-from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, values_of
+from heliosweep.families.field_efficiency.chain import FIELDS, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import cell_seconds, flux_labels, flux_sizes
 from heliosweep.families.field_efficiency.flux_sums import FluxSums
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
@@ -73,6 +74,8 @@ SECONDS_PER_POINT = 100e-6
 SECONDS_OF_ANGLES, SECONDS_OF_MOUNT = 200e-9, 100e-6
 #: Mirrors around a part that may stand in its way, with a low sun; and what is known of each of the field. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
+#: What is kept of each mirror of each of the fields whose tables are kept. [bytes]
+BYTES_OF_TABLE = 8 * 8
 #: Points and instants from which the plan estimates the elevation of the sun.
 SAMPLED_POINTS, SAMPLED_INSTANTS = 9, 500
 
@@ -115,7 +118,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     if held_bytes and not any(_moving(study)):
         seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
-    layouts = len(Layouts(study))
+    layouts, kept_bytes = len(Layouts(study)), 0
     optics = study.optics
     method = None if optics is None else optics.method
     if optics is not None and "accurate" in ends(method):
@@ -124,6 +127,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         if study.receiver.kind == "cylinder" and optics.mount_errors is None and optics.slope_map is None:
             share = min(share, (OF_TABLE / heliostats + OF_CHECKS) / instants)
         seconds += SECONDS_INTERPOLATED * lit + SECONDS_INTERCEPT[str(study.receiver.kind)] * share
+        kept_bytes = min(FIELDS, math.prod(parameters.sizes.values())) * heliostats * BYTES_OF_TABLE
     elif method is not None:
         seconds += SECONDS_GAUSSIAN * lit
     seconds += cell_seconds(study, instants) / instants
@@ -150,6 +154,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         seconds_per_point=SECONDS_PER_POINT,
         coordinate_bytes=8 * (6 * layouts * heliostats + _series(study) * instants),
         axes={} if _series(study) else {"instants": instants},
+        fixed_bytes=kept_bytes,
     )
 
 

@@ -47,6 +47,8 @@ HOPELESS = 1e-2
 """Error at a check after which no more nodes are tried. [1]"""
 SAMPLE, FEW = 32, 0.1
 """Mirrors that a table is tried on, evenly spread over the field, and the part of them that may miss it. [1]"""
+ALONE = 4
+"""Mirrors that tell what the others take without a table."""
 SAMPLED, STRIDE = 0.05, 97
 """Intercepts that are computed for that beside the checks, as a part of those for the table [1]; and by how many
 instants those of one mirror are after those of the one before."""
@@ -115,17 +117,25 @@ def course(
     return out, error
 
 
-def table_of(scene: Scene, sun: Floats) -> FieldTable | None:
+def table_of(scene: Scene, sun: Floats, latitude: float | None) -> FieldTable | None:
     """Table for all mirrors of a field at instants, the first that is right; None where none is, or none pays.
 
     Some mirrors tell. Few of them may miss it by their checks, and none that does not may miss it at other instants of
-    a low sun, the more of these the larger a table is.
+    a low sun, the more of these the larger a table is. Tables must take less than the mirrors do on their own: where
+    the first fails, that may be much, and some mirrors tell it too.
     """
     there = np.ascontiguousarray(sun[sun[:, 2] > 0.0], np.float64)
-    without = len(scene.centre) * (min(len(there), COMPUTED) - CHECKS // PARTS)
-    some = scene.some(np.unique(np.linspace(0, len(scene.centre) - 1, SAMPLE).astype(np.int64)))
+    alone, spent = min(len(there), COMPUTED), 0
+    some = _spread(scene, SAMPLE)
     low = np.argsort(there[:, 2], kind="stable")[: 1 + len(there) // 4]
-    for table, work in field_tables(scene, there, without) if without > 0 else ():
+    for work, made in field_tables(scene, there) if len(there) else ():
+        if spent:
+            found = course(_spread(scene, ALONE), sun, latitude)[1] > 0.0
+            alone = int(np.where(found, COMPUTED, len(there)).mean())
+        spent += work
+        if spent > len(scene.centre) * (alone - CHECKS // PARTS):
+            return None
+        table = made()
         values, _, missed = _looked_up(table, some, there)
         each = np.arange(math.ceil(SAMPLED * work / SAMPLE))
         at = low[(each * len(low) // len(each) + STRIDE * np.arange(len(missed))[:, np.newaxis]) % len(low)]
@@ -133,6 +143,11 @@ def table_of(scene: Scene, sun: Floats) -> FieldTable | None:
         if np.count_nonzero(missed) <= FEW * len(missed) and np.all(missed | (off <= TOLERANCE)):
             return table
     return None
+
+
+def _spread(scene: Scene, count: int) -> Scene:
+    """So many of the mirrors, evenly spread over a field."""
+    return scene.some(np.unique(np.linspace(0, len(scene.centre) - 1, count).astype(np.int64)))
 
 
 def _looked_up(table: FieldTable, scene: Scene, sun: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -169,8 +184,10 @@ def _interpolated(
     if turning:
         steps[MORE_TURNS + 1 :] = [(nodes, 2 * count - 1) for nodes in tries[MORE_TURNS:]]
     for attempt, (nodes, count) in enumerate(steps):
-        turns, terms = fourier(count, multiple)
         where, weights_s, weights_h = nodes()
+        if count * len(where) > len(sun):  # no fewer to compute
+            break
+        turns, terms = fourier(count, multiple)
         some, shape = scene.some(left), (len(left), len(weights_s), len(weights_h))
         at: Floats = np.zeros((count, *shape))
         new: NDArray[np.bool_] = np.ones(shape, np.bool_)

@@ -8,8 +8,9 @@ the sky by tan(theta / 4) and phi, the stereographic one of the normal, it is sm
 its nodes once, and then at every instant the few hundred terms that make a difference.
 """
 
+import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from heliosweep.kernels.vectors import PACKET, aligned
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Free = tuple[int, int, float, float]
 
 
 class Size(NamedTuple):
@@ -36,15 +38,15 @@ class Size(NamedTuple):
     """Multiples of phi, the least of them 0."""
     turns: int
     """Multiples of four turns of the mirror, beside 0."""
+    places: float
+    """Nodes of places, beside four, in what changes the intercept much: a distance e times as far, a place as much
+    higher as the nearest mirror is far away, an aim by half the receiver."""
 
 
 TOGETHER = 4
 """Terms that are added at a time; rows have a multiple of them, and so has `Size.near`."""
-SIZES = (Size(12, 16, 2), Size(16, 20, 3), Size(20, 24, 4))
+SIZES = (Size(12, 16, 2, 4.0), Size(16, 20, 3, 6.0), Size(20, 28, 5, 8.0))
 """Sizes of tables, of one try after the other."""
-NODES = 4.0
-"""Nodes of places, beside four, in what changes the intercept much: a distance e times as far, a place as much higher
-as the nearest mirror is far away, an aim by half the receiver. [1]"""
 LEFT_OUT = 5e-6
 """Root of the sum of squares of the terms that are left out. [1]"""
 SAME = 1e-9
@@ -58,7 +60,7 @@ class FieldTable(NamedTuple):
     """Terms at each node of the places, shape (nodes, terms): row after row, in each those of tan(theta / 4)."""
     rows: Integers
     """Term of the turn, term of phi, and number of the first term, of each row; and of one more, the end."""
-    free: tuple[tuple[int, int, float, float], ...]
+    free: tuple[Free, ...]
     """Column of `_places` in which mirrors differ, number of nodes, and least and largest value, of each such."""
     size: tuple[int, int, int]
     """Terms of tan(theta / 4), phi and the turn."""
@@ -68,7 +70,7 @@ class FieldTable(NamedTuple):
     """Least multiple of a turn that the intercept depends on."""
 
 
-def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[tuple[FieldTable, int]]:
+def field_tables(scene: Scene, sun: Floats) -> Iterator[tuple[int, Callable[[], FieldTable]]]:
     """Tables of the mirrors of a field at instants with the sun up, one more exact than the other.
 
     Parameters
@@ -77,13 +79,11 @@ def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[tuple[FieldTa
         All mirrors of the field: the tables of some of them are others.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun: east, north, up. [1]
-    most : int
-        Intercepts that may be computed for all of them.
 
     Yields
     ------
-    FieldTable, int
-        A table, and the intercepts that were computed for it. None where mirrors differ in more than their place.
+    int, callable
+        Intercepts to compute for a table, and what makes it. None where mirrors differ in more than their place.
     """
     places = _places(scene)
     if places is None:
@@ -91,29 +91,32 @@ def field_tables(scene: Scene, sun: Floats, most: int) -> Iterator[tuple[FieldTa
     least, last = places.min(axis=0), places.max(axis=0)
     columns = np.flatnonzero(last - least > SAME * np.maximum(np.abs(least), np.abs(last))).tolist()
     units = 1.0, math.exp(least[0]), scene.receiver.half_width, scene.receiver.half_height
-    free = tuple(
-        (n, 4 + math.ceil(NODES * (last[n] - least[n]) / units[n]), float(least[n]), float(last[n])) for n in columns
-    )
-    nodes = places[:1]
-    for column, count, *ends in free:
-        nodes = np.tile(nodes, (count, 1))
-        nodes[:, column] = np.repeat(chebyshev(np.empty(0), count, ends)[0], len(nodes) // count)
-    moved = _moved(scene, nodes)
-    rise = math.asin(aims_of(moved)[:, 2].min())
-    if not rise > 0.0:  # `_reach` needs targets above the mirrors
-        return
-    lowest = min(math.asin(sun[:, 2].min()), rise / 2)
     multiple = int(multiples_of(scene).min()) if scene.tracking == AZIMUTH_ELEVATION else 0
-    for size in (_terms(each, multiple) for each in SIZES):
+    for each in SIZES:
+        free = tuple(
+            (n, 4 + math.ceil(each.places * (last[n] - least[n]) / units[n]), float(least[n]), float(last[n]))
+            for n in columns
+        )
+        nodes = places[:1]
+        for column, count, *ends in free:
+            nodes = np.tile(nodes, (count, 1))
+            nodes[:, column] = np.repeat(chebyshev(np.empty(0), count, ends)[0], len(nodes) // count)
+        size, moved = _terms(each, multiple), _moved(scene, nodes)
+        rise = math.asin(aims_of(moved)[:, 2].min())
         work = len(nodes) * size[0] * (size[1] + 1) * size[2] // 2
-        if work > most:
+        if not rise > 0.0:  # `_reach` needs targets above the mirrors
             return
-        most -= work
-        values = _computed(moved, size, lowest, multiple)
-        found = np.einsum("kx,dnax->dnak", chebyshev_terms(size[0]), values)  # one sum of all takes 100 times as long
-        found = np.einsum("pa,dnak->dnpk", fourier(size[1], 1)[1], found)
-        found = np.einsum("tn,dnpk->dtpk", fourier(size[2], multiple)[1], found)
-        yield FieldTable(*_pruned(found), free, size, lowest, multiple), work
+        lowest = min(math.asin(sun[:, 2].min()), rise / 2)
+        yield work, functools.partial(_made, moved, free, size, lowest, multiple)
+
+
+def _made(scene: Scene, free: tuple[Free, ...], size: tuple[int, int, int], lowest: float, multiple: int) -> FieldTable:
+    """Table from mirrors at the nodes of the places."""
+    values = _computed(scene, size, lowest, multiple)
+    found = np.einsum("kx,dnax->dnak", chebyshev_terms(size[0]), values)  # one sum of all takes 100 times as long
+    found = np.einsum("pa,dnak->dnpk", fourier(size[1], 1)[1], found)
+    found = np.einsum("tn,dnpk->dtpk", fourier(size[2], multiple)[1], found)
+    return FieldTable(*_pruned(found), free, size, lowest, multiple)
 
 
 def _terms(size: Size, multiple: int) -> tuple[int, int, int]:
@@ -190,11 +193,12 @@ def _reach(aims: Floats, lowest: float) -> Floats:
     """Largest tan(theta / 4) of nodes in the direction phi, a + b cos(phi): a and b of each target, shape (N, 2).
 
     No sun is farther: beyond the nodes, terms grow without bounds. Over the target the sun can be as far. Below it
-    there is more room, since b would bend the map, and the horizon beside a low target is as far as over it.
+    there is more room, since b would bend the map, and the horizon beside a low target is as far as over it: more than
+    either of both, for the larger of them would be no smooth function of the place.
     """
     rise = np.arcsin(aims[:, 2])
     over, under = np.tan((math.pi - rise - lowest) / 4), np.tan((rise - lowest) / 4)
-    under = np.maximum(np.sqrt(over * under), over * np.exp(-rise - lowest))
+    under = np.hypot(np.sqrt(over * under), over * np.exp(-rise - lowest))
     return np.stack((over + under, over - under), axis=1) / 2
 
 

@@ -100,7 +100,7 @@ def buie_formula(parameter: float) -> SunShape:
         mrad = 1e3 * r
         return np.where(r > DISC, math.exp(k) * mrad**gamma, np.cos(0.326 * mrad) / np.cos(0.308 * mrad))
 
-    return _rings((0.0, DISC, *np.geomspace(DISC, AUREOLE, 6)[1:]), brightness)
+    return _rings((0.0, DISC, *np.linspace(DISC, AUREOLE, 6)[1:]), brightness)
 
 
 def table(angle: Floats, brightness: Floats) -> SunShape:
