@@ -23,6 +23,7 @@ from heliosweep.kernels.field.neighbours import (
     by_cells,
     expected,
     no_candidates,
+    offsets_of,
     places,
     search,
     search_all,
@@ -43,7 +44,7 @@ from heliosweep.kernels.vectors import GROUP, PACKET, ROW, aligned, rows
 
 Floats = NDArray[np.float64]
 
-_TOGETHER, _FEW = 8, 64.0
+_TOGETHER, _FEW = 16, 96.0
 """Packets whose candidates are searched for together, and candidates up to which that pays: each packet sifts them."""
 _MANY = 12
 """Candidates from which on it pays to look first whether the bounding sphere of each is in the way in any lane."""
@@ -119,6 +120,7 @@ def sweep(
     tests = places(grid, start, stop)
     blockers = blockers_of(tests, mirrors, grid)
     wide, shaders = no_candidates(tests.shape[0]), no_candidates(tests.shape[0])
+    offsets = np.empty(0)
     halo = no_frames(mirrors.x.shape[0])
     lines = Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(5))
     images, room = images_of(0), room_for(0)
@@ -129,11 +131,12 @@ def sweep(
             together = last > p + 1
             if together:
                 wide = search_all(tests, bundle, mirrors, grid, wide)
+                offsets = offsets_of(tests, mirrors, wide, offsets)
         packet = order[first[p] : first[p + 1]]
         lanes = _directions(sun, packet, lines.to_sun)
         bundle = beam(lines.to_sun, ROW, packet.shape[0])
         if together:
-            shaders = sift_all(tests, bundle, mirrors, wide, shaders)
+            shaders = sift_all(bundle, wide, offsets, shaders)
         else:
             shaders = search_all(tests, bundle, mirrors, grid, shaders)
         halo = _with_room(halo, tests.shape[0] + blockers.first[-1] + shaders.first[-1], lanes)

@@ -268,42 +268,68 @@ def search_all(tests: NDArray[np.int64], bundle: Beam, mirrors: Mirrors, grid: C
 
 
 @kernel
-def sift_all(
-    tests: NDArray[np.int64], bundle: Beam, mirrors: Mirrors, wider: Candidates, found: Candidates
-) -> Candidates:
-    """The same out of what `search_all` found for a wider bundle."""
+def offsets_of(
+    tests: NDArray[np.int64], mirrors: Mirrors, found: Candidates, offsets: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Offsets of candidates from their test heliostats: as many x as the list has room for, y, z, and sums of radii."""
+    names, stride = found.names, found.names.shape[0]
+    if offsets.shape[0] < 4 * stride:
+        offsets = np.empty(4 * stride)
+    for t in range(tests.shape[0]):
+        i = tests[t]
+        for m in range(found.first[t], found.first[t + 1]):
+            j = names[m]
+            offsets[m], offsets[stride + m] = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i]
+            offsets[2 * stride + m] = mirrors.z[j] - mirrors.z[i]
+            offsets[3 * stride + m] = mirrors.radius[i] + mirrors.radius[j]
+    return offsets
+
+
+@kernel
+def sift_all(bundle: Beam, wider: Candidates, offsets: NDArray[np.float64], found: Candidates) -> Candidates:
+    """What `search_all` finds, out of what it found for a wider bundle, and the offsets of these."""
     names = found.names
     while names.shape[0] < wider.first[-1]:
         names = _longer(names)
-    _sift(tests, bundle, mirrors, wider, names, found.first)
+    _sift(bundle, wider, offsets, names, found.first)
     return Candidates(names, found.first)
 
 
 @inner
-def _sift(tests, bundle, mirrors, wider, names, first):
+def _sift(bundle, wider, offsets, names, first):
     """Keep of a wider bundle's candidates those that may occlude along some direction of the bundle."""
-    count = np.int64(0)
-    for t in range(tests.shape[0]):
+    stride, count = max(wider.names.shape[0], 0), np.int64(0)
+    for m in range(wider.first[-1]):  # first whether each does, as vector code
+        dx, dy, dz, radii = offsets[m], offsets[stride + m], offsets[2 * stride + m], offsets[3 * stride + m]
+        names[m] = np.int64(_occludes(dx, dy, dz, radii, bundle, np.inf))
+    for t in range(first.shape[0] - 1):
         for m in range(wider.first[t], wider.first[t + 1]):
+            kept = names[m]
             names[count] = wider.names[m]
-            count += _may_occlude(tests[t], wider.names[m], bundle, np.inf, mirrors)
+            count += kept
         first[t + 1] = count
 
 
 @inline
 def _may_occlude(i, j, bundle, limit, mirrors):
-    """Test whether j may occlude i along some direction of the bundle, by the angle between D and its axis.
+    """Test whether j may occlude i along some direction of the bundle."""
+    dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+    return _occludes(dx, dy, dz, mirrors.radius[i] + mirrors.radius[j], bundle, limit) & (j != i)
+
+
+@inline
+def _occludes(dx, dy, dz, radii, bundle, limit):
+    """Test whether another mirror may occlude one from an offset D, by the angle between D and the bundle's axis.
 
     Without a root or a branch, which is what this costs: the roots are on one side of the comparison, and squared.
     """
-    dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
     square = dx * dx + dy * dy + dz * dz
-    reach = (mirrors.radius[i] + mirrors.radius[j]) * (1.0 + _SLACK)
+    reach = radii * (1.0 + _SLACK)
     ahead = dx * bundle.x + dy * bundle.y + dz * bundle.z
     near = (square <= reach * reach) | (bundle.cosine <= 0.0)
     side = ahead + reach * bundle.sine + _SLACK * (abs(dx) + abs(dy) + abs(dz))
     edge = (square - reach * reach) * (bundle.cosine * bundle.cosine)
-    return (near | ((side >= 0.0) & (side * side >= edge))) & (j != i) & (ahead < limit)
+    return (near | ((side >= 0.0) & (side * side >= edge))) & (ahead < limit)
 
 
 @kernel
