@@ -80,16 +80,6 @@ def test_no_module_imports_itself_by_way_of_others():
     list(TopologicalSorter(graph).static_order())
 
 
-def test_planning_a_field_imports_no_labelled_arrays(tmp_path):
-    (tmp_path / "study.yaml").write_text(yaml.safe_dump(SMALL))
-    program = (
-        "import sys; from heliosweep.cli import main; main(['plan', 'study.yaml'])\n"
-        "print({'xarray', 'pandas', 'dask', 'zarr', 'matplotlib'} & set(sys.modules), file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stderr.splitlines()[-1] == "set()"
-
-
 def test_faces_and_the_studies_of_all_families_import_nothing_heavy():
     code = (
         "import sys, yaml, heliosweep, heliosweep.cli, heliosweep.api\n"

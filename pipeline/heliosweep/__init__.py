@@ -43,18 +43,13 @@ if TYPE_CHECKING:
     from heliosweep.api import build, load, plan, run, status
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
+    from heliosweep.layouts.paint import read_paint
+    from heliosweep.layouts.paint_spots import read_paint_spots
     from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
     from heliosweep.results import open_result
     from heliosweep.share.archive import pack_result
     from heliosweep.share.excel import write_xlsx
-    from heliosweep.share.fields import (
-        layout_of,
-        read_layout,
-        read_paint,
-        read_paint_spots,
-        write_layout,
-        write_paint_spots,
-    )
+    from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
     from heliosweep.share.frames import to_frame, write_csv
     from heliosweep.share.sam import write_table
 
@@ -62,10 +57,9 @@ if TYPE_CHECKING:
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
     **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
-    **dict.fromkeys(
-        ("layout_of", "read_layout", "read_paint", "read_paint_spots", "write_layout", "write_paint_spots"),
-        "share.fields",
-    ),
+    **dict.fromkeys(("layout_of", "read_layout", "write_layout", "write_paint_spots"), "share.fields"),
+    "read_paint": "layouts.paint",
+    "read_paint_spots": "layouts.paint_spots",
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "open_result": "results",
     "write_table": "share.sam",

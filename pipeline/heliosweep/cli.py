@@ -283,6 +283,8 @@ def _read_for(source: str) -> set[Any]:
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.files import user_path
+    from heliosweep.layouts.paint import read_paint
+    from heliosweep.layouts.paint_spots import read_paint_spots
     from heliosweep.results import open_result
     from heliosweep.share import fields
     from heliosweep.store.targets import target_file
@@ -290,7 +292,7 @@ def _convert(options: argparse.Namespace) -> None:
     target_file(options.target, options.force, sources=_read_for(options.source))
     is_folder = user_path(options.source).is_dir()
     if options.to == "spots":
-        spots = fields.read_paint_spots(options.source, options.aim)
+        spots = read_paint_spots(options.source, options.aim)
         _say_path(fields.write_paint_spots(spots, options.target, force=options.force))
         return
     if is_folder and (user_path(options.source) / "manifest.json").exists():
@@ -299,7 +301,7 @@ def _convert(options: argparse.Namespace) -> None:
     elif options.select:
         raise StudyError(Problem("is for a result folder", "--select"))
     elif is_folder:
-        layout = fields.read_paint(options.source, options.aim).layout
+        layout = read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
         layout = fields.layout_of(api.load(options.source))
     else:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.config.source import dotted, read
 from heliosweep.errors import Problem, StudyError, listed
+from heliosweep.files import user_path
 from heliosweep.layouts.layout import FARTHEST, MAX_LISTED, Layout
 
 Floats = NDArray[np.float64]
@@ -173,26 +175,28 @@ def heliostat_files(folder: Path) -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
-def read_plant(folder: Path, target: str = "receiver") -> Plant:
-    """Read a folder of PAINT as a layout, its mirrors and its receiver.
+def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plant:
+    """Read a folder of PAINT, the database of the Jülich solar tower.
 
     Parameters
     ----------
-    folder : pathlib.Path
-        With ``*tower-measurements.json`` and ``*heliostat-properties.json``.
+    folder : path
+        With one file ``*tower-measurements.json``, and ``*heliostat-properties.json`` for each heliostat.
     target : str
         Which of the measured targets the heliostats aim at.
 
     Returns
     -------
     Plant
-        With its origin below the centre of the target, at the height of the plant.
+        `layout`, which `write_layout` writes, the blocks `site`, `heliostat` and `receiver` of a study, and `notes`
+        on what they leave out. Its origin is below the centre of the target, at the height of the plant.
 
     Raises
     ------
     StudyError
         All that is wrong with the files, at their lines.
     """
+    folder = user_path(folder)
     files = heliostat_files(folder)
     towers = files_of(folder, "tower-measurements.json")
     if len(towers) != 1:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,8 +24,8 @@ from numpy.typing import NDArray
 
 from heliosweep.config.tables import MAX_LISTED
 from heliosweep.errors import Problem, StudyError, listed
-from heliosweep.layouts.csv import write_rows
-from heliosweep.layouts.paint import Plant, Record, files_of, heliostat_files, local_positions, read_plant
+from heliosweep.files import user_path
+from heliosweep.layouts.paint import Plant, Record, files_of, heliostat_files, local_positions, read_paint
 
 Floats = NDArray[np.float64]
 
@@ -102,13 +103,15 @@ class PaintSpots(NamedTuple):
     """Where the spots are from, and the blocks of a study."""
 
 
-def read_spots(folder: Path, target: str = "receiver", evaluation: str = EVALUATIONS[0]) -> PaintSpots:
-    """Read the spots of a folder of PAINT.
+def read_paint_spots(
+    folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
+) -> PaintSpots:
+    """Read the measured spots of a folder of PAINT, with the angles that its motors stood at.
 
     Parameters
     ----------
-    folder : pathlib.Path
-        With ``*tower-measurements.json``, ``*heliostat-properties.json`` and ``*calibration-properties.json``.
+    folder : path
+        As `read_paint` takes it, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
     target : str
         Target whose middle is the origin of the spots and whose plane they are on. Those measured on other targets are
         moved to it, along their beam from the mirror's centre: exact but for the residual of the fit, which grows as
@@ -119,7 +122,8 @@ def read_spots(folder: Path, target: str = "receiver", evaluation: str = EVALUAT
     Returns
     -------
     PaintSpots
-        Heliostats are named by `Plant.layout`'s column ``id``; those without linear actuators are left out.
+        `columns` of ``calibration.spots``, the block `mount`, the `plant` that `read_paint` gives, and `notes`.
+        Heliostats are named by the layout's column ``id``; those without linear actuators are left out.
 
     Raises
     ------
@@ -128,7 +132,8 @@ def read_spots(folder: Path, target: str = "receiver", evaluation: str = EVALUAT
     """
     if evaluation not in EVALUATIONS:
         raise StudyError(Problem(f"unknown evaluation {evaluation!r}; use {' or '.join(EVALUATIONS)}"))
-    plant = read_plant(folder, target)
+    folder = user_path(folder)
+    plant = read_paint(folder, target)
     aim = _Aim.of(plant, folder, target)
     files, problems = heliostat_files(folder), list[Problem]()
     spots, left_out, offsets = list[dict[str, Any]](), list[str](), list[float]()
@@ -169,12 +174,6 @@ def read_spots(folder: Path, target: str = "receiver", evaluation: str = EVALUAT
         *([f"Left out, since their actuators are not linear: {', '.join(left_out)}."] if left_out else []),
     )
     return PaintSpots(plant, mount, columns, notes)
-
-
-def write_spots(spots: PaintSpots, path: Path) -> None:
-    """Write spots as a table for ``calibration.spots``. Raises HeliosweepError if it cannot be written."""
-    rows = zip(*(values.tolist() for values in spots.columns.values()), strict=True)
-    write_rows([tuple(spots.columns), *rows], path, spots.notes)
 
 
 class _Aim(NamedTuple):

@@ -66,31 +66,7 @@ def write_comparison(
     *,
     force: bool = False,
 ) -> Path:
-    """Write one page over several results.
-
-    Parameters
-    ----------
-    places : sequence of path
-        Result folders, or the results in them; the others are compared with the first.
-    page : path
-        HTML file to write.
-    family_of : callable
-        Gives the family of a result.
-    force : bool
-        Whether a file that is there is replaced.
-
-    Returns
-    -------
-    pathlib.Path
-        The page.
-
-    Raises
-    ------
-    StudyError
-        A place without a result, or a page that cannot be written there.
-    HeliosweepError
-        A result is damaged.
-    """
+    """Write one page over several results, as `heliosweep.comparison_page` does; `family_of` gives their families."""
     file = target_file(page, force, endings=(".html",), sources=places)
     sound(*places, as_written=True)
     names = [chr(ord("A") + number) if number < 26 else str(number + 1) for number in range(len(places))]

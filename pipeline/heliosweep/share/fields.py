@@ -14,12 +14,9 @@ from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
-from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_solarpilot
+from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_rows, write_solarpilot
 from heliosweep.layouts.layout import Layout
-from heliosweep.layouts.paint import Plant, read_plant
-from heliosweep.layouts.paint_spots import EVALUATIONS, PaintSpots
-from heliosweep.layouts.paint_spots import read_spots as _read_spots
-from heliosweep.layouts.paint_spots import write_spots as _write_spots
+from heliosweep.layouts.paint_spots import PaintSpots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
 
@@ -52,57 +49,6 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     return read_csv(user_path(path))
 
 
-def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plant:
-    """Read a folder of PAINT, the database of the Jülich solar tower.
-
-    Parameters
-    ----------
-    folder : path
-        With one file ``*tower-measurements.json``, and ``*heliostat-properties.json`` for each heliostat.
-    target : str
-        Which of the measured targets the heliostats aim at.
-
-    Returns
-    -------
-    Plant
-        `layout`, which `write_layout` writes, the blocks `site`, `heliostat` and `receiver` of a study, and `notes`
-        on what they leave out.
-
-    Raises
-    ------
-    StudyError
-        All that is wrong with the files, at their lines.
-    """
-    return read_plant(user_path(folder), target)
-
-
-def read_paint_spots(
-    folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
-) -> PaintSpots:
-    """Read the measured spots of a folder of PAINT, with the angles that its motors stood at.
-
-    Parameters
-    ----------
-    folder : path
-        As `read_paint` takes it, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
-    target : str
-        Target on whose plane the spots are; those on others are moved to it along their beam.
-    evaluation : {"UTIS", "HeliOS"}
-        Which evaluation of the images.
-
-    Returns
-    -------
-    PaintSpots
-        `columns` of ``calibration.spots``, the block `mount`, the `plant` that `read_paint` gives, and `notes`.
-
-    Raises
-    ------
-    StudyError
-        All that is wrong with the files, at their lines.
-    """
-    return _read_spots(user_path(folder), target, evaluation)
-
-
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write spots as a table for ``calibration.spots``, its `notes` as comments before it.
 
@@ -128,7 +74,8 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
         The file cannot be written.
     """
     file = target_file(path, force)
-    _write_spots(spots, file)
+    rows = zip(*(values.tolist() for values in spots.columns.values()), strict=True)
+    write_rows([tuple(spots.columns), *rows], file, spots.notes)
     return file
 
 
