@@ -8,7 +8,7 @@ import logging
 import re
 import shlex
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +50,11 @@ def first_report_only(monkeypatch: pytest.MonkeyPatch) -> None:
     draw = api._report
     drawn: list[Path] = []
 
-    def once(folder: Path, study: Study | None = None, vector: Sequence[str] = ()) -> Path:
+    def once(folder: Path, study: Study | None = None, *others: Any, **named: Any) -> Path:
         if drawn and study:
             return folder
         drawn.append(folder)
-        return draw(folder, study, vector)
+        return draw(folder, study, *others, **named)
 
     monkeypatch.setattr(api, "_report", once)
 
