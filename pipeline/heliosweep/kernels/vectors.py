@@ -85,9 +85,3 @@ def at_angle(parts: tuple[Vector, Vector, Vector], cosine: float, sine: float) -
         a[1] + b[1] * cosine + c[1] * sine,
         a[2] + b[2] * cosine + c[2] * sine,
     )
-
-
-@inline
-def slope_at_angle(parts: tuple[Vector, Vector, Vector], cosine: float, sine: float) -> Vector:
-    """Derivative of a turning vector by its angle: v2 cos e - v1 sin e."""
-    return mixed(cosine, parts[2], -sine, parts[1])

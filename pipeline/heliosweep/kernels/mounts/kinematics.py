@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.vectors import Vector, cross, unit
+from heliosweep.kernels.vectors import PACKET, Vector, cross, unit
 
 Floats = NDArray[np.float64]
 
@@ -271,6 +271,54 @@ def offset_normal(sx: float, sy: float, sz: float, dx: float, dy: float, dz: flo
     from the pivot along the normal [m]; NaN where |r| is not smaller than |d|, or the sun stands opposite to the aim
     point.
     """
+    h, k, lengths, rho, (across, along) = _half_way(sx, sy, sz, dx, dy, dz, r)
+    c, s = 1.0, 0.0
+    for _ in range(_STEPS if rho != 0.0 else 0):
+        c, s, step = _newton(c, s, across, along)
+        if not abs(step) > _LAST_STEP:
+            break
+    return _bisector(h, k, lengths, rho, c, s)
+
+
+@inline
+def normal_lanes(rows: Floats, sun: int, to_target: int, r: float, normal: int, work: int, lanes: int) -> None:
+    """Write the three rows of the normals of many lanes, as `offset_normal`, to those that begin at `normal`.
+
+    Suns and ways to the aim point are the rows that begin at `sun` and `to_target`; five rows from `work` on are used.
+    """
+    for k in range(lanes):
+        s, d = _of(rows, sun, k), _of(rows, to_target, k)
+        _, _, _, _, (across, along) = _half_way(s[0], s[1], s[2], d[0], d[1], d[2], r)
+        rows[(work + 2) * PACKET + k], rows[(work + 3) * PACKET + k] = across, along
+        rows[work * PACKET + k], rows[(work + 1) * PACKET + k], rows[(work + 4) * PACKET + k] = 1.0, 0.0, 1.0
+    for _ in range(_STEPS if r != 0.0 else 0):
+        for k in range(lanes):
+            c, s, open_lane = rows[work * PACKET + k], rows[(work + 1) * PACKET + k], rows[(work + 4) * PACKET + k]
+            c_new, s_new, step = _newton(c, s, rows[(work + 2) * PACKET + k], rows[(work + 3) * PACKET + k])
+            rows[work * PACKET + k] = c_new if open_lane > 0.0 else c
+            rows[(work + 1) * PACKET + k] = s_new if open_lane > 0.0 else s
+            rows[(work + 4) * PACKET + k] = open_lane if abs(step) > _LAST_STEP else 0.0
+        pending = 0.0
+        for k in range(lanes):
+            pending += rows[(work + 4) * PACKET + k]
+        if pending == 0.0:
+            break
+    for k in range(lanes):
+        s, d = _of(rows, sun, k), _of(rows, to_target, k)
+        h, half, lengths, rho, _ = _half_way(s[0], s[1], s[2], d[0], d[1], d[2], r)
+        n = _bisector(h, half, lengths, rho, rows[work * PACKET + k], rows[(work + 1) * PACKET + k])
+        rows[normal * PACKET + k], rows[(normal + 1) * PACKET + k], rows[(normal + 2) * PACKET + k] = n
+
+
+@inline
+def _of(rows, row, k):
+    """Three rows of a lane."""
+    return rows[row * PACKET + k], rows[(row + 1) * PACKET + k], rows[(row + 2) * PACKET + k]
+
+
+@inline
+def _half_way(sx, sy, sz, dx, dy, dz, r):
+    """S + d / D and d / D - S, their lengths, rho, and rho sin(psi / 2) and rho cos(psi / 2)."""
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
     near = 1.0 / distance if distance > 0.0 else math.nan
     wx, wy, wz = near * dx, near * dy, near * dz
@@ -279,18 +327,25 @@ def offset_normal(sx: float, sy: float, sz: float, dx: float, dy: float, dz: flo
     sum_length = math.sqrt(hx * hx + hy * hy + hz * hz)
     difference = math.sqrt(kx * kx + ky * ky + kz * kz)
     rho = r * near
-    across, along = 0.5 * rho * difference, 0.5 * rho * sum_length  # rho sin(psi / 2), rho cos(psi / 2)
-    c, s = 1.0, 0.0
-    for _ in range(_STEPS if rho != 0.0 else 0):
-        f = 2.0 * s * c - (across * c + along * s)
-        step = f / ((along * c - across * s) - 2.0 * (c * c - s * s))
-        c, s = c - step * s, s + step * c
-        scale = 1.0 / math.sqrt(c * c + s * s)
-        c, s = scale * c, scale * s
-        if not abs(step) > _LAST_STEP:
-            break
-    c = c / sum_length if abs(rho) < 1.0 else math.nan
-    s = s / difference if difference > 0.0 else 0.0
-    nx, ny, nz = c * hx + s * kx, c * hy + s * ky, c * hz + s * kz
+    angles = 0.5 * rho * difference, 0.5 * rho * sum_length
+    return (hx, hy, hz), (kx, ky, kz), (sum_length, difference), rho, angles
+
+
+@inline
+def _newton(c, s, across, along):
+    """A step for the cosine and sine of x; and the step. [rad]"""
+    f = 2.0 * s * c - (across * c + along * s)
+    step = f / ((along * c - across * s) - 2.0 * (c * c - s * s))
+    c, s = c - step * s, s + step * c
+    scale = 1.0 / math.sqrt(c * c + s * s)
+    return scale * c, scale * s, step
+
+
+@inline
+def _bisector(h, k, lengths, rho, c, s):
+    """Unit normal at the angle x from half way."""
+    c = c / lengths[0] if abs(rho) < 1.0 else math.nan
+    s = s / lengths[1] if lengths[1] > 0.0 else 0.0
+    nx, ny, nz = c * h[0] + s * k[0], c * h[1] + s * k[1], c * h[2] + s * k[2]
     scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     return scale * nx, scale * ny, scale * nz

@@ -18,9 +18,10 @@ c2 sin 2 eps, with the roots
 R has the period pi, and of the angles eps + j pi the mirror is lit at one. On it, cot |eps| = cot eps times the sign
 of (S.n) cot eps + S.(a x n); the tolerance has the largest of these cotangents over the edges and roots.
 
-Mirror centre or primary axis that move. g is a trigonometric polynomial of degree 2 or 3. A march from no error takes
-steps h that are the closed form of the distance at which a root can be at the earliest, g + g' h - M h^2 / 2 = 0 with
-a bound M of |g''|: no root can be passed over, and close to one the steps are those of Newton's method, with his
+Mirror centre or primary axis that move. g is a trigonometric polynomial of degree 2 or 3, whose coefficients are
+products of those of R and p. A march from no error takes steps h that are the closed form of the distance at which a
+root can be at the earliest, g + g' h - M h^2 / 2 = 0 with a bound M of |g''|, the sum of its amplitudes by the squares
+of their degrees: no root can be passed over, and close to one the steps are those of Newton's method, with his
 convergence.
 
 **Conic**: about an axis a in the mirror the reflected rays satisfy a.R = -a.S = k: they form a cone with its apex p in
@@ -49,13 +50,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.spots.deviation import Curve, curve_of, draws_conic, prepared, spot_at
+from heliosweep.kernels.spots.deviation import CURVE_ROWS, Curve, curve_at, curve_lanes, draws_conic, prepared, spot_at
 from heliosweep.kernels.spots.receiver import REACHES, Face, Setting, face_vectors
-from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, mixed, slope_at_angle, turning
+from heliosweep.kernels.vectors import PACKET, Vector, at_angle, cross, dot, mixed, turning
 
 Floats = NDArray[np.float64]
 Line = Vector
 """Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2."""
+Series = tuple[float, float, float, float, float, float, float]
+"""A trigonometric polynomial: coefficients of 1, cos, sin, cos 2, sin 2, cos 3 and sin 3 of the error."""
 
 _STEPS = 10_000
 """More than any march was seen to take."""
@@ -135,18 +138,23 @@ def fill_curves(
     crossing: Floats,
 ) -> None:
     """Fill the arrays of `Curves`."""
+    instants = tolerance.shape[2]
+    mirrors, rows = tolerance.shape[1] * instants, np.empty(CURVE_ROWS * PACKET)
     for p in range(len(source)):
         closed = draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p])
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
         aligned = len(sky[2]) == 0
-        for i in range(tolerance.shape[1]):
-            for t in range(tolerance.shape[2]):
-                curve = curve_of(setting, p, face, source[p], axis[p], sky, i, t)
+        for first in range(0, mirrors, PACKET):
+            lanes = min(PACKET, mirrors - first)
+            curve_lanes(setting, p, face, source[p], axis[p], sky, first, lanes, rows)
+            for k in range(lanes):
+                i, t = (first + k) // instants, (first + k) % instants
+                curve = curve_at(rows, k)
                 y, z, status = spot_at(curve, face, 1.0, 0.0)
                 if curve.status != REACHES or status != REACHES:
                     continue
-                n = at_angle(curve.normal, 1.0, 0.0)
+                n, series = at_angle(curve.normal, 1.0, 0.0), spot_series(curve, face)
                 if closed:
                     cotangent = canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h)
                     tolerance[p, i, t] = math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
@@ -154,9 +162,14 @@ def fill_curves(
                     for m in range(9):
                         conic[m, p, i, t] = numbers[m]
                 else:
-                    edges = ((1.0, 0.0, w), (-1.0, 0.0, w), (0.0, 1.0, h), (0.0, -1.0, h))
-                    up = first_crossing(curve, face, edges, 1.0, math.pi)
-                    down = first_crossing(curve, face, edges, -1.0, min(up, math.pi))
+                    edges = (
+                        line_series(series, (1.0, 0.0, w)),
+                        line_series(series, (-1.0, 0.0, w)),
+                        line_series(series, (0.0, 1.0, h)),
+                        line_series(series, (0.0, -1.0, h)),
+                    )
+                    up = first_crossing(series, edges, 1.0, math.pi)
+                    down = first_crossing(series, edges, -1.0, min(up, math.pi))
                     tolerance[p, i, t] = min(up, down) if up == up and down == down else math.nan
                 if not aligned and not (abs(y) <= w and abs(z) <= h):
                     tolerance[p, i, t] = 0.0
@@ -169,8 +182,9 @@ def fill_curves(
                         cotangent, side = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, line)
                         error = side * math.atan2(1.0, cotangent) if cotangent > -math.inf else math.nan
                     else:
-                        up = first_crossing(curve, face, (line,), 1.0, math.pi)
-                        down = first_crossing(curve, face, (line,), -1.0, min(up, math.pi))
+                        one = (line_series(series, line),)
+                        up = first_crossing(series, one, 1.0, math.pi)
+                        down = first_crossing(series, one, -1.0, min(up, math.pi))
                         error = -down if down < up else up
                     if not abs(error) < math.inf:
                         continue
@@ -269,51 +283,99 @@ def _homogeneous(p: Vector, r: Vector, face: Face) -> Vector:
 
 
 @inline
-def first_crossing(curve: Curve, face: Face, lines: tuple[Line, ...], side: float, limit: float) -> float:
+def spot_series(curve: Curve, face: Face) -> tuple[Series, Series, Series, Series]:
+    """Trigonometric polynomials of the error: S.n, and U, V and W of the spot."""
+    sun, (n0, n1, n2) = curve.sun, curve.normal
+    l0, l1, l2 = dot(sun, n0), dot(sun, n1), dot(sun, n2)
+    once, twice = mixed(l1, n1, l2, n2), mixed(l1, n1, -l2, n2)
+    rays = (
+        mixed(1.0, mixed(2.0 * l0, n0, 1.0, once), -1.0, sun),
+        mixed(2.0 * l0, n1, 2.0 * l1, n0),
+        mixed(2.0 * l0, n2, 2.0 * l2, n0),
+        twice,
+        mixed(l1, n2, l2, n1),
+    )
+    out = face[0]
+    ahead = (-dot(out, rays[0]), -dot(out, rays[1]), -dot(out, rays[2]), -dot(out, rays[3]), -dot(out, rays[4]))
+    lit = (l0, l1, l2, 0.0, 0.0, 0.0, 0.0)
+    return lit, _moment(curve, face[2], 1.0, rays), _moment(curve, face[1], -1.0, rays), (*ahead, 0.0, 0.0)
+
+
+@inline
+def _moment(curve, axis, sign, rays):
+    """Series of sign * axis . (p x R) = R . (sign * axis x p)."""
+    q0, q1, q2 = cross(axis, curve.centre[0]), cross(axis, curve.centre[1]), cross(axis, curve.centre[2])
+    r0, r1, r2, r3, r4 = rays
+    half = 0.5 * sign
+    return (
+        sign * dot(r0, q0) + half * (dot(r1, q1) + dot(r2, q2)),
+        sign * (dot(r0, q1) + dot(r1, q0)) + half * (dot(r3, q1) + dot(r4, q2)),
+        sign * (dot(r0, q2) + dot(r2, q0)) + half * (dot(r4, q1) - dot(r3, q2)),
+        sign * dot(r3, q0) + half * (dot(r1, q1) - dot(r2, q2)),
+        sign * dot(r4, q0) + half * (dot(r1, q2) + dot(r2, q1)),
+        half * (dot(r3, q1) - dot(r4, q2)),
+        half * (dot(r4, q1) + dot(r3, q2)),
+    )
+
+
+@inline
+def line_series(series: tuple[Series, Series, Series, Series], line: Line) -> tuple[Series, float]:
+    """Trigonometric polynomial g of a line, and a bound of the magnitude of its second derivative."""
+    _, u, v, w = series
+    l0, l1, l2 = line
+    g0, g1, h1 = l2 * w[0] - l0 * u[0] - l1 * v[0], l2 * w[1] - l0 * u[1] - l1 * v[1], l2 * w[2] - l0 * u[2] - l1 * v[2]
+    g2, h2 = l2 * w[3] - l0 * u[3] - l1 * v[3], l2 * w[4] - l0 * u[4] - l1 * v[4]
+    g3, h3 = -l0 * u[5] - l1 * v[5], -l0 * u[6] - l1 * v[6]
+    bound = math.sqrt(g1 * g1 + h1 * h1) + 4.0 * math.sqrt(g2 * g2 + h2 * h2) + 9.0 * math.sqrt(g3 * g3 + h3 * h3)
+    return (g0, g1, h1, g2, h2, g3, h3), bound
+
+
+@inline
+def _value_and_slope(series, c, s):
+    """A trigonometric polynomial and its derivative at the angle of cosine c and sine s."""
+    c2, s2 = c * c - s * s, 2.0 * c * s
+    c3, s3 = c * c2 - s * s2, s * c2 + c * s2
+    g0, g1, h1, g2, h2, g3, h3 = series
+    value = g0 + (g1 * c + h1 * s) + (g2 * c2 + h2 * s2) + (g3 * c3 + h3 * s3)
+    return value, (h1 * c - g1 * s) + 2.0 * (h2 * c2 - g2 * s2) + 3.0 * (h3 * c3 - g3 * s3)
+
+
+@inline
+def first_crossing(series, lines, side: float, limit: float) -> float:
     """Smallest |error| of the sign `side` at which the spot is real and on one of the lines. [rad]
 
-    There is one line; or several with the spot of no error on the side of all of them where g > 0, and no virtual
-    crossing before the first real one (edges of an aperture). Infinity where there is none up to `limit` [rad], or the
-    mirror turns away from the sun before; NaN where the march would not end.
+    Of the `spot_series` and the `line_series` of one line; or several with the spot of no error on the side of all of
+    them where g > 0, and no virtual crossing before the first real one (edges of an aperture). Infinity where there is
+    none up to `limit` [rad], or the mirror turns away from the sun before; NaN where the march would not end.
     """
-    arm = math.sqrt(dot(curve.centre[2], curve.centre[2]))
-    start = at_angle(curve.centre, 1.0, 0.0)
-    reach = math.sqrt(dot(start, start)) + 2.0 * arm
-    error, sign = 0.0, 0.0
+    error, sign, cosine, sine, bright = 0.0, 0.0, 1.0, 0.0, 0.0
     for _ in range(_STEPS):
-        cosine, sine = math.cos(error), side * math.sin(error)
-        n, n_slope = at_angle(curve.normal, cosine, sine), slope_at_angle(curve.normal, cosine, sine)
-        p, p_slope = at_angle(curve.centre, cosine, sine), slope_at_angle(curve.centre, cosine, sine)
-        lit, lit_slope = dot(curve.sun, n), dot(curve.sun, n_slope)
-        r = mixed(2.0 * lit, n, -1.0, curve.sun)
-        r_slope = mixed(2.0 * lit_slope, n, 2.0 * lit, n_slope)
-        u, v, w = _homogeneous(p, r, face)
-        a, b, w_slope = _homogeneous(p, r_slope, face)
-        c, d, _ = _homogeneous(p_slope, r, face)
         to_root, past_root = math.inf, 0.0
-        for line in lines:
-            g = line[2] * w - line[0] * u - line[1] * v
-            slope = line[2] * w_slope - line[0] * (a + c) - line[1] * (b + d)
-            # |R'| <= 2, |R''| <= 8, |p'| and |p''| <= arm
-            size = math.sqrt(line[0] * line[0] + line[1] * line[1])
-            bound = size * (5.0 * arm + 8.0 * reach) + 8.0 * abs(line[2])
+        for line, bound in lines:
+            g, slope = _value_and_slope(line, cosine, sine)
             if sign == 0.0:
                 sign = 1.0 if g >= 0.0 else -1.0
             earliest = _earliest_root(sign * g, sign * side * slope, bound)
             if earliest < to_root:
                 to_root, past_root = earliest, abs(slope) / bound
         if to_root < _LAST_STEP:
-            if w > _PARALLEL:
+            ahead, _ = _value_and_slope(series[3], cosine, sine)
+            if ahead > _PARALLEL:
                 return error + to_root if error + to_root <= limit else math.inf
             # a crossing of the virtual branch: no other lies within 2 |g'| / M beyond it; the sign there is not always
             # the opposite, the curve may have touched the line
             sign = 0.0
             to_root = max(past_root, _LAST_STEP)
-        if not lit > _EDGE_ON:
-            return math.inf
-        error += min(to_root, _earliest_root(lit, side * lit_slope, 1.0))
+        if error + to_root > bright:  # up to which the mirror is known to be lit
+            lit, slope = _value_and_slope(series[0], cosine, sine)
+            if not lit > _EDGE_ON:
+                return math.inf
+            bright = error + _earliest_root(lit, side * slope, 1.0)
+            to_root = min(to_root, bright - error)
+        error += to_root
         if not error <= limit:
             return math.inf
+        cosine, sine = math.cos(error), side * math.sin(error)
     return math.nan
 
 

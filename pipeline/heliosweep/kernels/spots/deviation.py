@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.kinematics import offset_normal, primary_axis
+from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED, normal_lanes, offset_normal, primary_axis
 from heliosweep.kernels.spots.receiver import (
     BEHIND_FACE,
     MISSES,
@@ -62,8 +62,10 @@ STAND = 15
 axis e (3 to 5) and the primary axis z (6 to 8), ways from the pivot to the mirror centre (9 to 11) and from the base to
 the pivot (12 to 14) [m]."""
 
-_CURVE_ROWS = 22
-"""Rows of a packet of curves, see `_as_lane`."""
+_AXIS, _TO_TARGET, _Z, _X, _NORMAL, _WORK = 22, 25, 28, 31, 34, 37
+CURVE_ROWS = 42
+"""Rows of a packet of curves: those of `_as_lane` come first, then the ways to the aim point, the axes z and x of the
+mounts, the normals, and what these need."""
 
 Floats = NDArray[np.float64]
 Parts = tuple[Vector, Vector, Vector]
@@ -98,6 +100,13 @@ def deviation_curve(
     sx, sy, sz = sun
     dx, dy, dz = to_target
     n = offset_normal(sx, sy, sz, dx, dy, dz, offset)
+    return _aligned_curve(source, axis, sun, to_target, z, x, n, offset, pedestal)
+
+
+@inline
+def _aligned_curve(source, axis, sun, to_target, z, x, n, offset, pedestal):
+    """The same of the normal n."""
+    dx, dy, dz = to_target
     level = cross(n, z)
     sine = math.sqrt(dot(level, level))
     e = mixed(1.0 / sine, level, 0.0, level) if sine > _ALONG else x
@@ -128,7 +137,7 @@ def _turning_curve(source, axis, sun, axes, places, offset):
     fixed, first, second = turning(a, arm)
     status = REACHES if n[0] == n[0] else MISSES
     status = status if abs(offset) < math.sqrt(dot(pivot, pivot)) else TOO_NEAR
-    status = status if sun[2] > 0.0 and sun[0] == sun[0] and sun[1] == sun[1] else NO_SUN
+    status = status if (sun[2] > 0.0) & (sun[0] == sun[0]) & (sun[1] == sun[1]) else NO_SUN
     return Curve(status, sun, a, turning(a, n), (mixed(1.0, still, 1.0, fixed), first, second))
 
 
@@ -163,7 +172,13 @@ def curve_of(
         arm, pole = (to[9], to[10], to[11]), (to[12], to[13], to[14])
         base = (-to_target[0], -to_target[1], -to_target[2] - pedestal)
         curve = _turning_curve(source, axis, to_sun, axes, (mixed(1.0, base, 1.0, pole), base, arm, pole), r)
-    behind = not dot(face[0], to_target) < 0.0 and (curve.status == REACHES or curve.status == MISSES)
+    return _before(curve, face, to_target)
+
+
+@inline
+def _before(curve, face, to_target):
+    """A curve with the status of a pivot that is behind the face, where it is."""
+    behind = (not dot(face[0], to_target) < 0.0) & ((curve.status == REACHES) | (curve.status == MISSES))
     status = BEHIND_FACE if behind else curve.status
     return Curve(status, curve.sun, curve.axis, curve.normal, curve.centre)
 
@@ -274,28 +289,77 @@ def fill_spots(
     points, instants = len(size), spots.shape[3]
     mirrors = spots.shape[2] * instants
     sine, cosine = np.sin(size), np.cos(size)
-    rows, out = np.empty(_CURVE_ROWS * PACKET), spots.reshape(-1)
+    rows, out = np.empty(CURVE_ROWS * PACKET), spots.reshape(-1)
     for first in range(0, mirrors, PACKET):
         lanes = min(PACKET, mirrors - first)
         for p in range(points):
             face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
             if not like_the_last[p]:
-                for k in range(lanes):
-                    h, t = (first + k) // instants, (first + k) % instants
-                    curve = curve_of(setting, p, face, source[p], axis[p], sky, h, t)
-                    _as_lane(curve, rows, k)
+                curve_lanes(setting, p, face, source[p], axis[p], sky, first, lanes, rows)
             _spot_lanes(rows, face, cosine[p], sine[p], out, p * mirrors + first, points * mirrors, lanes)
+
+
+@kernel
+def curve_lanes(
+    setting: Setting,
+    p: int,
+    face: Face,
+    source: int,
+    axis: int,
+    sky: tuple[Floats, Floats, Floats],
+    first: int,
+    lanes: int,
+    rows: Floats,
+) -> None:
+    """Write the curves of `curve_of` to the `CURVE_ROWS` rows, for the heliostats and instants from `first` on.
+
+    All instants of a heliostat follow each other.
+    """
+    sun, pivots, stands = sky
+    i, j, instants = p if len(sun) > 1 else 0, p if len(pivots) > 1 else 0, sun.shape[1]
+    h, t = first // instants, first % instants
+    if len(stands) > 0:
+        for k in range(lanes):
+            _as_lane(curve_of(setting, p, face, source, axis, sky, h, t), rows, k)
+            h, t = (h, t + 1) if t + 1 < instants else (h + 1, 0)
+        return
+    kind, height, none = setting.kind[p], setting.target_height[p], (0.0, 0.0, 0.0)
+    z, x = primary_axis(kind, setting.latitude[p], setting.axis_azimuth[p], none)
+    for k in range(lanes):
+        to_target = (-pivots[j, h, 0], -pivots[j, h, 1], height - pivots[j, h, 2])
+        if kind == TARGET_ALIGNED:
+            z, x = primary_axis(kind, 0.0, 0.0, to_target)
+        for c in range(3):
+            rows[c * PACKET + k], rows[(_TO_TARGET + c) * PACKET + k] = sun[i, t, c], to_target[c]
+            rows[(_Z + c) * PACKET + k], rows[(_X + c) * PACKET + k] = z[c], x[c]
+        h, t = (h, t + 1) if t + 1 < instants else (h + 1, 0)
+    r, pedestal = setting.mirror_offset[p], setting.pedestal_height[p]
+    normal_lanes(rows, 0, _TO_TARGET, r, _NORMAL, _WORK, lanes)
+    for k in range(lanes):
+        to_sun, to_target = _of_lane(rows, 0, k), _of_lane(rows, _TO_TARGET, k)
+        z, x, n = _of_lane(rows, _Z, k), _of_lane(rows, _X, k), _of_lane(rows, _NORMAL, k)
+        curve = _aligned_curve(source, axis, to_sun, to_target, z, x, n, r, pedestal)
+        _as_lane(_before(curve, face, to_target), rows, k)
 
 
 @inline
 def _as_lane(curve, rows, k):
-    """Write a curve to lane k: sun, the parts of normal and centre, status."""
+    """Write a curve to lane k: sun, the parts of normal and centre, status, axis."""
     for c in range(3):
         rows[c * PACKET + k] = curve.sun[c]
         for part in range(3):
             rows[(3 + 3 * part + c) * PACKET + k] = curve.normal[part][c]
             rows[(12 + 3 * part + c) * PACKET + k] = curve.centre[part][c]
     rows[21 * PACKET + k] = curve.status
+    rows[_AXIS * PACKET + k], rows[(_AXIS + 1) * PACKET + k], rows[(_AXIS + 2) * PACKET + k] = curve.axis
+
+
+@inline
+def curve_at(rows: Floats, k: int) -> Curve:
+    """Curve in lane k."""
+    normal = _of_lane(rows, 3, k), _of_lane(rows, 6, k), _of_lane(rows, 9, k)
+    centre = _of_lane(rows, 12, k), _of_lane(rows, 15, k), _of_lane(rows, 18, k)
+    return Curve(int(rows[21 * PACKET + k]), _of_lane(rows, 0, k), _of_lane(rows, _AXIS, k), normal, centre)
 
 
 @inline
@@ -312,11 +376,8 @@ def _spot_lanes(
     # Known not to be negative, or stores become scattered.
     y_at, z_at, status_at = max(first, 0), max(first + apart, 0), max(first + 2 * apart, 0)
     for k in range(lanes):
-        normal = _of_lane(rows, 3, k), _of_lane(rows, 6, k), _of_lane(rows, 9, k)
-        centre = _of_lane(rows, 12, k), _of_lane(rows, 15, k), _of_lane(rows, 18, k)
         there = rows[21 * PACKET + k]
-        turned = at_angle(centre, cosine, sine), at_angle(normal, cosine, sine)
-        y, z, status = trace(*turned, _of_lane(rows, 0, k), face)
+        y, z, status = spot_at(curve_at(rows, k), face, cosine, sine)
         out[y_at + k] = y if there == REACHES else math.nan
         out[z_at + k] = z if there == REACHES else math.nan
         out[status_at + k] = status if there == REACHES else there

@@ -33,6 +33,8 @@ _J2000 = 10957.5
 _FLATTENING = 0.99664719
 """Polar over equatorial radius of the Earth."""
 _EQUATORIAL_RADIUS = 6378140.0
+_C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
+_S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
 
 
 def sidereal_time(day: Any, fraction: Any) -> Any:
@@ -95,7 +97,7 @@ def sun_at_sites(
     equation of the equinoxes. `sites` are geographic latitude and longitude, positive north and east [rad], and
     altitude [m], shape (S, 3). `sun`, shape (S, T, 3), receives east, north, up [1]; NaN at no time.
     """
-    place = np.zeros((QUANTITIES + 1, CHUNK))
+    place = np.zeros((QUANTITIES + 4, CHUNK))  # three more rows: vectors of a site
     for start in range(0, len(utc), CHUNK):
         stop = min(start + CHUNK, len(utc))
         _geocentric(utc[start:stop], delta_t, first_day, pieces, first_piece, place)
@@ -140,10 +142,10 @@ def _cosine_and_sine(turns: float) -> tuple[float, float]:
     quarters = np.floor(4.0 * turns + 0.5)
     x = 2.0 * math.pi * (turns - 0.25 * quarters)
     q = x * x  # at most (pi / 4)^2: the terms left out are below 5e-17
-    s = 1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0 * (1.0 - q / 156.0 * (1.0 - q / 210.0))))
-    c = 1.0 - q / 56.0 * (1.0 - q / 90.0 * (1.0 - q / 132.0 * (1.0 - q / 182.0 * (1.0 - q / 240.0))))
-    s = x * (1.0 - q / 6.0 * (1.0 - q / 20.0 * s))
-    c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * c))
+    s = _S9 + q * (_S11 + q * (_S13 + q * _S15))
+    c = _C8 + q * (_C10 + q * (_C12 + q * (_C14 + q * _C16)))
+    s = x + x * q * (_S3 + q * (_S5 + q * (_S7 + q * s)))
+    c = 1.0 + q * (_C2 + q * (_C4 + q * (_C6 + q * c)))
     odd = quarters - 2.0 * np.floor(0.5 * quarters)
     half = 0.5 * (quarters - odd)
     sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
@@ -160,10 +162,14 @@ def _topocentric(place: Floats, latitude: float, longitude: float, altitude: flo
     from_equator = _FLATTENING * math.sin(reduced) + altitude / _EQUATORIAL_RADIUS * north
     site_north = level * from_equator - north * from_axis
     site_up = level * from_axis + north * from_equator
+    px, py, pz, parallax = place[0], place[1], place[2], place[3]
+    across, up, ahead = place[QUANTITIES + 1], place[QUANTITIES + 2], place[QUANTITIES + 3]
     for i in range(len(sun)):
-        meridian = prime * place[0, i] + east * place[1, i]
-        x = prime * place[1, i] - east * place[0, i]
-        y = level * place[2, i] - north * meridian - site_north * place[3, i]
-        z = level * meridian + north * place[2, i] - site_up * place[3, i]
+        meridian = prime * px[i] + east * py[i]
+        x = prime * py[i] - east * px[i]
+        y = level * pz[i] - north * meridian - site_north * parallax[i]
+        z = level * meridian + north * pz[i] - site_up * parallax[i]
         scale = 1.0 / math.sqrt(x * x + y * y + z * z)
-        sun[i, 0], sun[i, 1], sun[i, 2] = x * scale, y * scale, z * scale
+        across[i], ahead[i], up[i] = x * scale, y * scale, z * scale
+    for i in range(len(sun)):
+        sun[i, 0], sun[i, 1], sun[i, 2] = across[i], ahead[i], up[i]
