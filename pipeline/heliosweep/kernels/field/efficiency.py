@@ -121,7 +121,7 @@ def sweep(
     blockers = blockers_of(tests, mirrors, grid)
     wide, shaders = no_candidates(tests.shape[0]), no_candidates(tests.shape[0])
     offsets = np.empty(0)
-    halo = no_frames(mirrors.x.shape[0])
+    halo = no_frames(grid.names.shape[0])
     lines = Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(5))
     images, room = images_of(0), room_for(0)
     last, together = 0, False

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.packets import Mirrors
+from heliosweep.kernels.vectors import GROUP, PACKET, whole
 
 _SLACK = 1e-9
 """Relative slack of every cull: far above rounding, far below what would cost time."""
@@ -96,10 +97,10 @@ def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells]:
 
 @kernel
 def _reordered(mirrors, names):
-    """Mirrors in another order."""
+    """Mirrors in another order, and room behind the last for what `_occluding` reads of a whole group."""
     count = names.shape[0]
-    x, y, z, throw = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
-    half_width, half_height, radius, aim = np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3))
+    x, y, z, radius = np.zeros(count + GROUP), np.zeros(count + GROUP), np.zeros(count + GROUP), np.zeros(count + GROUP)
+    half_width, half_height, aim, throw = np.empty(count), np.empty(count), np.empty((count, 3)), np.empty(count)
     for i in range(count):
         j = names[i]
         x[i], y[i], z[i], throw[i] = mirrors.x[j], mirrors.y[j], mirrors.z[j], mirrors.throw[j]
@@ -236,11 +237,34 @@ def _search(i, bundle, limit, mirrors, grid, found, count):
         begin, middle, end = grid.first[cells + start], grid.first[cells + home], grid.first[cells + stop]
         if count + end - begin > found.shape[0]:
             return -1
-        for c in range(end - begin):
-            j = _outward(c, middle, end)
-            found[count] = j
-            count += _may_occlude(i, j, bundle, limit, mirrors)
+        if end - begin <= GROUP:  # too few for vectors
+            for c in range(end - begin):
+                j = _outward(c, middle, end)
+                found[count] = j
+                count += _may_occlude(i, j, bundle, limit, mirrors)
+            continue
+        for j in range(middle, end, PACKET):
+            length = min(end - j, PACKET)
+            some = _occluding(i, j, length, bundle, limit, mirrors)
+            for k in range(length if some != 0 else 0):
+                found[count] = j + k
+                count += some >> k & 1
+        for j in range(middle, begin, -PACKET):
+            length = min(j - begin, PACKET)
+            some = _occluding(i, j - length, length, bundle, limit, mirrors)
+            for k in range(1, length + 1 if some != 0 else 0):
+                found[count] = j - k
+                count += some >> (length - k) & 1
     return count
+
+
+@inner
+def _occluding(i, start, length, bundle, limit, mirrors):
+    """Those of so many mirrors from a start on that may occlude mirror i, a bit for each."""
+    start, some = max(start, 0), np.int64(0)
+    for k in range(whole(length)):
+        some |= np.int64(_may_occlude(i, start + k, bundle, limit, mirrors)) << k
+    return some & (np.int64(-1) if length == PACKET else (np.int64(1) << length) - 1)
 
 
 @inline
