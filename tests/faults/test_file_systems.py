@@ -102,21 +102,15 @@ def test_nor_in_an_unfinished_run(folder, monkeypatch, capsys, name):
     assert status_of(folder / "half").state == "damaged"
 
 
-def test_the_claim_does_not_follow_a_link(folder, capsys):
+@pytest.mark.parametrize(
+    ("link", "said"), [("symlink_to", "is a link, and no file of a run"), ("hardlink_to", "is another file too")]
+)
+def test_the_claim_follows_no_link_nor_takes_a_file_with_another_name(folder, capsys, link, said):
     (folder / "precious").write_text("mine")
     (folder / "new").mkdir()
-    (folder / "new/.heliosweep.lock").symlink_to(folder / "precious")
+    getattr(folder / "new/.heliosweep.lock", link)(folder / "precious")
     assert main(["run", "study.yaml", "-o", "new"]) == 2
-    assert "new/.heliosweep.lock: is a link, and no file of a run" in capsys.readouterr().err
-    assert (folder / "precious").read_text() == "mine"
-
-
-def test_nor_is_a_file_with_another_name_claimed(folder, capsys):
-    (folder / "precious").write_text("mine")
-    (folder / "new").mkdir()
-    (folder / "new/.heliosweep.lock").hardlink_to(folder / "precious")
-    assert main(["run", "study.yaml", "-o", "new"]) == 2
-    assert "new/.heliosweep.lock: is another file too" in capsys.readouterr().err
+    assert f"new/.heliosweep.lock: {said}" in capsys.readouterr().err
     assert (folder / "precious").read_text() == "mine"
 
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
+from tests.kernels.mounts.normals import normal_and_centre
+
 Floats = NDArray[np.float64]
 
 
@@ -26,11 +28,6 @@ def solar_vector(latitude: float, day: int, hour: float) -> Floats:
     phi = np.radians(latitude)
     east, up = np.array([0.0, 1.0, 0.0]), np.array([np.cos(phi), 0.0, np.sin(phi)])
     return np.array([equatorial @ east, equatorial @ np.cross(up, east), equatorial @ up])
-
-
-def turned(axis: tuple[float, float, float], angle: Floats | float) -> Floats:
-    """Matrices that turn about an axis by each angle. [rad]"""
-    return Rotation.from_rotvec(np.multiply.outer(np.asarray(angle, float), np.array(axis))).as_matrix()
 
 
 @dataclass(frozen=True)
@@ -82,17 +79,8 @@ class Twin:
 
     def mirror(self, angles: Floats, errors: Floats) -> tuple[Floats, Floats]:
         """Normals and centres for encoder angles (primary, secondary) and errors of shape (K, 6). [rad]"""
-        g0, a0, east, north, eta, mu = np.atleast_2d(errors).T
-        r, q, h = self.offsets
-        tilt = Rotation.from_rotvec(np.stack([east, north, 0 * east], axis=1)).as_matrix()
-        primary = turned((0, 0, -1), angles[0] + g0)
-        secondary = turned((0, 1, 0), eta) @ turned((1, 0, 0), angles[1] + a0)
-        bore = np.stack([np.sin(mu), np.cos(mu), 0 * mu], axis=1)[..., np.newaxis]
-        normal = tilt @ primary @ secondary @ bore
-        arm = secondary @ np.array([[0.0], [r], [0.0]]) + np.array([[0.0], [q], [0.0]])
-        base = self.frame @ np.array([[0.0], [0.0], [h]])
-        centre = tilt @ (base + primary @ arm) - base
-        return (self.frame.T @ normal)[..., 0], np.array(self.pivot) + (self.frame.T @ centre)[..., 0]
+        normal, centre = normal_and_centre(self.frame, angles, np.atleast_2d(errors), self.offsets)
+        return normal, np.array(self.pivot) + centre
 
     def spots(self, normal: Floats, centre: Floats, sun: Floats) -> tuple[Floats, Floats]:
         """Spots (..., 2) on the receiver's plane, NaN where there is none, and whether there is one."""
@@ -144,7 +132,7 @@ class Twin:
         about = elevation if axis == 0 else np.cross(elevation, normal)
 
         def within(angles: Floats) -> NDArray[np.bool_]:
-            normals = np.einsum("kij,j->ki", turned(tuple(about), angles), normal)
+            normals = Rotation.from_rotvec(np.multiply.outer(angles, about)).apply(normal)
             return self.inside(self.spots(normals, np.broadcast_to(centre, normals.shape), sun)[0])
 
         least = np.inf
