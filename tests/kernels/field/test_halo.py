@@ -5,6 +5,7 @@ import pytest
 
 from heliosweep.kernels.field.efficiency import field_series
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from heliosweep.kernels.vectors import PACKET
 from heliosweep.layouts import radial_stagger
 from tests.kernels.field.fields import Field, directions
 
@@ -39,3 +40,13 @@ def test_same_bits_whatever_stands_beyond_the_halo(tracking):
     x, y = np.where(moved, 0.99 * x[corner], x), np.where(moved, 0.99 * y[corner], y)
     part = field_series(x, y, z, width, height, target, tracking, sun, BLOCK.start, BLOCK.stop)
     np.testing.assert_array_equal(part, whole)
+
+
+@pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
+def test_same_bits_where_frames_take_the_places_of_others(tracking):
+    rng = np.random.default_rng(3)
+    sun = directions(rng.uniform(119.0, 121.0, PACKET), rng.uniform(14.0, 15.0, PACKET))
+    field, count = staggered(2_500), 2_500
+    whole = field_series(*field, tracking, sun, 0, count)
+    parts = [field_series(*field, tracking, sun, start, start + 500) for start in range(0, count, 500)]
+    np.testing.assert_array_equal(np.concatenate(parts, axis=2), whole)

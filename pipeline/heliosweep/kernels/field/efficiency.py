@@ -48,6 +48,8 @@ _TOGETHER, _FEW = 16, 96.0
 """Packets whose candidates are searched for together, and candidates up to which that pays: each packet sifts them."""
 _MANY = 12
 """Candidates from which on it pays to look first whether the bounding sphere of each is in the way in any lane."""
+_KEPT = 1000
+"""Frames of full packets after which others take their places, some made again: more would leave the cache."""
 
 
 class Lines(NamedTuple):
@@ -139,8 +141,8 @@ def sweep(
             shaders = sift_all(bundle, wide, offsets, shaders)
         else:
             shaders = search_all(tests, bundle, mirrors, grid, shaders)
-        halo = _with_room(halo, tests.shape[0] + blockers.first[-1] + shaders.first[-1], lanes)
         most = _most(blockers, shaders)
+        halo = _with_room(halo, _kept(lanes) + most + 1, lanes)
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
         _sweep_block(
@@ -202,6 +204,12 @@ def _with_room(halo, count, lanes):
 
 
 @inline
+def _kept(lanes):
+    """Frames after which others take their places."""
+    return _KEPT * (ROW // lanes)
+
+
+@inline
 def _place(count, lanes):
     """Start of frame number `count`: those of a short packet stand side by side, and more of them in the cache."""
     beside = ROW // lanes
@@ -215,7 +223,7 @@ def _frame(j, some, halo, count, to_sun, mirrors, tracking, lanes):
         halo.place[j], halo.names[count] = _place(count, lanes), j
         count += 1
     missing = some & ~halo.made[j]
-    start, stop = next_run(0, missing, lanes)
+    start, stop = (np.int64(0), lanes) if missing == -1 else next_run(0, missing, lanes)
     while start < stop:
         half_sides(halo.frames, halo.place[j] + start, to_sun, start, mirrors, j, tracking, stop - start)
         halo.made[j] |= (np.int64(-1) if stop == lanes else (np.int64(1) << stop) - 1) & np.int64(-1) << start
@@ -257,6 +265,9 @@ def _sweep_block(
     frames, count = halo.frames, np.int64(0)
     for t in range(tests.shape[0]):
         i, shading = tests[t], np.int64(0)
+        if count > _kept(lanes):
+            _forget(halo, count)
+            count = np.int64(0)
         count = _frame(i, np.int64(-1), halo, count, lines.to_sun, mirrors, tracking, lanes)
         test = halo.place[i]
         if shaders.first[t + 1] > shaders.first[t]:
@@ -275,6 +286,12 @@ def _sweep_block(
         _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
         _write(lines.result, packet, grid.names[i] - start, sums, series, part)
         _weigh(lines.result, packet, grid.names[i] - start, part, weighted)
+    _forget(halo, count)
+
+
+@inner
+def _forget(halo, count):
+    """Have no frames where there were so many."""
     for m in range(count):
         halo.made[halo.names[m]] = 0
 

@@ -100,11 +100,11 @@ def project(
         near = _project_along_v(images.rows, o, views, 0, frames, f, dx, dy, dz, lanes)
     start, stop = next_run(0, near, lanes)
     while start < stop:
-        o_run, f_run, filled = o + start, f + start, stop - start
+        o_run, f_run, filled, level = o + start, f + start, stop - start, near >> start
         if some != -1:
-            _project_along_v(images.rows, o_run, views, start, frames, f_run, dx, dy, dz, filled)
+            level = _project_along_v(images.rows, o_run, views, start, frames, f_run, dx, dy, dz, filled)
         hits = _project_along_u(images.rows, o_run, views, start, frames, f_run, directions, dx, dy, dz, behind, filled)
-        found |= hits << start
+        found |= (hits & level) << start
         start, stop = next_run(stop, near, lanes)
     images.apart[m], images.present[m] = apart, found
     return found
@@ -126,7 +126,7 @@ def _project_along_v(out, o, views, v, frames, f, dx, dy, dz, lanes):
 
 @inner
 def _project_along_u(out, o, views, v, frames, f, directions, dx, dy, dz, behind, lanes):
-    """Write the x of an image in a run of lanes; returns those in which it may cover something."""
+    """Write the x of an image in a run of lanes; returns those in which it covers something unless above or below."""
     o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
     for k in range(lanes):
         ux, uy, uz = views[v + k], views[v + ROW + k], views[v + 2 * ROW + k]
@@ -137,8 +137,7 @@ def _project_along_u(out, o, views, v, frames, f, directions, dx, dy, dz, behind
         ahead = dx * directions[v + k] + dy * directions[v + ROW + k] + dz * directions[v + 2 * ROW + k]
         out[o + k], out[o + 2 * ROW + k], out[o + 4 * ROW + k] = cx, ax, bx
         turn = abs(ax * by - ay * bx)
-        gap = larger(abs(cx) - abs(ax) - abs(bx), abs(cy) - abs(ay) - abs(by)) - 1.0
-        gap = larger(gap, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
+        gap = larger(abs(cx) - abs(ax) - abs(bx) - 1.0, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
         gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
         found |= np.int64((gap < 0.0) & (ahead > behind)) << k
     return found
