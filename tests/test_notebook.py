@@ -186,6 +186,8 @@ def test_what_a_plot_needs(result):
         plot.map("field_optical_efficiency", latitude=20, tracking="azimuth_elevation")
     with pytest.raises(StudyError, match="optical: no such variable"):
         plot.map("optical")
+    with pytest.raises(StudyError, match=r"select\.tracking: is not in the result; did you mean 'azimuth_elevation'\?"):
+        plot.map(latitude=20, tracking="azimuth-elevation")
     many = xr.Dataset({"x": ("draw", np.arange(16))}, {"draw": np.arange(16)})
     with pytest.raises(StudyError, match=r"choose one value of draw \(draw: 0, 1, .*, 9 and 6 more\)"):
         many.heliosweep.plot.map("x")

@@ -370,9 +370,7 @@ def _selected(
     result: xr.Dataset, variable: str, select: Mapping[str, Any], keep: Sequence[str], most_left: int = 0
 ) -> xr.Dataset:
     """Return a variable where it was selected, with at most so many dimensions left besides those to keep."""
-    if variable not in result.data_vars:
-        raise StudyError(Problem(f"no such variable; the result has {', '.join(map(str, result.data_vars))}", variable))
-    here = result[[variable]]
+    here = result[frames.names_of(result, variable)]
     for name, value in select.items():
         here = here.sel({name: sam.label(here[variable], name, value)})
     left = [str(dim) for dim in here[variable].dims if dim not in keep and here.sizes[dim] > 1]

@@ -47,7 +47,7 @@ def test_what_fits_in_one_table(result):
         StudyError, match=r"choose from those over latitude, tracking, heliostat: cosine_efficiency, .*"
     ):
         to_frame(result)
-    with pytest.raises(StudyError, match=r"optical: no such variable; the result has cosine_efficiency"):
+    with pytest.raises(StudyError, match=r"optical: no such variable; did you mean 'optical_efficiency'\?"):
         to_frame(result, "optical")
 
 

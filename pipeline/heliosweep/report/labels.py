@@ -143,7 +143,7 @@ def value_text(coordinate: xr.DataArray) -> str:
             return PurePath(value).stem if value.endswith(".csv") else value
         return value.replace("_", "-" if coordinate.name in _ENUMERATIONS else " ")
     if coordinate.dtype.kind in "mM":
-        return str(coordinate.to_numpy().astype("datetime64[m]"))
+        return str(coordinate.to_numpy().astype("datetime64[D]" if coordinate.name == "date" else "datetime64[m]"))
     if is_latitude(coordinate):
         return latitude_text(float(value))
     if coordinate.attrs.get("units") == "degrees_east":

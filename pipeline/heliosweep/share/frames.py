@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import written_whole
 from heliosweep.store.targets import target_file
@@ -129,7 +130,8 @@ def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[
     unknown = [name for name in names if name not in result.data_vars]
     if unknown:
         known = ", ".join(map(str, result.data_vars))
-        raise StudyError(Problem(f"no such variable; the result has {known}", str(unknown[0])))
+        hint = did_you_mean(str(unknown[0]), map(str, result.data_vars)) or f"; the result has {known}"
+        raise StudyError(Problem(f"no such variable{hint}", str(unknown[0])))
     if not names:
         raise StudyError(Problem("the result has no variables"))
     return [str(name) for name in names]

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.faults import few_of
+from heliosweep.config.faults import did_you_mean, few_of
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study
@@ -371,5 +371,7 @@ def label(table: xr.DataArray | xr.Dataset, name: Hashable, value: Any) -> Any:
                 return one
         except (TypeError, ValueError):
             continue
-    message = f"is not in the result; choose from {few_of(names or labels)} (got {value})"
+    known = list(map(str, names or labels))
+    hint = did_you_mean(str(value), known) if values.dtype.kind in "OU" else ""
+    message = f"is not in the result{hint or f'; choose from {few_of(known)}'} (got {value})"
     raise StudyError(Problem(message, f"select.{name}"))

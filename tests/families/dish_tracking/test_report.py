@@ -209,7 +209,7 @@ def test_extremes_stand_above_their_dates():
         np.testing.assert_array_equal(largest.get_ydata(), dataset["effective_tracking_factor_max"][place])
         np.testing.assert_array_equal(dates[place].get_lines()[0].get_ydata(), dataset["date_of_min"][place])
         assert values[place].get_ylim() == values[0].get_ylim()
-    assert values[0].get_title() == "Dunhuang (40.13\N{DEGREE SIGN} N)"
+    assert values[0].get_title() == "Dunhuang (40.13\N{DEGREE SIGN}\N{NO-BREAK SPACE}N)"
 
 
 def test_map_shows_latitudes_upwards_and_nights_grey():
