@@ -66,7 +66,7 @@ def each_mount(plain: Callable[..., object], sun: Floats, mounts: list[tuple[flo
 def by_powers(tilts: int) -> float:
     """Operations of a rigid mount for each tilt and instant: those of a direction are shared by its tilts."""
     shared = operations(pointing._sum_powers, {"POWERS": pointing.POWERS}, loops_only=True)
-    return shared / STRIDE / tilts
+    return shared / STRIDE / tilts + operations(pointing._from_powers, loops_only=True) / WINDOW
 
 
 def by_sines(sines: Callable[..., object]) -> float:

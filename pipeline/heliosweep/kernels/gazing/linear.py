@@ -74,24 +74,38 @@ def solutions(gaze: Floats) -> Floats:
     Row s of the result, shape (2^K, 2, K) [1/rad], with bit i of s set where camera i is lit: d = row . (eps0_i^2 -
     eps_i^2), whatever the constant c; 0 for dark cameras, NaN where the set does not determine d.
     """
-    cameras = len(gaze)
-    if not _NEEDED <= cameras <= 8:
+    if not _NEEDED <= len(gaze) <= 8:
         raise ValueError("3 to 8 cameras are possible")
-    out = np.full((1 << cameras, 2, cameras), math.nan)
-    whole = float(np.sum((gaze - gaze.mean(axis=0)) ** 2))
-    for lit in range(1 << cameras):
-        chosen = np.array([i for i in range(cameras) if lit >> i & 1], np.int64)
-        if len(chosen) < _NEEDED:
+    out = np.full((1 << len(gaze), 2, len(gaze)), math.nan)
+    _solve(np.ascontiguousarray(gaze, np.float64), out)
+    return out
+
+
+@kernel
+def _solve(gaze: Floats, out: Floats) -> None:
+    """Fill `solutions`, from the last set, of all cameras, on: their spread is what the others' are compared with."""
+    cameras, whole = len(gaze), 0.0
+    for lit in range(len(out) - 1, -1, -1):
+        count, mean_y, mean_z = 0, 0.0, 0.0
+        for i in range(cameras):
+            if lit >> i & 1:
+                count, mean_y, mean_z = count + 1, mean_y + gaze[i, 0], mean_z + gaze[i, 1]
+        if count < _NEEDED:
             continue
-        spread = gaze[chosen] - gaze[chosen].mean(axis=0)
-        yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
+        mean_y, mean_z = mean_y / count, mean_z / count
+        yy, yz, zz = 0.0, 0.0, 0.0
+        for i in range(cameras):
+            if lit >> i & 1:
+                y, z = gaze[i, 0] - mean_y, gaze[i, 1] - mean_z
+                yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
+        whole = yy + zz if count == cameras else whole
         determinant = yy * zz - yz * yz
         if not determinant > 1e-12 * whole * whole:
             continue
-        out[lit] = 0.0
-        out[lit][0, chosen] = 0.5 * (zz * spread[:, 0] - yz * spread[:, 1]) / determinant
-        out[lit][1, chosen] = 0.5 * (yy * spread[:, 1] - yz * spread[:, 0]) / determinant
-    return out
+        for i in range(cameras):
+            y, z = gaze[i, 0] - mean_y, gaze[i, 1] - mean_z
+            out[lit, 0, i] = 0.5 * (zz * y - yz * z) / determinant if lit >> i & 1 else 0.0
+            out[lit, 1, i] = 0.5 * (yy * z - yz * y) / determinant if lit >> i & 1 else 0.0
 
 
 def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
