@@ -64,8 +64,8 @@ def test_unions_of_crowds_against_shapely(shading, count, hiding):
 
 
 def test_crowds_in_a_group_of_lanes_have_room():
-    """Each lane has few images that overlap, and all lanes together more than a group of them has room for."""
-    count = 48
+    """Each lane has few images that overlap, and all lanes together more than anything is kept of."""
+    count = 80
     shapes = crowd(np.random.default_rng(0), count)
     here = (np.arange(count)[:, np.newaxis] + 5 * np.arange(PACKET)) % count < 9
     shapes[..., :2] += np.where(here, 0.0, 9.0)[..., np.newaxis]

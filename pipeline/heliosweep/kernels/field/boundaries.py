@@ -59,8 +59,10 @@ class Group(NamedTuple):
 
     slots: Floats
     """`SLOT` numbers of each image."""
-    masks: Integers
-    """Lanes in which each is, a bit for each lane."""
+    names: Integers
+    """Numbers of the images, which rise."""
+    met: Integers
+    """Lanes in which two overlap, a bit for each lane, of the pairs as `pair_of` has them."""
     edges: Integers
     """Lanes in which the edges of each count, `WIDTH` bits for each edge."""
     inside: Integers
@@ -76,6 +78,7 @@ def group_of_lanes() -> Group:
     return Group(
         aligned(SLOTS * SLOT),
         np.empty(SLOTS, np.int64),
+        np.empty(SLOTS * (SLOTS - 1) // 2, np.int64),
         np.empty(SLOTS, np.int64),
         np.zeros(SLOTS, np.int64),
         aligned(SLOTS * (SLOTS - 1) * _PAIR),
@@ -155,7 +158,7 @@ def union_areas(group: Group, first: int, middle: int, last: int, lanes: int) ->
     Where `middle` is not `first`, this has been called for the images up to there, and for those from there on. Returns
     the lanes that are left to another way.
     """
-    slots, pairs, ends, masks, edges = group.slots, group.pairs, group.ends, group.masks, group.edges
+    slots, pairs, ends, met, edges = group.slots, group.pairs, group.ends, group.met, group.edges
     tied = np.int64(0)
     for k in range(lanes):
         ends[k] = 0.0
@@ -163,13 +166,14 @@ def union_areas(group: Group, first: int, middle: int, last: int, lanes: int) ->
         o, inside = i * SLOT, np.int64(0) if middle == first else group.inside[i]
         _copy(slots, o + _COUNTS, ends, _OPEN, lanes)
         for j in range(first if i >= middle else i, i if middle == first else min(i, middle)):
-            if masks[i] & masks[j] != 0:
+            if met[pair_of(i, j)] != 0:
                 inside |= np.int64(_shorten(pairs, _block(i, j), ends, _counts(edges[i], 0), lanes) != 0) << j
         for j in range(max(i + 1, middle), last if middle == first or i < middle else i):
-            if masks[i] & masks[j] != 0:
+            both = met[pair_of(i, j)]
+            if both != 0:
                 lower = _counts(edges[i] | edges[j], 0)
-                near, between = _cover(slots, o, j * SLOT, pairs, _block(i, j), ends, lower, lanes)
-                tied |= near & masks[i] & masks[j]
+                near, between = _cover(slots, o, j * SLOT, pairs, _block(i, j), both, ends, lower, lanes)
+                tied |= near & both
                 inside |= np.int64(between != 0) << j
         group.inside[i] = inside
         _copy(ends, _OPEN, slots, o + _COUNTS, lanes)
@@ -187,10 +191,16 @@ def _counts(edges, e):
 
 
 @inline
+def pair_of(i: int, j: int) -> int:
+    """Number of the pair of two images of a group."""
+    low, high = min(i, j), max(i, j)
+    return high * (high - 1) // 2 + low
+
+
+@inline
 def _block(i, j):
     """Start of what image j covers of image i: of both together, for they are found together."""
-    low, high = min(i, j), max(i, j)
-    return (high * (high - 1) + 2 * low) * _PAIR + (0 if i < j else _PAIR)
+    return 2 * pair_of(i, j) * _PAIR + (0 if i < j else _PAIR)
 
 
 @inner
@@ -205,24 +215,25 @@ def _copy(one, at, other, to, lanes):
 
 
 @inner
-def _cover(slots, i, j, pairs, ij, ends, lower, lanes):
-    """Write the intervals of two images, and shorten what is open of the edges of the one.
+def _cover(slots, i, j, pairs, ij, some, ends, lower, lanes):
+    """Write the intervals of two images, none but in some lanes, and shorten what is open of the edges of the one.
 
     Returns the lanes that are left to another way, and those in which the other covers something between the ends.
     `lower` tells whether lower edges of theirs count.
     """
     if lower:
-        return _cover_edges(slots, i, j, pairs, ij, ends, True, lanes)
-    return _cover_edges(slots, i, j, pairs, ij, ends, False, lanes)
+        return _cover_edges(slots, i, j, pairs, ij, some, ends, True, lanes)
+    return _cover_edges(slots, i, j, pairs, ij, some, ends, False, lanes)
 
 
 @inline
-def _cover_edges(slots, i, j, pairs, ij, ends, lower, lanes):
+def _cover_edges(slots, i, j, pairs, ij, some, ends, lower, lanes):
     """The same: compiled once with lower edges, and once without."""
     i, j, ij = max(i, 0), max(j, 0), max(ij, 0)
     ji = ij + _PAIR
     tied = between = np.int64(0)
     for k in range(lanes):
+        here = some >> k & 1 == 1
         s, r, t, u = slots[i + k], slots[i + _R + k], slots[j + k], slots[j + _R + k]
         m, n = i + _LINES + k, j + _LINES + k
         b, y, x, z = slots[m], slots[m + WIDTH], slots[m + 2 * WIDTH], slots[m + 3 * WIDTH]
@@ -244,31 +255,31 @@ def _cover_edges(slots, i, j, pairs, ij, ends, lower, lanes):
         tie = tie | upright & (near < _BEYOND)
         su, rt = 1.0 / larger(su, _APART), 1.0 / larger(rt, _APART)
         if lower:
-            one = _put(pairs, ij + k, bc, by, (w + u * b) * su, (q + u * b) * su, ends, 0, k)
-            _write(pairs, ji + k, bc, yc, (x + r * c) * rt, (z + r * c) * rt)
-        two = _put(pairs, ij + 2 * WIDTH + k, yc, yv, (w + u * y) * su, (q + u * y) * su, ends, 2, k)
-        _write(pairs, ji + 2 * WIDTH + k, by, yv, (x + r * v) * rt, (z + r * v) * rt)
-        three = _put(pairs, ij + 4 * WIDTH + k, xw, xq, (c + t * x) * rt, (v + t * x) * rt, ends, 4, k)
-        four = _put(pairs, ij + 6 * WIDTH + k, zw, zq, (c + t * z) * rt, (v + t * z) * rt, ends, 6, k)
-        _write(pairs, ji + 4 * WIDTH + k, xw, zw, (b + s * w) * su, (y + s * w) * su)
-        _write(pairs, ji + 6 * WIDTH + k, xq, zq, (b + s * q) * su, (y + s * q) * su)
+            one = _put(pairs, here, ij + k, bc, by, (w + u * b) * su, (q + u * b) * su, ends, 0, k)
+            _write(pairs, here, ji + k, bc, yc, (x + r * c) * rt, (z + r * c) * rt)
+        two = _put(pairs, here, ij + 2 * WIDTH + k, yc, yv, (w + u * y) * su, (q + u * y) * su, ends, 2, k)
+        _write(pairs, here, ji + 2 * WIDTH + k, by, yv, (x + r * v) * rt, (z + r * v) * rt)
+        three = _put(pairs, here, ij + 4 * WIDTH + k, xw, xq, (c + t * x) * rt, (v + t * x) * rt, ends, 4, k)
+        four = _put(pairs, here, ij + 6 * WIDTH + k, zw, zq, (c + t * z) * rt, (v + t * z) * rt, ends, 6, k)
+        _write(pairs, here, ji + 4 * WIDTH + k, xw, zw, (b + s * w) * su, (y + s * w) * su)
+        _write(pairs, here, ji + 6 * WIDTH + k, xq, zq, (b + s * q) * su, (y + s * q) * su)
         tied |= np.int64(tie) << k
         between |= np.int64(one | two | three | four) << k
     return tied, between
 
 
 @inline
-def _write(pairs, at, one, other, low, high):
-    """Write the interval between two crossings, and from one to another."""
-    low, high = larger(smaller(one, other), low), smaller(larger(one, other), high)
+def _write(pairs, here, at, one, other, low, high):
+    """Write the interval between two crossings, and from one to another; an empty one where the images do not meet."""
+    low, high = larger(smaller(one, other), low), smaller(larger(one, other), high) if here else -_NOWHERE
     pairs[at], pairs[at + WIDTH] = low, high
     return low, high
 
 
 @inline
-def _put(pairs, at, one, other, low, high, ends, row, k):
+def _put(pairs, here, at, one, other, low, high, ends, row, k):
     """The same, and shorten what is open of the edge."""
-    low, high = _write(pairs, at, one, other, low, high)
+    low, high = _write(pairs, here, at, one, other, low, high)
     return _shorten_one(low, high, ends, row, k)
 
 

@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import apart, inline, inner, kernel
-from heliosweep.kernels.field.boundaries import SLOT, SLOTS, WIDTH, Group, group_of_lanes, prepare, union_areas
+from heliosweep.kernels.field.boundaries import (
+    SLOT,
+    SLOTS,
+    WIDTH,
+    Group,
+    group_of_lanes,
+    pair_of,
+    prepare,
+    union_areas,
+)
 from heliosweep.kernels.field.images import AREA, IMAGE_ROWS, Images, next_run, outline, straddles
 from heliosweep.kernels.field.overlaps import shared_by_two
 from heliosweep.kernels.field.polygons import CORNERS, SQUARE, gaps, larger, smaller
@@ -24,10 +33,14 @@ from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 _NOTHING = 1e-14
 """Area of an image that is not put together with others: no wider than rounding, its corners may be in disorder."""
 
+_TOUCHING = 1e-3
+"""Gap between images, times a half edge, below which they are taken to overlap: edges of theirs that touch may tie."""
 _FEW = 8
 """Images up to which two groups of lanes are put together at once: of more, each has many that the other has not."""
 _MOST = 24
 """Images of a lane that overlap others up to which they are put together."""
+_KEPT = 64
+"""Images of which it is kept in which lanes each two overlap."""
 _BLOCK, _BOTH = ROW, 2 * ROW
 """Rows of the totals, after that of shade."""
 
@@ -41,6 +54,8 @@ class Room(NamedTuple):
     meeting: Integers
     """Lanes in which each image overlaps another, and in which it overlaps several."""
     several: Integers
+    met: Integers
+    """Lanes in which two images overlap, of all pairs of the first `_KEPT`."""
     shared: Floats
     """Areas that two images share, a row."""
     group: Group
@@ -61,6 +76,7 @@ def room_for(count: int) -> Room:
     return Room(
         np.zeros(count, np.int64),
         np.zeros(count, np.int64),
+        np.empty(_KEPT * (_KEPT - 1) // 2, np.int64),
         rows(1),
         group_of_lanes(),
         np.empty(count),
@@ -154,12 +170,23 @@ def _meetings(images, some, count, room, lanes):
             both = images.present[n] & here
             if both != 0:
                 both = _overlapping(images.rows, n, m, both, lanes)
+            if m < _KEPT:
+                room.met[m * (m - 1) // 2 + n] = both
+            if both != 0:
                 several[n] |= meeting[n] & both
                 several[m] |= meeting[m] & both
                 meeting[n] |= both
                 meeting[m] |= both
                 found |= both
     return found
+
+
+@inline
+def _met(images, n, m, some, room, lanes):
+    """Those of some lanes where an image m overlaps an earlier one n, if it overlaps any there."""
+    if m < _KEPT:
+        return room.met[m * (m - 1) // 2 + n] & some
+    return _overlapping(images, n, m, room.meeting[n] & room.meeting[m] & some, lanes)
 
 
 @inner
@@ -190,7 +217,7 @@ def _overlaps(images, one, other, lanes):
         gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
         gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
         area = smaller(images[one + AREA + k], images[other + AREA + k])
-        found |= np.int64((gap < 0.0) & (area > _NOTHING)) << k
+        found |= np.int64((gap < _TOUCHING) & (area > _NOTHING)) << k
     return found
 
 
@@ -208,12 +235,10 @@ def _more_than_two(lanes_of, count):
 @inner
 def _subtract_overlaps(images, some, shading, count, total, room, lanes):
     """Subtract what pairs of images share in lanes where no three overlap; returns the lanes where edges tie."""
-    tied, unsure = np.int64(0), _more_than_two(room.meeting, count)
+    tied = np.int64(0)
     for m in range(count):
         for n in range(m if room.meeting[m] & some != 0 else 0):
-            both = room.meeting[n] & room.meeting[m] & some
-            if both & unsure != 0:
-                both = both & ~unsure | _overlapping(images.rows, n, m, both & unsure, lanes)
+            both = _met(images.rows, n, m, some, room, lanes)
             start, stop = next_run(0, both, lanes)
             while start < stop:
                 one, other = n * IMAGE_ROWS * ROW + start, m * IMAGE_ROWS * ROW + start
@@ -288,11 +313,13 @@ def _put_group_together(images, here, shading, count, total, room, start, lanes)
     """The same in some of the lanes of one group."""
     shades = slots = np.int64(0)
     for m in range(count):
-        mask = (room.meeting[m] & here) >> start
-        if mask != 0:
-            image = m * IMAGE_ROWS * ROW + start
+        if room.meeting[m] & here != 0:
+            image, mask = m * IMAGE_ROWS * ROW + start, (room.meeting[m] & here) >> start
             room.group.edges[slots] = prepare(images, image, mask, room.group.slots, slots * SLOT, lanes)
-            room.group.masks[slots] = mask
+            room.group.names[slots] = m
+            for i in range(slots):
+                both = _met(images, room.group.names[i], m, here, room, start + lanes)
+                room.group.met[pair_of(i, slots)] = both >> start
             slots += 1
             shades += np.int64(m < shading)
     tied = np.int64(0)
