@@ -289,6 +289,16 @@ def test_print_shows_every_plot(browser, pages):
     assert len(browser.call("Page.printToPDF")["data"]) > 10_000
 
 
+def test_a_figure_wider_than_the_screen_shows_that_it_goes_on(browser, pages):
+    opened(browser, pages["field"], width=400)
+    shadows = """[...document.querySelectorAll(".picture")].filter((one) => one.scrollWidth > one.clientWidth)
+      .map((one) => [getComputedStyle(one).backgroundImage.split("linear-gradient").length - 1,
+                     getComputedStyle(one.querySelector("img")).mixBlendMode])"""
+    found = browser.run(shadows)
+    assert found
+    assert all(one == [4, "multiply"] for one in found)  # else the figure would cover them
+
+
 def test_list_of_all_studies(browser, pages):
     index = write_index(pages["field"].parent.parent, status_of)
     for width in (400, 1600):
