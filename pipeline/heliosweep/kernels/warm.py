@@ -186,7 +186,7 @@ def warm_modules() -> None:
     from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
 
     modules = Modules(np.zeros((1, 2)), np.ones((1, 2)))
-    grid = mirror_grid(modules, 0.5)
+    grid = mirror_grid(modules, 0.25)  # pixels enough for a plane
     slopes, use = np.zeros((2, len(grid.pixel_y))), grid.pixel_y > -9.0
     module_estimates(slopes, grid, modules, use, 120.0)
     module_statistics(slopes, grid.pixel_module, use, 1)

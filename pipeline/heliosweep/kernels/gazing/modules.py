@@ -54,17 +54,51 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
     spread = np.sqrt(variance[:, :, 0])
     with np.errstate(all="ignore"):
         slant = np.where(spread > 0.0, variance[:, :, 2] / spread, 0.0)
-    level = spread * draws[:, 0]
-    curvature = slant * draws[:, 0] + np.sqrt(np.maximum(variance[:, :, 1] - slant**2, 0.0)) * draws[:, 1]
-    bend = np.sum(weight * curvature, axis=(1, 2))
-    moved = level - bend[:, np.newaxis, np.newaxis] * lever
+    rest = np.sqrt(np.maximum(variance[:, :, 1] - slant**2, 0.0))
+    return _median_errors(draws, spread, slant, rest, away, weight, np.ascontiguousarray(lever))
+
+
+@kernel
+def _median_errors(draws, spread, slant, rest, away, weight, lever):
+    """The same from standard deviations of levels and of curvatures, what they share and what is their own."""
+    count, modules = draws.shape[0], draws.shape[3]
+    moved, kept = np.empty((count, 2, modules)), np.zeros((2, modules))
+    for d in range(count):
+        bend = 0.0
+        for i in range(2):
+            for m in range(modules):
+                bend += weight[i, m] * (slant[i, m] * draws[d, 0, i, m] + rest[i, m] * draws[d, 1, i, m])
+        for i in range(2):
+            for m in range(modules):
+                moved[d, i, m] = spread[i, m] * draws[d, 0, i, m] - bend * lever[i, m]
+                kept[i, m] += moved[d, i, m] * moved[d, i, m]
     # What is found is scattered once already: distances that errors alone make are taken out before they are drawn.
-    with np.errstate(all="ignore"):
-        kept = np.fmax(1.0 - _NEAR**2 * np.mean(moved**2, axis=0) / away**2, 0.0)
-    pointing = np.median(away * kept + moved, axis=2)
-    pointing -= np.mean(pointing, axis=0)
-    canting = level - pointing[:, :, np.newaxis]
-    return np.sqrt(np.mean(pointing**2, axis=0)), np.sqrt(np.mean(canting**2, axis=0))
+    for i in range(2):
+        for m in range(modules):
+            share = 1.0 - _NEAR * _NEAR * (kept[i, m] / count) / (away[i, m] * away[i, m])
+            kept[i, m] = share if share > 0.0 else 0.0
+    pointing, mean, row = np.empty((count, 2)), np.zeros(2), np.empty(modules)
+    for d in range(count):
+        for i in range(2):
+            total = 0.0
+            for m in range(modules):  # put in order as they come: they are few
+                value, place = away[i, m] * kept[i, m] + moved[d, i, m], m
+                total += value
+                while place > 0 and row[place - 1] > value:
+                    row[place] = row[place - 1]
+                    place -= 1
+                row[place] = value
+            middle = 0.5 * (row[(modules - 1) // 2] + row[modules // 2])
+            pointing[d, i] = math.nan if math.isnan(total) else middle
+            mean[i] += pointing[d, i]
+    errors, canting = np.zeros(2), np.zeros((2, modules))
+    for d in range(count):
+        for i in range(2):
+            off = pointing[d, i] - mean[i] / count
+            errors[i] += off * off
+            for m in range(modules):
+                canting[i, m] += (spread[i, m] * draws[d, 0, i, m] - off) ** 2
+    return np.sqrt(errors / count), np.sqrt(canting / count)
 
 
 class ModuleEstimates(NamedTuple):
