@@ -34,7 +34,7 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     mirrors = aimed(*field)
     sun, order, first = _sorted(mirrors, sun, tracking, 0, len(mirrors.x))
     mirrors, grid = by_cells(mirrors)
-    count = len(mirrors.x)
+    count = len(grid.names)
     blockers, shaders = stages.blockers_of(np.arange(count), mirrors, grid), no_candidates(count)
     lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(4))
     images, room, frames = images_of(count), unions.room_for(count), rows(count * FRAME_ROWS)
