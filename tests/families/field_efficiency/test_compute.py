@@ -165,21 +165,23 @@ def test_named_sites_are_a_dimension(small, tmp_path):
     np.testing.assert_array_equal(table["field_optical_efficiency"], result["field_optical_efficiency"])
 
 
-def test_the_plan_foresees_low_suns_and_low_targets(small):
-    """Times of a field of 317 by the hour, and of 100,000 before a tower of 300 m, as measured, within a factor."""
+def test_the_plan_foresees_low_suns_low_targets_and_few_instants(small):
+    """Times as measured, within a factor: single suns, all hours with a low sun, and a low tower before 100,000."""
 
-    def each(heliostats: int, height: float, elevation: float) -> float:
+    def each(heliostats: int, height: float, **sun: object) -> float:
         """Seconds for one heliostat and direction of the sun."""
-        time = {"clock": "sun", "azimuth": 100, "elevation": elevation}
         layout = {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}}
         heliostat = {"width": 11, "height": 11, "pivot_height": 7}
-        blocks = {"time": time, "layout": layout, "heliostat": heliostat, "receiver": {"height": height}}
-        study = small(site=None, tracking="spinning_elevation", **blocks)
-        return float(compute.workload(study).seconds)
+        blocks = {"layout": layout, "heliostat": heliostat, "receiver": {"height": height}, **sun}
+        return float(compute.workload(small(tracking="spinning_elevation", **blocks)).seconds)
 
-    for elevation, measured in ((75.0, 1.7e-8), (16.0, 9.3e-8), (1.0, 7.5e-7)):
-        assert 1 / 1.5 < each(317, 95.0, elevation) / measured < 1.5
-    assert 1 / 1.5 < each(100_000, 300.0, 70.0) / 2.1e-7 < 1.5
+    for elevation, measured in ((60.0, 1.07e-6), (15.0, 1.48e-6), (2.0, 2.6e-6)):
+        time: dict[str, object] = {"clock": "sun", "azimuth": 100, "elevation": elevation}
+        assert 1 / 1.5 < each(317, 95.0, site=None, time=time) / measured < 1.5
+    days = {"start": 1, "stop": 365, "step": 8}
+    time = {"clock": "solar", "days": days, "hours": {"start": 0.5, "stop": 23.5, "step": 1}, "sampling": "inclusive"}
+    for heliostats, height, measured in ((317, 95.0, 56e-9), (2500, 267.0, 80e-9), (100_000, 300.0, 230e-9)):
+        assert 1 / 1.5 < 2 * each(heliostats, height, site={"latitude": 30}, time=time) / measured < 1.5
 
 
 def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):

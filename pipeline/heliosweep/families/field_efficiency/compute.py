@@ -55,9 +55,12 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 #: Time of one heliostat and instant on one core: with the sun in the zenith, and more by a power of 1 / sine of its
-#: elevation, for more mirrors stand in the way, up to nearly all of them, a time that grows with the root of their
-#: number; likewise with the elevation of the target. Measured on radial staggers of 317 to 100,000 heliostats. [s, 1]
-SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS = 8e-9, 7e-9, 1.7, 31e-9
+#: elevation, for more mirrors stand in the way, up to nearly all of them, a time that grows with a power of their
+#: number; likewise with the elevation of the target. Suns of few instants are far apart: so many take twice as long,
+#: fewer still more, up to a factor. And the time of a heliostat at a point, beside its instants. Fitted to radial
+#: staggers of 317 to 100,000 heliostats, before towers down to a tenth as high as the field is wide. [s, 1]
+SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS, GROWTH = 8.5e-9, 2.8e-9, 1.7, 45e-9, 0.25
+FEW_INSTANTS, MOST_FOR_FEW, SECONDS_OF_HELIOSTAT = 400, 12.0, 0.9e-6
 #: Time of the intercept of one heliostat and direction of the sun, by kind of receiver, of its interpolation to an
 #: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
 SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}
@@ -113,7 +116,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         instants = instants_of(parameters).size
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
     angles = study.output.tracking_angles
-    seconds, lit = _seconds(parameters, heliostats)
+    seconds, lit = _seconds(parameters, heliostats, instants)
     held_bytes = _shared_bytes(study, heliostats)
     if held_bytes and not any(_moving(study)):
         seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
@@ -158,13 +161,13 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     )
 
 
-def _seconds(parameters: Parameters, heliostats: int) -> tuple[float, float]:
+def _seconds(parameters: Parameters, heliostats: int, instants: int) -> tuple[float, float]:
     """Estimate of the time of one heliostat and instant [s], and share of the instants with the sun up.
 
     From the sun, and with weather from the instants at which the field works, at a few points and instants.
     """
     study: Any = parameters.study
-    most, blocked = MOST_SECONDS * heliostats**0.5, _seconds_blocked(parameters)
+    most, blocked = MOST_SECONDS * heliostats**GROWTH, _seconds_blocked(parameters)
     if instant_count(study.time) > MAX_INSTANTS:
         return 2 * SECONDS_SHADED + blocked, 1.0
     places = set(parameters.site_dims)
@@ -178,9 +181,11 @@ def _seconds(parameters: Parameters, heliostats: int) -> tuple[float, float]:
         sine = np.concatenate([days.at(*point).sun[:, 2] for point in energy.points(sampled)])
     lit = sine[sine > 0]
     if not lit.size:
-        return SECONDS_SHADED, 1.0
+        return SECONDS_OF_HELIOSTAT / instants, 0.0
     each = 1.0 / (lit**POWER / SECONDS_SHADED + 1.0 / most) + blocked
-    return float(each.sum() / sine.size), lit.size / sine.size
+    share = lit.size / sine.size
+    few = min(MOST_FOR_FEW, 1.0 + FEW_INSTANTS / (instants * share))
+    return float(few * each.sum() / sine.size + SECONDS_OF_HELIOSTAT / instants), share
 
 
 def _seconds_blocked(parameters: Parameters) -> float:
@@ -194,7 +199,7 @@ def _seconds_blocked(parameters: Parameters) -> float:
     given = {key: value for key, _, value in parameters.study.parameters()}
     heights, pivots = (_few(given[key]) for key in ("receiver.height", "heliostat.pivot_height"))
     rise = np.unique(np.subtract.outer(heights, pivots))[:, np.newaxis] - layout.z[some]
-    most = MOST_SECONDS * len(layout) ** 0.5
+    most = MOST_SECONDS * len(layout) ** GROWTH
     with np.errstate(divide="ignore", invalid="ignore"):  # a target no higher than the mirror, or at it
         sine = np.maximum(rise, 0.0) / np.hypot(np.hypot(layout.x[some], layout.y[some]), rise)
         return float(np.fmin(SECONDS_BLOCKED * (sine**-POWER - 1.0), most).mean())
