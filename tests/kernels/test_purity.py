@@ -1,4 +1,4 @@
-"""Kernels import the standard library, NumPy, numba, each other and what tells sources apart, nothing else."""
+"""Kernels import the standard library, NumPy, numba, each other and what tells sources and processors, nothing else."""
 
 import ast
 import sys
@@ -14,6 +14,7 @@ SOURCES = {
     for path in sorted(KERNELS.rglob("*.py"))
 }
 TREES = {name: ast.parse(text) for name, text in SOURCES.items()}
+OWN = {"heliosweep.sources", "heliosweep.processors"}
 ALLOWED = {"numpy", "numba"} | set(sys.stdlib_module_names)
 #: Bessel functions, when tables are made: NumPy has none.
 ALSO = {"intercept.tables": {"scipy.special"}}
@@ -30,7 +31,7 @@ def test_imports(name):
             assert node.level == 0, "absolute imports only"
             names = [node.module or ""]
         for module in names:
-            own = module.startswith("heliosweep.kernels.") or module == "heliosweep.sources"
+            own = module.startswith("heliosweep.kernels.") or module in OWN
             assert own or module.split(".")[0] in ALLOWED or module in ALSO.get(name, ()), module
         assert "logging" not in names
 

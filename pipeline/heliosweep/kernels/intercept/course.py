@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
-from heliosweep.kernels.intercept.expansion import aims_of, chebyshev, fourier, multiples_of, turn_of
+from heliosweep.kernels.intercept.expansion import aims_of, chebyshev_suns, fourier, multiples_of, turn_of
 from heliosweep.kernels.intercept.field_table import FieldTable, field_tables, from_table
 from heliosweep.kernels.intercept.mirror import ROLLED
 from heliosweep.kernels.vectors import PACKET
@@ -95,7 +95,8 @@ def course(
     if place is None and (table is None or not len(up)):
         return intercepts(scene, sun, start, stop), np.zeros(stop - start)
     there = np.ascontiguousarray(sun[up], np.float64)
-    tries = [functools.cache(functools.partial(_nodes, counts, place, there)) for counts in NODES if place is not None]
+    counts = NODES if place is not None else ()
+    tries = [functools.cache(functools.partial(chebyshev_suns, each, place, there)) for each in counts]
     out, error = np.full((stop - start, len(sun)), np.nan), np.zeros(stop - start)
     for first in range(start, stop, _BLOCK):
         left = np.arange(first, min(first + _BLOCK, stop))
@@ -225,14 +226,6 @@ def _transformed(terms: Floats, at: Floats) -> Floats:
     return np.ascontiguousarray(np.einsum("kt,tmsh->mksh", terms, at)).reshape(at.shape[1], len(terms), -1)
 
 
-def _nodes(counts: Sequence[int], latitude: float, sun: Floats) -> Nodes:
-    """Directions of the sun at the nodes; weights of both kinds of nodes at each instant, shapes (nodes, T)."""
-    sine, share = _place(sun, latitude)
-    (nodes_s, weights_s), (nodes_h, weights_h) = chebyshev(sine, counts[0]), chebyshev(share, counts[1])
-    grid_s, grid_h = (each.ravel() for each in np.meshgrid(nodes_s, nodes_h, indexing="ij"))
-    return _vectors(grid_s, grid_h, latitude), weights_s, weights_h
-
-
 def _checked(
     scene: Scene, block: NDArray[np.int64], sun: Floats, parts: int
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -271,28 +264,6 @@ def _check(aims, sun, steep, checks, turns):
                     lowest, steepest = level / square, t
             checks[i, 0, part], checks[i, 1, part], checks[i, 2, part] = oblique, steepest, (first + last) // 2
             turns[i] = turns[i] or lowest < steep
-
-
-def _place(sun: Floats, latitude: float) -> tuple[Floats, Floats]:
-    """Sine of the declination, and hour angle over that of sunset."""
-    sine = sun[:, 1] * math.cos(latitude) + sun[:, 2] * math.sin(latitude)
-    hour = np.arctan2(-sun[:, 0], sun[:, 2] * math.cos(latitude) - sun[:, 1] * math.sin(latitude))
-    return sine, hour / _sunset(sine, latitude)
-
-
-def _sunset(sine: Floats, latitude: float) -> Floats:
-    """Hour angle of sunset, half a turn where there is none. [rad]"""
-    cosine = -math.sin(latitude) * sine / np.maximum(math.cos(latitude) * np.sqrt(1.0 - sine**2), 1e-12)
-    return np.maximum(np.arccos(np.clip(cosine, -1.0, 1.0)), 1e-3)
-
-
-def _vectors(sine: Floats, share: Floats, latitude: float) -> Floats:
-    """Unit vectors to the sun; those that rounding brings below the horizon are brought back."""
-    cosine, hour = np.sqrt(1.0 - sine**2), share * _sunset(sine, latitude)
-    meridian = cosine * np.cos(hour)
-    north = math.cos(latitude) * sine - math.sin(latitude) * meridian
-    upward = np.maximum(math.sin(latitude) * sine + math.cos(latitude) * meridian, 1e-9)
-    return np.stack((-cosine * np.sin(hour), north, upward), axis=1)
 
 
 @kernel

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.intercept.light import PART, RESULT, Light, X, Y, collapse, extent, look_up, weigh
+from heliosweep.kernels.intercept.light import PART, RESULT, X, Y, collapse, extent, light_of, look_up, weigh
 from heliosweep.kernels.intercept.light import ROWS as PLACES
 from heliosweep.kernels.intercept.mirror import Errors, Facets, axes_of, facet_sides, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.outline import (
@@ -210,9 +210,9 @@ def _intercept(
     if apart > 0.0:
         for k in range(GROUP):
             room.places[X + k], room.places[Y + k], room.places[PART + k] = apart, 0.0, apart * apart
-        look_up(_light(room, tables, band, 1, reach, changing), GROUP)
+        look_up(light_of(room, tables, band, 1, reach, changing), GROUP)
         most = min(1.0, max(1e-6, 1.0 - room.places[RESULT]))
-    light = _light(room, tables, band, harmonics, reach, changing)
+    light = light_of(room, tables, band, harmonics, reach, changing)
     scale = min(1.0, 1.15 * most**0.08) / smooth(small, tables.core, 2.5)
     side_u = scale * image_shift(frame, sun, 0.0, 0.0, 0.5 * width, 0.0, 0.0, curve, far)
     side_v = scale * image_shift(frame, sun, 0.0, 0.0, 0.0, 0.5 * height, 0.0, curve, far)
@@ -238,15 +238,6 @@ def _intercept(
                     _face(lanes, whole(count), frame, sun, place, cant, curve, axes, receiver)
                     total, count = total + within(outline, corners, order, panels, whole(count), light, rules), 0
     return min(1.0, max(0.0, total / pieces))
-
-
-@inline
-def _light(room, tables, band, harmonics, reach, changing):
-    """Light with so many harmonics."""
-    return Light(
-        room.series, room.far, tables.blocks, band, harmonics, tables.radius[band], tables.bend[band], reach, changing,
-        room.places,
-    )  # fmt: skip
 
 
 @inner

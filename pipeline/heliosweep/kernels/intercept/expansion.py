@@ -65,6 +65,36 @@ def chebyshev_terms(count: int) -> Floats:
     return terms
 
 
+def chebyshev_suns(counts: Sequence[int], latitude: float, sun: Floats) -> tuple[Floats, Floats, Floats]:
+    """Directions of the sun at the nodes; weights of both kinds of nodes at each instant, shapes (nodes, T)."""
+    sine, share = _place(sun, latitude)
+    (nodes_s, weights_s), (nodes_h, weights_h) = chebyshev(sine, counts[0]), chebyshev(share, counts[1])
+    grid_s, grid_h = (each.ravel() for each in np.meshgrid(nodes_s, nodes_h, indexing="ij"))
+    return _vectors(grid_s, grid_h, latitude), weights_s, weights_h
+
+
+def _place(sun: Floats, latitude: float) -> tuple[Floats, Floats]:
+    """Sine of the declination, and hour angle over that of sunset."""
+    sine = sun[:, 1] * math.cos(latitude) + sun[:, 2] * math.sin(latitude)
+    hour = np.arctan2(-sun[:, 0], sun[:, 2] * math.cos(latitude) - sun[:, 1] * math.sin(latitude))
+    return sine, hour / _sunset(sine, latitude)
+
+
+def _sunset(sine: Floats, latitude: float) -> Floats:
+    """Hour angle of sunset, half a turn where there is none. [rad]"""
+    cosine = -math.sin(latitude) * sine / np.maximum(math.cos(latitude) * np.sqrt(1.0 - sine**2), 1e-12)
+    return np.maximum(np.arccos(np.clip(cosine, -1.0, 1.0)), 1e-3)
+
+
+def _vectors(sine: Floats, share: Floats, latitude: float) -> Floats:
+    """Unit vectors to the sun; those that rounding brings below the horizon are brought back."""
+    cosine, hour = np.sqrt(1.0 - sine**2), share * _sunset(sine, latitude)
+    meridian = cosine * np.cos(hour)
+    north = math.cos(latitude) * sine - math.sin(latitude) * meridian
+    upward = np.maximum(math.sin(latitude) * sine + math.cos(latitude) * meridian, 1e-9)
+    return np.stack((-cosine * np.sin(hour), north, upward), axis=1)
+
+
 @inline
 def turn_of(aim, sun, start, lanes, cosine, sine):
     """Write cosine and sine of the turn of a mirror with a vertical first axis, from the axes of `ROLLED`.

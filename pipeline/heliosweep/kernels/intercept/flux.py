@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.intercept import course
 from heliosweep.kernels.intercept.efficiency import Rules, Scene, gauss_rules, image_shift, turn_at
-from heliosweep.kernels.intercept.expansion import chebyshev
-from heliosweep.kernels.intercept.light import LOOKED, PART, RESULT, Light, X, Y, collapse, extent, look_up, weigh
+from heliosweep.kernels.intercept.expansion import chebyshev_suns
+from heliosweep.kernels.intercept.light import LOOKED, PART, RESULT, X, Y, collapse, extent, light_of, look_up, weigh
 from heliosweep.kernels.intercept.light import ROWS as PLACES
 from heliosweep.kernels.intercept.mirror import axes_of, facet_sides, frame_of, ray_from, spread_of
 from heliosweep.kernels.intercept.pointing import TERMS, mount_turn
@@ -118,10 +117,7 @@ def _mirror(place, target, sides, curve, cant, turn, sun, scene, rules, room):
     reach, harmonics = extent(tables, band, room.weights, LEAST_HARMONIC / rules.fine**2)
     collapse(tables, band, room.weights, harmonics, room.series, room.far)
     sigma, far = math.sqrt(small), distance(place, receiver)
-    light = Light(
-        room.series, room.far, tables.blocks, band, harmonics, tables.radius[band], tables.bend[band], reach, sigma,
-        room.places,
-    )  # fmt: skip
+    light = light_of(room, tables, band, harmonics, reach, sigma)
     along, across, _, _ = stretched(small, large, tables.core)
     axes = (along * axis_x, along * axis_y, -across * axis_y, across * axis_x)
     rows, columns = room.cells.shape
@@ -384,9 +380,7 @@ def sun_nodes(sun: Floats, latitude: float | None, counts: tuple[int, int]) -> t
     up = np.flatnonzero(sun[:, 2] > 0.0)
     if latitude is None or len(up) < 2 * math.prod(counts):
         return None
-    places = course._place(sun[up], latitude)
-    (sines, first), (shares, second) = (chebyshev(*each) for each in zip(places, counts, strict=True))
-    sine, share = (each.ravel() for each in np.meshgrid(sines, shares, indexing="ij"))
+    directions, first, second = chebyshev_suns(counts, latitude, sun[up])
     weights = np.zeros((len(sun), math.prod(counts)))
     weights[up] = (first.T[:, :, np.newaxis] * second.T[:, np.newaxis]).reshape(len(up), -1)
-    return course._vectors(sine, share, latitude), weights
+    return directions, weights

@@ -43,6 +43,15 @@ class Light(NamedTuple):
     """Rows in which places are looked up."""
 
 
+@inline
+def light_of(room, tables, band, harmonics, reach, smooth):
+    """Light with so many harmonics, of the series that stand in a room."""
+    return Light(
+        room.series, room.far, tables.blocks, band, harmonics, tables.radius[band], tables.bend[band], reach, smooth,
+        room.places,
+    )  # fmt: skip
+
+
 @inner
 def weigh(tables, small, large, weights):
     """Write the weights of the nodes for a pair of variances, and return their band.
