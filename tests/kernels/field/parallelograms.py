@@ -18,6 +18,7 @@ def images_for(shapes, shading=None, hiding=0):
     """
     shading = len(shapes) if shading is None else shading
     images, cover = images_of(len(shapes)), rows(COVER_ROWS)
+    images.rows[:] = np.nan  # room holds anything, and lanes that do not see an image go on holding it
     up, one, none = np.repeat([0.0, 0.0, 1.0], ROW), np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.

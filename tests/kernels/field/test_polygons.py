@@ -6,7 +6,7 @@ import pytest
 from heliosweep.kernels.field import unions
 from heliosweep.kernels.field.polygons import CORNERS, gaps
 from heliosweep.kernels.field.unions import room_for
-from heliosweep.kernels.vectors import PACKET, ROW
+from heliosweep.kernels.vectors import GROUP, PACKET, ROW
 from tests.kernels.field.parallelograms import corners, images_for, shapely_areas, union_areas
 
 
@@ -70,6 +70,14 @@ def test_crowds_in_a_group_of_lanes_have_room():
     here = (np.arange(count)[:, np.newaxis] + 5 * np.arange(PACKET)) % count < 9
     shapes[..., :2] += np.where(here, 0.0, 9.0)[..., np.newaxis]
     np.testing.assert_allclose(union_areas(shapes, 20), shapely_areas(shapes, 20), atol=1e-12, rtol=0)
+
+
+def test_what_room_held_before_does_not_matter():
+    """Groups of lanes that have some of the images only: the others are not written there."""
+    rng, count = np.random.default_rng(0), 7
+    shapes = leaning(rng, count)
+    shapes[..., 1] += np.where(np.repeat(rng.random((count, PACKET // GROUP)) < 0.3, GROUP, axis=1), 9.0, 0.0)
+    np.testing.assert_allclose(union_areas(shapes, 4), shapely_areas(shapes, 4), atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("count", [3, 4, 7])

@@ -95,7 +95,7 @@ def prepare(images: Floats, image: int, some: int, slots: Floats, o: int, lanes:
     image, o, counting = max(image, 0), max(o, 0), np.int64(0)
     for k in range(lanes):
         here = some >> k & 1 == 1
-        cx, cy = images[image + k], images[image + ROW + k] if here else -_NOWHERE
+        cx, cy = images[image + k] if here else 0.0, images[image + ROW + k] if here else -_NOWHERE
         ax, ay = images[image + 2 * ROW + k] if here else 1.0, images[image + 3 * ROW + k] if here else 0.0
         bx, by = images[image + 4 * ROW + k] if here else 0.0, images[image + 5 * ROW + k] if here else 1.0
         swap = abs(ay * bx) > abs(ax * by)
