@@ -75,7 +75,7 @@ def filled(tmp_path):
     (tmp_path / "study.resolved.yaml").write_text(f"title: {EVIL}\n", encoding="utf-8")
     path = tmp_path / "result.nc"
     manifest = {
-        "command": ["heliosweep", "run", "other.yaml", f"{EVIL}.yaml", "--quiet"],
+        "command": ["heliosweep", "run", "other.yaml", f"./{EVIL}.yaml", "--quiet"],
         "study_file": f"{EVIL}.yaml",
         "study_id": "abc",
         "environment": {"packages": {"heliosweep": "0.1.0", "numpy": "2.0", "pvlib": None}, "commit": None},

@@ -135,6 +135,19 @@ def test_its_slabs_are_taken_over(small, tmp_path, result):
         finished.read(SLABS[1])
 
 
+@pytest.mark.parametrize(
+    ("called", "command"),
+    [
+        ("/bin/heliosweep", ["heliosweep", "run"]),
+        ("/lib/heliosweep/__main__.py", ["python", "-m", "heliosweep", "run"]),
+        ("/home/me/plants/__main__.py", ["python", "-m", "plants", "run"]),
+    ],
+)
+def test_the_command_that_wrote_it(small, tmp_path, monkeypatch, called, command):
+    monkeypatch.setattr("sys.argv", [called, "run"])
+    assert json.loads((write_folder(tmp_path, small()) / "manifest.json").read_text())["command"] == command
+
+
 def test_not_whole(finished):
     with finished.path.open("r+b") as file:
         file.seek(-1, os.SEEK_END)

@@ -47,7 +47,7 @@ class Key:
         options = _OPTIONS.search(text)
         self.meaning = text[: options.start()] if options else text
         self.options: list[tuple[str, str]] = []
-        for option in options.group(1).split("; ") if options else ():
+        for option in re.split(r"; (?=[\w-]+: )", options.group(1)) if options else ():
             name, _, meaning = option.partition(": ")
             self.options.append((name, meaning))
 

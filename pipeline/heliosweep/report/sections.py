@@ -7,6 +7,7 @@ import math
 import re
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -218,10 +219,10 @@ def made(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def command(manifest: Mapping[str, Any]) -> str:
     """The command that makes the result again, without other studies that it ran; empty where nobody knows."""
-    words, own = list(map(str, manifest.get("command", []))), manifest.get("study_file", "")
-    if own in words:
-        words = [word for word in words if word == own or not word.endswith((".yaml", ".yml"))]
-    return shlex.join(words)
+    words, own = list(map(str, manifest.get("command", []))), PurePath(manifest.get("study_file", ""))
+    studies = [word for word in words if word.endswith((".yaml", ".yml"))]
+    others = [word for word in studies if PurePath(word) != own]  # which has no "./" in front
+    return shlex.join(word for word in words if word not in others or len(others) == len(studies))
 
 
 def references(result: xr.Dataset) -> list[str]:

@@ -130,8 +130,8 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
         "sha256": result_digest(result),
         "content_digest": content_digest(result),
     }
-    called = Path(sys.argv[0]).name
-    command = [*(["python", "-m", "heliosweep"] if called == "__main__.py" else [called]), *sys.argv[1:]]
+    called = Path(sys.argv[0])
+    command = [*(["python", "-m", called.parent.name] if called.name == "__main__.py" else [called.name]), *sys.argv[1:]]
     record = {"command": command, "environment": _environment(), "result": said, **content}
     write_whole(folder / "study.resolved.yaml", study.to_yaml(folder))
     write_whole(folder / MANIFEST, manifest_text(record))
