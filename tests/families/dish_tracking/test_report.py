@@ -150,7 +150,8 @@ def test_course_of_a_day_stands_on_the_clock():
     # over midnight the azimuth from south jumps from 170 to -175 deg
     dataset["solar_azimuth"] = ("site", "time"), np.tile([340.0, 350.0, 5.0, 90.0, 200.0], (3, 1))
     dataset["solar_elevation"] = ("site", "time"), np.tile([-30.0, -20.0, 0.0, 40.0, 10.0], (3, 1))
-    azimuth, _ = one(dataset, "path_of_the_sun").figure.axes
+    azimuth, elevation = one(dataset, "path_of_the_sun").figure.axes
+    np.testing.assert_array_equal(elevation.get_lines()[1].get_ydata(), [-20.0, 0.0, 40.0])
     np.testing.assert_array_equal(azimuth.get_lines()[1].get_xdata(), hours[1:4])
     np.testing.assert_allclose(azimuth.get_lines()[1].get_ydata(), [-190.0, -175.0, -90.0])
     course = one(dataset, "error_over_day").figure.axes[2].get_lines()[0]
@@ -189,14 +190,37 @@ def test_year_shows_the_nearest_of_four_directions_around_the_circle():
     assert "Shown are 3 of 4 values of direction of the tilt." in named.caption
 
 
+def test_directions_are_told_by_name_from_south_over_west():
+    named = one(GALLERY.result("two directions"), "factor_over_year")
+    names = [text.get_text() for text in named.figure.legends[0].get_texts()]
+    assert names == ["\N{MINUS SIGN}90\N{DEGREE SIGN} east", "90\N{DEGREE SIGN} west"]
+    assert "0 south, 90 west." in one(GALLERY.result("directions"), "factor_over_axis_tilt_direction").caption
+
+
 def test_months_have_the_deviation_as_band():
     dataset = GALLERY.result("no sweep over a year with tilts")
     axes = one(dataset, "factor_by_month").figure.axes[0]
     mean, deviation = (dataset[f"monthly_effective_tracking_factor_{name}"] for name in ("mean", "std"))
     np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), mean)
+    assert axes.get_lines()[0].get_xdata()[0] == np.datetime64("2021-01-15")
     heights = axes.collections[0].get_paths()[0].vertices[:, 1]
     assert heights.max() == pytest.approx(float((mean + deviation).max()))
     assert heights.min() == pytest.approx(float((mean - deviation).min()))
+
+
+def test_deviations_and_tolerable_tilts_stand_under_their_names():
+    dataset = result({**LATITUDES, **DIRECTIONS}, dates=YEAR[::13], required=[0.5])
+    spread, degree = "standard deviation (1)", "\N{DEGREE SIGN}"
+    factor, months, south = "effective_tracking_factor", "months_over_directions", {"latitude": 0}
+    for name, number, label, values in (
+        (months, 0, "mean effective tracking factor (1)", dataset[f"monthly_{factor}_mean_over_directions"][south]),
+        (months, 1, spread, dataset[f"monthly_{factor}_std_over_directions"][south]),
+        ("deviation_over_axis_tilt_direction", 0, spread, dataset[f"{factor}_std_over_dates"][south]),
+        ("tolerable_axis_tilt", 0, f"tolerable tilt ({degree})", dataset["tolerable_axis_tilt"][:, 0, 0]),
+    ):
+        axes = one(dataset, name).figure.axes[number]
+        np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), values)
+        assert axes.get_ylabel() == label
 
 
 def test_extremes_stand_above_their_dates():
@@ -207,16 +231,19 @@ def test_extremes_stand_above_their_dates():
         least, largest = values[place].get_lines()
         np.testing.assert_array_equal(least.get_ydata(), dataset["effective_tracking_factor_min"][place])
         np.testing.assert_array_equal(largest.get_ydata(), dataset["effective_tracking_factor_max"][place])
-        np.testing.assert_array_equal(dates[place].get_lines()[0].get_ydata(), dataset["date_of_min"][place])
+        for line, name in zip(dates[place].get_lines(), ("date_of_min", "date_of_max"), strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), dataset[name][place])
         assert values[place].get_ylim() == values[0].get_ylim()
     assert values[0].get_title() == "Dunhuang (40.13\N{DEGREE SIGN}\N{NO-BREAK SPACE}N)"
 
 
 def test_map_shows_latitudes_upwards_and_nights_grey():
     dataset = dark(result({**LATITUDES, **DIRECTIONS}, dates=YEAR))
-    axes = one(dataset, "latitude_map").figure.axes[0]
+    axes, least = one(dataset, "latitude_map").figure.axes[:2]
     shown = np.ma.filled(axes.collections[0].get_array(), np.nan)
     np.testing.assert_array_equal(shown, dataset["effective_tracking_factor_mean_over_dates"])
+    shown_least = np.ma.filled(least.collections[0].get_array(), np.nan)
+    np.testing.assert_array_equal(shown_least, dataset["effective_tracking_factor_min"])
     assert np.isnan(shown[-1]).all()
     assert axes.collections[0].get_cmap().get_bad() == pytest.approx(to_rgba(NO_VALUE))
 

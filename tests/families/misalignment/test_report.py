@@ -111,7 +111,7 @@ one_of = GALLERY.find
 
 
 def test_curves_pass_through_the_aim_and_show_the_spots_in_the_order_of_the_error():
-    dataset = results.curves()
+    dataset = results.curves().assign_coords(receiver_height_extent=8.0)
     figure = one_of(shuffled(dataset), "deviation_curves").figure
     panels = figure.axes
     assert len(panels) == 6
@@ -124,7 +124,8 @@ def test_curves_pass_through_the_aim_and_show_the_spots_in_the_order_of_the_erro
     np.testing.assert_array_equal(lines[0].get_ydata(), here["spot_z"])
     assert lines[0].get_color() == "#D55E00"
     (box,) = [patch for patch in panels[0].patches if isinstance(patch, Rectangle)]
-    assert (box.get_x(), box.get_y(), box.get_width(), box.get_height()) == (-4.5, -4.5, 9.0, 9.0)
+    assert (box.get_x(), box.get_y(), box.get_width(), box.get_height()) == (-4.5, -4.0, 9.0, 8.0)
+    assert (panels[-1].get_xlabel(), panels[0].get_ylabel()) == ("to the right (m)", "up (m)")
 
 
 def test_drift_has_a_colour_for_each_hour_and_a_line_for_each_error():
@@ -139,15 +140,60 @@ def test_drift_has_a_colour_for_each_hour_and_a_line_for_each_error():
     assert "Shown are 6 of 25" in named.caption
 
 
-def test_field_maps_show_the_least_tolerance_of_every_heliostat():
+def test_field_maps_show_the_least_tolerance_of_every_heliostat_and_its_hour():
     dataset = CASES["field"]()
-    named = one_of(dataset, "tolerance_map")
-    for axes, axis in zip(named.figure.axes, ("elevation", "azimuth"), strict=False):
-        (squares,) = axes.collections
-        np.testing.assert_array_equal(squares.get_array(), dataset["least_tolerance"].sel(axis=axis))
+    named, hours = one_of(dataset, "tolerance_map"), one_of(dataset, "tolerance_hour_map").figure.axes
+    for axes, when, axis in zip(named.figure.axes, hours, ("elevation", "azimuth"), strict=False):
+        (squares,), (moments,) = axes.collections, when.collections
+        here = dataset.sel(axis=axis)
+        np.testing.assert_array_equal(squares.get_array(), here["least_tolerance"])
+        known = np.isfinite(here["least_tolerance"])
+        np.testing.assert_array_equal(moments.get_array()[known], here["hour_of_least_tolerance"][known])
+        assert f"least {float(here['least_tolerance'].min()):.2f}, median" in axes.get_title()
         corners = squares.get_paths()[0].vertices
         assert np.ptp(corners[:, 0]) > 1
     assert "least" in named.caption.lower()
+
+
+@pytest.mark.parametrize("count", [3, 30])
+def test_tolerances_and_hits_are_those_of_each_heliostat_or_of_the_field(count):
+    sweep = {"axis": ["elevation", "azimuth"], "error_size": [-9.0, 0.0, 4.0]}
+    dataset = results.curves(hours=HOURS, sweep=sweep, pivots=results.field(count))
+    here = dataset.isel(day=0).sel(axis="azimuth")
+    tolerance = here["tracking_tolerance"].where(np.isfinite(here["tracking_tolerance"]))
+    tolerances, hits = list(tolerance), list(100 * here["hit_fraction"].T)
+    if count == 30:
+        tolerances, hits = [tolerance.quantile(part, "heliostat") for part in (0, 0.05, 0.5)], [sum(hits) / count]
+    for name, expected in (("tolerance_over_day", tolerances), ("hits_over_error", hits)):
+        lines = one_of(dataset, name).figure.axes[1].get_lines()
+        for line, values in zip(lines, expected, strict=True):
+            np.testing.assert_allclose(line.get_ydata(), values, rtol=1e-12)
+
+
+def test_conics_have_their_foci_and_eccentricity():
+    dataset = standing()
+    axes, here = one_of(dataset, "conics").figure.axes[0], dataset.isel(heliostat=0, sun_azimuth=0).squeeze()
+    full, hollow = [line for line in axes.get_lines() if line.get_marker() == "D"][:2]
+    one = here.sel(axis="elevation")
+    focus = np.array([one["focus_y"], one["focus_z"]])
+    np.testing.assert_array_equal(np.ravel(full.get_data()), focus)
+    np.testing.assert_allclose(np.ravel(hollow.get_data()), other_focus(one["conic"].to_numpy(), focus))
+    assert f"e = {float(one['eccentricity']):.5g} (elevation), " in axes.get_title()
+
+
+def test_hits_of_draws_are_those_of_the_field_the_mean_and_the_worst():
+    dataset = results.draws({"error_scale": [2.0, 0.5, 1.0]}, results.field(9), days=(172,))
+    of_day = 100 * dataset["day_hit_fraction"].isel(day=0).sortby("error_scale")
+    for name, expected in (
+        ("hits_over_day", list(100 * dataset["field_hit_fraction"].isel(day=0).sortby("error_scale"))),
+        ("hits_over_error_scale", [of_day.mean("heliostat"), of_day.min("heliostat")]),
+        ("remaining_tolerance", list(dataset["remaining_tolerance"][2, 4, 0, :, :, 0].T)),
+    ):
+        axes = one_of(dataset, name).figure.axes[0]
+        for line, values in zip(axes.get_lines(), expected, strict=True):
+            np.testing.assert_allclose(line.get_ydata(), values.where(np.isfinite(values)), rtol=1e-12)
+    for axes, values in zip(one_of(dataset, "hit_map").figure.axes, of_day, strict=False):
+        np.testing.assert_allclose(axes.collections[0].get_array(), values)
 
 
 def test_ellipses_hold_95_percent_of_the_draws():
@@ -160,6 +206,36 @@ def test_ellipses_hold_95_percent_of_the_draws():
     draws = np.random.default_rng(5).multivariate_normal(mean, [[yy, yz], [yz, zz]], 200_000)
     inside = ellipse.get_path().contains_points(ellipse.get_patch_transform().inverted().transform(draws))
     assert inside.mean() == pytest.approx(0.95, abs=2e-3)
+
+
+def test_spots_of_a_calibration_stand_before_and_after_it():
+    dataset = results.calibration(pivots=results.POSITIONS[:2])
+    above, _, below, _ = one_of(dataset, "before_after").figure.axes
+    for axes, words in ((above, ("before", "after")), (below, ("after",))):
+        for word, line, ellipse in zip(words, axes.get_lines(), [one for one in axes.patches if isinstance(one, Ellipse)],
+                                       strict=False):  # fmt: skip
+            y, z = (dataset[f"spot_{side}_{word}"].isel(heliostat=0).to_numpy().ravel() for side in "yz")
+            np.testing.assert_array_equal(line.get_xdata(), y)
+            np.testing.assert_array_equal(line.get_ydata(), z)
+            far = np.sqrt(5.991465 * np.linalg.eigvalsh(np.cov(y[np.isfinite(y)], z[np.isfinite(z)])))
+            np.testing.assert_allclose(sorted([ellipse.width, ellipse.height]), 2 * far, rtol=1e-6)
+
+
+def test_how_well_errors_are_known_is_the_median_over_draws_and_heliostats():
+    dataset = results.calibration({"days_used": [3, 1, 2]}, samples=3, parameters=2)
+    errors, condition = one_of(dataset, "knowledge_over_days_used").figure.axes
+    many = ["heliostat", "sample"]
+    known = dataset["standard_error"].median(many).sortby("days_used").isel(parameter=slice(2))
+    for line, values in zip(errors.get_lines(), known.T, strict=True):
+        np.testing.assert_allclose(line.get_ydata(), values)
+    (line,) = condition.get_lines()
+    np.testing.assert_allclose(line.get_ydata(), dataset["condition_number"].median(many).sortby("days_used"))
+
+
+def test_the_map_of_residuals_shows_those_of_every_heliostat():
+    dataset = results.calibration(pivots=results.field(9))
+    (squares,) = one_of(dataset, "residual_map").figure.axes[0].collections
+    np.testing.assert_array_equal(squares.get_array(), dataset["residual_rms"])
 
 
 def test_recovered_errors_have_95_percent_bars_about_the_estimate():
