@@ -131,8 +131,8 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
         "content_digest": content_digest(result),
     }
     called = Path(sys.argv[0])
-    command = [*(["python", "-m", called.parent.name] if called.name == "__main__.py" else [called.name]), *sys.argv[1:]]
-    record = {"command": command, "environment": _environment(), "result": said, **content}
+    words = ["python", "-m", called.parent.name] if called.name == "__main__.py" else [called.name]
+    record = {"command": [*words, *sys.argv[1:]], "environment": _environment(), "result": said, **content}
     write_whole(folder / "study.resolved.yaml", study.to_yaml(folder))
     write_whole(folder / MANIFEST, manifest_text(record))
     sync(folder)

@@ -150,7 +150,8 @@ def test_scatter_is_that_of_all_seeds_beside_the_bound():
     lines = {line.get_label(): line.get_ydata() for line in named.figure.axes[0].get_lines()}
     here = dataset.sel({"slope_method": "LM", "referential": "none", "module": 2})
     np.testing.assert_allclose(lines["LM"], np.sqrt((here["slope_rms_x"] ** 2).mean("camera_seed")))
-    assert "Cramér-Rao bound" in lines
+    bound = np.sqrt((here["cramer_rao_bound_x"] ** 2).mean("camera_seed"))
+    np.testing.assert_allclose(lines["Cramér-Rao bound"], bound)
     assert "Over 3 seeds." in named.caption
 
 
@@ -171,6 +172,45 @@ def test_field_maps_show_the_larger_direction_of_every_heliostat():
     (squares,) = figure.axes[1].collections
     here = dataset.sel({"hour": 12, "slope_method": "LM", "referential": "exact"})
     np.testing.assert_array_equal(squares.get_array(), np.maximum(here["slope_rms_x"], here["slope_rms_y"]))
+    (squares,) = drawn(dataset, "usable_map").figure.axes[1].collections
+    np.testing.assert_array_equal(squares.get_array(), 100 * here["usable_fraction"])
+
+
+def test_a_field_is_drawn_over_distance_with_a_colour_for_each_hour():
+    dataset = result_of("field")
+    spots = drawn(dataset, "accuracy_over_distance").figure.axes[3].collections[1]
+    here = dataset.sel({"hour": 12, "slope_method": "LM", "referential": "exact"})
+    errors = np.maximum(here["slope_rms_x"], here["slope_rms_y"])
+    known = np.isfinite(errors)
+    np.testing.assert_array_equal(spots.get_offsets()[known], np.stack([here["slant_range"], errors], 1)[known])
+    assert set(spots.get_array()) == {12.0}
+
+
+def test_effort_stands_above_the_error_that_it_leaves():
+    dataset, axes = result_of("maps"), drawn(result_of("maps"), "effort").figure.axes
+    here = dataset.sel({"sun_profile": "noisy", "module": 2})
+    np.testing.assert_allclose(axes[1].get_lines()[0].get_ydata(), here["evaluations"])
+    for line, end in zip(axes[3].get_lines()[:2], "xy", strict=True):
+        np.testing.assert_allclose(line.get_ydata(), here[f"slope_rms_{end}"].sel(referential="exact"))
+
+
+def test_sight_is_in_percent_of_each_module():
+    dataset = result_of("suns").isel(sun_profile=0).sortby("sun_azimuth")
+    here = dataset.sel({"slope_method": "LM", "module": 3})
+    for axes, name in zip(
+        drawn(result_of("suns"), "sight_over_sun_azimuth").figure.axes, ("usable_fraction", "lit_cameras"), strict=True
+    ):
+        np.testing.assert_allclose(axes.get_lines()[1].get_ydata(), 100 * here[name])
+
+
+def test_errors_over_two_numbers_are_those_of_the_best_method():
+    dataset = (
+        result_of("two numbers").isel(arrangement=0).sel({"slope_method": "LM", "referential": "exact", "module": 2})
+    )
+    figure = drawn(result_of("two numbers"), "accuracy_over_camera_radius_and_camera_noise").figure
+    for axes, end in zip(figure.axes[:2], "xy", strict=True):
+        shown = axes.collections[0].get_array()
+        np.testing.assert_array_equal(shown, dataset[f"slope_rms_{end}"].transpose("camera_noise", "camera_radius"))
 
 
 @pytest.mark.usefixtures("unplaced")
@@ -195,9 +235,16 @@ def test_raw_slopes_and_their_difference_stand_beside_each_other():
         np.testing.assert_allclose(third, first - second)
 
 
-def test_the_sun_is_drawn_over_angles_with_the_fit_in_the_caption():
-    dataset = result_of("measured")
-    radius = np.asarray(dataset["sun_radius_fit"]).ravel()[0]
-    named = drawn(result_of("measured"), "sun_profile")
-    assert named.figure.axes[0].lines[0].get_xdata()[-1] == pytest.approx(radius)
-    assert f"eps_max = {radius:.3f} mrad" in named.caption
+def test_the_sun_is_drawn_over_angles_beside_the_formula_with_the_fit_in_the_caption():
+    dataset = result_of("maps")
+    named, discs = drawn(dataset, "sun_profile"), drawn(dataset, "sun_disc").figure.axes[2:4]
+    here = dataset.sel(sun_profile="noisy")
+    limb, exponent, radius, rest = (
+        float(here[f"sun_{name}"]) for name in ("limb_fit", "exponent_fit", "radius_fit", "fit_rms")
+    )
+    for line, disc, name in zip(named.figure.axes[1].lines, discs, ("sun_brightness", "sun_formula"), strict=True):
+        np.testing.assert_allclose(line.get_xdata(), radius * here["disc_fraction"])
+        np.testing.assert_array_equal(line.get_ydata(), here[name])
+        assert disc.images[0].get_array()[100, 100] == here[name][0]
+    assert f"A = {limb:.3f}, xi = {exponent:.3f}, eps_max = {radius:.3f} mrad" in named.caption
+    assert f"root mean square of the rest {100 * rest:.2f} %" in named.caption

@@ -183,6 +183,9 @@ def test_conics_have_their_foci_and_eccentricity():
 
 def test_hits_of_draws_are_those_of_the_field_the_mean_and_the_worst():
     dataset = results.draws({"error_scale": [2.0, 0.5, 1.0]}, results.field(9), days=(172,))
+    names = [axes.get_title().split(":")[0] for axes in one_of(dataset, "spot_spread").figure.axes[:6]]
+    far = np.hypot(dataset["x"], dataset["y"]).to_numpy()
+    assert list(np.diff([far[int(name.removeprefix("heliostat "))] for name in names]) >= -1e-9) == [True] * 5
     of_day = 100 * dataset["day_hit_fraction"].isel(day=0).sortby("error_scale")
     for name, expected in (
         ("hits_over_day", list(100 * dataset["field_hit_fraction"].isel(day=0).sortby("error_scale"))),
@@ -212,8 +215,8 @@ def test_spots_of_a_calibration_stand_before_and_after_it():
     dataset = results.calibration(pivots=results.POSITIONS[:2])
     above, _, below, _ = one_of(dataset, "before_after").figure.axes
     for axes, words in ((above, ("before", "after")), (below, ("after",))):
-        for word, line, ellipse in zip(words, axes.get_lines(), [one for one in axes.patches if isinstance(one, Ellipse)],
-                                       strict=False):  # fmt: skip
+        ellipses = [one for one in axes.patches if isinstance(one, Ellipse)]
+        for word, line, ellipse in zip(words, axes.get_lines(), ellipses, strict=False):
             y, z = (dataset[f"spot_{side}_{word}"].isel(heliostat=0).to_numpy().ravel() for side in "yz")
             np.testing.assert_array_equal(line.get_xdata(), y)
             np.testing.assert_array_equal(line.get_ydata(), z)
