@@ -48,6 +48,10 @@ assert result(int, int) is None
 waits.set()
 thread.join()
 assert result(int, int) == 3
+daemon = multiprocessing.get_context("fork").Process(target=lambda: result(int, int) and os._exit(2), daemon=True)
+daemon.start()
+daemon.join()
+assert daemon.exitcode == 0
 beside.processors = lambda: 1
 assert result(int, int) is None
 """

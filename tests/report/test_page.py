@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
@@ -200,7 +201,8 @@ def test_page_is_the_same_every_time(folder):
 
 def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
     (folder / "figures").mkdir()
-    for name in ("old.png", "holiday.png", "notes.txt"):
+    torn = f".field_maps.png.{platform.node()}.999999999-0.part"  # by a process that was killed
+    for name in ("old.png", "holiday.png", "notes.txt", torn):
         (folder / "figures" / name).touch()
     (folder / "figures" / ".drawn").write_text("old.png\ngone.png\n../report.html\n")
     write_report(folder, family_of=family_of_result, vector=["svg"])

@@ -47,17 +47,19 @@ class Beside:
     def start(self) -> None:
         """Copy this process.
 
-        Only on Linux, where that is quick, and while no other thread could hold a lock that the copy would wait for.
+        Only on Linux, where that is quick, and while no other thread could hold a lock that the copy would wait for. A
+        daemon, such as a worker of a pool, may have no process of its own.
         """
-        if sys.platform != "linux" or threading.active_count() > 1 or processors() == 1:
+        daemon = multiprocessing.current_process().daemon
+        if sys.platform != "linux" or daemon or threading.active_count() > 1 or processors() == 1:
             return
-        self._pipe, other = multiprocessing.Pipe()
-        copy = multiprocessing.get_context("fork").Process(target=self._serve, args=(other,), daemon=True)
         with suppress(OSError), warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of NumPy's threads, which hold no lock of Python's
-            copy.start()
-            self._process = copy
-        other.close()
+            self._pipe, other = multiprocessing.Pipe()
+            with other:
+                copy = multiprocessing.get_context("fork").Process(target=self._serve, args=(other,), daemon=True)
+                copy.start()
+                self._process = copy
 
     def begin(self, what: Any) -> None:
         """Have the work done."""

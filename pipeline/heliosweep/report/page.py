@@ -24,7 +24,7 @@ from pydantic import Field
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.files import user_path, write_whole
+from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, sections
 from heliosweep.report.beside import Beside
 from heliosweep.report.contents import NamedFigure
@@ -303,6 +303,7 @@ def _draw(
     if folder.is_symlink():
         raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
+    remove_leftovers(folder)
     written, embedded, before = list[str](), 0, _text(folder / DRAWN).splitlines()
 
     def save(named: NamedFigure, picture: Image, others: Mapping[str, bytes]) -> dict[str, Any]:
