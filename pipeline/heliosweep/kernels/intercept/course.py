@@ -95,8 +95,9 @@ def course(
     if place is None and (table is None or not len(up)):
         return intercepts(scene, sun, start, stop), np.zeros(stop - start)
     there = np.ascontiguousarray(sun[up], np.float64)
-    counts = NODES if place is not None else ()
-    tries = [functools.cache(functools.partial(chebyshev_suns, each, place, there)) for each in counts]
+    tries = []
+    if place is not None:
+        tries = [functools.cache(functools.partial(chebyshev_suns, counts, place, there)) for counts in NODES]
     out, error = np.full((stop - start, len(sun)), np.nan), np.zeros(stop - start)
     for first in range(start, stop, _BLOCK):
         left = np.arange(first, min(first + _BLOCK, stop))
