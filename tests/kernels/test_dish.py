@@ -242,7 +242,8 @@ def test_bits_do_not_depend_on_what_is_computed_together(model):
                 np.testing.assert_array_equal(one, all_of_them[index][first:last])
 
 
-def test_no_windows_and_windows_without_weight():
+def test_no_windows_no_mounts_and_windows_without_weight():
+    assert window_errors(RIGID, pack_windows(suns(3), [0, 3]), np.empty((2, 0)), 0.0).mean.shape == (2, 0, 1)
     assert window_errors(RIGID, pack_windows(suns(3), [0]), [0.1, 0.2], 0.0).mean.shape == (2, 0)
     errors = window_errors(RIGID, pack_windows(suns(4), [0, 2, 2, 4], [1.0, 1.0, 0.0, 0.0]), 0.1, 0.0, tolerance=0.01)
     for values in errors:

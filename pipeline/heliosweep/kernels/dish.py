@@ -339,8 +339,9 @@ def window_errors(
         raise ValueError("tolerances must be positive")
     order = np.lexsort(table[:, 5::-1].T)
     rows = table[order, :6]
-    starts = np.flatnonzero(np.concatenate(([True], np.any(rows[1:] != rows[:-1], axis=1), [True])))
-    mounts = rows[starts[:-1]]
+    first = np.any(rows != np.roll(rows, 1, axis=0), axis=1)
+    first[:1] = True
+    starts, mounts = np.append(np.flatnonzero(first), len(rows)), rows[first]
     mean, largest = np.empty((2, len(table), *windows.total.shape))
     clipped = mean if tolerance is None else np.empty_like(mean)
     sweep(model, windows, mounts, starts, order, table[:, 6].copy(), mean, largest, clipped)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.rays import ideal_mirror, unit
-from heliosweep.kernels.sun.profiles import power
+from heliosweep.kernels.sun.profiles import least_base, power
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -218,10 +218,11 @@ def _brighten_analytic(lanes, cameras, profile, derivatives):
     c0, c1, c2, c3 = profile.c0, profile.c1, profile.c2, profile.c3
     edge, edge_value, edge_slope = profile.edge, profile.edge_value, profile.edge_slope
     area, half, whole = 1.0 / (profile.radius * profile.radius), 0.5 * profile.power, profile.power
+    least = least_base(half) / area
     for camera in range(cameras):
         n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
         for k in range(LANES):
-            square = max(lanes[at(n, SQUARE, k)], _TINY)
+            square = max(lanes[at(n, SQUARE, k)], least)
             inside = min(square, edge * edge)
             drop = power(inside * area, half)
             c, angle = math.sqrt(1.0 - drop), math.sqrt(square)

@@ -32,6 +32,8 @@ EDGE = 0.9995
 """Angle at which the tangent takes over, relative to eps_max: at 1 the analytic slope is infinite. [1]"""
 _TINY = 1e-60
 """Least square of an angle: keeps 0 / 0 out of the slope at the centre, and 0 from `power`. [rad^2]"""
+_LEAST_POWER = -1000.0
+"""Power of 2 that counts as 0: `power` makes no smaller number than 2^-1022."""
 
 _BITS, _BIAS, _ROOT_HALF = np.int64(52), np.int64(1023), np.int64(0x3FE6A09E667F3BCD)
 _L0, _L1, _L2, _L3, _L4, _L5, _L6, _L7, _L8, _L9, _L10 = (2.0 / ((2 * k + 1) * math.log(2.0)) for k in range(11))
@@ -78,7 +80,7 @@ def power(base, exponent):
     """Base to an exponent, for a normal positive base, to a few units of the last digit: vector code.
 
     The logarithm is a series in (m - 1) / (m + 1) of the mantissa m, the exponential a Taylor polynomial. The error is
-    4e-16 of the result for each doubling from 1 to it.
+    4e-16 of the result for each doubling from 1 to it, which must be a normal number too: see `least_base`.
     """
     bits = np.float64(base).view(np.int64)
     octave = np.int64((bits - _ROOT_HALF) >> _BITS)
@@ -94,6 +96,12 @@ def power(base, exponent):
     e = _E4 + f * (_E5 + f * (_E6 + f * (_E7 + f * (_E8 + f * e))))
     e = 1.0 + f * (_E1 + f * (_E2 + f * (_E3 + f * e)))
     return e * np.int64((np.int64(whole) + _BIAS) << _BITS).view(np.float64)
+
+
+@inline
+def least_base(exponent):
+    """Least base that `power` may be given."""
+    return max(_TINY, 2.0 ** (_LEAST_POWER / exponent))
 
 
 @inline
@@ -135,17 +143,19 @@ def rendered(profile, square):
 
 @kernel
 def render_squares(profile: Profile, squares: Floats) -> None:
-    """Put the brightness, as `rendered`, in the place of many squares."""
+    """Put the brightness, as `rendered`, in the place of many squares; NaN stays."""
     if profile.table.size > 0:
         for k in range(squares.size):
             squares[k] = rendered(profile, squares[k])
         return
     limit, half = profile.radius * profile.radius, 0.5 * profile.power
     area, c0, c1, c2, c3 = 1.0 / limit, profile.c0, profile.c1, profile.c2, profile.c3
+    least = least_base(half) * limit
     for k in range(squares.size):
-        drop = power(min(max(squares[k], _TINY), limit) * area, half)
+        drop = power(min(max(squares[k], least), limit) * area, half)
         c = math.sqrt(max(1.0 - drop, 0.0))
-        squares[k] = 0.0 if squares[k] > limit else c0 + c * (c1 + c * (c2 + c * c3))
+        inside = c0 + c * (c1 + c * (c2 + c * c3))  # a number also where there is none
+        squares[k] = inside if squares[k] <= limit else 0.0 if squares[k] > limit else math.nan
 
 
 @kernel
@@ -157,11 +167,12 @@ def inverse_squares(profile: Profile, values: Floats, squares: Floats) -> None:
         return
     area, each, inverse = profile.radius * profile.radius, 2.0 / profile.power, 1.0 / profile.c1
     edge, edge_value, slope, c0 = profile.edge, profile.edge_value, 1.0 / profile.edge_slope, profile.c0
+    least = least_base(each)
     for k in range(values.size):
         c = (values[k] - c0) * inverse
         angle = edge + (values[k] - edge_value) * slope
         rest = max(1.0 - c * c, 0.0)
-        inside = area * power(max(rest, _TINY), each) if rest > 0.0 else 0.0
+        inside = area * power(max(rest, least), each) if rest > 0.0 else 0.0
         squares[k] = angle * angle if values[k] <= edge_value else inside
 
 
