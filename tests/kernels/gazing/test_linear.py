@@ -218,6 +218,8 @@ def test_bound_of_the_cameras_that_count():
     some = slope_bound(layout, jose(), y, z, none, noise)
     assert np.all((whole < some) & (some < dark))
     assert np.all(np.isnan(slope_bound(layout, jose(), y, z, none, 0.01, lit=np.zeros(len(y), np.int64))))
+    for lit in (0b0001, 0b0110):  # a gain and two slopes are three unknowns
+        assert np.all(np.isnan(slope_bound(layout, jose(), y, z, none, 0.01, True, np.full(len(y), lit))))
 
 
 @pytest.mark.parametrize("seed", [0, 1])

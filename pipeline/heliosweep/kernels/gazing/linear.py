@@ -273,8 +273,8 @@ def _bound(lanes, cameras, area, fit_gain):
     for k in range(LANES):
         yy, yz, zz = lanes[_YY * LANES + k], lanes[_YZ * LANES + k], lanes[_ZZ * LANES + k]
         gy, gz, gg = lanes[_GY * LANES + k], lanes[_GZ * LANES + k], lanes[_GG * LANES + k]
-        each = 1.0 / gg if fit_gain & (gg > 0.0) else 0.0
+        each, whole = 1.0 / gg if fit_gain & (gg > 0.0) else 0.0, yy + zz
         yy, yz, zz = yy - gy * gy * each, yz - gy * gz * each, zz - gz * gz * each
         determinant = yy * zz - yz * yz
-        inverse = 1.0 / determinant if determinant > 1e-12 * (yy + zz) * (yy + zz) else math.nan
+        inverse = 1.0 / determinant if determinant > 1e-12 * whole * whole else math.nan  # less is rounding
         lanes[_BY_Y * LANES + k], lanes[_BY_Z * LANES + k] = math.sqrt(zz * inverse), math.sqrt(yy * inverse)
