@@ -39,7 +39,7 @@ ORDER = [
     "arguments",
     "cli",
 ]
-HEAVY = {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}
+HEAVY = {"numba", "xarray", "dask", "zarr", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}
 
 
 def imported(path: Path, for_types: bool = True) -> set[str]:

@@ -160,10 +160,19 @@ def test_labels_of_a_shipped_study_can_be_selected(path):
     check_names(api.load(path))
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_resolved_study_is_the_same(path, tmp_path):
-    study, file = api.load(path), tmp_path / "study.resolved.yaml"
-    file.write_text(study.to_yaml(tmp_path), encoding="utf-8")
+def same_when_resolved(study, folder):
+    """Test that a study loads to the same from what a run writes of it."""
+    file = folder / "study.resolved.yaml"
+    file.write_text(study.to_yaml(folder), encoding="utf-8")
     again = api.load(file)
     assert again.study_id == study.study_id
-    assert again.to_yaml(tmp_path) == study.to_yaml(tmp_path)
+    assert again.to_yaml(folder) == study.to_yaml(folder)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_resolved_study_is_the_same(path, tmp_path):
+    same_when_resolved(api.load(path), tmp_path)
+
+
+def test_a_resolved_example_is_the_same(example, tmp_path):
+    same_when_resolved(example, tmp_path)

@@ -107,9 +107,9 @@ def test_duplicates_name_the_rows():
 
 
 def test_colliding_mirrors_name_the_rows():
-    problems, warnings = messages(at((0, 50), (9, 50), (40, 50)), width=12, height=10)
+    problems, warnings = messages(at((0, 50), (9, 50), (40, 50), lines=[2, 3, 5]), width=12, height=10)
     assert problems == [
-        "field.csv: heliostat 1 stands 9 m from heliostat 0, less than the shorter side of the "
+        "field.csv:3: heliostat 1 stands 9 m from heliostat 0 (line 2), less than the shorter side of the "
         "mirrors, 10 m: they collide"
     ]
     assert warnings == []

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from heliosweep import api
-from heliosweep.report.comparison import compare, read_published
+from heliosweep.report.comparison import AGREES, compare, read_published
 from tests.conftest import STUDIES
 
 TABLE = read_published(STUDIES / "published" / "defieux2020_table1.csv")
@@ -170,6 +170,7 @@ def test_a_field_is_measured_far_from_the_tower_and_under_a_sun_behind_it():
 def test_claims(result):
     """Every verdict and number is the one that the table states, also where the paper's claim does not hold here."""
     assert compare(result, TABLE).surprises == []
+    assert sum(one.stated_verdict == AGREES for one in PUBLISHED) == 16  # of 24, as the documentation says
 
 
 def test_no_error_at_all_is_not_what_was_published(result):

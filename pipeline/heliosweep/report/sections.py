@@ -135,7 +135,7 @@ def _texts(array: xr.DataArray, values: np.ndarray, digits: int) -> list[str]:
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
     """Numbers of one column with the same decimals: none where all are whole or large, else so many digits.
 
-    All below a thousandth have powers of ten.
+    All below a thousandth have so many digits each, those below a ten-thousandth with powers of ten.
     """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0
