@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.field import boundaries, images, overlaps, unions
 from heliosweep.kernels.field import efficiency as field_kernels
-from heliosweep.kernels.field.efficiency import aimed, blockers_of, field_series, field_sums
-from heliosweep.kernels.field.neighbours import by_cells
+from heliosweep.kernels.field.efficiency import aimed, blockers_of, field_series, field_sums, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
@@ -125,12 +124,12 @@ def small() -> Iterator[Row]:
             yield measured(
                 f"field sums, {count}, {latitude} deg, {method}",
                 UNIT,
-                partial(field_sums, *field, code, sun, 0, count),
+                partial(field_sums, sorted_field(*field), code, sun, 0, count),
                 count * len(sun),
                 beside=beside if method == "spinning" else beside | other,
                 operations=operations(latitude, method),
             )
-    series, instants = partial(field_series, *field, SPINNING_ELEVATION), len(sun)
+    series, instants = partial(field_series, sorted_field(*field), SPINNING_ELEVATION), len(sun)
     yield measured(
         f"field series, {count}, 30 deg, spinning",
         UNIT,
@@ -142,7 +141,7 @@ def small() -> Iterator[Row]:
     yield measured(
         "the same sums, every 6 min",
         UNIT,
-        partial(field_sums, *field, SPINNING_ELEVATION, fine, 0, count),
+        partial(field_sums, sorted_field(*field), SPINNING_ELEVATION, fine, 0, count),
         count * len(fine),
         times=2,
     )
@@ -159,8 +158,9 @@ def cost(field: Field) -> float:
         for code in METHODS.values():
 
             def work(code: int = code, sun: Floats = sun) -> None:
+                mirrors = sorted_field(*field)
                 for start in starts:
-                    field_sums(*field, code, sun, start, start + length)
+                    field_sums(mirrors, code, sun, start, start + length)
 
             each.append(best(work, 3 if count < 1000 else 1) / (len(starts) * length * len(sun)))
     return float(np.mean(each))
@@ -183,7 +183,7 @@ def sizes() -> Iterator[Row]:
     yield set_up(staggered(100_000))
     field, sun = staggered(30_000), year(30.0, every=40)
     for name, instants in (("90 instants of a year", sun), ("512 of a series", year(30.0, 0.2)[:512])):
-        work = partial(field_sums, *field, SPINNING_ELEVATION, instants, 15_000, 16_000)
+        work = partial(field_sums, sorted_field(*field), SPINNING_ELEVATION, instants, 15_000, 16_000)
         seconds = best(work, 2) / (1_000 * len(instants))
         yield Row(f"block in 30,000, {name}", UNIT, seconds, remark=f"{seconds * 1e9:.1f} ns each")
 
@@ -193,8 +193,8 @@ def set_up(field: Field) -> Row:
     sun, count = year(30.0), len(field[0])
 
     def work() -> None:
-        mirrors = aimed(*field)
-        blockers_of(np.arange(count), *by_cells(mirrors))
+        mirrors = sorted_field(*field)
+        blockers_of(np.arange(count), *mirrors)
         field_kernels._sorted(mirrors, sun, SPINNING_ELEVATION, 0, count)
 
     seconds = best(work, 3)

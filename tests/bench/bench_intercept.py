@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.field.efficiency import field_sums
+from heliosweep.kernels.field.efficiency import field_sums, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.intercept import hflcal, sunshapes
 from heliosweep.kernels.intercept.course import course, table_of
@@ -81,7 +81,7 @@ def years() -> Iterator[Row]:
             made = scene(field[0], field[1], receiver, 1.5, tracking)
             seconds = best(partial(shared, made, up, float(latitude)), 1) / (count * len(up))
             alone = best(partial(course, made.some(some), up, float(latitude)), 1)
-            shaded = best(partial(field_sums, *field, tracking, up, 0, SOME), 1)
+            shaded = best(partial(field_sums, sorted_field(*field), tracking, up, 0, SOME), 1)
             beside = {
                 "shading and blocking": shaded / (SOME * len(up)),
                 "each mirror by itself": alone / (SOME * len(up)),

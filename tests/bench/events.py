@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from heliosweep.kernels.field import efficiency as stages
 from heliosweep.kernels.field import unions
 from heliosweep.kernels.field.cover import COVER_ROWS
-from heliosweep.kernels.field.efficiency import _sorted, aimed
+from heliosweep.kernels.field.efficiency import _sorted, sorted_field
 from heliosweep.kernels.field.images import AXES_ROWS, IMAGE_ROWS, Images, _project_along_v, axes, images_of
-from heliosweep.kernels.field.neighbours import beam, by_cells, no_candidates, search_all
+from heliosweep.kernels.field.neighbours import beam, no_candidates, search_all
 from heliosweep.kernels.field.packets import FRAME_ROWS, half_sides
 from heliosweep.kernels.vectors import GROUP, LANES, PACKET, ROW, rows
 from tests.kernels.field.fields import Field
@@ -31,10 +31,9 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     and tests of two images, of all lanes of a group if one of them has both. Areas that two images share:
     of the lanes where no three overlap; of others, pairs of images that may cover one another's edges, and images.
     """
-    mirrors = aimed(*field)
-    sun, order, first = _sorted(mirrors, sun, tracking, 0, len(mirrors.x))
-    mirrors, grid = by_cells(mirrors)
+    mirrors, grid = all_mirrors = sorted_field(*field)
     count = len(grid.names)
+    sun, order, first = _sorted(all_mirrors, sun, tracking, 0, count)
     blockers, shaders = stages.blockers_of(np.arange(count), mirrors, grid), no_candidates(count)
     lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(4))
     images, room, frames = images_of(count), unions.room_for(count), rows(count * FRAME_ROWS)

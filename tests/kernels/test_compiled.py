@@ -17,7 +17,7 @@ import pytest
 from numba.core.registry import cpu_target
 
 from heliosweep.kernels import compiled, helper, machine_code, warm
-from heliosweep.kernels.field.efficiency import field_sums, sweep
+from heliosweep.kernels.field.efficiency import field_sums, sorted_field, sweep
 from heliosweep.kernels.field.packets import packet_order
 from heliosweep.processors import processors
 
@@ -149,7 +149,7 @@ def test_warm_makes_the_one_signature_ready():
         place, sun = np.arange(20.0, 20.0 + 20 * count, 20.0), np.array([[0.0, 0.6, 0.8]])
         place.flags.writeable = sun.flags.writeable = False
         side = np.ones(count)
-        field_sums(place, place, place, side, side, 60.0, 0, sun, 0, count)
+        field_sums(sorted_field(place, place, place, side, side, 60.0), 0, sun, 0, count)
     assert len(sweep.signatures) == 1
     assert len(packet_order.signatures) == 1
     seconds, fresh = warm.warm_field()
@@ -287,10 +287,10 @@ import sys
 import numpy as np
 from heliosweep.grid.sun import sun_vectors
 from heliosweep.kernels.dish import pack_windows, window_errors
-from heliosweep.kernels.field.efficiency import field_series
+from heliosweep.kernels.field.efficiency import field_series, sorted_field
 x, y, side = np.array([10., 19., 30.]), np.array([20., 21., 60.]), np.full(3, 5.)
 s = np.array([[.8, .3, .2]]) / np.sqrt(.77)
-print(field_series(x, y, side, side, side, 50., 0, s, 0, 3).ravel().tolist())
+print(field_series(sorted_field(x, y, side, side, side, 50.), 0, s, 0, 3).ravel().tolist())
 utc = np.datetime64('2021-06-21T01:00', 'ns') + np.arange(9) * np.timedelta64(1, 'h')
 windows = pack_windows(sun_vectors(utc, 40.0, 95.0), [0, 4, 9])
 for model in (0, 1):

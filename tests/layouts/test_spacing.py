@@ -39,7 +39,8 @@ def test_no_blocking_is_just_met():
         y = np.array([near, radius])
         sun = np.array([[0.0, -radius, receiver]]) / math.hypot(radius, receiver)
         half, ground = np.full(2, side / 2), np.zeros(2)
-        values = efficiency.field_series(ground, y, ground, half, half, receiver, packets.AZIMUTH_ELEVATION, sun, 0, 2)
+        field = efficiency.sorted_field(ground, y, ground, half, half, receiver)
+        values = efficiency.field_series(field, packets.AZIMUTH_ELEVATION, sun, 0, 2)
         blocking = values[2][0, 1]
         assert (blocking < 1) == blocked
 

@@ -131,7 +131,7 @@ def mirror_outlines(
     Parameters
     ----------
     x, y, z, half_width, half_height, target_height, tracking, start, stop
-        As for `heliosweep.kernels.field.efficiency.field_sums`.
+        As for `sorted_field` and `field_sums` of `heliosweep.kernels.field.efficiency`.
     sun : ndarray, shape (3,)
         Unit vector to the sun: east, north, up; with the sun at or below the horizon all is NaN. [1]
     images : int

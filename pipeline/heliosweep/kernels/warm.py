@@ -35,7 +35,7 @@ def warm_field(outlines: bool = False, shared: bool = False, meanwhile: Sequence
 
     `meanwhile` is what else another process compiles, as of `helper.beside`.
     """
-    from heliosweep.kernels.field.efficiency import UNWEIGHTED, aimed, field_sums, known_energies, sweep
+    from heliosweep.kernels.field.efficiency import UNWEIGHTED, field_sums, known_energies, sorted_field, sweep
     from heliosweep.kernels.outlines import mirror_outlines
 
     place, side = np.array([10.0, 30.0]), np.ones(2)
@@ -43,9 +43,9 @@ def warm_field(outlines: bool = False, shared: bool = False, meanwhile: Sequence
     with beside("field_parts()", *meanwhile):
         order, first = np.zeros(1, np.int64), np.array([0, 1])
         sums, nothing = np.zeros((2, 4)), np.empty((4, 0, 0))
-        mirrors = aimed(place, place, side, side, side, 50.0)
-        sweep(mirrors, 0, sun, order, first, 0, 2, sums, nothing, np.empty((0, 0)), UNWEIGHTED)
-    field_sums(place, place, side, side, side, 50.0, 0, sun, 0, 2)
+        field = sorted_field(place, place, side, side, side, 50.0)
+        sweep(*field, 0, sun, order, first, 0, 2, sums, nothing, np.empty((0, 0)), UNWEIGHTED)
+    field_sums(field, 0, sun, 0, 2)
     if shared:
         number = np.zeros(1, np.int64)
         known_energies(np.ones((1, 1, 4)), number, sun, np.ones((2, 1)), number, 1)

@@ -12,7 +12,7 @@ from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency import compute as module
 from heliosweep.families.field_efficiency.aim import aims, turns
-from heliosweep.kernels.field.efficiency import field_sums
+from heliosweep.kernels.field.efficiency import field_sums, sorted_field
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, lit  # noqa: F401
 from tests.families.studies import computed
 
@@ -57,7 +57,7 @@ def test_points_of_the_layout(sunny, tmp_path):
     to_sun = np.array([[np.sin(sun[0]) * np.cos(sun[1]), np.cos(sun[0]) * np.cos(sun[1]), np.sin(sun[1])]])
     half = np.ones(len(FIELD))
     x, y, z = (FIELD + np.array([0, 0, 5])).T
-    sums, _ = field_sums(x, y, z, 4.5 * half, 4.0 * half, lower, 1, to_sun, 0, len(FIELD))
+    sums, _ = field_sums(sorted_field(x, y, z, 4.5 * half, 4.0 * half, lower), 1, to_sun, 0, len(FIELD))
     np.testing.assert_allclose(moved["optical_efficiency"], sums[:, 3], rtol=1e-13)
     assert np.all(moved["intercept_efficiency"] < plain["intercept_efficiency"])
     assert any("are not used" in note for note in sunny(layout=layout).notes())

@@ -30,8 +30,8 @@ def test_one_point_is_the_kernel_s_sum_over_the_instants(small):
     days, hours = np.repeat(study.time.day_numbers(), 11), np.tile(study.time.solar_hours(), 2)
     vectors = sun.solar_clock(np.radians(40), sun.declination_cooper(days), hours)
     z, half = np.full(x.size, 5.0), np.ones(x.size)
-    arguments = (x, y, z, 4.5 * half, 4.0 * half, 60.0, mounts.AZIMUTH_ELEVATION, vectors, 0, x.size)
-    sums, count = field.field_sums(*arguments)
+    mirrors = field.sorted_field(x, y, z, 4.5 * half, 4.0 * half, 60.0)
+    sums, count = field.field_sums(mirrors, mounts.AZIMUTH_ELEVATION, vectors, 0, x.size)
     assert 0 < count < vectors.shape[0]  # the winter sun is down at 7 h
     names = ("cosine_efficiency", "shading_efficiency", "blocking_efficiency", "optical_efficiency")
     for name, total in zip(names, sums.T, strict=True):

@@ -281,7 +281,7 @@ def test_what_points_share_is_computed_once_and_changes_no_bit(year, monkeypatch
 
     def counting(kernel: Any) -> Any:
         def counted(*given: Any) -> Any:
-            looked.append(int(np.sum(given[7][:, 2] > 0)) * (given[9] - given[8]))
+            looked.append(int(np.sum(given[2][:, 2] > 0)) * (given[4] - given[3]))
             return kernel(*given)
 
         return counted

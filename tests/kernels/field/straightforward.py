@@ -29,7 +29,7 @@ NOTHING = 1e-18
 
 
 def straightforward_series(x, y, z, half_width, half_height, target_height, tracking, sun, start, stop, lowest=None):
-    """Efficiencies of every instant, parameters and result as of `field_series`.
+    """Efficiencies of every instant, parameters as of `sorted_field`, and these and result of `field_series`.
 
     `lowest` is the sine of the lowest sun elevation that neighbours are sought for, by default that of `sun`.
     """

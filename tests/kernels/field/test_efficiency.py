@@ -15,6 +15,7 @@ from heliosweep.kernels.field.efficiency import (
     field_series,
     field_sums,
     known_energies,
+    sorted_field,
     sweep,
 )
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, packet_order
@@ -59,7 +60,7 @@ def spoke():
 )
 def test_fields_against_the_twin(tracking, made: tuple[Field, Floats, Sequence[int]]):
     field, sun, tests = made
-    out = field_series(*field, tracking, sun, 0, len(field[0]))[:, :, tests]
+    out = field_series(sorted_field(*field), tracking, sun, 0, len(field[0]))[:, :, tests]
     expected = [[instant(i, aimed(*field), tracking, s) for i in tests] for s in sun]
     np.testing.assert_allclose(out, np.transpose(expected, (2, 0, 1)), atol=1e-12, rtol=0)
 
@@ -70,7 +71,9 @@ def test_fields_against_the_twin(tracking, made: tuple[Field, Floats, Sequence[i
 def test_cosine_is_the_same_for_both_methods():
     rng = np.random.default_rng(5)
     field, sun = chong2012(), suns(rng, 20)
-    one, other = (field_series(*field, m, sun, 0, 317)[0] for m in (SPINNING_ELEVATION, AZIMUTH_ELEVATION))
+    one, other = (
+        field_series(sorted_field(*field), m, sun, 0, 317)[0] for m in (SPINNING_ELEVATION, AZIMUTH_ELEVATION)
+    )
     np.testing.assert_array_equal(one, other)
     np.testing.assert_allclose(one, np.sqrt((1.0 + sun @ aimed(*field).aim.T) / 2.0), atol=1e-15, rtol=0)
 
@@ -83,14 +86,14 @@ def test_same_bits_for_any_split(tracking):
     rng = np.random.default_rng(8)
     field = scattered(rng, 80, 9.0)
     sun = np.concatenate((suns(rng, 150, -10.0, 80.0), suns(rng, 20, 0.1, 2.0)))
-    sums, instants = field_sums(*field, tracking, sun, 0, 80)
+    sums, instants = field_sums(sorted_field(*field), tracking, sun, 0, 80)
     assert instants == np.count_nonzero(sun[:, 2] > 0.0)
     for edges in ([0, 1, 2, 50, 80], [0, 33, 80]):
-        parts = [field_sums(*field, tracking, sun, a, b)[0] for a, b in itertools.pairwise(edges)]
+        parts = [field_sums(sorted_field(*field), tracking, sun, a, b)[0] for a, b in itertools.pairwise(edges)]
         np.testing.assert_array_equal(np.concatenate(parts), sums)
-    series = field_series(*field, tracking, sun, 0, 80)
+    series = field_series(sorted_field(*field), tracking, sun, 0, 80)
     for edges in ([0, 1, 17, 170], [0, 100, 170]):
-        parts = [field_series(*field, tracking, sun[a:b], 10, 40) for a, b in itertools.pairwise(edges)]
+        parts = [field_series(sorted_field(*field), tracking, sun[a:b], 10, 40) for a, b in itertools.pairwise(edges)]
         np.testing.assert_array_equal(np.concatenate(parts, axis=1), series[:, :, 10:40])
     assert np.all(np.isnan(series[:, sun[:, 2] <= 0.0]))
 
@@ -99,12 +102,12 @@ def test_same_bits_for_any_split(tracking):
 def test_same_bits_in_a_packet_of_any_length(tracking):
     """Vector code and what is left over from it agree; low sun, close mirrors: every branch is taken."""
     rng = np.random.default_rng(12)
-    mirrors, sun = aimed(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0)
+    mirrors, sun = sorted_field(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0)
     whole, sums, factors = np.empty((4, PACKET, 60)), np.empty((0, 4)), np.empty((0, 0))
-    sweep(mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, sums, whole, factors, UNWEIGHTED)
+    sweep(*mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, sums, whole, factors, UNWEIGHTED)
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
         part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
-        sweep(mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, sums, part, factors, UNWEIGHTED)
+        sweep(*mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, sums, part, factors, UNWEIGHTED)
         np.testing.assert_array_equal(part, whole)
 
 
@@ -116,8 +119,8 @@ def test_same_bits_where_images_are_much_larger_than_the_mirror(tracking):
         x, y, z, _, _, target = scattered(rng, 40, 3.0)
         width, height = rng.choice([0.1, 2.0, 20.0], (2, 40))
         field, sun = (x, y, z, width, height, target), suns(rng, PACKET, 1.0, 80.0)
-        whole = field_series(*field, tracking, sun, 0, 40)
-        parts = [field_series(*field, tracking, each, 0, 40) for each in np.split(sun, PACKET)]
+        whole = field_series(sorted_field(*field), tracking, sun, 0, 40)
+        parts = [field_series(sorted_field(*field), tracking, each, 0, 40) for each in np.split(sun, PACKET)]
         np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
 
 
@@ -138,9 +141,9 @@ def in_eight_sums(values):
 def test_sums_are_sums_of_the_series_in_packet_order():
     rng = np.random.default_rng(9)
     field, sun = scattered(rng, 30, 9.0), suns(rng, 150, 1.0, 80.0)
-    sums, _ = field_sums(*field, SPINNING_ELEVATION, sun, 0, 30)
+    sums, _ = field_sums(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
     order, first = packet_order(sun)
-    series = field_series(*field, SPINNING_ELEVATION, sun, 0, 30)[:, order]
+    series = field_series(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)[:, order]
     expected = np.zeros((4, 30))
     for a, b in itertools.pairwise(first):
         expected += in_eight_sums(series[:, a:b])
@@ -154,50 +157,50 @@ def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
     weight, reflected, part = rng.random(200), rng.random(200), rng.random((40, 200))
     period = rng.integers(0, 5, 200)
     weights = np.stack((weight, weight * reflected))
-    sums = field_energies(*field, tracking, sun, 0, 40, weights, period, 5, part)
-    cosine, shading, blocking, optical = np.nan_to_num(field_series(*field, tracking, sun, 0, 40))
+    sums = field_energies(sorted_field(*field), tracking, sun, 0, 40, weights, period, 5, part)
+    cosine, shading, blocking, optical = np.nan_to_num(field_series(sorted_field(*field), tracking, sun, 0, 40))
     lit = optical * reflected[:, np.newaxis]
     rows = np.stack((cosine, shading, blocking, optical, cosine * shading, lit, lit * part.T)) * weight[:, np.newaxis]
     for each in range(5):
         np.testing.assert_allclose(sums[:, each], rows[:, period == each].sum(axis=1).T, rtol=1e-13)
     parts = [
-        field_energies(*field, tracking, sun, a, b, weights, period, 5, part[a:b])
+        field_energies(sorted_field(*field), tracking, sun, a, b, weights, period, 5, part[a:b])
         for a, b in itertools.pairwise((0, 1, 17, 40))
     ]
     np.testing.assert_array_equal(np.concatenate(parts), sums)
-    whole = field_energies(*field, tracking, sun, 0, 40, weights, period, 5)
+    whole = field_energies(sorted_field(*field), tracking, sun, 0, 40, weights, period, 5)
     np.testing.assert_array_equal(whole[..., 5], whole[..., 6])
     # Of efficiencies that are known, wherever they are kept, and of those of which the sun is taken away.
     place = rng.permutation(200)
     known = np.empty((40, 200, 4))
-    known[:, place] = field_series(*field, tracking, sun, 0, 40).transpose(2, 1, 0)
+    known[:, place] = field_series(sorted_field(*field), tracking, sun, 0, 40).transpose(2, 1, 0)
     np.testing.assert_array_equal(known_energies(known, place, sun, weights, period, 5, part), sums)
     np.testing.assert_array_equal(known_energies(known, place, sun, weights, period, 5), whole)
     fewer = np.where(rng.random(200)[:, np.newaxis] < 0.4, [0.0, 0.0, -1.0], sun)
     np.testing.assert_array_equal(
         known_energies(known, place, fewer, weights, period, 5, part),
-        field_energies(*field, tracking, fewer, 0, 40, weights, period, 5, part),
+        field_energies(sorted_field(*field), tracking, fewer, 0, 40, weights, period, 5, part),
     )
 
 
 def test_nothing_to_do():
     field, sun = chong2012(), directions(np.array([90.0]), np.array([-5.0]))
-    assert field_sums(*field, 0, directions(np.array([90.0]), np.array([5.0])), 7, 7)[0].shape == (0, 4)
-    sums, instants = field_sums(*field, 0, sun, 0, 5)
+    assert field_sums(sorted_field(*field), 0, directions(np.array([90.0]), np.array([5.0])), 7, 7)[0].shape == (0, 4)
+    sums, instants = field_sums(sorted_field(*field), 0, sun, 0, 5)
     assert instants == 0
     assert not sums.any()
-    assert field_sums(*field, 0, np.empty((0, 3)), 0, 5)[1] == 0
-    assert not field_energies(*field, 0, sun, 0, 5, np.ones((2, 1)), np.array([3]), 4).any()
+    assert field_sums(sorted_field(*field), 0, np.empty((0, 3)), 0, 5)[1] == 0
+    assert not field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones((2, 1)), np.array([3]), 4).any()
     with pytest.raises(ValueError, match="weights must be of shape"):
-        field_energies(*field, 0, sun, 0, 5, np.ones((2, 1)), np.array([4]), 4)
-    assert field_series(*field, 0, np.empty((0, 3)), 0, 5).shape == (4, 0, 5)
-    assert np.isnan(field_series(*field, 0, sun, 0, 5)).all()
+        field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones((2, 1)), np.array([4]), 4)
+    assert field_series(sorted_field(*field), 0, np.empty((0, 3)), 0, 5).shape == (4, 0, 5)
+    assert np.isnan(field_series(sorted_field(*field), 0, sun, 0, 5)).all()
 
 
 @pytest.mark.parametrize(("tracking", "start", "stop"), [(0, -1, 3), (0, 3, 2), (0, 0, 318), (2, 0, 3)])
 def test_what_is_no_part_of_the_field_is_refused(tracking, start, stop):
     with pytest.raises(ValueError, match=r"part of a field|tracking"):
-        field_sums(*chong2012(), tracking, directions(np.array([90.0]), np.array([5.0])), start, stop)
+        field_sums(sorted_field(*chong2012()), tracking, directions(np.array([90.0]), np.array([5.0])), start, stop)
 
 
 @pytest.mark.parametrize("number", range(6))
@@ -206,7 +209,7 @@ def test_mirrors_that_are_not_finite_are_refused(number, bad):
     x, y, z, width, height, target = (np.array(each, float) for each in chong2012())
     (x, y, z, width, height, target)[number].flat[-1] = bad
     with pytest.raises(ValueError, match="finite"):
-        field_sums(x, y, z, width, height, target.item(), SPINNING_ELEVATION, np.array([[0.0, 0.6, 0.8]]), 0, 317)
+        sorted_field(x, y, z, width, height, target.item())
 
 
 def test_other_mirrors_and_suns_that_mean_nothing_are_refused():
@@ -220,7 +223,7 @@ def test_other_mirrors_and_suns_that_mean_nothing_are_refused():
         ((x, y, z, half, half, height), sun[0]),
     ]:
         with pytest.raises(ValueError, match="finite"):
-            field_sums(*field, SPINNING_ELEVATION, np.asarray(suns_given), 0, 317)
+            field_sums(sorted_field(*field), SPINNING_ELEVATION, np.asarray(suns_given), 0, 317)
 
 
 @METHODS
@@ -229,7 +232,7 @@ def test_sun_at_the_zenith_and_behind_the_target(tracking):
     x, y, z = np.array([[0.0, 1.0, 0.5], [0.0, 2.0, 1.0], [5.0, 9.0, 13.0]])
     field = x, y, z, np.full(3, 3.0), np.full(3, 2.0), 60.0
     sun = np.stack((np.array([0.0, 0.0, 1.0]), aimed(*field).aim[1]))
-    out = field_series(*field, tracking, sun, 0, 3)
+    out = field_series(sorted_field(*field), tracking, sun, 0, 3)
     expected = [[instant(i, aimed(*field), tracking, s) for i in range(3)] for s in sun]
     np.testing.assert_allclose(out, np.transpose(expected, (2, 0, 1)), atol=1e-12, rtol=0)
     np.testing.assert_allclose([out[0, 0, 0], out[0, 1, 1]], 1.0, atol=1e-15)
@@ -243,8 +246,8 @@ def test_field_with_a_stray_heliostat(stray):
     x, y, z, width, height, target = scattered(rng, 40, 9.0)
     sun = suns(rng, 10, 1.0, 30.0)
     x1, y1, z1 = np.append(x, stray), np.append(y, stray), np.append(z, 5.0)
-    out = field_series(x, y, z, width, height, target, 0, sun, 0, 40)
-    more = field_series(x1, y1, z1, np.append(width, 1.0), np.append(height, 1.0), target, 0, sun, 0, 40)
+    out = field_series(sorted_field(x, y, z, width, height, target), 0, sun, 0, 40)
+    more = field_series(sorted_field(x1, y1, z1, np.append(width, 1.0), np.append(height, 1.0), target), 0, sun, 0, 40)
     np.testing.assert_allclose(more, out, atol=1e-13, rtol=0)
 
 
@@ -257,7 +260,9 @@ def test_instants_of_an_independent_implementation():
             i, tracking = int(row["layout_id"]), getattr(mounts, row["tracking"].upper())
             day, hour, latitude = float(row["day"]), float(row["solar_hour"]), np.radians(float(row["latitude_deg"]))
             sun = solar_clock(latitude, declination_cooper(day), hour)
-            cosine, unshaded, unblocked, optical = field_series(*chong2012(), tracking, sun[None], i, i + 1)[:, 0, 0]
+            cosine, unshaded, unblocked, optical = field_series(
+                sorted_field(*chong2012()), tracking, sun[None], i, i + 1
+            )[:, 0, 0]
             columns = ("cosine", "shaded_fraction", "blocked_fraction", "shaded_or_blocked_fraction")
             expected = [float(row[c]) for c in columns]
             np.testing.assert_allclose(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.field.efficiency import field_series
+from heliosweep.kernels.field.efficiency import field_series, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.vectors import PACKET
 from heliosweep.layouts import radial_stagger
@@ -29,7 +29,7 @@ def packet(rng):
 def test_same_bits_whatever_stands_beyond_the_halo(tracking):
     x, y, z, width, height, target = staggered(4_000)
     sun = packet(np.random.default_rng(2))
-    whole = field_series(x, y, z, width, height, target, tracking, sun, BLOCK.start, BLOCK.stop)
+    whole = field_series(sorted_field(x, y, z, width, height, target), tracking, sun, BLOCK.start, BLOCK.stop)
     assert (whole[1:3] < 0.999).any()
     # All beyond 250 m go elsewhere, out of reach; the outline of the field, and with it the grid, stays.
     far = np.hypot(x - x[BLOCK[2]], y - y[BLOCK[2]]) > 250.0
@@ -38,7 +38,7 @@ def test_same_bits_whatever_stands_beyond_the_halo(tracking):
     assert moved.sum() > 3_000
     corner = np.argmax(np.hypot(x - x[BLOCK[2]], y - y[BLOCK[2]]))
     x, y = np.where(moved, 0.99 * x[corner], x), np.where(moved, 0.99 * y[corner], y)
-    part = field_series(x, y, z, width, height, target, tracking, sun, BLOCK.start, BLOCK.stop)
+    part = field_series(sorted_field(x, y, z, width, height, target), tracking, sun, BLOCK.start, BLOCK.stop)
     np.testing.assert_array_equal(part, whole)
 
 
@@ -47,6 +47,6 @@ def test_same_bits_where_frames_take_the_places_of_others(tracking):
     rng = np.random.default_rng(3)
     sun = directions(rng.uniform(119.0, 121.0, PACKET), rng.uniform(14.0, 15.0, PACKET))
     field, count = staggered(2_500), 2_500
-    whole = field_series(*field, tracking, sun, 0, count)
-    parts = [field_series(*field, tracking, sun, start, start + 500) for start in range(0, count, 500)]
+    whole = field_series(sorted_field(*field), tracking, sun, 0, count)
+    parts = [field_series(sorted_field(*field), tracking, sun, start, start + 500) for start in range(0, count, 500)]
     np.testing.assert_array_equal(np.concatenate(parts, axis=2), whole)

@@ -72,7 +72,7 @@ def aims(way: Way, mirrors: tuple[Any, ...], levels: int | None) -> Floats:
     way : Way
         The way of the light at a point of the result.
     mirrors : tuple
-        Centres x, y, z of all mirrors, half their width and height: the first arguments of `field_sums`. [m]
+        Centres x, y, z of all mirrors, half their width and height: the first arguments of `sorted_field`. [m]
     levels : int or None
         Number of levels of `spread`.
 

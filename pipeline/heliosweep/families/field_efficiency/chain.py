@@ -301,7 +301,7 @@ class Way(NamedTuple):
     def scene(self, mirrors: tuple[Any, ...], start: int, stop: int) -> Scene:
         """Heliostats start..stop and their receiver, as the kernels of the intercept take them.
 
-        `mirrors` are the first arguments of `field_sums`. For the method `gaussian` it is without tables, and has the
+        `mirrors` are those of `light`. For the method `gaussian` it is without tables, and has the
         errors alone.
         """
         study, values = self.study, self.values
@@ -344,7 +344,7 @@ def light(
         The way of the light at a point of the result.
     mirrors : tuple
         Centres x, y, z of all mirrors, half their width and height, points that they aim at [m], and code of the
-        tracking method: the first arguments of `field_sums`.
+        tracking method.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     place : sequence

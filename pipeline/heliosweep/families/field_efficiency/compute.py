@@ -383,7 +383,8 @@ def _field(
     if study.optics is not None:
         way = Way(study, inputs, layout, values_of(optics))
         mirrors = (*mirrors[:5], aims(way, mirrors, levels), mirrors[6])
-    return Field(study, mirrors, mirror_area(*sides, study.heliostat.facets), place, months, way)
+    made, area = (efficiency.sorted_field(*mirrors[:6]), mirrors[6]), mirror_area(*sides, study.heliostat.facets)
+    return Field(study, mirrors, made, area, place, months, way)
 
 
 def _put(made: dict[str, np.ndarray], values: Mapping[str, np.ndarray], index: Any, part: Any = None) -> None:

@@ -78,7 +78,7 @@ class FluxSums:
         weights that add up to 1: the cells add up to the energy of the heliostat, and where it goes is interpolated.
         """
         field, hours = self._field, self._sun
-        optical = efficiency.field_series(*field.mirrors, hours.sun, start, stop)[3].T
+        optical = efficiency.field_series(*field.sorted, hours.sun, start, stop)[3].T
         weight = np.outer(field.area[start:stop] * lit.transmitted, hours.weight * lit.reflected)
         energy = np.nan_to_num(weight * optical * lit.intercept)
         place = None if field.place[0] is None else math.radians(field.place[0])

@@ -17,6 +17,8 @@ from heliosweep.layouts.layout import Layout
 
 Floats = NDArray[np.float64]
 Mirrors = tuple[Floats, Floats, Floats, Floats, Floats, float | Floats, int]
+"""Arguments of `efficiency.sorted_field`, and code of the tracking method."""
+SortedMirrors = tuple[efficiency.SortedField, int]
 """First arguments of `efficiency.field_sums`."""
 
 #: Points whose intercepts are kept.
@@ -64,7 +66,7 @@ class Known:
 
 def energies(
     field: SharedField,
-    mirrors: Mirrors,
+    mirrors: SortedMirrors,
     sun: Floats,
     start: int,
     stop: int,

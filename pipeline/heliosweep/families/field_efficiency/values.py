@@ -43,6 +43,8 @@ class Field(NamedTuple):
     study: FieldEfficiencyStudy
     mirrors: known.Mirrors
     """With `optics` with the aim of each in place of the target's height."""
+    sorted: known.SortedMirrors
+    """The same as the kernels of shading take them."""
     area: Floats
     """Of each mirror. [m2]"""
     place: Sequence[float | None]
@@ -68,7 +70,7 @@ class Field(NamedTuple):
         if lit is not None:
             part = np.outer(lit.transmitted, lit.reflected)
             part *= lit.intercept
-        sums, count = efficiency.field_sums(*self.mirrors, sun, start, stop, part)
+        sums, count = efficiency.field_sums(*self.sorted, sun, start, stop, part)
         means = (sums / count if count else np.full_like(sums, np.nan)).T
         values = dict(zip(EFFICIENCIES, means[:4], strict=True))
         if lit is not None:
@@ -85,9 +87,10 @@ class Field(NamedTuple):
         part = None if lit is None else lit.intercept
         given = (hours.sun, start, stop, weights, hours.month, MONTHS, part)
         if self.shared is None:
-            months = efficiency.field_energies(*self.mirrors, *given)
+            mirrors, tracking = self.sorted
+            months = efficiency.field_energies(mirrors, tracking, *given)
         else:
-            months = known.energies(self.shared, self.mirrors, *given)
+            months = known.energies(self.shared, self.sorted, *given)
         year = np.zeros((7, stop - start))
         for month in range(MONTHS):  # in this order, however heliostats are split
             year += months[:, month].T
@@ -114,7 +117,7 @@ class Field(NamedTuple):
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
         """Values at a part of the instants along `sun`, which are all; with `hours` also the power. [1, kW]"""
         lit = self.light(sun, start, stop, self.months)
-        values = list(efficiency.field_series(*self.mirrors, sun[part], start, stop))
+        values = list(efficiency.field_series(*self.sorted, sun[part], start, stop))
         if lit is not None:
             kept = lit.intercept[:, part] * np.outer(lit.transmitted, lit.reflected[part])
             values += [lit.intercept[:, part].T, values[3] * kept.T]
@@ -130,7 +133,7 @@ class Field(NamedTuple):
         assert self.place[0] is not None
         point = self.study.design_point
         sun = point.sun(self.place[0])
-        values = efficiency.field_series(*self.mirrors, sun, start, stop)[:, 0]
+        values = efficiency.field_series(*self.sorted, sun, start, stop)[:, 0]
         lit = self.light(sun, start, stop, np.array([point.month()]))
         if lit is None:
             return dict(zip(DESIGN, values, strict=False))

@@ -52,6 +52,13 @@ _KEPT = 1000
 """Frames of full packets after which others take their places, some made again: more would leave the cache."""
 
 
+class SortedField(NamedTuple):
+    """The mirrors of a field, sorted by the cells of a grid."""
+
+    mirrors: Mirrors
+    grid: Cells
+
+
 class Lines(NamedTuple):
     """Rows of lanes of one packet and test heliostat."""
 
@@ -98,6 +105,7 @@ class Halo(NamedTuple):
 @kernel
 def sweep(
     mirrors: Mirrors,
+    grid: Cells,
     tracking: int,
     sun: Floats,
     order: NDArray[np.int64],
@@ -111,14 +119,13 @@ def sweep(
 ) -> None:
     """Sweep instants packet by packet; add to `sums` and write to `series`, whichever has room for heliostats.
 
-    `mirrors` are all heliostats of the field, of which start..stop are tested; `tracking`, and `sun`, shape (T, 3), are
-    as for `field_sums`. `order` has the instants to sweep, in packet order, with the sun up in each; `first` tells
-    where each packet begins in it, and its length. `sums` has shape (stop - start, 4) or (0, 4), as returned by
-    `field_sums`; `series` has shape (4, T, stop - start) or (4, 0, 0), as returned by `field_series`. Where `part`, as
-    for `field_sums`, has a row for each test heliostat, `sums` has a fifth column. `weighted` is added to where it has
-    periods.
+    `mirrors` and `grid` are a `SortedField`, of which heliostats start..stop are tested; `tracking`, and `sun`, shape
+    (T, 3), are as for `field_sums`. `order` has the instants to sweep, in packet order, with the sun up in each;
+    `first` tells where each packet begins in it, and its length. `sums` has shape (stop - start, 4) or (0, 4), as
+    returned by `field_sums`; `series` has shape (4, T, stop - start) or (4, 0, 0), as returned by `field_series`. Where
+    `part`, as for `field_sums`, has a row for each test heliostat, `sums` has a fifth column. `weighted` is added to
+    where it has periods.
     """
-    mirrors, grid = by_cells(mirrors)
     tests = places(grid, start, stop)
     blockers = blockers_of(tests, mirrors, grid)
     wide, shaders = no_candidates(tests.shape[0]), no_candidates(tests.shape[0])
@@ -426,13 +433,39 @@ def _side(row, m):
     return (((half + row[m + 32]) + row[m + 40]) + row[m + 48]) + row[m + 56]
 
 
-def field_sums(
+def sorted_field(
     x: Floats,
     y: Floats,
     z: Floats,
     half_width: Floats,
     half_height: Floats,
     target_height: float | Floats,
+) -> SortedField:
+    """Mirrors of a field as `field_sums` and others take them, made once for all blocks of its heliostats.
+
+    Parameters
+    ----------
+    x, y, z : ndarray, shape (N,)
+        Mirror centres: east, north, up. [m]
+    half_width, half_height : ndarray, shape (N,)
+        Half sides of the mirrors along u (width) and v (height). [m]
+    target_height : float or ndarray, shape (N, 3)
+        Height of the target point, which stands at x = y = 0, or the point that each mirror aims at. [m]
+
+    Raises
+    ------
+    ValueError
+        If there are no mirrors, or they are not finite.
+    """
+    mirrors = aimed(x, y, z, half_width, half_height, target_height)
+    count = len(mirrors.x)
+    if not count or not all(len(each) == count and np.isfinite(each).all() for each in mirrors):
+        raise ValueError("centres and half sides must be as many finite numbers each, and no mirror at the target")
+    return SortedField(*by_cells(mirrors))
+
+
+def field_sums(
+    field: SortedField,
     tracking: int,
     sun: Floats,
     start: int,
@@ -443,12 +476,8 @@ def field_sums(
 
     Parameters
     ----------
-    x, y, z : ndarray, shape (N,)
-        Mirror centres: east, north, up. [m]
-    half_width, half_height : ndarray, shape (N,)
-        Half sides of the mirrors along u (width) and v (height). [m]
-    target_height : float or ndarray, shape (N, 3)
-        Height of the target point, which stands at x = y = 0, or the point that each mirror aims at. [m]
+    field : SortedField
+        All N mirrors of the field, from `sorted_field`.
     tracking : int
         `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
@@ -471,24 +500,18 @@ def field_sums(
     Raises
     ------
     ValueError
-        If start..stop is no part of the field, the method unknown, or mirrors or sun vectors are not finite.
+        If start..stop is no part of the field, the method unknown, or sun vectors are not finite.
     """
-    mirrors = aimed(x, y, z, half_width, half_height, target_height)
-    sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
+    sun, order, first = _sorted(field, sun, tracking, start, stop)
     sums, nothing = np.zeros((stop - start, 4 if part is None else 5)), np.empty((4, 0, 0))
     if start < stop and len(order) > 0:
         part = np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
-        sweep(mirrors, tracking, sun, order, first, start, stop, sums, nothing, part, UNWEIGHTED)
+        sweep(*field, tracking, sun, order, first, start, stop, sums, nothing, part, UNWEIGHTED)
     return sums, len(order)
 
 
 def field_energies(
-    x: Floats,
-    y: Floats,
-    z: Floats,
-    half_width: Floats,
-    half_height: Floats,
-    target_height: float | Floats,
+    field: SortedField,
     tracking: int,
     sun: Floats,
     start: int,
@@ -524,23 +547,17 @@ def field_energies(
     weight, period = np.array(weight, np.float64, order="C"), np.array(period, np.int64)
     if weight.shape != (2, len(sun)) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
         raise ValueError(f"weights must be of shape (2, {len(sun)}), and as many periods from 0 to {periods - 1}")
-    mirrors = aimed(x, y, z, half_width, half_height, target_height)
-    sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
+    sun, order, first = _sorted(field, sun, tracking, start, stop)
     sums = np.zeros((stop - start, periods, 7))
     if start < stop and len(order) > 0:
         part = np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
         weighted = Weights(weight, period, sums)
-        sweep(mirrors, tracking, sun, order, first, start, stop, np.empty((0, 4)), np.empty((4, 0, 0)), part, weighted)
+        sweep(*field, tracking, sun, order, first, start, stop, np.empty((0, 4)), np.empty((4, 0, 0)), part, weighted)
     return sums
 
 
 def field_series(
-    x: Floats,
-    y: Floats,
-    z: Floats,
-    half_width: Floats,
-    half_height: Floats,
-    target_height: float | Floats,
+    field: SortedField,
     tracking: int,
     sun: Floats,
     start: int,
@@ -553,11 +570,10 @@ def field_series(
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
-    mirrors = aimed(x, y, z, half_width, half_height, target_height)
-    sun, order, first = _sorted(mirrors, sun, tracking, start, stop)
+    sun, order, first = _sorted(field, sun, tracking, start, stop)
     nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
     if start < stop and len(order) > 0:
-        sweep(mirrors, tracking, sun, order, first, start, stop, nothing, series, np.empty((0, 0)), UNWEIGHTED)
+        sweep(*field, tracking, sun, order, first, start, stop, nothing, series, np.empty((0, 0)), UNWEIGHTED)
     return series
 
 
@@ -624,27 +640,25 @@ def aimed(
     half_height: Floats,
     target_height: float | Floats,
 ) -> Mirrors:
-    """Mirrors aimed at (0, 0, target_height), or each at its point; parameters as in `field_sums`."""
+    """Mirrors aimed at (0, 0, target_height), or each at its point; parameters as in `sorted_field`."""
     centres = np.stack((x, y, z)).astype(np.float64)
     sides = np.stack((half_width, half_height)).astype(np.float64)
     to_target = (target_height if np.ndim(target_height) else np.array([0.0, 0.0, target_height])) - centres.T
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
-    with np.errstate(invalid="ignore"):  # at the target: refused by `_sorted`
+    with np.errstate(invalid="ignore"):  # at the target: refused by `sorted_field`
         aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
     return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
 
 
 def _sorted(
-    mirrors: Mirrors, sun: Floats, tracking: int, start: int, stop: int
+    field: SortedField, sun: Floats, tracking: int, start: int, stop: int
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     """Sun vectors as the kernels want them, the instants with the sun up in packet order, and where packets begin.
 
     Refused is what compiled code would read past the end of an array for, or make numbers of that mean nothing.
     """
-    count = len(mirrors.x)
-    if not all(len(each) == count and np.isfinite(each).all() for each in mirrors):
-        raise ValueError("centres and half sides must be as many finite numbers each, and no mirror at the target")
+    count = len(field.grid.names)
     if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
         raise ValueError("sun vectors above the horizon must be finite, of shape (T, 3)")
     if not 0 <= start <= stop <= count:
