@@ -192,6 +192,8 @@ def test_what_a_plot_needs(result):
     with pytest.raises(StudyError, match=r"choose one value of draw \(draw: 0, 1, .*, 9 and 6 more\)"):
         many.heliosweep.plot.map("x")
     days = many.assign_coords(draw=np.arange("2021-06-01", "2021-06-17", dtype="datetime64[D]").astype("M8[ns]"))
+    with pytest.raises(StudyError, match=r"choose one value of draw \(draw: 2021-06-01, 2021-06-02, "):
+        days.heliosweep.plot.map("x")
     with pytest.raises(StudyError, match=r"choose from 2021-06-01, .*, 2021-06-10 and 6 more \(got 2021-07-01\)"):
         days.heliosweep.plot.map("x", draw="2021-07-01")
     with pytest.raises(StudyError, match=r"is not known of each heliostat"):

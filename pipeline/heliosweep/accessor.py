@@ -375,7 +375,7 @@ def _selected(
         here = here.sel({name: sam.label(here[variable], name, value)})
     left = [str(dim) for dim in here[variable].dims if dim not in keep and here.sizes[dim] > 1]
     if len(left) > most_left:
-        told = "; ".join(f"{dim}: {few_of(here[dim].to_numpy())}" for dim in left)
+        told = "; ".join(f"{dim}: {few_of(sam.labels_of(here[dim]))}" for dim in left)
         raise StudyError(Problem(f"choose one value of {' and '.join(left)} ({told})", variable))
     single = {dim: 0 for dim in here[variable].dims if dim not in keep and here.sizes[dim] == 1}
     return here.isel(single)

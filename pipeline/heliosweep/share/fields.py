@@ -112,7 +112,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 
 def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
     """Return the layout of a result. Raises StudyError."""
-    from heliosweep.share.sam import label
+    from heliosweep.share.sam import label, labels_of
 
     if "heliostat" not in result.dims or not {"x", "y", "z"} <= set(result.coords):
         raise StudyError(Problem("the result has no heliostat field"))
@@ -124,7 +124,7 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
         name = key.replace(".", "_") if key not in here.dims else key
         here = here.sel({name: label(here["kept" if "kept" in here else "x"], name, value)})
     if others := [str(dim) for dim in here.dims if dim != "heliostat"]:
-        known = "; ".join(f"{dim}: {few_of(here[dim].to_numpy())}" for dim in others)
+        known = "; ".join(f"{dim}: {few_of(labels_of(here[dim]))}" for dim in others)
         raise StudyError(Problem(f"there are several layouts: choose one value of {' and '.join(others)} ({known})"))
     there = np.isfinite(here["x"].to_numpy())
     if "kept" in here:

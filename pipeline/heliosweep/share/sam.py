@@ -220,7 +220,7 @@ def _over_directions(
     others = [str(dim) for dim in table.dims if dim not in (_AZIMUTH, _ELEVATION, *inner)]
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
     if others:
-        known = "; ".join(f"{dim}: {few_of(table[dim].to_numpy())}" for dim in others)
+        known = "; ".join(f"{dim}: {few_of(labels_of(table[dim]))}" for dim in others)
         remedy = f"--select {others[0]}=... on the command line"
         raise StudyError(Problem(f"choose one value of {' and '.join(others)}, as by {remedy} ({known})", "select"))
     if tied:
@@ -343,15 +343,22 @@ def _dimension(table: xr.DataArray, key: str) -> str:
     return next((name for name in names if name in table.dims), str(key))
 
 
+def labels_of(coordinate: xr.DataArray) -> list[Any]:
+    """Labels of a dimension as messages write them: instants as text, no longer than they need."""
+    values = coordinate.to_numpy()
+    found: list[Any] = (
+        np.datetime_as_string(values, unit="auto").tolist() if values.dtype.kind == "M" else values.tolist()
+    )
+    return found
+
+
 def label(table: xr.DataArray | xr.Dataset, name: Hashable, value: Any) -> Any:
     """Label of a dimension that a value means, which may be given as text. Raises StudyError."""
     if name not in table.dims:
         dims = ", ".join(map(str, table.dims))
         raise StudyError(Problem(f"is no dimension of the result; it has {dims}", f"select.{name}"))
-    values = table[name].to_numpy()
-    labels: list[Any] = values.tolist()
+    values, labels = table[name].to_numpy(), labels_of(table[name])
     if values.dtype.kind == "M":
-        labels = np.datetime_as_string(values, unit="auto").tolist()
         with suppress(ValueError):
             for one in values[values == np.datetime64(value)]:
                 return one
