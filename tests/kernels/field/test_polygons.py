@@ -90,6 +90,19 @@ def test_lanes_that_overlap_do_not_tie(count):
     assert unions._put_together(images.rows, meeting, count, count, total, room, PACKET) == 0
 
 
+def test_edges_below_the_square_do_not_tie():
+    """Of parallel images that stand below the square, in a lane beside one where a lower edge bounds something."""
+    rng, count = np.random.default_rng(0), 5
+    tops = rng.uniform(-0.5, 0.5, (count, PACKET, 2))
+    shapes = np.concatenate((tops - [0.3, 6.0], np.broadcast_to([0.2, 0.02, 0.3, 6.0], (count, PACKET, 4))), axis=-1)
+    beside, alone = np.arange(PACKET) % GROUP != 0, union_areas(shapes, count)
+    shapes[0, ~beside] = 0.1, 0.2, 0.5, 0.1, 0.1, 0.5
+    images, room, total = images_for(shapes), room_for(count), np.zeros(3 * ROW)
+    meeting = unions._meetings(images, np.int64(-1), count, room, PACKET)
+    assert unions._put_together(images.rows, meeting, count, count, total, room, PACKET) == 0
+    np.testing.assert_array_equal(union_areas(shapes, count)[:, beside], alone[:, beside])
+
+
 def subtracted(shapes, middle, size=2048):
     """What `gaps` says of parallelograms, shape (m, 6), with scratch for so many numbers."""
     polygons = np.zeros((len(shapes), CORNERS, 2))

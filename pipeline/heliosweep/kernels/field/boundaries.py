@@ -93,6 +93,7 @@ def prepare(images: Floats, image: int, some: int, slots: Floats, o: int, lanes:
     The image begins at `image` in `images`. Returns the lanes in which its edges count, `WIDTH` bits for each edge.
     """
     image, o, counting = max(image, 0), max(o, 0), np.int64(0)
+    below = -_NOWHERE - o  # no two lower edges in one place: whether they tie would depend on other lanes
     for k in range(lanes):
         here = some >> k & 1 == 1
         cx, cy = images[image + k] if here else 0.0, images[image + ROW + k] if here else -_NOWHERE
@@ -113,7 +114,7 @@ def prepare(images: Floats, image: int, some: int, slots: Floats, o: int, lanes:
         low, high = _level_counts(cx - bx - ax, cx - bx + ax, middle - height, run)
         lower = high > low
         slots[w], slots[w + WIDTH] = low, larger(high, low)
-        slots[lines] = middle - height if lower else -_NOWHERE
+        slots[lines] = middle - height if lower else below
         low, high = _level_counts(cx + bx - ax, cx + bx + ax, middle + height, run)
         upper = high > low
         slots[w + 2 * WIDTH], slots[w + 3 * WIDTH] = low, larger(high, low)
