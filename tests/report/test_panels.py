@@ -10,7 +10,7 @@ import xarray as xr
 
 from heliosweep.report.labels import TICK_LETTERS, folded
 from heliosweep.report.panels import Panel, curve_figure
-from heliosweep.report.style import image
+from heliosweep.report.style import image, pixels
 from tests.report.synthetic import is_inside
 
 METHODS = ["A", "O1", "O2", "LM"]
@@ -40,6 +40,14 @@ def test_nothing_is_cut_off(columns, floor):
     assert len(figure.axes) == 2 * columns
     assert is_inside(figure)
     assert columns != 2 or image(figure) == image(curve_figure(panels, "method", **options))
+
+
+def test_titles_are_no_wider_than_their_panels_as_drawn():
+    titles = ["e = 26.361 (elevation), 1.496 (azimuth) i"[:letters] for letters in range(30, 42)]
+    figure = curve_figure([panel(title=title) for title in titles], "method", columns=3)
+    pixels(figure)
+    for axes in figure.axes:
+        assert axes.title.get_window_extent().width <= 1.03 * axes.get_window_extent().width
 
 
 def test_bars_reach_from_low_to_high_and_those_at_one_word_stand_apart():

@@ -20,7 +20,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from heliosweep.report.labels import LEGEND_LETTERS, ROUND, is_latitude, latitude_text, steps_of
-from heliosweep.report.style import PlainPowers
+from heliosweep.report.style import DPI, PlainPowers
 
 #: Width of a figure over both columns of a journal page, of one with a single panel, and its largest height. [inch]
 PAGE_WIDTH, SINGLE_WIDTH, MOST_HEIGHT = 7.2, 4.8, 9.6
@@ -46,7 +46,7 @@ def sheet(
     """
     rows = -(-count // columns)
     width = PAGE_WIDTH if wide or columns > 1 else SINGLE_WIDTH
-    figure = Figure(figsize=(width, MOST_HEIGHT))
+    figure = Figure(figsize=(width, MOST_HEIGHT), dpi=DPI)  # measured as it is drawn: letters take whole pixels
     FigureCanvasAgg(figure)
     grid = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False).ravel()
     for axes in grid[count:]:
