@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.field import boundaries, images, overlaps, unions
 from heliosweep.kernels.field import efficiency as field_kernels
-from heliosweep.kernels.field.efficiency import aimed, blockers_of, field_series, field_sums, sorted_field
+from heliosweep.kernels.field.efficiency import aimed, field_series, field_sums, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
+from heliosweep.kernels.field.sweep import blockers_of
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot

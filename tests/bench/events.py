@@ -7,10 +7,11 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.field import efficiency as stages
+from heliosweep.kernels.field import sweep as stages
 from heliosweep.kernels.field import unions
 from heliosweep.kernels.field.cover import COVER_ROWS
 from heliosweep.kernels.field.efficiency import _sorted, sorted_field
+from heliosweep.kernels.field.frames import Halo
 from heliosweep.kernels.field.images import AXES_ROWS, IMAGE_ROWS, Images, _project_along_v, axes, images_of
 from heliosweep.kernels.field.neighbours import beam, no_candidates, search_all
 from heliosweep.kernels.field.packets import FRAME_ROWS, half_sides
@@ -37,7 +38,7 @@ def events(field: Field, tracking: int, sun: Floats) -> dict[str, float]:
     blockers, shaders = stages.blockers_of(np.arange(count), mirrors, grid), no_candidates(count)
     lines = stages.Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(4))
     images, room, frames = images_of(count), unions.room_for(count), rows(count * FRAME_ROWS)
-    everyone = stages.Halo(frames, FRAME_ROWS * ROW * np.arange(count), np.full(count, -1), np.arange(count))
+    everyone = Halo(frames, FRAME_ROWS * ROW * np.arange(count), np.full(count, -1), np.arange(count))
     spare = (count - 1) * IMAGE_ROWS * ROW
     found: Counter[str] = Counter()
     for p in range(0, len(first) - 1, PACKETS):

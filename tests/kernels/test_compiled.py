@@ -17,8 +17,9 @@ import pytest
 from numba.core.registry import cpu_target
 
 from heliosweep.kernels import compiled, helper, machine_code, warm
-from heliosweep.kernels.field.efficiency import field_sums, sorted_field, sweep
+from heliosweep.kernels.field.efficiency import field_sums, sorted_field
 from heliosweep.kernels.field.packets import packet_order
+from heliosweep.kernels.field.sweep import sweep
 from heliosweep.processors import processors
 
 SEVERAL_CORES = pytest.mark.skipif(processors() == 1, reason="one core has no other process compile")

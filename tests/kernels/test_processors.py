@@ -56,7 +56,7 @@ def test_every_family_on_every_target(family, target, tmp_path):
 
 def test_processors_that_share_a_cache_share_no_file():
     program = (
-        "from heliosweep.kernels.field.efficiency import sweep; from numba.core.registry import cpu_target\n"
+        "from heliosweep.kernels.field.sweep import sweep; from numba.core.registry import cpu_target\n"
         "print(sweep._cache.path((), cpu_target.target_context.codegen()))"
     )
     targets = [("x86-64", "+avx"), ("x86-64", ""), ("haswell", "")]

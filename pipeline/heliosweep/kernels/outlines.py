@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inner, kernel
-from heliosweep.kernels.field.efficiency import aimed, blockers_of
+from heliosweep.kernels.field.efficiency import aimed
 from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, outline, project
 from heliosweep.kernels.field.neighbours import beam, by_cells, no_candidates, places, search_all
 from heliosweep.kernels.field.packets import FRAME_ROWS, Mirrors, half_sides
 from heliosweep.kernels.field.polygons import SQUARE, cut, square_area
+from heliosweep.kernels.field.sweep import blockers_of
 from heliosweep.kernels.vectors import ROW, rows
 
 Floats = NDArray[np.float64]

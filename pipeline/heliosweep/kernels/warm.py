@@ -35,7 +35,8 @@ def warm_field(outlines: bool = False, shared: bool = False, meanwhile: Sequence
 
     `meanwhile` is what else another process compiles, as of `helper.beside`.
     """
-    from heliosweep.kernels.field.efficiency import UNWEIGHTED, field_sums, known_energies, sorted_field, sweep
+    from heliosweep.kernels.field.efficiency import field_sums, known_energies, sorted_field
+    from heliosweep.kernels.field.sweep import UNWEIGHTED, sweep
     from heliosweep.kernels.outlines import mirror_outlines
 
     place, side = np.array([10.0, 30.0]), np.ones(2)

@@ -184,7 +184,7 @@ def test_conics_have_their_foci_and_eccentricity():
 def test_hits_of_draws_are_those_of_the_field_the_mean_and_the_worst():
     dataset = results.draws({"error_scale": [2.0, 0.5, 1.0]}, results.field(9), days=(172,))
     names = [axes.get_title().split(":")[0] for axes in one_of(dataset, "spot_spread").figure.axes[:6]]
-    far = np.hypot(dataset["x"], dataset["y"]).to_numpy()
+    far = np.hypot(dataset["x"].to_numpy(), dataset["y"].to_numpy())
     assert list(np.diff([far[int(name.removeprefix("heliostat "))] for name in names]) >= -1e-9) == [True] * 5
     of_day = 100 * dataset["day_hit_fraction"].isel(day=0).sortby("error_scale")
     for name, expected in (

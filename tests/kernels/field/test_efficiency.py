@@ -9,16 +9,15 @@ import pytest
 
 from heliosweep.kernels.field import packets as mounts
 from heliosweep.kernels.field.efficiency import (
-    UNWEIGHTED,
     aimed,
     field_energies,
     field_series,
     field_sums,
     known_energies,
     sorted_field,
-    sweep,
 )
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, packet_order
+from heliosweep.kernels.field.sweep import UNWEIGHTED, sweep
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
 from tests.kernels.field.fields import DATA, Field, Floats, chong2012, directions, scattered, suns
