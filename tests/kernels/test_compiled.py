@@ -5,14 +5,11 @@ import pickle
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Any
 
 import numba
 import numpy as np
-import psutil
 import pytest
 from numba.core.registry import cpu_target
 
@@ -21,6 +18,7 @@ from heliosweep.kernels.field.efficiency import field_sums, sorted_field
 from heliosweep.kernels.field.packets import packet_order
 from heliosweep.kernels.field.sweep import sweep
 from heliosweep.processors import processors
+from tests.processes import assert_ends
 
 SEVERAL_CORES = pytest.mark.skipif(processors() == 1, reason="one core has no other process compile")
 
@@ -239,11 +237,7 @@ def test_the_helper_ends_with_a_process_that_is_killed():
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
     assert killed.returncode == -signal.SIGKILL
-    with suppress(psutil.NoSuchProcess):
-        other, last = psutil.Process(int(killed.stdout)), time.monotonic() + 30.0
-        while other.status() != psutil.STATUS_ZOMBIE:  # where nobody asks for its exit code
-            assert time.monotonic() < last
-            time.sleep(0.05)
+    assert_ends(int(killed.stdout))
 
 
 def test_one_processor_is_left_to_one_process(monkeypatch):

@@ -5,16 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from contextlib import suppress
 
-import psutil
 import pytest
 import yaml
 
 from heliosweep.processors import processors
 from heliosweep.report.page import for_others
 from tests.conftest import SMALL
+from tests.processes import assert_ends
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or processors() == 1, reason="only Linux copies processes, for a second processor"
@@ -78,11 +76,7 @@ def test_what_comes_of_the_work():
 
 def test_it_ends_with_a_process_that_is_killed():
     done = python(KILLED)
-    with suppress(psutil.NoSuchProcess):
-        other, last = psutil.Process(int(done.stdout)), time.monotonic() + 30.0
-        while other.status() != psutil.STATUS_ZOMBIE:  # where nobody asks for its exit code
-            assert time.monotonic() < last
-            time.sleep(0.05)
+    assert_ends(int(done.stdout))
 
 
 def test_figures_of_a_run_are_the_same(tmp_path):

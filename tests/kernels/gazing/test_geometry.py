@@ -16,9 +16,9 @@ from heliosweep.kernels.gazing.geometry import (
     scene,
     transfers,
 )
-from heliosweep.kernels.gazing.rays import camera_ray, ideal_mirror, mirror_offsets
+from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets
 from tests.kernels.gazing import twin
-from tests.kernels.gazing.twin import sun_offsets
+from tests.kernels.gazing.twin import camera_ray, sun_offsets
 
 AZIMUTH, ELEVATION = st.floats(-170.0, 170.0), st.floats(5.0, 85.0)
 

@@ -6,10 +6,11 @@ import pytest
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.gazing.lanes import CHUNK, LANES
 from heliosweep.kernels.gazing.search import merits
-from heliosweep.kernels.sun.profiles import brightness, jose, power
+from heliosweep.kernels.sun.profiles import jose, power
 from heliosweep.kernels.sun.tables import noisy, smooth_fit
 from tests.kernels.gazing import twin
 from tests.kernels.gazing.twin import sun_offsets
+from tests.kernels.sun.curves import brightness
 
 PROFILES = {"jose": jose(), "table": noisy(jose(), 0.012), "fit": smooth_fit(noisy(jose(), 0.012))}
 

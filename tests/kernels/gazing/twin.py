@@ -6,7 +6,8 @@ import numpy as np
 from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.gazing import linear
 from heliosweep.kernels.gazing.geometry import camera_square, mirror_grid, scene, themis_8
-from heliosweep.kernels.gazing.rays import camera_ray, ideal_mirror, mirror_offsets
+from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets
+from heliosweep.kernels.gazing.rays import unit as unit_of
 
 LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
 
@@ -19,6 +20,12 @@ def paper_scene(sun=(30.0, 60.0), target=(0.0, 44.0), radius=0.24, arrangement="
         camera_square(radius, arrangement),
         **more,
     )
+
+
+@inline
+def camera_ray(eyes, camera, x, y, z):
+    """Unit vector R in the mirror frame from the point (x, y, z) of the mirror to a camera; `eyes` of the scene."""
+    return unit_of(eyes[camera, 0] - x, eyes[camera, 1] - y, eyes[camera, 2] - z)
 
 
 @inline

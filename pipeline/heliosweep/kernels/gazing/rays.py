@@ -23,12 +23,6 @@ def ideal_mirror(focal_length: float, y: float, z: float) -> tuple[float, float,
 
 
 @inline
-def camera_ray(eyes: Floats, camera: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Unit vector R in the mirror frame from the point (x, y, z) of the mirror to a camera; `eyes` of the scene."""
-    return unit(eyes[camera, 0] - x, eyes[camera, 1] - y, eyes[camera, 2] - z)
-
-
-@inline
 def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     """A vector over its length."""
     scale = 1.0 / math.sqrt(x * x + y * y + z * z)
@@ -47,9 +41,9 @@ def mirror_offsets(
 ) -> tuple[float, float, float, float, float, float]:
     """Point of the disc that the ray to a camera comes from, for a mirror with the normal N ~ (1, a, b).
 
-    Of a and b, the slopes of the ideal mirror and p together [rad], R of `camera_ray` and the rows of the scene: v and
-    w, the 2nd and 3rd components of B_S S [1], and dv/da, dv/db, dw/da, dw/db, their derivatives by p_y and p_z
-    [1/rad].
+    Of a and b, the slopes of the ideal mirror and p together [rad], the unit vector R to a camera in the mirror frame,
+    and the rows of the scene: v and w, the 2nd and 3rd components of B_S S [1], and dv/da, dv/db, dw/da, dw/db, their
+    derivatives by p_y and p_z [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz

@@ -3,7 +3,7 @@
 The generalised formula of Jose [1]_, [2]_ is B = A + (1 - A) sqrt(1 - u^xi) with u = eps / eps_max. Every analytic
 profile here is a cubic in c = sqrt(1 - u^xi), of which that formula is the linear case.
 A table is linear between nodes uniform in eps. Renderers use the profile as it is, exactly 0 outside the disc
-(`rendered`); reconstructions need a slope everywhere and continue it by its tangent at 0.9995 eps_max (`brightness`).
+(`rendered`); reconstructions need a slope everywhere and continue it by its tangent at 0.9995 eps_max.
 
 References
 ----------
@@ -105,32 +105,8 @@ def least_base(exponent):
 
 
 @inline
-def brightness(profile, square):
-    """Brightness B [1], continued beyond 0.9995 eps_max by the tangent, and its slope (dB/deps) / eps [1/rad^2].
-
-    `square` is the square of the angle eps from the disc centre [rad^2]. With eps^2 = v^2 + w^2, the slope gives dI/dp
-    = slope (v dv/dp + w dw/dp).
-    """
-    square = max(square, _TINY)
-    if square >= profile.edge * profile.edge:
-        angle = math.sqrt(square)
-        return profile.edge_value + profile.edge_slope * (angle - profile.edge), profile.edge_slope / angle
-    if profile.table.size > 0:
-        angle = math.sqrt(square)
-        place = angle / profile.step
-        cell = min(int(place), profile.table.size - 2)
-        rise = profile.table[cell + 1] - profile.table[cell]
-        return profile.table[cell] + (place - cell) * rise, rise / (profile.step * angle)
-    drop = (square / (profile.radius * profile.radius)) ** (0.5 * profile.power)
-    c = math.sqrt(1.0 - drop)
-    value = profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
-    along = profile.c1 + c * (2.0 * profile.c2 + c * (3.0 * profile.c3))
-    return value, -along * profile.power * drop / (2.0 * c * square)
-
-
-@inline
 def rendered(profile, square):
-    """Brightness of the disc itself, exactly 0 outside; `square` as in `brightness`. [1]"""
+    """Brightness of the disc itself, exactly 0 outside, at the square of an angle from its centre [rad^2]. [1]"""
     if square > profile.radius * profile.radius:
         return 0.0
     if profile.table.size > 0:
