@@ -1,9 +1,13 @@
 """Unions of images against shapely: random sets, sets made of ties, crowds in which images hide others."""
 
+import re
+
 import numpy as np
 import pytest
+from numba import njit
 
-from heliosweep.kernels.field import unions
+from heliosweep.kernels.compiled import PURE_PYTHON
+from heliosweep.kernels.field import boundaries, unions
 from heliosweep.kernels.field.polygons import CORNERS, gaps
 from heliosweep.kernels.field.unions import room_for
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW
@@ -149,3 +153,13 @@ def test_nearly_level_edges_lose_nothing(tiny):
     ):
         shapes = np.tile(np.array(shape), (2, PACKET, 1))
         assert abs(union_areas(shapes, 1) - expected).max() < 1e-12
+
+
+@pytest.mark.skipif(PURE_PYTHON, reason="no machine code")
+def test_ends_of_edges_are_not_stored_by_masks():
+    """On many processors with vectors of 256 bits such a store takes as long as all else that is done with an edge."""
+    shorten = njit(nogil=True, error_model="numpy")(boundaries._shorten.py_func)
+    pairs, ends = np.zeros(boundaries._PAIR), np.zeros(boundaries._OPEN + boundaries._PAIR)
+    shorten(pairs, np.int64(0), ends, True, np.int64(GROUP))
+    (assembly,) = shorten.inspect_asm().values()
+    assert not re.findall(r"vmaskmov.*%.mm\d+, %.mm\d+, .*\(|vmovupd\s+%.mm.*\{%k", assembly)

@@ -46,6 +46,8 @@ _OPEN, _INTERVALS = WIDTH, WIDTH + _PAIR
 
 _NOWHERE = 1e15
 """Place of an image without area, and of an edge that bounds nothing: edges of the largest images do not reach it."""
+_FAR = 1e300
+"""Further than any end of an edge that counts; of infinity the compiler would see that it changes nothing."""
 _PARALLEL = 1e-8
 """Difference of s, or of r, below which edges are as good as parallel, and the crossings of their lines no points."""
 _BEYOND = 4.0
@@ -289,8 +291,10 @@ def _shorten_one(low, high, ends, row, k):
     """Take an interval from what is open of an edge if it holds an end; returns whether it is between the ends."""
     begin, end = ends[_OPEN + row * WIDTH + k], ends[_OPEN + (row + 1) * WIDTH + k]
     first, last = low <= begin, high >= end
-    ends[_OPEN + row * WIDTH + k] = larger(high, begin) if first else begin
-    ends[_OPEN + (row + 1) * WIDTH + k] = smaller(low, end) if last else end
+    # Of a choice between a new end and the one there the compiler makes a masked store: a dozen cycles on many
+    # processors, and the next to read it waits. Here the one there is clamped first, to what changes nothing.
+    ends[_OPEN + row * WIDTH + k] = larger(high if first else -_FAR, larger(begin, -_FAR))
+    ends[_OPEN + (row + 1) * WIDTH + k] = smaller(low if last else _FAR, smaller(end, _FAR))
     return (low < high) & ~(first | last)
 
 
