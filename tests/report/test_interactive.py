@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from bokeh.document import Document
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.family import Family, families
 from heliosweep.report import interactive, payload
+from heliosweep.report.colours import DIFFERENCES, VALUES, shade
 from heliosweep.report.page import digest, render, write_report
 from heliosweep.report.payload import PAGE_VALUES, shares, thinned, view_payload, wanted
 from heliosweep.report.views import View, default_views, usable
@@ -26,6 +29,11 @@ def numbers(made, name):
     """Numbers of a quantity, or of a side of the places of mirrors."""
     array = made["places"].get(name) or next(one for one in made["quantities"] if one["name"] == name)
     return xr.DataArray(array["values"].reshape(array["shape"]), dims=array["dims"])
+
+
+@pytest.mark.parametrize("name", [VALUES, DIFFERENCES])
+def test_colours_are_those_of_the_figures(name):
+    assert [shade(name, i / 255) for i in range(256)] == [to_hex(colormaps[name](i)) for i in range(256)]
 
 
 def declared(family, data):

@@ -9,6 +9,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.contour import ContourSet
 from matplotlib.patches import Polygon, Rectangle
 
+from heliosweep.report.colours import DIFFERENCES, NO_VALUE, VALUES
 from heliosweep.report.pictures import (
     Kinds,
     Raster,
@@ -20,7 +21,7 @@ from heliosweep.report.pictures import (
     symbols,
     within,
 )
-from heliosweep.report.style import DIFFERENCES, NO_VALUE, VALUES, image
+from heliosweep.report.style import image
 from tests.report.synthetic import is_inside, result
 
 SHAPES = {"square": (7.0, 7.0), "tall": (1.0, 9.0), "flat": (15.0, 0.5), "single pixel": (0.05, 0.05)}

@@ -38,7 +38,7 @@ class Block(BaseModel):
     them.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     def rules(self) -> Iterable[Fault]:
         """Yield what is wrong between the keys of this block; runs when each of them is right by itself."""

@@ -37,8 +37,9 @@ class Family:
     regions, where they run and how they are stored is no concern of a family.
 
     A family is a package. Its parts are found by name, and imported when they are asked for, so that validating a
-    study stays quick: ``study`` with the model `STUDY` of the study file, ``variables``, ``compute``, ``figures`` and
-    ``interactive`` with the functions that are described here, and ``default.yaml``, a commented study to start from.
+    study stays quick: ``study`` with the model `STUDY` of the study file, ``variables``, ``compute``, ``figures``,
+    ``tables`` and ``interactive`` with the functions that are described here, and ``default.yaml``, a commented study
+    to start from.
     A family with modes has ``variables`` and ``compute`` in a package for each mode, see `room`.
 
     Attributes
@@ -167,7 +168,7 @@ class Family:
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
         """Tables of headline numbers; without any, the page shows variables over the dimensions that all have."""
-        return _call(f"{type(self).__module__}.figures", "tables", result)
+        return _call(f"{type(self).__module__}.tables", "tables", result)
 
     def views(self, result: xr.Dataset) -> Iterable[View]:
         """Interactive plots of the page; those that any result has where the family declares none."""

@@ -12,11 +12,12 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from heliosweep.report.colours import COLOURS
 from heliosweep.report.contents import NamedFigure, Table
 from heliosweep.report.labels import axis_label, coordinate_text, folded, is_fraction, number_text, title_of, unit_of
 from heliosweep.report.layout import abreast, fit, legend, sheet, tick
 from heliosweep.report.sections import number_texts
-from heliosweep.report.style import COLOURS, styled
+from heliosweep.report.style import styled
 
 SAMPLE, PARAMETER = "sample", "parameter"
 #: Points of what is swept that a figure shows, keys that bars are drawn of, and dots of a scatter.

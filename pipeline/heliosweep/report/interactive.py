@@ -13,13 +13,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.report.client import Model, field, item, script
+from heliosweep.report.colours import COLOURS, DIFFERENCES, NO_VALUE, VALUES, shade
 from heliosweep.report.payload import PAGE_VALUES, ROOMS, SIZE, fold, shares, view_payload, wanted
-from heliosweep.report.style import COLOURS, DIFFERENCES, NO_VALUE, VALUES
 from heliosweep.report.views import View, usable
 
 #: Colours of a scale.
@@ -149,7 +147,7 @@ def _looks(texts: Sequence[str], known: Mapping[str, str]) -> list[dict[str, Any
     for i, text in enumerate(texts):
         mark = list(MARKS)[i % len(MARKS)] if text in known or count <= len(few) else "circle"
         dash = DASHES[i % len(DASHES)] if text in known or count <= len(few) else ()
-        scale = to_hex(colormaps[VALUES](0.25 + 0.63 * i / (count - 1)))
+        scale = shade(VALUES, 0.25 + 0.63 * i / (count - 1))
         color = known.get(text, few[i] if count <= len(few) else scale)
         looks.append({"color": color, "dash": list(dash), "mark": mark, "outline": MARKS[mark]})
     return looks
@@ -227,7 +225,7 @@ def _tip(**rows: str) -> str:
 
 def _coloured(view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
     """Mirrors of a field, or pixels, coloured by a value: the parts of its figure."""
-    palettes = [[to_hex(colormaps[name](i / (SHADES - 1))) for i in range(SHADES)] for name in (VALUES, DIFFERENCES)]
+    palettes = [[shade(name, i / (SHADES - 1)) for i in range(SHADES)] for name in (VALUES, DIFFERENCES)]
     mapper = Model("LinearColorMapper", name="mapper", palette=palettes[0], nan_color=NO_VALUE, tags=palettes)
     dims = [made["dims"][dim] for dim in view.along]
     if view.kind == "field":

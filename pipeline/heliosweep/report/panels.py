@@ -14,10 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from heliosweep.report.colours import COLOURS, DASHES, MARKERS, VALUES
 from heliosweep.report.labels import folded, value_text
 from heliosweep.report.layout import fit, label_outside, legend, sheet, tick, tick_decades
 from heliosweep.report.selection import Point, Shown, at
-from heliosweep.report.style import COLOURS, DASHES, MARKERS, VALUES, styled
+from heliosweep.report.style import styled
 
 #: More points than this are drawn without markers.
 MARKED = 40

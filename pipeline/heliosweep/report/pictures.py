@@ -20,10 +20,11 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
+from heliosweep.report.colours import DIFFERENCES, NO_VALUE, VALUES
 from heliosweep.report.ground import rings, rises
 from heliosweep.report.labels import MINUS, is_signed
 from heliosweep.report.layout import abreast, colour_bar, fit, label_outside, legend, sheet, tick
-from heliosweep.report.style import DIFFERENCES, NO_VALUE, VALUES, styled
+from heliosweep.report.style import styled
 
 #: Pictures beside each other in one figure.
 COLUMNS = 3

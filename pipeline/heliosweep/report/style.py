@@ -1,4 +1,4 @@
-"""One look for all figures: sizes and type for a paper's page, colours that colour-blind readers can tell apart.
+"""One look for all figures: sizes and type for a paper's page.
 
 Figures are made without pyplot and without touching matplotlib's global settings for longer than a drawing takes.
 """
@@ -24,18 +24,6 @@ T = TypeVar("T")
 
 #: Resolution of pixel images. [1/inch]
 DPI = 180
-
-#: Lines, in the order of use: blue, vermilion, green, pink, sky blue, orange, black of Okabe and Ito (2008).
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-
-#: Maps of values, and of differences about zero.
-VALUES = "viridis"
-DIFFERENCES = "RdBu_r"
-
-#: What has no value.
-NO_VALUE = "#c8c8c8"
 
 _RC: Any = {
     "text.parse_math": False,  # titles and names of sites are words, whatever dollars they hold; see `PlainPowers`

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from heliosweep.report.colours import COLOURS, VALUES
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import axis_label, is_fraction, printed, title_of, value_text
 from heliosweep.report.layout import abreast, colour_bar, fit, legend, sheet
-from heliosweep.report.style import COLOURS, VALUES, styled
+from heliosweep.report.style import styled
 from heliosweep.search.course import EVALUATION
 from heliosweep.search.result import best_of, goals_of, keys_of, point_text, so_far
 

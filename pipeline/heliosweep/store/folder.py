@@ -182,7 +182,7 @@ def is_zarr(path: Path) -> bool:
 class Record(BaseModel):
     """Keys of a JSON file that are relied on; others are let through."""
 
-    model_config = ConfigDict(strict=True, extra="allow")
+    model_config = ConfigDict(strict=True, extra="allow", defer_build=True)
 
 
 #: Identifiers and dates: printed as they are.

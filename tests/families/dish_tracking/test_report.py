@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgba
 
 from heliosweep import api
 from heliosweep.families.dish_tracking.figures import MOST_FIGURES, OFFSETS, figures
-from heliosweep.report.style import NO_VALUE
+from heliosweep.report.colours import NO_VALUE
 from tests.families import gallery
 from tests.families.studies import computed
 

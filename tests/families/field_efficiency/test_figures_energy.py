@@ -11,7 +11,8 @@ import xarray as xr
 from heliosweep import api
 from heliosweep.families.field_efficiency import figures_energy as drawing
 from heliosweep.families.field_efficiency import interactive
-from heliosweep.families.field_efficiency.figures import figures, tables
+from heliosweep.families.field_efficiency.figures import figures
+from heliosweep.families.field_efficiency.tables import tables
 from heliosweep.report import sections
 from heliosweep.report.views import usable
 from tests.report.synthetic import assert_readable

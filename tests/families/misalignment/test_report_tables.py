@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from heliosweep.families.misalignment.figures import MOST_ROWS, figures, tables
+from heliosweep.families.misalignment.figures import MOST_ROWS, figures
+from heliosweep.families.misalignment.tables import tables
 from tests.families.misalignment import report_results as results
 
 PM = "\N{PLUS-MINUS SIGN}"

@@ -22,13 +22,13 @@ from heliosweep.families.backward_gazing.shown import (
     canting,
     study,
 )
+from heliosweep.report.colours import COLOURS
 from heliosweep.report.comparison import published_in
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import number_text, unit_of
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import grid_figure
 from heliosweep.report.selection import Point, at
-from heliosweep.report.style import COLOURS
 
 #: Panels beside each other; modules of one figure of canting.
 COLUMNS, MOST = 4, 16

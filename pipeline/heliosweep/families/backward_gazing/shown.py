@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.pictures import Raster
+from heliosweep.report.colours import COLOURS, DASHES, MARKERS
 from heliosweep.report.selection import Point, Shown, evenly
-from heliosweep.report.style import COLOURS, DASHES, MARKERS
+
+if TYPE_CHECKING:
+    from heliosweep.report.pictures import Raster
 
 METHOD, REFERENTIAL, MODULE, PROFILE, HOUR = "slope_method", "referential", "module", "sun_profile", "hour"
 HELIOSTAT, CAMERA = "heliostat", "camera"
@@ -155,6 +157,8 @@ class Gazing(Shown):
 
     def raster(self, array: xr.DataArray, title: str = "") -> Raster:
         """Picture of the mirror with its modules."""
+        from heliosweep.report.pictures import Raster
+
         sides = [f"module_{name}" for name in ("y", "z", "width", "height")]
         outlines: list[tuple[str, float, float, float, float]] = []
         if set(sides) <= set(self.result.coords) and all(self.result[side].dims == (MODULE,) for side in sides):

@@ -5,7 +5,7 @@ Every figure reads only what it draws; long sweeps are thinned, and the caption 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -16,7 +16,7 @@ import xarray as xr
 from heliosweep.families.field_efficiency import figures_energy as energy
 from heliosweep.families.field_efficiency.figures_surfaces import flux_figures, motion_maps, outline_figures
 from heliosweep.families.field_efficiency.variables import ANGLE_SERIES
-from heliosweep.report.contents import NamedFigure, Table, one_by_one
+from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.labels import DEGREE, axis_label, is_fraction, number_text, printed, unit_of
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import COLUMNS, FieldMap, Shades, about_zero, field_map, picture_figure, symbols, within
@@ -81,12 +81,6 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     }
     draws += [partial(draw, stands=stands, along=along) for name, draw in asked.items() if name in result]
     return one_by_one([partial(draw, methods=methods) for draw in draws], shown, MOST_FIGURES)
-
-
-def tables(result: xr.Dataset) -> Iterable[Table]:
-    """Tables of energy and of the design point; none of a result without them."""
-    known = {"field_receiver_energy", "design_point_power"} & set(result.data_vars)
-    return energy.tables(Shown(result)) if known else ()
 
 
 def _maps(shown: Shown, methods: list[dict[str, int]], stands: Point, along: str | None) -> Iterator[NamedFigure]:

@@ -1,4 +1,4 @@
-"""Figures and tables of the energy of a field: where it is lost, when it comes, and what each heliostat brings."""
+"""Figures of the energy of a field: where it is lost, when it comes, and what each heliostat brings."""
 
 from __future__ import annotations
 
@@ -13,27 +13,24 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, LIGHT
-from heliosweep.report.contents import NamedFigure, Table
+from heliosweep.families.field_efficiency.tables import STAGES, arrival
+from heliosweep.report.colours import COLOURS, DASHES
+from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import number_text, printed
 from heliosweep.report.layout import abreast, colour_bar, fit, label_outside, legend, sheet
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import COLUMNS, FieldMap, field_map, symbols, within
-from heliosweep.report.sections import numbers
 from heliosweep.report.selection import Point, Shown, at, evenly
-from heliosweep.report.style import COLOURS, DASHES, styled
+from heliosweep.report.style import styled
 from heliosweep.report.views import FIELD
 
 #: Places (sites, latitudes, layouts ...) of which there are panels, lines, and bars of hours.
 MOST_PANELS, MOST_LINES, MOST_BARS = 4, 3, 12
-#: Hours of a year with the sun above the horizon: half of all, and more with the whole of partly lit intervals. [h]
-DAYLIGHT = 4250.0, 4900.0
 #: Points of a curve. [1]
 MOST_POINTS = 1000
 #: Part of all hours below which a bar has no number in it. [1]
 LEAST_NAMED = 0.04
 
-_STAGES = {"stow": "stow (limits)"}
 _CAUSES = {
     "dni": "irradiance below its limit",
     "sun_elevation": "sun below its limit",
@@ -45,8 +42,6 @@ _ALL, _LOST, _KEPT, _USED = "#b0b0b0", COLOURS[1], COLOURS[0], COLOURS[2]
 _COURSES = {"dni": "direct normal irradiance (W/m\N{SUPERSCRIPT TWO})", "field_power": "power of the field (MW)"}
 #: Factors of which there are maps.
 _FACTORS = [f"{one}_efficiency" for one in ("cosine", "shading", "blocking", "attenuation", "intercept", "total")]
-_SWEPT = "field_optical_efficiency"
-_FACTORED = "Factored: product of the means of cosine, shading and blocking efficiency."
 
 
 class _Loss(NamedTuple):
@@ -64,23 +59,19 @@ def losses(shown: Shown, methods: Sequence[Point], stands: Point, along: str | N
     points = [{**stands, **method, **place} for place, method in product(places, methods)]
     taken = np.array([at(result["loss"], point).to_numpy() for point in points])
     happens = (taken != 0).any(axis=0)
-    stages = [_STAGES.get(stage, stage) for stage in result["stage"].to_numpy()[happens]]
+    stages = [STAGES.get(stage, stage) for stage in result["stage"].to_numpy()[happens]]
     panels = []
     for point, (place, method), lost in zip(points, product(places, methods), taken[:, happens], strict=True):
         incident, received = (float(at(result[f"field_{name}_energy"], point)) for name in ("incident", "receiver"))
         left = incident - np.cumsum(lost)
         title = ", ".join(filter(None, [shown.fulls(place), shown.values(method)]))
-        steps, energies = ["incident", *stages, _received(result)], np.array([incident, *lost, received])
+        steps, energies = ["incident", *stages, arrival(result)], np.array([incident, *lost, received])
         panels.append(_Loss(title, steps, energies, np.array([0.0, *left, 0.0])))
     caption = (
         "Where the energy goes, from the direct sunlight on all mirrors with the sun above the horizon to what is "
-        f"{_received(result)}, in percent of the first.{shown.note(stands, places)}"
+        f"{arrival(result)}, in percent of the first.{shown.note(stands, places)}"
     )
     yield NamedFigure("energy_losses", caption, _waterfalls(panels, len(methods) if len(methods) > 1 else 2))
-
-
-def _received(result: xr.Dataset) -> str:
-    return "on the receiver" if "total_efficiency" in result else "sent to the receiver"
 
 
 def _energy(energy: float) -> str:
@@ -128,10 +119,10 @@ def months(shown: Shown, methods: Sequence[Point], stands: Point, along: str | N
         for place in places
     }
     caption = (
-        f"Energy of the field in each month: direct sunlight on the mirrors, and what of it is {_received(result)}."
+        f"Energy of the field in each month: direct sunlight on the mirrors, and what of it is {arrival(result)}."
         f"{shown.note(stands, places)}"
     )
-    yield NamedFigure("monthly_energy", caption, _months(panels, _received(result)))
+    yield NamedFigure("monthly_energy", caption, _months(panels, arrival(result)))
 
 
 @styled
@@ -227,7 +218,7 @@ def ranks(shown: Shown, methods: Sequence[Point], stands: Point, along: str | No
         Panel("share of the field's energy (%)", share),
     ]
     caption = (
-        f"Energy {_received(result)} per mirror area of the heliostats, from the best to the worst, and the share of "
+        f"Energy {arrival(result)} per mirror area of the heliostats, from the best to the worst, and the share of "
         f"the field's energy that all up to each bring.{shown.note(stands, places)}"
     )
     figure = curve_figure(panels, "rank of the heliostat", least_span=1e-3)
@@ -295,69 +286,3 @@ def _factors(maps: dict[str, FieldMap]) -> Figure:
         colour_bar(figure, ScalarMappable(shades.norm, shades.colours), [axes], label, shades.beyond([one.values]))
     label_outside(grid, columns, FieldMap.sides[0], [FieldMap.sides[1]] * len(grid))
     return fit(figure, float((high - low)[1] / (high - low)[0]))
-
-
-def tables(shown: Shown) -> Iterator[Table]:
-    """Answers first: energy, efficiency, power, size; then losses, the design point and the means over the period."""
-    result = shown.result
-    dims = [str(dim) for dim in result[_SWEPT].dims]
-
-    def named(name: str, words: str) -> xr.DataArray:
-        return result[name].rename(words)
-
-    sizes = [("field_mirror_area", "mirror area"), ("field_heliostats", "heliostats")]
-    power = [("design_point_power", "power at the design point")]
-    if "field_receiver_energy" in result:
-        incident, received = result["field_incident_energy"], result["field_receiver_energy"]
-        first = [named("field_receiver_energy", f"energy {_received(result)}"), _part(received, incident, "efficiency")]
-        rest = [
-            *power,
-            *sizes,
-            ("field_energy_per_mirror_area", "energy per mirror area"),
-            ("hours_used", "hours used"),
-        ]
-        first += [named(name, words) for name, words in rest if name in result]
-        yield numbers(result, dims, first, "Energy of the field", [_sums(result)], digits=4)
-        stages = [
-            (result["loss"].isel(stage=index), str(name)) for index, name in enumerate(result["stage"].to_numpy())
-        ]
-        parts = [_part(lost, incident, _STAGES.get(name, name)) for lost, name in stages]
-        shares = [named("field_incident_energy", "incident energy"), *parts]
-        yield numbers(result, dims, shares, "Losses by stage, in percent of the incident energy")
-    order = [f"{name}_efficiency" for name in ("total", "optical")]
-    order += [name for name in (*EFFICIENCIES, *LIGHT) if name not in order]
-    if "design_point_power" in result:
-        known = [(name, name.replace("_", " ")) for name in ("peak_flux", "mean_flux")]
-        known += [(f"field_design_point_{name}", name.removesuffix("_efficiency")) for name in order]
-        told = () if "field_receiver_energy" in result else sizes
-        arrays = [named(*one) for one in ((power[0][0], "power"), *told, *known) if one[0] in result]
-        yield numbers(
-            result,
-            dims,
-            [one for one in arrays if set(one.dims) == set(dims)],
-            "Power and efficiencies of the field at the design point",
-        )
-    means = [named(f"field_{name}", name.removesuffix("_efficiency")) for name in order if name in result]
-    means.append(named(FACTORED, "factored"))
-    yield numbers(result, dims, means, "Mean efficiencies of the field over the period", [_FACTORED])
-
-
-def _part(part: xr.DataArray, whole: xr.DataArray, name: str) -> xr.DataArray:
-    """Part of a whole, to be printed in percent."""
-    found = part / whole.where(whole != 0)
-    return found.assign_attrs(units="1", valid_range=[0.0, 1.0]).rename(name)
-
-
-def _sums(result: xr.Dataset) -> str:
-    """Sentence on what energies are sums of."""
-    daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
-    low, high = float(daylight.min()), float(daylight.max())
-    hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
-    year = DAYLIGHT[0] < low <= high < DAYLIGHT[1]
-    said = (
-        f"the {hours} of a year with the sun above the horizon" if year else f"{hours} with the sun above the horizon"
-    )
-    return (
-        f"Sums over {said}{'' if year else ', which are not those of a year'}. Efficiency: this energy over "
-        "that of the direct sunlight on the mirrors in all these hours."
-    )

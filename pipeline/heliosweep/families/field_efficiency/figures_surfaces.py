@@ -16,13 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
+from heliosweep.report.colours import COLOURS
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.labels import axis_label, number_text, unit_of
 from heliosweep.report.layout import colour_bar, fit, label_outside, legend, sheet
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import COLUMNS, Shades, edges, field_map, from_zero, picture_figure, symbols
 from heliosweep.report.selection import Point, Shown, at, is_geometric
-from heliosweep.report.style import COLOURS, styled
+from heliosweep.report.style import styled
 
 #: Places (directions of the sun) of which outlines are drawn.
 MOST_PLACES = 3

@@ -1,4 +1,4 @@
-"""Figures and tables of a finished result, by what it holds; after Optics Express 27 (8), A257 (2019).
+"""Figures of a finished result, by what it holds; after Optics Express 27 (8), A257 (2019).
 
 Each takes from the sweep what it can show, and its caption says at which values the rest stands; one that needs what
 the result does not have is left out. Those of each mode are in its package; here is what they share.
@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
-from itertools import chain
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.report.contents import NamedFigure, Table, one_by_one
-from heliosweep.report.panels import Panel
-from heliosweep.report.pictures import FieldMap, field_map
+from heliosweep.report.contents import NamedFigure, one_by_one
 from heliosweep.report.selection import Point, Shown, at, evenly
-from heliosweep.report.tracks import Look
+
+if TYPE_CHECKING:
+    from heliosweep.report.panels import Panel
+    from heliosweep.report.pictures import FieldMap
+    from heliosweep.report.tracks import Look
 
 #: Dimensions of the instants: one of the days, and the hour.
 DAYS = ("day", "declination", "date")
@@ -142,6 +143,8 @@ class Spots(Shown):
         self, name: str, title: str, stands: Point, lines: Callable[[xr.DataArray], dict[str, xr.DataArray]]
     ) -> list[Panel]:
         """A panel for each axis of the error in which a line of a variable has a value."""
+        from heliosweep.report.panels import Panel
+
         panels = []
         for axis, point in self.axes(name):
             drawn = lines(at(self.result[name], stands, point).compute())
@@ -156,6 +159,8 @@ class Spots(Shown):
 
     def map(self, values: np.ndarray, stands: Point, title: str) -> FieldMap | None:
         """Map of one number of each heliostat; none where the result does not tell the places."""
+        from heliosweep.report.pictures import field_map
+
         coords = [name for name in ("x", "y") if name in self.result.coords]
         here = self.result[coords].isel({dim: i for dim, i in stands.items() if dim in self.result[coords].dims})
         return field_map(here, values, title)
@@ -215,12 +220,6 @@ def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
     shown = Spots(result)
     draws = (*detectors.FIGURES, *first, *mount_errors.FIGURES, *calibration.FIGURES)
     return one_by_one(draws, shown, MOST_FIGURES)
-
-
-def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Tables of a result; none where its variables have numbers of the whole."""
-    shown, (_, mount_errors, calibration, _) = Spots(result), _modes()
-    return chain(calibration.tables(shown), mount_errors.tables(shown))
 
 
 def _modes() -> list[Any]:

@@ -20,12 +20,12 @@ from heliosweep.families.misalignment.figures import (
     aperture,
     rows_of,
 )
+from heliosweep.report.colours import COLOURS, MARKERS
 from heliosweep.report.contents import NamedFigure, Table
 from heliosweep.report.labels import NOTHING, flag_text, is_flag, number_text
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import picture_figure, symbols, within
 from heliosweep.report.selection import Point, at, evenly
-from heliosweep.report.style import COLOURS, MARKERS
 from heliosweep.report.tracks import Ellipse, Plane, Track, origin, plane_figure
 
 #: Quantile at the upper end of a two-sided 95 % interval.
