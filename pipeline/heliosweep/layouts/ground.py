@@ -205,41 +205,14 @@ def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
     return -math.tan(math.radians(slope)) * (math.sin(down) * x + math.cos(down) * y)
 
 
-@dataclass(frozen=True, eq=False)
-class Heights:
-    """A grid of heights over rising x, shape (X,), and y, shape (Y,), with straight lines between. [m]"""
-
-    x: Floats
-    y: Floats
-    height: Floats
-    """Above any level, shape (Y, X); NaN where nothing is known."""
-
-    def at(self, x: Floats, y: Floats) -> Floats:
-        """Height at some places above that at the tower; bilinear. NaN where the grid does not tell it."""
-        return self._level(x, y) - self._level(np.zeros(1), np.zeros(1))
-
-    def _level(self, x: Floats, y: Floats) -> Floats:
-        column, right = _cell(self.x, x)
-        row, up = _cell(self.y, y)
-        h = self.height
-        low = h[row, column] * (1 - right) + h[row, column + 1] * right
-        high = h[row + 1, column] * (1 - right) + h[row + 1, column + 1] * right
-        return low * (1 - up) + high * up
-
-
-def _cell(grid: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Number of the cell of each place along a rising grid, and the part of it that lies before; NaN outside."""
-    cell = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
-    part = (at - grid[cell]) / (grid[cell + 1] - grid[cell])
-    return cell, np.where((part >= 0) & (part <= 1), part, np.nan)
-
-
 @read_once(4)
-def read_heights(path: Path, tower: Place = AT_TOWER) -> Heights:
-    """Read a grid of heights about a tower, whose place it counts from.
+def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
+    """Read a grid of heights as a bilinear function of (y, x) about a tower; NaN where the grid does not tell it. [m]
 
     Raises StudyError, with the key ``terrain.file``, for what is neither NetCDF nor GeoTIFF, or no grid over x and y.
     """
+
+    from scipy.interpolate import RegularGridInterpolator
 
     def wrong(message: str) -> StudyError:
         return StudyError(Problem(f"{path.name} {message}", "terrain.file"))
@@ -258,7 +231,7 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Heights:
         y, height = y[::-1], height[::-1]
     if not ((np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
         raise wrong("must have x and y that rise or fall all along")
-    return Heights(x - tower[0], y - tower[1], np.ascontiguousarray(height))
+    return RegularGridInterpolator((y - tower[1], x - tower[0]), np.ascontiguousarray(height), bounds_error=False)
 
 
 def _netcdf(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
@@ -329,11 +302,15 @@ def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Fl
     return x, y, height
 
 
-def heights_at(heights: Heights, name: str, x: Floats, y: Floats) -> Floats:
-    """Heights of the ground at all places [m]. Raises StudyError, key ``terrain.file``, where one is not told."""
-    found = heights.at(x, y)
+def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
+    """Heights of the ground at all places above that at the tower, from `read_heights`. [m]
+
+    Raises StudyError, key ``terrain.file``, where one is not told.
+    """
+    found: Floats = heights((y, x)) - heights((0.0, 0.0))
     if (missing := int(np.isnan(found).sum())) > 0:
-        spans = (f"{axis} from {side[0]:g} to {side[-1]:g} m" for axis, side in (("x", heights.x), ("y", heights.y)))
+        sides = zip("xy", reversed(heights.grid), strict=True)
+        spans = (f"{axis} from {side[0]:g} to {side[-1]:g} m" for axis, side in sides)
         where = "the tower" if missing == found.size else f"{missing:,} of {found.size:,} heliostats"
         message = f"{name} does not cover the field: {where} beyond its heights, {' and '.join(spans)}; add a boundary"
         raise StudyError(Problem(f"{message}, or take a larger grid", "terrain.file"))
