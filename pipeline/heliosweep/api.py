@@ -17,7 +17,7 @@ from heliosweep.config.layers import execution_keys
 from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping, validated
 from heliosweep.config.study import Study
-from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
 from heliosweep.families.family import Family, families, family_of_result, study_classes
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
@@ -394,7 +394,7 @@ def _report(
         raise
     except Exception as error:  # drawing must not make hours of computing look lost
         log.debug("the report failed", exc_info=True)
-        what = f"{type(error).__name__}: {error}".rstrip(": ")
+        what = reason_of(error)
         advice = "please report this error, with what --verbose prints; --no-report leaves the page out"
         if isinstance(error, (OSError, ImportError, MemoryError)):
             advice = f"when that is mended, run: {shlex.join(['heliosweep', 'report', str(folder)])}"

@@ -54,6 +54,11 @@ class Problem:
         return ": ".join(part for part in (place, self.key, self.message) if part)
 
 
+def reason_of(error: BaseException | None) -> str:
+    """What an error says that somebody else has raised, with its kind."""
+    return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
 def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
     """Return the first problems of one file, and one in their place for the rest of all `count`, if there are more."""
     first = list(islice(problems, most))

@@ -65,10 +65,10 @@ def version_of(library: str) -> str | None:
         return None
 
 
-def installed(name: str = "heliosweep") -> dict[str, str]:
-    """Versions of a package and of all that it needs, and that in turn, as far as they are installed."""
+def installed() -> dict[str, str]:
+    """Versions of this package and of all that it needs, and that in turn, as far as they are installed."""
     found: dict[str, str] = {}
-    waiting = [name]
+    waiting = [_PACKAGE]
     while waiting:
         if (one := waiting.pop()) in found:
             continue

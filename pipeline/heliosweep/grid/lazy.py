@@ -120,16 +120,17 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
     """
     import dask.array as da
     import xarray as xr
+    from dask.core import literal
     from dask.highlevelgraph import HighLevelGraph
 
     token = uuid.uuid4().hex
     shared, computed, finished = (f"{name}-{token}" for name in ("study", "part", "slab"))
-    graph: dict[Any, Any] = {shared: (_Given(work),)}
+    graph: dict[Any, Any] = {shared: (literal(work),)}
     keys: dict[str, dict[tuple[int, ...], str]] = {}
     for slab, parts in parts_by_slab(plan.cuts):
         known = list(parts)
         for part in known:
-            graph[f"{computed}-{part.name}"] = (_compute, shared, part)
+            graph[f"{computed}-{part.name}"] = (Work.compute, shared, part)
         key = f"{finished}-{slab.name}"
         graph[key] = (_finish, shared, slab, known, [f"{computed}-{part.name}" for part in known])
         place = tuple(slab.region[dim].start // plan.cuts[slab.kind].slab[dim] for dim in slab.region)
@@ -166,20 +167,6 @@ def without_values(plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
 def _lengths(size: int, length: int) -> tuple[int, ...]:
     whole, rest = divmod(size, max(1, length))
     return (length,) * whole + ((rest,) if rest else ())
-
-
-class _Given:
-    """A constant of a graph, which dask leaves as it is."""
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __call__(self) -> Any:
-        return self.value
-
-
-def _compute(work: Work, part: Part) -> dict[str, np.ndarray]:
-    return work.compute(part)
 
 
 def _finish(work: Work, slab: Part, parts: list[Part], values: list[dict[str, np.ndarray]]) -> xr.Dataset:

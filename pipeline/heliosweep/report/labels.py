@@ -71,6 +71,11 @@ def is_flag(array: xr.DataArray) -> bool:
     return "flag_values" in array.attrs and "flag_meanings" in array.attrs
 
 
+def is_quantity(array: xr.DataArray) -> bool:
+    """Whether values are numbers that stand for themselves: no words, dates or flags."""
+    return array.dtype.kind in "fiu" and not is_flag(array)
+
+
 def flag_text(array: xr.DataArray, value: float) -> str:
     """Words that a value of flags stands for; a dash where it stands for none."""
     words = str(array.attrs["flag_meanings"]).split()

@@ -32,7 +32,7 @@ from heliosweep.report.inputs import inputs
 from heliosweep.report.ranking import ranked
 from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
-from heliosweep.store.folder import MANIFEST, OUTPUTS, Manifest, Planned, Record, read_manifest
+from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, Manifest, Planned, Record, read_manifest
 from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
@@ -56,9 +56,6 @@ PIXELS = 144
 
 #: Names of the figures that a report has drawn, in their folder: no other file is ours to remove.
 DRAWN = ".drawn"
-
-#: The study of a run, and of an unpacked archive.
-STUDIES = ("study.resolved.yaml", "study.yaml")
 
 
 #: Parts of a page that tell of the machine of who made it.

@@ -18,6 +18,7 @@ from heliosweep.report.labels import (
     flag_text,
     head_of,
     is_flag,
+    is_quantity,
     labels_along,
     number_text,
     printed,
@@ -70,7 +71,7 @@ def ranked(result: xr.Dataset, first: Sequence[str] = ()) -> Ranking | None:
     Ranking or None
         None where there is only one point, nothing to rank, or too many points for a page.
     """
-    arrays = {str(name): one for name, one in result.data_vars.items() if one.dtype.kind in "fiu" and not is_flag(one)}
+    arrays = {str(name): one for name, one in result.data_vars.items() if is_quantity(one)}
     known = [name for name in first if name in arrays]
     leading = next(iter(known), min(arrays, key=lambda name: arrays[name].ndim, default=""))
     if not leading or not 1 < arrays[leading].size <= MOST_POINTS:

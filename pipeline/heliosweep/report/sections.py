@@ -20,6 +20,7 @@ from heliosweep.report.labels import (
     coordinate_text,
     flag_text,
     is_flag,
+    is_quantity,
     labels_along,
     number_text,
     printed,
@@ -77,7 +78,7 @@ def ranges(result: xr.Dataset, headlines: Collection[str] = ()) -> Table:
     rows: list[list[str]] = []
     left_out = 0
     for array in arrays:
-        if array.dtype.kind not in "fiu" or is_flag(array):
+        if not is_quantity(array):
             continue
         if array.size > MOST_NUMBERS or len(rows) == MOST_RANGES:
             left_out += 1
@@ -176,7 +177,7 @@ def headline(result: xr.Dataset, names: Collection[str]) -> str:
 
     It is the first of `names` that the result has; without any, the first variable with the fewest dimensions.
     """
-    numbers = [array for array in result.data_vars.values() if array.dtype.kind in "fiu" and not is_flag(array)]
+    numbers = list(filter(is_quantity, result.data_vars.values()))
     known = [result[name] for name in names if name in result.data_vars]
     array = next(iter(known), min(numbers, key=lambda array: array.ndim, default=None))
     if array is None or array.size > MOST_NUMBERS:

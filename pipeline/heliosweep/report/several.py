@@ -24,7 +24,7 @@ from heliosweep.report.labels import (
     NOTHING,
     axis_label,
     coordinate_text,
-    is_flag,
+    is_quantity,
     labels_along,
     number_text,
     printed,
@@ -160,7 +160,7 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _is_number(array: xr.DataArray) -> bool:
-    return array.dtype.kind in "fiu" and not is_flag(array) and array.size <= MOST_NUMBERS
+    return is_quantity(array) and array.size <= MOST_NUMBERS
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[str, set[Any]]) -> xr.Dataset:

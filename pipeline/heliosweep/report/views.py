@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import is_flag
+from heliosweep.report.labels import is_quantity
 
 HELIOSTAT = "heliostat"
 
@@ -105,7 +105,7 @@ def usable(result: xr.Dataset, views: Iterable[View]) -> list[View]:
 
 def _drawable(result: xr.Dataset, view: View, name: str) -> bool:
     array = result[name]
-    if array.dtype.kind not in "fiu" or is_flag(array) or not array.size:
+    if not is_quantity(array) or not array.size:
         return False
     if view.kind == "field":
         return HELIOSTAT in array.dims and array.sizes[HELIOSTAT] >= FIELD and _placed(result, array)
@@ -128,7 +128,7 @@ def _placed(result: xr.Dataset, array: xr.DataArray) -> bool:
 
 def shown(result: xr.Dataset) -> list[str]:
     """Numbers of a result: no flags, no dates."""
-    return [str(name) for name, array in result.data_vars.items() if array.dtype.kind in "fiu" and not is_flag(array)]
+    return [str(name) for name, array in result.data_vars.items() if is_quantity(array)]
 
 
 def words(result: xr.Dataset) -> str:

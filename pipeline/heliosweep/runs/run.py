@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.execution import Execution
 from heliosweep.config.study import Study
-from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, reason_of
 from heliosweep.families.family import Family
 from heliosweep.files import remove_at_once
 from heliosweep.grid.lazy import Work
@@ -257,8 +257,9 @@ class Run:
                     pending.result()
                 advance()
                 if outcome.values is None:
-                    why = f"{type(outcome.error).__name__}: {outcome.error}".rstrip(": ")
-                    failed[outcome.part.name] = f"{place_of(outcome.part, self.coordinates)}: {why}"
+                    failed[outcome.part.name] = (
+                        f"{place_of(outcome.part, self.coordinates)}: {reason_of(outcome.error)}"
+                    )
                     pending = storing.submit(store.fail, outcome.part, failed[outcome.part.name])
                     if len(failed) >= HOPELESS and not store.done:
                         break

@@ -19,7 +19,7 @@ import numpy as np
 
 from heliosweep.config.search import population
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, reason_of
 from heliosweep.families.searched import Searched, result_name
 from heliosweep.files import write_whole
 from heliosweep.grid.lazy import Work
@@ -164,13 +164,15 @@ class SearchRun(Run):
 
     def _known(self) -> dict[str, np.ndarray]:
         """Evaluations of an earlier result of the same search, where it has all that is wanted now."""
+        from heliosweep.search.result import keys_of
+
         if self._taken is None:
             return {}
         with open_result(self._taken.path) as data:
             if not {*self._results} <= {*map(str, data.data_vars)}:
                 return {}
             found = {str(name): one.to_numpy() for name, one in data.data_vars.items()}
-            names = {str(one.attrs["key"]): one.to_numpy() for one in data.coords.values() if "key" in one.attrs}
+            names = {key: data[name].to_numpy() for key, name in keys_of(data).items()}
         over = self._search.over
         for key, values in names.items():
             extent = over[key]
@@ -214,11 +216,9 @@ class SearchRun(Run):
             for outcome in compute_parts(pool(), tasks):
                 raise_if_interrupted()
                 if outcome.values is None:
-                    why = f"{type(outcome.error).__name__}: {outcome.error}".rstrip(": ")
-                    raise HeliosweepError(
-                        f"evaluations {first + 1} to {first + len(points)} failed {TRIES} times ({why}); run the same "
-                        "command again when the cause is mended"
-                    )
+                    which = f"evaluations {first + 1} to {first + len(points)} failed {TRIES} times"
+                    again = "run the same command again when the cause is mended"
+                    raise HeliosweepError(f"{which} ({reason_of(outcome.error)}); {again}")
                 task: Any = outcome.part
                 parts.append((task.part, outcome.values))
             finished = work.finish(slab, partial(iter, parts))
@@ -268,14 +268,12 @@ class SearchRun(Run):
 
     def _record(self, path: Path, digests: dict[str, str]) -> None:
         """Write the best point as a study that runs by itself, the manifest and the resolved study."""
-        from heliosweep.search.result import best_of, goals_of, point_text
+        from heliosweep.search.result import best_of, goals_of, keys_of, point_text
 
         with open_result(path) as data:
             place = best_of(data)
             if place is not None:
-                names = {str(one.attrs["key"]): one for one in data.coords.values() if "key" in one.attrs}
-                point = {key: one.to_numpy()[place].item() if one.dtype.kind == "f" else str(one.to_numpy()[place])
-                         for key, one in names.items()}  # fmt: skip
+                point = {key: data[name][place].item() for key, name in keys_of(data).items()}
                 best = self.family.single(self.study, _whole(self.study, point))
                 title = f"{self.study.title or self.family.family.title}: the best point"
                 best = best.model_copy(update={"title": title})

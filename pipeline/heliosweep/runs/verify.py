@@ -11,7 +11,7 @@ from typing import Any
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.files import human_bytes, user_path
 from heliosweep.store.checks import check, check_apart
-from heliosweep.store.folder import MANIFEST, RESULTS, holder, manifest_digest, read_manifest, refuse_devices
+from heliosweep.store.folder import MANIFEST, RESULTS, STUDIES, holder, manifest_digest, read_manifest, refuse_devices
 from heliosweep.store.parts import WORKING, PartStore
 from heliosweep.store.read import foreign, result_bytes, result_digest
 
@@ -89,7 +89,7 @@ def _check_finished(folder: Path, verification: Verification) -> None:
         problems.append(f"{name}: is a {'folder' if path.is_dir() else 'file'}, and must not be one")
         return
     if not manifest:  # all that can be said is whether it can be read
-        problems += [f"{name}: {line}" for line in (check if path.is_dir() else check_apart)(path, None)]
+        problems += [f"{name}: {line}" for line in check_apart(path, None)]
         return
     _check_result(path, manifest, verification)
     if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
@@ -115,7 +115,7 @@ def _check_result(path: Path, manifest: Mapping[str, Any], verification: Verific
         problems.append(f"{name}: has {size:,} bytes, {MANIFEST} says {expected.get('bytes')!r}")
     whole = whole and result_digest(path) == expected["sha256"]
     # What a file holds is only looked at in this process when its bytes are known to be right.
-    wrong = (check if whole or path.is_dir() else check_apart)(path, manifest)
+    wrong = (check if whole else check_apart)(path, manifest)
     problems += [f"{name}: {line}" for line in wrong]
     if not whole:
         rest = "" if wrong else "; what it holds is right, so that heliosweep compare finds no difference"
@@ -132,8 +132,7 @@ def _check_study(folder: Path, manifest: Mapping[str, Any], verification: Verifi
     from heliosweep.config.load import load
     from heliosweep.families.family import study_classes
 
-    names = ("study.resolved.yaml", "study.yaml")  # of a run, and of an unpacked archive
-    path = next((folder / name for name in names if (folder / name).exists()), folder / names[0])
+    path = next((folder / name for name in STUDIES if (folder / name).exists()), folder / STUDIES[0])
     if not path.exists():
         verification.problems.append(f"{path.name}: is missing")
         return

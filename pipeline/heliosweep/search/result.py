@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.grid.regions import Variable
+from heliosweep.grid.regions import Variable, flags, quantity
 from heliosweep.report.contents import Table
 from heliosweep.report.labels import title_of, unit_of, value_text
 from heliosweep.search.course import EVALUATION, front
@@ -19,15 +19,19 @@ NEAR = 1e-3
 #: Best evaluations that the page lists.
 LISTED = 10
 
-_FLAGS: dict[str, tuple[str, str, str]] = {
-    "feasible": (
+#: Variables besides those of the results.
+_OWN = {
+    "generation": quantity((EVALUATION,), "1", "generation in which it was asked for, from 0", dtype="int32"),
+    "feasible": flags(
+        (EVALUATION,),
         "whether the evaluation keeps all bounds",
-        "bounds_are_missed bounds_are_kept",
+        {0: "bounds_are_missed", 1: "bounds_are_kept"},
         "bounds are missed too where a plant cannot be built or has no value",
     ),
-    "best": (
+    "best": flags(
+        (EVALUATION,),
         "whether no other evaluation is better",
-        "another_is_better no_other_is_better",
+        {0: "another_is_better", 1: "no_other_is_better"},
         "of two goals those of the Pareto front: no other is better in one and as good in the other",
     ),
 }
@@ -55,18 +59,10 @@ def described(
     `values` are those of the results, by name, as their `variables` say; `goals` have shape (evaluations, goals), the
     smaller the better, and with `missed` they are those of the course.
     """
-    found = dict(variables)
-    best = front(goals, missed)
     arrays = {name: np.asarray(values[name], float) for name in variables}
-    words = {"long_name": "generation in which it was asked for, from 0", "units": "1"}
-    arrays["generation"] = np.array(generations, dtype=np.int32)
-    found["generation"] = Variable((EVALUATION,), words, np.dtype(np.int32))
-    for name, flags in (("feasible", missed == 0.0), ("best", best)):
-        long_name, meanings, comment = _FLAGS[name]
-        attrs = {"long_name": long_name, "units": "1", "flag_values": np.array([0, 1], np.int8)}
-        attrs |= {"flag_meanings": meanings, "comment": comment}
-        arrays[name], found[name] = flags.astype(np.int8), Variable((EVALUATION,), attrs, np.dtype(np.int8))
-    return found, arrays
+    own = (generations, missed == 0.0, front(goals, missed))
+    arrays |= {name: np.array(one, _OWN[name].dtype) for name, one in zip(_OWN, own, strict=True)}
+    return {**variables, **_OWN}, arrays
 
 
 def goals_of(result: xr.Dataset) -> dict[str, bool]:

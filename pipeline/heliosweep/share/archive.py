@@ -26,13 +26,12 @@ from heliosweep.runs.verify import verify
 from heliosweep.share import deposit
 from heliosweep.share.crate import METADATA, collection_crate, crate
 from heliosweep.share.texts import DRAFT, Described, Licence, citation, collection_readme, licence, notebook, readme
-from heliosweep.store.folder import manifest_text
+from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text
 from heliosweep.store.read import open_stored, tree
 from heliosweep.store.targets import target_file
 
 log = logging.getLogger("heliosweep")
 
-_STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Folder of the archive that holds what the study names.
 FOLDER = "inputs"
 
@@ -130,9 +129,9 @@ class _Packed(NamedTuple):
         found = verify(place)  # which refuses what is no file
         if not (found.ok and found.finished):
             raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found.text}")
-        study = load(next(place / name for name in _STUDIES if (place / name).exists()), study_classes())
+        study = load(next(place / name for name in STUDIES if (place / name).exists()), study_classes())
         places = placed(study)
-        manifest = json.loads((place / "manifest.json").read_text(encoding="utf-8"))
+        manifest = json.loads((place / MANIFEST).read_text(encoding="utf-8"))
         if study.study_id != manifest["study_id"]:
             raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
         if str(manifest.get("environment", {}).get("commit", "")).endswith("-dirty"):
@@ -162,7 +161,7 @@ class _Packed(NamedTuple):
             "LICENSE": licence(described),
             "CITATION.cff": citation(described),
             "study.yaml": study_text(described.study, self.places),
-            "manifest.json": manifest_text(described.manifest),
+            MANIFEST: manifest_text(described.manifest),
             "open.ipynb": notebook(described),
             "requirements.txt": deposit.lock(described.manifest),
             ".zenodo.json": deposit.zenodo(described),

@@ -27,11 +27,12 @@ import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.block import blocks_in
 from heliosweep.config.faults import did_you_mean, few_of
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sites import places_of
@@ -113,14 +114,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
 def _takes_directions(study_class: type[Study]) -> bool:
     """True for families whose studies may give directions of the sun."""
     time = study_class.model_fields.get("time")
-    return time is not None and SunDirections in _members(time.annotation)
-
-
-def _members(annotation: Any) -> Iterator[Any]:
-    """Types that a union or an annotated type is made of."""
-    yield annotation
-    for one in get_args(annotation):
-        yield from _members(one)
+    return time is not None and SunDirections in blocks_in(time.annotation)
 
 
 def is_directed(study: Study) -> bool:

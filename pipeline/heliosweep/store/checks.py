@@ -93,10 +93,12 @@ def _damaged(stored: Stored, said: Mapping[str, Any]) -> Iterator[str]:
 
 
 def check_apart(path: Path, manifest: Mapping[str, Any] | None) -> list[str]:
-    """Do `check` of a file in a process of its own, which may hang or die of what it reads.
+    """Do `check`, of a file in a process of its own, which may hang or die of what it reads.
 
     It is waited for as long as it goes on reading, for how long that takes depends on how the values are packed.
     """
+    if path.is_dir():
+        return check(path, manifest)
     end = monotonic() + _PATIENCE + path.stat().st_size * _DENSEST / _SLOWEST
     with TemporaryFile("w+") as question, TemporaryFile("w+") as answer:
         json.dump(manifest, question)
@@ -163,7 +165,7 @@ def _refuse_damaged(place: Path, as_written: bool) -> None:
     else:
         wrong = []
     if not wrong and not (manifest and result_digest(place) == manifest["result"]["sha256"]):
-        wrong = (check if place.is_dir() else check_apart)(place, manifest if as_written and manifest else None)
+        wrong = check_apart(place, manifest if as_written and manifest else None)
     if wrong:
         raise HeliosweepError(_damage(place, manifest, wrong))
 

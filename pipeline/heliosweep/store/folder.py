@@ -37,8 +37,10 @@ MANIFEST = "manifest.json"
 BEST = "best.yaml"
 #: File by which a Zarr group is known.
 CONSOLIDATED = ".zmetadata"
+#: The study beside a result: of a run, and of an unpacked archive.
+STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Files beside a result that describe it, and go when another one takes its place.
-DESCRIPTIONS = (MANIFEST, "study.resolved.yaml", "report.html", "comparison.csv", BEST)
+DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 #: The claimed file of a folder.
 LOCK = ".heliosweep.lock"
 #: After how long to say that one waits for another run. [s]
@@ -71,18 +73,10 @@ def refuse_devices(place: Path) -> None:
         place,
         *(place / name for name in (*RESULTS, *DESCRIPTIONS, LOCK)),
         *parts,
-        *_entries_of(place / "figures"),
+        *sorted((place / "figures").glob("*")),
     ):
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise StudyError(Problem("is a pipe, a socket or a device, and no file; move it away", file=str(path)))
-
-
-def _entries_of(folder: Path) -> list[Path]:
-    """What is in a folder; nothing where it cannot be looked into."""
-    try:
-        return sorted(folder.iterdir())
-    except OSError:
-        return []
 
 
 @contextmanager

@@ -127,8 +127,9 @@ class PartStore:
         """
         what = "is no working store"
         try:
-            if strange := [name for name in (DESCRIPTION, VALUES, JOURNAL) if not _is_file(folder / name)]:
-                raise ValueError(f"{strange[0]} is no file")
+            for path in (folder / name for name in (DESCRIPTION, VALUES, JOURNAL)):
+                if path.exists() and not path.is_file():
+                    raise ValueError(f"{path.name} is no file")
             said = json.loads((folder / DESCRIPTION).read_bytes())
             if said["format"] != FORMAT:
                 raise ValueError(f"its format is {str(said['format'])[:20]}, not {FORMAT}")
@@ -376,7 +377,3 @@ def _part_digest(name: str, content: bytes) -> bytes:
 
 def _digest_of(said: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
-
-
-def _is_file(path: Path) -> bool:
-    return path.is_file() or not path.exists()

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.errors import HeliosweepError, Problem, StudyError, reason_of
 from heliosweep.files import user_path
 from heliosweep.grid.regions import Part, Region
 from heliosweep.store.encoding import little_endian
@@ -165,7 +165,7 @@ class Stored:
         try:
             values = np.asarray(self.variables[name][index].to_numpy(), dtype=object if self.is_text(name) else None)
         except Exception as error:  # the libraries raise anything for what is damaged
-            raise HeliosweepError(f"{self.path}: {name} cannot be read: {_said(error)}") from error
+            raise HeliosweepError(f"{self.path}: {name} cannot be read: {reason_of(error)}") from error
         self._told()
         # "<" and "=" mean the same here, but the NetCDF library warns of the one.
         native = np.dtype(values.dtype.newbyteorder("=").str)
@@ -247,7 +247,7 @@ def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambd
             raise
         except Exception as error:  # the libraries raise anything for what is damaged
             kind = "Zarr group" if place.is_dir() else "NetCDF file"
-            raise HeliosweepError(f"{place}: is no {kind}, or damaged: {_said(error)}") from error
+            raise HeliosweepError(f"{place}: is no {kind}, or damaged: {reason_of(error)}") from error
         yield stored
     finally:
         if store is not None:
@@ -258,10 +258,6 @@ def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambd
 def plain(attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes as strings, numbers and lists of them."""
     return {name: np.asarray(value).tolist() for name, value in attributes.items()}
-
-
-def _said(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".rstrip(": ")
 
 
 def file_digest(path: str | os.PathLike[str]) -> str:
