@@ -92,6 +92,20 @@ def test_faces_and_the_studies_of_all_families_import_nothing_heavy():
     assert not HEAVY & set(loaded)
 
 
+def test_only_studies_with_draws_or_clear_skies_are_loaded_with_their_libraries():
+    code = (
+        "import sys, heliosweep\n"
+        "for path in sys.argv[1:]:\n"
+        "    heliosweep.load(path)\n"
+        "    print(path, *{'scipy.stats', 'pvlib'} & set(sys.modules))"
+    )
+    studies = sorted(str(path) for path in PACKAGE.parent.parent.joinpath("studies").glob("*.yaml"))
+    plain = [path for path in studies if not {"draws", "clear"} & set(Path(path).stem.split("_"))]
+    ran = subprocess.run([sys.executable, "-c", code, *plain], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines() == plain
+    assert len(plain) > 40
+
+
 def test_a_run_without_a_cluster_imports_nothing_of_one_nor_models_of_plots(tmp_path):
     for name in ("synchronous", "threads", "processes"):
         study = {**SMALL, "execution": {"scheduler": name, "workers": 1}}
