@@ -48,8 +48,9 @@ def plain_spots(sizes: NDArray, sun: Floats, pivots: Floats, offset: float) -> F
 
 def counted(sizes: int, offset: float) -> float:
     """Operations of a spot; those of the curve are shared by the sizes of the error."""
-    known = {"_STEPS if rho != 0.0 else 0": STEPS if offset else 0.0, "kind == AZIMUTH_ELEVATION": 1.0}
-    return operations(deviation.spot_at) + operations(deviation.curve_of, known) / sizes
+    steps = {"_STEPS if r != 0.0 else 0": STEPS if offset else 0.0}
+    known = {**steps, "kind == AZIMUTH_ELEVATION": 1.0, "kind == TARGET_ALIGNED": 0.0, "len(stands) > 0": 0.0}
+    return operations(deviation.spot_at) + operations(deviation.curve_lanes, known) / sizes
 
 
 def rows() -> Iterator[Row]:

@@ -3,24 +3,20 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.mounts.kinematics import offset_normal
-
-
-@kernel
-def _fill(sun, to_target, offset, normals):
-    for i in range(len(normals)):
-        s, d = sun[i], to_target[i]
-        normals[i, 0], normals[i, 1], normals[i, 2] = offset_normal(s[0], s[1], s[2], d[0], d[1], d[2], offset[i])
+from heliosweep.kernels.mounts.kinematics import normal_lanes
+from heliosweep.kernels.vectors import PACKET
 
 
 def aim_normals(sun, to_target, offset=0.0):
     """Normals of mirrors with their centres so far from their pivots; arguments broadcast."""
-    vectors = np.broadcast_arrays(np.asarray(sun, float), to_target, np.asarray(offset, float)[..., np.newaxis])
-    rows = [np.array(each, float, order="C").reshape(-1, 3) for each in vectors]
-    normals = np.empty(rows[0].shape)
-    _fill(rows[0], rows[1], rows[2][:, 0].copy(), normals)
-    return normals.reshape(vectors[0].shape)
+    s, d, r = np.broadcast_arrays(np.asarray(sun, float), to_target, np.asarray(offset, float)[..., np.newaxis])
+    vectors = np.concatenate((s, d), axis=-1).reshape(-1, 6)
+    normals, rows = np.empty((len(vectors), 3)), np.empty(14 * PACKET)
+    for i, offset in enumerate(r[..., 0].ravel()):
+        rows[: 6 * PACKET : PACKET] = vectors[i]
+        normal_lanes(rows, 0, 3, offset, 6, 9, 1)
+        normals[i] = rows[6 * PACKET : 9 * PACKET : PACKET]
+    return normals.reshape(s.shape)
 
 
 def normal_and_centre(frame, angles, errors, offsets=(0.0, 0.0, 0.0)):

@@ -264,27 +264,12 @@ def back(m, first, x, y, z, apart=1):
 
 
 @inline
-def offset_normal(sx: float, sy: float, sz: float, dx: float, dy: float, dz: float, r: float) -> Vector:
-    """Unit normal that reflects the sun to the aim point.
-
-    Of the unit vector to the sun, the way d from the pivot to the aim point and the distance r of the mirror centre
-    from the pivot along the normal [m]; NaN where |r| is not smaller than |d|, or the sun stands opposite to the aim
-    point.
-    """
-    h, k, lengths, rho, (across, along) = _half_way(sx, sy, sz, dx, dy, dz, r)
-    c, s = 1.0, 0.0
-    for _ in range(_STEPS if rho != 0.0 else 0):
-        c, s, step = _newton(c, s, across, along)
-        if not abs(step) > _LAST_STEP:
-            break
-    return _bisector(h, k, lengths, rho, c, s)
-
-
-@inline
 def normal_lanes(rows: Floats, sun: int, to_target: int, r: float, normal: int, work: int, lanes: int) -> None:
-    """Write the three rows of the normals of many lanes, as `offset_normal`, to those that begin at `normal`.
+    """Write the unit normals that reflect the sun to the aim point to the three rows that begin at `normal`.
 
-    Suns and ways to the aim point are the rows that begin at `sun` and `to_target`; five rows from `work` on are used.
+    Unit vectors to the sun and the ways d from the pivots to the aim point are the rows that begin at `sun` and
+    `to_target`; r is the distance of the mirror centres from the pivots along the normal [m]. Five rows from `work` on
+    are used. NaN where |r| is not smaller than |d|, or the sun stands opposite to the aim point.
     """
     for k in range(lanes):
         s, d = _of(rows, sun, k), _of(rows, to_target, k)

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED, normal_lanes, offset_normal, primary_axis
+from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED, normal_lanes, primary_axis
 from heliosweep.kernels.spots.receiver import (
     BEHIND_FACE,
     MISSES,
@@ -88,24 +88,13 @@ class Curve(NamedTuple):
 
 
 @inline
-def deviation_curve(
-    source: int, axis: int, sun: Vector, to_target: Vector, z: Vector, x: Vector, offset: float, pedestal: float
-) -> Curve:
-    """Curve of one mirror at one instant.
+def _aligned_curve(source, axis, sun, to_target, z, x, n, offset, pedestal):
+    """Curve of a mirror without errors.
 
     Of source and axis of the error, the unit vector to the sun, the way from the pivot to the aim point [m], z and x
-    from `primary_axis`, the distance of the mirror centre from the pivot along the normal and the height of the pivot
-    above the base [m].
+    from `primary_axis`, the normal n, the distance of the mirror centre from the pivot along it and the height of the
+    pivot above the base [m].
     """
-    sx, sy, sz = sun
-    dx, dy, dz = to_target
-    n = offset_normal(sx, sy, sz, dx, dy, dz, offset)
-    return _aligned_curve(source, axis, sun, to_target, z, x, n, offset, pedestal)
-
-
-@inline
-def _aligned_curve(source, axis, sun, to_target, z, x, n, offset, pedestal):
-    """The same of the normal n."""
     dx, dy, dz = to_target
     level = cross(n, z)
     sine = math.sqrt(dot(level, level))
@@ -114,6 +103,16 @@ def _aligned_curve(source, axis, sun, to_target, z, x, n, offset, pedestal):
     base = (-dx, -dy, -dz - pedestal)
     arm = (offset * n[0], offset * n[1], offset * n[2])
     return _turning_curve(source, axis, sun, (n, e, z), (pivot, base, arm, (0.0, 0.0, pedestal)), offset)
+
+
+@inline
+def _standing_curve(source, axis, sun, to_target, stand, offset, pedestal):
+    """Curve of a mirror that stands as the errors of its mount make it."""
+    axes = (stand[0], stand[1], stand[2]), (stand[3], stand[4], stand[5]), (stand[6], stand[7], stand[8])
+    arm, pole = (stand[9], stand[10], stand[11]), (stand[12], stand[13], stand[14])
+    base = (-to_target[0], -to_target[1], -to_target[2] - pedestal)
+    places = mixed(1.0, base, 1.0, pole), base, arm, pole
+    return _turning_curve(source, axis, (sun[0], sun[1], sun[2]), axes, places, offset)
 
 
 @inline
@@ -152,27 +151,6 @@ def draws_conic(source: int, axis: int, offset: float, pedestal: float) -> bool:
 def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float, float, int]:
     """Spot y, z [m] and status at the error whose cosine and sine are given."""
     return trace(at_angle(curve.centre, cosine, sine), at_angle(curve.normal, cosine, sine), curve.sun, face)
-
-
-@inline
-def curve_of(
-    setting: Setting, p: int, face: Face, source: int, axis: int, sky: tuple[Floats, Floats, Floats], h: int, t: int
-) -> Curve:
-    """Curve of heliostat h at instant t for parameter point p and its face; `sky`: sun, pivots and stands."""
-    sun, pivots, stands = sky
-    i, j = p if len(sun) > 1 else 0, p if len(pivots) > 1 else 0
-    to_target = (-pivots[j, h, 0], -pivots[j, h, 1], setting.target_height[p] - pivots[j, h, 2])
-    z, x = primary_axis(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
-    to_sun = (sun[i, t, 0], sun[i, t, 1], sun[i, t, 2])
-    r, pedestal = setting.mirror_offset[p], setting.pedestal_height[p]
-    curve = deviation_curve(source, axis, to_sun, to_target, z, x, r, pedestal)
-    if len(stands) > 0:
-        to = stands[p, h, t]
-        axes = (to[0], to[1], to[2]), (to[3], to[4], to[5]), (to[6], to[7], to[8])
-        arm, pole = (to[9], to[10], to[11]), (to[12], to[13], to[14])
-        base = (-to_target[0], -to_target[1], -to_target[2] - pedestal)
-        curve = _turning_curve(source, axis, to_sun, axes, (mixed(1.0, base, 1.0, pole), base, arm, pole), r)
-    return _before(curve, face, to_target)
 
 
 @inline
@@ -311,19 +289,22 @@ def curve_lanes(
     lanes: int,
     rows: Floats,
 ) -> None:
-    """Write the curves of `curve_of` to the `CURVE_ROWS` rows, for the heliostats and instants from `first` on.
+    """Write curves for parameter point p and its face to the `CURVE_ROWS` rows; `sky`: sun, pivots and stands.
 
-    All instants of a heliostat follow each other.
+    Of the heliostats and instants from `first` on; all instants of a heliostat follow each other.
     """
     sun, pivots, stands = sky
     i, j, instants = p if len(sun) > 1 else 0, p if len(pivots) > 1 else 0, sun.shape[1]
     h, t = first // instants, first % instants
+    r, pedestal = setting.mirror_offset[p], setting.pedestal_height[p]
+    kind, height, none = setting.kind[p], setting.target_height[p], (0.0, 0.0, 0.0)
     if len(stands) > 0:
         for k in range(lanes):
-            _as_lane(curve_of(setting, p, face, source, axis, sky, h, t), rows, k)
+            to_target = (-pivots[j, h, 0], -pivots[j, h, 1], height - pivots[j, h, 2])
+            curve = _standing_curve(source, axis, sun[i, t], to_target, stands[p, h, t], r, pedestal)
+            _as_lane(_before(curve, face, to_target), rows, k)
             h, t = (h, t + 1) if t + 1 < instants else (h + 1, 0)
         return
-    kind, height, none = setting.kind[p], setting.target_height[p], (0.0, 0.0, 0.0)
     z, x = primary_axis(kind, setting.latitude[p], setting.axis_azimuth[p], none)
     for k in range(lanes):
         to_target = (-pivots[j, h, 0], -pivots[j, h, 1], height - pivots[j, h, 2])
@@ -333,7 +314,6 @@ def curve_lanes(
             rows[c * PACKET + k], rows[(_TO_TARGET + c) * PACKET + k] = sun[i, t, c], to_target[c]
             rows[(_Z + c) * PACKET + k], rows[(_X + c) * PACKET + k] = z[c], x[c]
         h, t = (h, t + 1) if t + 1 < instants else (h + 1, 0)
-    r, pedestal = setting.mirror_offset[p], setting.pedestal_height[p]
     normal_lanes(rows, 0, _TO_TARGET, r, _NORMAL, _WORK, lanes)
     for k in range(lanes):
         to_sun, to_target = _of_lane(rows, 0, k), _of_lane(rows, _TO_TARGET, k)
