@@ -23,7 +23,7 @@ from heliosweep.kernels.gazing.linear import ideal_squares, ideal_wavefront
 from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.rays import ideal_mirror
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
+from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes
 from heliosweep.kernels.gazing.simplex import advance
 from heliosweep.kernels.sun.profiles import Profile, jose
 from heliosweep.kernels.sun.tables import noisy
@@ -125,9 +125,9 @@ def rows() -> Iterator[Row]:
     levenberg = {"SciPy's least_squares": best(partial(scipy_least_squares, layout, grid, images, start), 1) / done}
     compiled = {"  its merit compiled": best(partial(search, True), 1) / done}
     wave = ideal_wavefront(layout, ideal_squares(layout, *place)) + 2.0 * start
-    o1 = partial(search_wavefronts, layout, jose(), images, wave)
+    o1 = partial(search_slopes, layout, jose(), images, wave)
     yield row("O1", o1, simplex, counted(gazing_lanes.project, advance, False))
-    o2 = partial(search_slopes, layout, jose(), images, *place, start)
+    o2 = partial(search_slopes, layout, jose(), images, start, place)
     yield row("O2", o2, simplex | compiled, counted(gazing_lanes.reflect, advance, False))
     rough, _ = image_set(layout, grid, jose(), spheres, wavy)
     tabled = image_set(layout, grid, table, spheres)[0]
@@ -146,7 +146,7 @@ def rows() -> Iterator[Row]:
         lm = partial(fit_slopes, layout, graduated(profile), pictures, *place, first(pictures, profile), fit_gain=gain)
         each = None if profile is table else counted(gazing_lanes.reflect, gazing_descent._step, gain)
         yield row(name, lm, beside, each)
-    yield row("O2, noisy table", partial(search_slopes, layout, table, tabled, *place, begin), merit)
+    yield row("O2, noisy table", partial(search_slopes, layout, table, tabled, begin, place), merit)
 
 
 GROUPS = (rows,)

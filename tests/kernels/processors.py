@@ -95,7 +95,7 @@ def gazing() -> Named:
     from heliosweep.kernels.gazing.geometry import themis_8, transfers
     from heliosweep.kernels.gazing.lm import fit_slopes
     from heliosweep.kernels.gazing.rendering import image_set, module_spheres
-    from heliosweep.kernels.gazing.search import search_slopes, search_wavefronts
+    from heliosweep.kernels.gazing.search import search_slopes
     from heliosweep.kernels.sun.profiles import jose
     from tests.kernels.gazing.twin import by_kernels, paper_canting, paper_grid, paper_scene
 
@@ -106,8 +106,8 @@ def gazing() -> Named:
     yield "true slopes", true
     slopes, _ = by_kernels(images, layout, profile, y, z, transfers(layout))
     yield "A", slopes
-    yield from _parts("O1", search_wavefronts(layout, profile, images, true))
-    yield from _parts("O2", search_slopes(layout, profile, images, y, z, slopes[0]))
+    yield from _parts("O1", search_slopes(layout, profile, images, true))
+    yield from _parts("O2", search_slopes(layout, profile, images, slopes[0], [y, z]))
     yield from _parts("LM", fit_slopes(layout, profile, images, y, z, slopes[0]))
 
 

@@ -153,7 +153,7 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     from heliosweep.kernels.gazing.lm import fit_slopes
     from heliosweep.kernels.gazing.rectification import pinholes, rectify
     from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, module_spheres
-    from heliosweep.kernels.gazing.search import merits, search_slopes, search_wavefronts
+    from heliosweep.kernels.gazing.search import merits, search_slopes
     from heliosweep.kernels.sun.profiles import jose, render
 
     layout = scene((0.5, 1.0), (0.0, 0.8), camera_square(0.24))
@@ -168,9 +168,9 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
         linear.transferred(linear.wavefront_departures(images, ideal, rows, profile, 0.3)[0], transfers(layout))
         linear.slope_bound(layout, profile, y, z, true, 0.01)
         if "O1" in methods:
-            search_wavefronts(layout, profile, images, true)
+            search_slopes(layout, profile, images, true)
         if "O2" in methods:
-            search_slopes(layout, profile, images, y, z, true)
+            search_slopes(layout, profile, images, true, [y, z])
         if "LM" in methods:
             fit_slopes(layout, profile, images, y, z, true)
             merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave

@@ -14,7 +14,7 @@ from heliosweep.kernels.gazing.linear import (
     wavefront_departures,
 )
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
-from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes, search_wavefronts
+from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin
@@ -46,9 +46,9 @@ def test_steps_of_scipy(name, wavefront, fit_gain):
     start = np.full((2, len(some)), 1e-4)
     more = {"fit_gain": fit_gain}
     found = (
-        search_wavefronts(LAYOUT, profile, images, start, **more)
+        search_slopes(LAYOUT, profile, images, start, **more)
         if wavefront
-        else search_slopes(LAYOUT, profile, images, place[0], place[1], start, **more)
+        else search_slopes(LAYOUT, profile, images, start, place, **more)
     )
     for k in range(len(some)):
         one, where = images[:, k : k + 1].copy(), place[:, k : k + 1].copy()
@@ -70,7 +70,7 @@ def test_exact_referential_of_o1():
     grid = twin.paper_grid(0.2)
     images, true = pictures(grid, jose())
     start, ideal = wavefronts(grid, images, jose())
-    found = search_wavefronts(LAYOUT, jose(), images, start).slopes - ideal
+    found = search_slopes(LAYOUT, jose(), images, start).slopes - ideal
     error = transferred(found, transfers(LAYOUT)[[EXACT]])[0] - true
     assert np.nanmax(np.abs(error)) < 0.03e-3
 
@@ -78,9 +78,10 @@ def test_exact_referential_of_o1():
 def test_company_changes_no_bit():
     grid, profile = twin.paper_grid(0.2), PROFILES["noisy"]
     images, start = pictures(grid, profile)[0], np.zeros((2, len(grid.pixel_y)))
-    whole = search_slopes(LAYOUT, profile, images, grid.pixel_y, grid.pixel_z, start)
+    place = np.array([grid.pixel_y, grid.pixel_z])
+    whole = search_slopes(LAYOUT, profile, images, start, place)
     some = np.random.default_rng(0).permutation(len(grid.pixel_y))[:37]
-    part = search_slopes(LAYOUT, profile, images[:, some], grid.pixel_y[some], grid.pixel_z[some], start[:, some])
+    part = search_slopes(LAYOUT, profile, images[:, some], start[:, some], place[:, some])
     np.testing.assert_array_equal(part.slopes, whole.slopes[:, some])
     np.testing.assert_array_equal(part.evaluations, whole.evaluations[some])
 
@@ -90,7 +91,7 @@ def test_dark_pixels_and_gains():
     images, true = pictures(grid, profile, 0.3 * twin.paper_canting())
     a, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
     images[:2, 5], images[1, 9], images[0, 11], a[EXACT][:, 11] = 0.1, np.nan, 0.29, np.nan
-    found = search_slopes(LAYOUT, profile, 1.02 * images, grid.pixel_y, grid.pixel_z, a[EXACT], fit_gain=True)
+    found = search_slopes(LAYOUT, profile, 1.02 * images, a[EXACT], [grid.pixel_y, grid.pixel_z], fit_gain=True)
     assert np.all(np.isnan(found.slopes[:, 5]))
     assert found.evaluations[5] == 0
     assert found.flags[5] == UNLIT

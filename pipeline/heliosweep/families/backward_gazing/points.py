@@ -27,7 +27,7 @@ from heliosweep.kernels.gazing.geometry import (
 from heliosweep.kernels.gazing.lanes import UNLIT, SlopeFit
 from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.gazing.search import search_slopes, search_wavefronts
+from heliosweep.kernels.gazing.search import search_slopes
 from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
 
@@ -232,11 +232,11 @@ def reconstruct(
             continue
         if method == "O1":
             wavefront = linear.ideal_wavefront(layout, ideal)
-            found = search_wavefronts(layout, profile, images, wavefront + departures, **how)
+            found = search_slopes(layout, profile, images, wavefront + departures, **how)
             slopes[row] = linear.transferred(found.slopes - wavefront, matrices)
             quality[row] = found.flags
         elif method == "O2":
-            found = search_slopes(layout, profile, images, y, z, start, **how)
+            found = search_slopes(layout, profile, images, start, [y, z], **how)
             slopes[row], quality[row] = found.slopes, found.flags
         else:
             smooth = solver.smooth and profile.table.size > 3

@@ -32,7 +32,7 @@ from heliosweep.families.backward_gazing.points import (
 from heliosweep.families.backward_gazing.variables import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
-from heliosweep.kernels.gazing.linear import lit_counts, slope_bound
+from heliosweep.kernels.gazing.linear import slope_bound
 from heliosweep.kernels.gazing.lm import graduated
 from heliosweep.kernels.gazing.modules import module_statistics
 from heliosweep.kernels.gazing.rectification import pinholes, rectify
@@ -117,9 +117,9 @@ class Observation(NamedTuple):
         return self.found.slopes - self.ideal
 
     @property
-    def lit(self) -> NDArray[np.int64]:
+    def lit(self) -> NDArray[np.uint8]:
         """Number of lit cameras, shape (N,)."""
-        return lit_counts(self.found.lit)
+        return np.bitwise_count(self.found.lit)
 
     def over_modules(self, values: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
         """Mean, root mean square and number of values (..., N) over the eroded modules; each (..., modules)."""

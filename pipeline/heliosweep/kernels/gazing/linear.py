@@ -161,11 +161,6 @@ def transferred(departures: Floats, matrices: Floats) -> Floats:
     return out
 
 
-def lit_counts(lit: NDArray[np.int64], cameras: int = 4) -> NDArray[np.int64]:
-    """Number of lit cameras at each pixel from the bits of `wavefront_departures`."""
-    return np.sum((lit[..., np.newaxis] >> np.arange(cameras)) & 1, axis=-1)
-
-
 def slope_bound(
     layout: Scene,
     profile: Profile,

@@ -66,38 +66,20 @@ def search_slopes(
     layout: Scene,
     profile: Profile,
     images: ArrayLike,
-    y: ArrayLike,
-    z: ArrayLike,
     start: ArrayLike,
+    pixels: ArrayLike | None = None,
     *,
     threshold: float = 0.3,
     fit_gain: bool = False,
 ) -> SlopeFit:
-    """Slopes of all pixels by method O2, from the slopes p that method A finds; parameters as in `lm.fit_slopes`."""
-    return _searched(False, layout, profile, images, [y, z], start, threshold, fit_gain)
+    """Slopes of all pixels (y, z), shape (2, N) [m], by method O2 from the slopes p that method A finds.
 
-
-def search_wavefronts(
-    layout: Scene,
-    profile: Profile,
-    images: ArrayLike,
-    start: ArrayLike,
-    *,
-    threshold: float = 0.3,
-    fit_gain: bool = False,
-) -> SlopeFit:
-    """Wavefront slopes w of all pixels by method O1, from those of method A; parameters as in `lm.fit_slopes`.
-
-    Mirror slopes are T (w - w_ideal) with T of `geometry.transfers` and w_ideal of `linear.ideal_wavefront`.
+    Without `pixels`, slopes w of the wavefront by method O1 from those of method A; mirror slopes are T (w - w_ideal)
+    with T of `geometry.transfers` and w_ideal of `linear.ideal_wavefront`. Other parameters as in `lm.fit_slopes`.
     """
-    return _searched(True, layout, profile, images, np.zeros_like(start), start, threshold, fit_gain)
-
-
-def _searched(wavefront, layout, profile, images, pixels, start, threshold, fit_gain):
     seen, found, evaluations, flags = begun(images, start)
-    search(
-        wavefront, layout, profile, seen, np.array(pixels, np.float64), threshold, fit_gain, found, evaluations, flags
-    )
+    places = np.zeros_like(found[:2]) if pixels is None else np.array(pixels, np.float64)
+    search(pixels is None, layout, profile, seen, places, threshold, fit_gain, found, evaluations, flags)
     return SlopeFit(found[:2], found[2:4], found[4], found[5], evaluations, flags)
 
 
