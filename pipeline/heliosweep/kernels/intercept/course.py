@@ -60,19 +60,12 @@ _BLOCK = 64
 """Mirrors that are interpolated at once."""
 
 
-def course(
-    scene: Scene,
-    sun: Floats,
-    latitude: float | None,
-    start: int = 0,
-    stop: int | None = None,
-    table: FieldTable | None = None,
-) -> tuple[Floats, Floats]:
-    """Intercept of mirrors start..stop at instants; see `intercepts`.
+def course(scene: Scene, sun: Floats, latitude: float | None, table: FieldTable | None = None) -> tuple[Floats, Floats]:
+    """Intercept of all mirrors at instants; see `intercepts`.
 
     Parameters
     ----------
-    scene, sun, start, stop
+    scene, sun
         As of `intercepts`.
     latitude : float or None
         Of the place [rad]; None for directions of the sun that belong to no place: all are then computed. So are
@@ -83,39 +76,39 @@ def course(
 
     Returns
     -------
-    values : ndarray, shape (stop - start, T)
+    values : ndarray, shape (N, T)
         Intercept, NaN with the sun down. [1]
-    error : ndarray, shape (stop - start,)
+    error : ndarray, shape (N,)
         Largest error of interpolation at the checks of each mirror, at most `TOLERANCE`, no bound for other instants;
         0 where nothing was interpolated. [1]
     """
-    stop = len(scene.centre) if stop is None else stop
+    count = len(scene.centre)
     up = np.flatnonzero(sun[:, 2] > 0.0)
     place = None if len(up) < 2 * COMPUTED else latitude
     if place is None and (table is None or not len(up)):
-        return intercepts(scene, sun, start, stop), np.zeros(stop - start)
+        return intercepts(scene, sun), np.zeros(count)
     there = np.ascontiguousarray(sun[up], np.float64)
     tries = []
     if place is not None:
         tries = [functools.cache(functools.partial(chebyshev_suns, counts, place, there)) for counts in NODES]
-    out, error = np.full((stop - start, len(sun)), np.nan), np.zeros(stop - start)
-    for first in range(start, stop, _BLOCK):
-        left = np.arange(first, min(first + _BLOCK, stop))
+    out, error = np.full((count, len(sun)), np.nan), np.zeros(count)
+    for first in range(0, count, _BLOCK):
+        left = np.arange(first, min(first + _BLOCK, count))
         if table is not None:
-            values, error[left - start], missed = _looked_up(table, scene.some(left), there)
-            out[(left - start)[:, np.newaxis], up] = values
+            values, error[left], missed = _looked_up(table, scene.some(left), there)
+            out[left[:, np.newaxis], up] = values
             left = left[missed]
         if place is None:
-            out[left - start] = intercepts(scene.some(left), sun)
+            out[left] = intercepts(scene.some(left), sun)
             continue
         checks, turns = _checked(scene, left, there, PARTS)
         multiples = np.where(turns, multiples_of(scene.some(left)), 0)
         for multiple in np.unique(multiples):  # what turns to compute at must not depend on the mirrors beside
             which = left[multiples == multiple]
-            values, error[which - start] = _interpolated(
+            values, error[which] = _interpolated(
                 scene.some(which), there, tries, checks[multiples == multiple], int(multiple)
             )
-            out[(which - start)[:, np.newaxis], up] = np.clip(values, 0.0, 1.0)
+            out[which[:, np.newaxis], up] = np.clip(values, 0.0, 1.0)
     return out, error
 
 
