@@ -19,7 +19,7 @@ References
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -265,15 +265,6 @@ class WindowErrors(NamedTuple):
     """Largest error at an instant of positive weight. [rad]"""
     clipped: Floats
     """Weighted mean of min(e, tolerance). [rad]"""
-
-
-def effective_tracking_factor(mean_error: ArrayLike, tolerance: ArrayLike) -> Any:
-    """Effective tracking factor, 1 - mean_error / tolerance [1]; arguments broadcast.
-
-    `mean_error` is the mean, or clipped mean, of the pointing error, and `tolerance` the error at which nothing is
-    collected any more. [rad] 1 is perfect tracking; an unclipped mean larger than the tolerance makes it negative.
-    """
-    return 1.0 - np.asarray(mean_error) / np.asarray(tolerance)
 
 
 def window_errors(

@@ -251,7 +251,7 @@ def _factors(
         collimation=collimation,
     )
     counted = errors.clipped if clip else errors.mean
-    return dish.effective_tracking_factor(counted, limit[..., np.newaxis]), errors
+    return 1.0 - counted / limit[..., np.newaxis], errors
 
 
 def _tolerable(
@@ -354,8 +354,16 @@ def _reduced(
     return dict(zip(names, made, strict=True))
 
 
-def _label_of_least(values: xr.DataArray, dim: str, labels: np.ndarray) -> xr.DataArray:
-    return xr.apply_ufunc(partial(label_of_least, labels=labels), values, input_core_dims=[[dim]])
+def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.DataArray:
+    """Label, a date or a direction, of the least value; the first of several, missing without a value."""
+
+    def label(values: Floats) -> NDArray[Any]:
+        known, missing = np.isfinite(values), labels.dtype.type("NaT" if labels.dtype.kind == "M" else "nan")
+        heights = np.where(known, values, np.inf)
+        first = np.argmax(heights <= heights.min(axis=-1, keepdims=True) + TIE, axis=-1)
+        return np.where(known.any(axis=-1), labels[first], missing)
+
+    return xr.apply_ufunc(label, values, input_core_dims=[[dim]])
 
 
 # Statistics along the last axis: over the dates, or over the directions of a tilt. Missing values (NaN) are left out; a
@@ -393,14 +401,6 @@ def over_months(values: Floats, month: NDArray[np.int64], total: Callable[[Float
     parts = [mean_and_deviation(values[..., month == number], total) for number in range(month.max() + 1)]
     mean, deviation = (np.stack(column, axis=-1) for column in zip(*parts, strict=True))
     return mean, deviation
-
-
-def label_of_least(values: Floats, labels: NDArray[Any]) -> NDArray[Any]:
-    """Label, a date or a direction, of the least value; the first of several, missing without a value."""
-    known, missing = np.isfinite(values), labels.dtype.type("NaT" if labels.dtype.kind == "M" else "nan")
-    heights = np.where(known, values, np.inf)
-    first = np.argmax(heights <= heights.min(axis=-1, keepdims=True) + TIE, axis=-1)
-    return np.where(known.any(axis=-1), labels[first], missing)
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
