@@ -16,7 +16,7 @@ from heliosweep.families.field_efficiency import known
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes, read_sun
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.draws import standard_deviates
+from heliosweep.families.misalignment.draws import standard_deviates, widths_of
 from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of
@@ -108,7 +108,10 @@ _AFTER_INTERCEPT = (
 
 
 class Inputs(LayoutAxis):
-    """The layouts of a study, and what its files tell of the way of the light: read once."""
+    """The layouts of a study, and what its files tell of the way of the light: read once.
+
+    Threads share it: they replace what is kept, and change nothing of it.
+    """
 
     def __init__(self, study: FieldEfficiencyStudy) -> None:
         super().__init__(study)
@@ -124,7 +127,7 @@ class Inputs(LayoutAxis):
         self._slopes: dict[tuple[Any, ...], tuple[Floats, Floats]] = {}
         self._fields: list[tuple[tuple[Any, ...], tuple[Any, ...], FieldTable | None]] = []
         self._kept: dict[tuple[int, ...], Any] = {}
-        self.known = known.Known()
+        self._shared: known.SharedField | None = None
 
     def kept(self, position: tuple[int, ...], choose: Callable[[], Any]) -> Any:
         """Heliostats that are kept at a point of the result, as `choose` tells; those of the last point are known."""
@@ -133,6 +136,13 @@ class Inputs(LayoutAxis):
             known = choose()
             self._kept = {position: known}
         return known
+
+    def shared_field(self, layout: Layout, mirrors: known.Mirrors) -> known.SharedField:
+        """What is kept of a field from other points; nothing yet of another than the last."""
+        key, last = b"".join(np.asarray(each).tobytes() for each in mirrors), self._shared
+        if last is None or last.layout is not layout or last.mirrors != key:
+            self._shared = last = known.SharedField(layout, key, {}, {})
+        return last
 
     def slopes_of(self, name: str, width: float, height: float, facets: Facets, turned: bool) -> tuple[Floats, Floats]:
         """Slopes of a map at the nodes of a mirror, and what is finer: `SlopeMap.at_nodes`; the last ones are kept."""
@@ -161,10 +171,7 @@ class Inputs(LayoutAxis):
         return found
 
     def field_table(self, way: Way, mirrors: tuple[Any, ...], sun: Floats, latitude: float | None) -> FieldTable | None:
-        """Table of all mirrors of a field at instants, if it has one; those of the last fields are kept.
-
-        Threads may share it: they replace what is kept, and change nothing of it.
-        """
+        """Table of all mirrors of a field at instants, if it has one; those of the last fields are kept."""
         given, field = (latitude, *intercept_values(way.values)), (*mirrors, way.turns(), sun)
         for others, there, found in self._fields:
             if others == given and all(map(_equal, there, field)):
@@ -224,10 +231,8 @@ def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout, sta
     if given[0] is None:
         return np.empty((0, len(ERRORS)))
     drawn = standard_deviates(given, layout.numbers[start:stop], 1, int(values["seed"] or 0))[:, 0]
-    draws = [isinstance(error, Distribution) for error in given]
-    mean = [error.mean if drawn else error for error, drawn in zip(given, draws, strict=True)]
-    width = [error.width * values["scale"] if drawn else 0.0 for error, drawn in zip(given, draws, strict=True)]
-    return 1e-3 * (np.array(mean, np.float64) + np.array(width, np.float64) * drawn)
+    mean = [error.mean if isinstance(error, Distribution) else error for error in given]
+    return 1e-3 * (np.array(mean, np.float64) + values["scale"] * widths_of(given) * drawn)
 
 
 def months_of(parameters: Parameters, index: tuple[int, ...], longitude: float | None) -> NDArray[np.int64] | None:

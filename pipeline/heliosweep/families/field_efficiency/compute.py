@@ -331,7 +331,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
             layout = layout.part(kept.rows)
         field = field_of(layout)
         if shared:
-            field = field._replace(shared=layouts.known.field(layout, field.mirrors))
+            field = field._replace(shared=layouts.shared_field(layout, field.mirrors))
         stop, mirrors = min(span.stop, len(layout)), field.mirrors
         flux = FluxSums(field, sun if hours is None else hours)
         for start, end in _blocks(study, len(sun), span.start, stop):

@@ -47,23 +47,6 @@ class SharedField(NamedTuple):
     lights: dict[tuple[int, int, int], list[tuple[Floats, tuple[Any, ...], Any]]]
 
 
-class Known:
-    """Efficiencies and intercepts of the last field.
-
-    Threads may share it: they replace what is kept, and change nothing of it.
-    """
-
-    def __init__(self) -> None:
-        self._last: SharedField | None = None
-
-    def field(self, layout: Layout, mirrors: Mirrors) -> SharedField:
-        """What is kept of a field; nothing yet of another than the last."""
-        key, last = b"".join(np.asarray(each).tobytes() for each in mirrors), self._last
-        if last is None or last.layout is not layout or last.mirrors != key:
-            self._last = last = SharedField(layout, key, {}, {})
-        return last
-
-
 def energies(
     field: SharedField,
     mirrors: SortedMirrors,

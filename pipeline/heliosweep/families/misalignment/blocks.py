@@ -16,6 +16,7 @@ from heliosweep.config.distribution import MAX_SAMPLES, Distribution, Uncertain
 from heliosweep.config.faults import Fault, Invalid
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.values import MAX_SEED, Choice, FileName, ListOfNumbers, Quantity, Samples
+from heliosweep.kernels.mounts.kinematics import ERRORS
 
 Triple = tuple[float, float, float]
 
@@ -38,15 +39,6 @@ AXES = {
     "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
     "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
 }
-#: The six errors of a two-axis mount, in the order of the kernels.
-ERRORS = (
-    "azimuth_reference",
-    "elevation_reference",
-    "tilt_about_east",
-    "tilt_about_north",
-    "non_orthogonality",
-    "collimation",
-)
 #: What is said of keys that only drawn errors make something of.
 NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
 LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}

@@ -65,19 +65,17 @@ def standard_normals(
     return normals
 
 
-def standard_deviates(
-    errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int, first: int = 0
-) -> NDArray[np.float64]:
+def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
     """Standard normal draws of E errors, or uniform ones between -1 and 1; 0 for others, shape (H, samples, E).
 
     Draws of an error are ``error.mean + error.width * deviate``. The position of an error is the stream of its draws;
-    `seed` is for distributions that give none themselves, `samples` and `first` count whatever these say.
+    `seed` is for distributions that give none themselves, `samples` counts whatever these say.
     """
     numbers = np.asarray(heliostats, np.int64).ravel()
     result = np.zeros((numbers.size, samples, len(errors)))
     for stream, error in enumerate(errors):
         if isinstance(error, Distribution):
-            which = seed if error.seed is None else error.seed, stream, numbers, samples, first
+            which = seed if error.seed is None else error.seed, stream, numbers, samples
             normal = error.kind == NORMAL
             result[..., stream] = standard_normals(*which) if normal else 2.0 * standard_uniforms(*which) - 1.0
     return result

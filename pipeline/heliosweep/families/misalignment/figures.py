@@ -15,6 +15,7 @@ import xarray as xr
 
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.report.contents import NamedFigure, one_by_one
+from heliosweep.report.labels import number_text
 from heliosweep.report.selection import Point, Shown, at, evenly
 
 if TYPE_CHECKING:
@@ -164,6 +165,13 @@ class Spots(Shown):
         coords = [name for name in ("x", "y") if name in self.result.coords]
         here = self.result[coords].isel({dim: i for dim, i in stands.items() if dim in self.result[coords].dims})
         return field_map(here, values, title)
+
+    def median_map(self, quantity: str, stands: Point, unit: str) -> FieldMap | None:
+        """Map of a variable, titled with its median; none without a value or the places."""
+        values = at(self.result[quantity], stands).to_numpy()
+        finite = values[np.isfinite(values)]
+        middle = f"median {number_text(float(np.median(finite)), 3)} {unit}" if finite.size else ""
+        return self.map(values, stands, middle) if finite.size else None
 
     def parameter(self, index: int) -> str:
         """Name of an error of the mount."""

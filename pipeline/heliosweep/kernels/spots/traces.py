@@ -29,6 +29,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
+
 Floats = NDArray[np.float64]
 
 ELEVATION, AZIMUTH = 0, 1
@@ -47,9 +49,6 @@ _LAST_STEP = 1e-13
 """Step of least squares after which the next is below rounding. [rad]"""
 _RANK = 1e-9
 """Ratio of the singular values below which errors cannot be told apart."""
-
-ESTIMATED, TOO_FEW, INDISTINCT, NOT_CONVERGED, DEPENDENT = 0, 1, 2, 3, 4
-"""Status of an estimate, as in `fit` of spots."""
 
 
 class Stand(NamedTuple):

@@ -183,14 +183,11 @@ def knowledge(shown: Spots) -> Iterator[NamedFigure]:
 
 def residual_map(shown: Spots) -> Iterator[NamedFigure]:
     """Residual of each heliostat of a field."""
-    result, name = shown.result, "residual_rms"
+    name = "residual_rms"
     if not shown.of_heliostats(name, FIELD):
         return
     stands = {**shown.fixed(name, HELIOSTAT), **shown.best(name)}
-    values = at(result[name], stands).to_numpy()
-    finite = values[np.isfinite(values)]
-    middle = number_text(float(np.median(finite)), 3) if finite.size else ""
-    one = shown.map(values, stands, f"median {middle} m") if finite.size else None
+    one = shown.median_map(name, stands, "m")
     if one is None:
         return
     caption = (

@@ -9,7 +9,6 @@ import xarray as xr
 
 from heliosweep.families.misalignment.figures import FIELD, HELIOSTAT, HOUR, MOST_PANELS, Spots, aperture
 from heliosweep.report.contents import NamedFigure
-from heliosweep.report.labels import number_text
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import Shades, from_zero, picture_figure, symbols
 from heliosweep.report.selection import at
@@ -93,9 +92,7 @@ def loop_map(shown: Spots) -> Iterator[NamedFigure]:
     if not shown.of_heliostats(name, FIELD) or "round" not in result[name].dims:
         return
     stands = {**shown.fixed(name, HELIOSTAT, "round"), "round": result.sizes["round"] - 1}
-    values = at(result[name], stands).to_numpy()
-    finite = values[np.isfinite(values)]
-    one = shown.map(values, stands, f"median {number_text(float(np.median(finite)), 3)} mrad") if finite.size else None
+    one = shown.median_map(name, stands, "mrad")
     if one is None:
         return
     caption = (
