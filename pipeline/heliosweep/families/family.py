@@ -177,10 +177,10 @@ class Family:
         return _call(f"{type(self).__module__}.interactive", "views", result, default_views)
 
 
-def family_of_result(result: xr.Dataset, known: Mapping[str, Family] | None = None) -> Family | None:
-    """Family that tells of a result, its draws or its search; None where it is not `known`, by default of all."""
+def family_of_result(result: xr.Dataset) -> Family | None:
+    """Family that tells of a result, its draws or its search; None where there is no such family."""
     said = json.loads(result.attrs.get("study", "{}"))
-    family = (families() if known is None else known).get(said.get("family"))
+    family = families().get(said.get("family"))
     if family is None:
         return None
     family = family.of_draws("sample" in said)

@@ -29,7 +29,9 @@ NORMALS = {"x1": {"normal": [1, 0.5]}, "x2": {"normal": [2, 0.25]}, "x3": {"norm
 def known(monkeypatch: pytest.MonkeyPatch) -> Functions:
     """The family of test functions among the others."""
     family = Functions()
-    monkeypatch.setattr(api, "families", lambda: {**families(), "functions": family})
+    every = {**families(), "functions": family}
+    monkeypatch.setattr(api, "families", lambda: every)
+    monkeypatch.setattr("heliosweep.families.family.families", lambda: every)
     monkeypatch.setattr(api, "study_classes", lambda: {**study_classes(), "functions": FunctionStudy})
     return family
 
@@ -218,9 +220,7 @@ def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
         inner.workload(api.load(clash))
 
 
-def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
-    from functools import partial
-
+def test_a_page_of_each_kind_is_drawn(tmp_path: Path) -> None:
     from heliosweep.families.family import family_of_result
     from heliosweep.report.page import write_report
 
@@ -234,7 +234,7 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path, known: Functions) -> None:
         sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
         sample |= {"size": 16} if sensitivity != "local" else {}
         run(study(THREE, sample, scale=[1, 2]), folder)
-        page = write_report(folder, partial(family_of_result, known={"functions": known})).read_text(encoding="utf-8")
+        page = write_report(folder, family_of_result).read_text(encoding="utf-8")
         assert "could not be drawn" not in page
         assert {path.stem for path in (folder / "figures").glob("*.png")} == wanted
         assert "Drawn keys" in page
