@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
-from pydantic import Field
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
@@ -32,7 +31,7 @@ from heliosweep.report.inputs import inputs
 from heliosweep.report.ranking import ranked
 from heliosweep.report.sampled import sampled
 from heliosweep.report.views import default_views
-from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, Manifest, Planned, Record, read_manifest
+from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
@@ -64,30 +63,6 @@ _MACHINE = re.compile(
     r'|<a class="ours"[^>]*>[^<]*</a>\n?',
     re.DOTALL,
 )
-
-
-class _Environment(Record):
-    python: str | None = None
-    platform: str | None = None
-    packages: dict[str, str | None] = Field(default_factory=dict)
-    commit: str | None = None
-
-
-class _Plan(Planned):
-    evaluations: int | None = None
-
-
-class _Manifest(Manifest):
-    """A manifest, and what else of it is told on a page."""
-
-    command: list[str] = Field(default_factory=list)
-    study_file: str = ""
-    environment: _Environment = _Environment()
-    plan: _Plan = _Plan()
-    remarks: list[str] = Field(default_factory=list)
-    scheduler: str | None = None
-    seconds: dict[str, float] = Field(default_factory=dict)
-    workers: int | None = None
 
 
 def write_report(
@@ -391,7 +366,7 @@ def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
     if not (place / MANIFEST).exists():
         return {}, []
     try:
-        return read_manifest(place, _Manifest), []
+        return read_manifest(place), []
     except HeliosweepError as error:
         log.warning("%s: %s", place, error)
         return {}, [f"How it was made is not told: {error}"]

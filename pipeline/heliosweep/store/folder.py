@@ -214,6 +214,16 @@ class Planned(Record):
     """What the plan said."""
 
     parts: Annotated[int, Field(ge=0, le=2**63)] = 0
+    evaluations: int | None = None
+
+
+class Environment(Record):
+    """Where it was computed."""
+
+    python: str | None = None
+    platform: str | None = None
+    packages: dict[str, str | None] = {}
+    commit: str | None = None
 
 
 class Manifest(Record):
@@ -225,6 +235,13 @@ class Manifest(Record):
     slabs: Slabs | None = None
     plan: Planned = Planned()
     finished: Word = ""
+    environment: Environment = Environment()
+    command: list[str] = []
+    study_file: str = ""
+    remarks: list[str] = []
+    scheduler: str | None = None
+    seconds: dict[str, float] = {}
+    workers: int | None = None
 
 
 def read_json(path: Path) -> Any:
@@ -250,18 +267,6 @@ def _entries(item: Any) -> Any:
     return item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
 
 
-def check(content: Any, shape: type[Record]) -> dict[str, Any]:
-    """Return what was read if it has a shape; else raise ValueError, which says what is wrong first."""
-    try:
-        shape.model_validate(content)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        said = first["msg"][:1].lower() + first["msg"][1:]
-        place = ".".join(map(str, first["loc"]))[:_LONG]
-        raise ValueError(f"{place}: {said[:_LONG]}" if place else said[:_LONG]) from None
-    return dict(content)
-
-
 def manifest_text(content: Mapping[str, Any]) -> str:
     """Text of a manifest: sorted, indented JSON, with a digest of all that it says."""
     sealed = {**content, "digest": manifest_digest(content)}
@@ -274,17 +279,25 @@ def manifest_digest(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
-def read_manifest(folder: Path, shape: type[Record] = Manifest) -> dict[str, Any]:
+def read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a result folder.
 
     Raises HeliosweepError where there is none, or it is damaged; says what is wrong.
     """
     try:
-        return check(read_json(folder / MANIFEST), shape)
+        content = read_json(folder / MANIFEST)
+        Manifest.model_validate(content)
+        return dict(content)
     except FileNotFoundError:
         raise HeliosweepError(f"{MANIFEST}: is missing; run the study again to write it") from None
     except OSError as error:
         raise HeliosweepError(f"{MANIFEST}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        said = first["msg"][:1].lower() + first["msg"][1:]
+        place = ".".join(map(str, first["loc"]))[:_LONG]
+        said = f"{place}: {said[:_LONG]}" if place else said[:_LONG]
+        raise HeliosweepError(f"{MANIFEST}: is damaged: {said}") from None
     except ValueError as error:
         raise HeliosweepError(f"{MANIFEST}: is damaged: {error}") from None
 
