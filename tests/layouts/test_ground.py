@@ -14,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, TiffImagePlugin
 
+from heliosweep.config.layouts import Zone
 from heliosweep.errors import StudyError
-from heliosweep.layouts import Zone, radial_stagger
+from heliosweep.layouts import radial_stagger
 from heliosweep.layouts.ground import Region, heights_at, read_area, read_heights, region_of, slope_heights
 from heliosweep.layouts.patterns import rows, spiral
 
@@ -81,7 +82,7 @@ def test_polygons_in_all_forms(tmp_path, form):
         radial_stagger(13, 50, region=region),
         spiral(5.0, 0.6, 50.0, region=region),
         rows(13.0, 13.0, 50.0, region=region),
-        radial_stagger(13, zones=[Zone(50, 6)], region=region),
+        radial_stagger(13, zones=[Zone(start=50, rings=6)], region=region),
     ):
         inside = (abs(layout.x) < 200) & (layout.y > -50) & (layout.y < 300)
         assert inside.all()

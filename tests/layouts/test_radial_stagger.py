@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
+from heliosweep.config.layouts import Zone
 from heliosweep.errors import StudyError
-from heliosweep.layouts import Layout, Zone, radial_stagger, read_csv
+from heliosweep.layouts import Layout, radial_stagger, read_csv
 
 CHONG = Path(__file__).parents[2] / "studies" / "layouts" / "chong2012.csv"
 
@@ -28,7 +29,7 @@ def counts(layout: Layout) -> list[int]:
 def test_field_of_the_paper():
     # Chong and Tan 2012, Table 1: counts as printed, radii as printed to the 0.1 m of the table.
     published = read_csv(CHONG)
-    layout = radial_stagger(16, zones=[Zone(61.3, 4, 15), Zone(114, 5)])
+    layout = radial_stagger(16, zones=[Zone(start=61.3, rings=4, pitch=15), Zone(start=114, rings=5)])
     assert counts(layout) == counts(published) == [24, 24, 24, 24, 44, 44, 44, 44, 45]
     np.testing.assert_array_equal(layout.columns["ring"], published.columns["ring"])
     np.testing.assert_allclose(layout.columns["azimuth"], published.columns["azimuth"], rtol=0, atol=1e-10)
@@ -57,7 +58,10 @@ def test_clearance_holds_in_automatic_zones(clearance, start, heliostats):
 @given(start=st.floats(0.5, 60), widening=st.floats(1, 1.8), rings=st.integers(1, 5), gap=st.floats(0, 3))
 def test_clearance_holds_in_given_zones(start, widening, rings, gap):
     finest = 2 * math.degrees(math.asin(0.5 / start))
-    zones = [Zone(start, rings, min(finest * widening, 180)), Zone(start + rings + gap, 3)]
+    zones = [
+        Zone(start=start, rings=rings, pitch=min(finest * widening, 180)),
+        Zone(start=start + rings + gap, rings=3),
+    ]
     layout = generated(zones)
     assert layout is None or least_distance(layout) >= 1 - 1e-12
 
@@ -101,9 +105,15 @@ def test_surplus_of_the_last_ring_is_left_out_from_the_south():
 
 
 def test_the_start_named_in_a_message_is_accepted():
-    with pytest.raises(StudyError, match=r"at 113\.257 m or more \(got 113\)"):
-        radial_stagger(16, zones=[Zone(61.3, 4, 15), Zone(113, 5)])
-    assert counts(radial_stagger(16, zones=[Zone(61.3, 4, 15), Zone(113.257, 1)])) == [24, 24, 24, 24, 44]
+    with pytest.raises(StudyError, match=r"at 113\.257 m or more \(got 113\.0\)"):
+        radial_stagger(16, zones=[Zone(start=61.3, rings=4, pitch=15), Zone(start=113, rings=5)])
+    assert counts(radial_stagger(16, zones=[Zone(start=61.3, rings=4, pitch=15), Zone(start=113.257, rings=1)])) == [
+        24,
+        24,
+        24,
+        24,
+        44,
+    ]
 
 
 def test_the_largest_field():
@@ -126,11 +136,11 @@ def test_a_large_field():
         ({"clearance": 1e-6, "inner_radius": 50, "rings": 3}, "inner_radius", "more than 1,000,000"),
         ({"clearance": 10, "inner_radius": 50, "heliostats": 10**9}, "heliostats", "at most 1,000,000"),
         ({"clearance": 10, "inner_radius": 50, "rings": 10**5}, "rings", "more than 1,000,000"),
-        ({"clearance": 10, "inner_radius": 40, "zones": [Zone(50, 2)]}, "inner_radius", "first zone"),
-        ({"clearance": 10, "zones": [Zone(3, 2)]}, "zones.0.start", "half the clearance"),
-        ({"clearance": 10, "zones": [Zone(50, 2), Zone(60, 2)]}, "zones.1.start", "at 68."),
-        ({"clearance": 10, "zones": [Zone(50, 2, 11.4)]}, "zones.0.pitch", "11.478"),
-        ({"clearance": 10, "zones": [Zone(50, 40)]}, "zones.0.rings", "only"),
+        ({"clearance": 10, "inner_radius": 40, "zones": [Zone(start=50, rings=2)]}, "inner_radius", "first zone"),
+        ({"clearance": 10, "zones": [Zone(start=3, rings=2)]}, "zones.0.start", "half the clearance"),
+        ({"clearance": 10, "zones": [Zone(start=50, rings=2), Zone(start=60, rings=2)]}, "zones.1.start", "at 68."),
+        ({"clearance": 10, "zones": [Zone(start=50, rings=2, pitch=11.4)]}, "zones.0.pitch", "11.478"),
+        ({"clearance": 10, "zones": [Zone(start=50, rings=40)]}, "zones.0.rings", "only"),
     ],
 )
 def test_impossible_parameters(parameters, key, words):

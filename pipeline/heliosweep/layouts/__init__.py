@@ -1,11 +1,11 @@
 """Heliostat layouts: the CSV file, the generators with their ground, and the checks before a run.
 
-NumPy only, so that ``validate`` can read and check a layout without loading the numerical libraries; shapely and xarray
-are loaded where a layout names polygons or a grid of heights.
+NumPy only, so that ``validate`` can read and check a layout without loading the numerical libraries; shapely, SciPy
+and xarray are loaded where a layout names polygons or a grid of heights.
 """
 
 from heliosweep.layouts.csv import read_csv, write_csv
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout, check_layout, too_close
-from heliosweep.layouts.radial_stagger import Zone, radial_stagger
+from heliosweep.layouts.radial_stagger import radial_stagger
 
-__all__ = ["MAX_HELIOSTATS", "Layout", "Zone", "check_layout", "radial_stagger", "read_csv", "too_close", "write_csv"]
+__all__ = ["MAX_HELIOSTATS", "Layout", "check_layout", "radial_stagger", "read_csv", "too_close", "write_csv"]

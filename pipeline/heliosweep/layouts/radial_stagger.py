@@ -20,11 +20,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.layouts import Zone
 from heliosweep.errors import Problem, StudyError
 from heliosweep.layouts.ground import Region
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
@@ -41,25 +41,6 @@ CLOSING_TOLERANCE = 1e-3
 
 ROUNDING = 1e-12
 """Relative shortfall of a distance that is put down to rounding."""
-
-
-class Zone(NamedTuple):
-    """Rings with one common angular pitch.
-
-    Parameters
-    ----------
-    start : float
-        Radius of the first ring. [m]
-    rings : int
-        Number of rings.
-    pitch : float, optional
-        Angle between neighbours of a ring, at most 180; None for the one at which the neighbours of the first
-        ring stand one clearance apart. [deg]
-    """
-
-    start: float
-    rings: int
-    pitch: float | None = None
 
 
 def radial_stagger(
@@ -90,7 +71,7 @@ def radial_stagger(
         towards the north on both sides; if one heliostat has to go without its mirror image, the eastern
         one of the pair stays.
     zones : sequence of Zone, optional
-        The zones outwards, each at least one clearance outside the last ring of the one before.
+        The zones outwards, as a study has them, each at least one clearance outside the last ring of the one before.
     spacing : Spacing, optional
         What keeps rings and neighbours farther apart, in automatic zones.
     region : Region, optional
@@ -204,7 +185,8 @@ def _layout(field: list[_Ring], region: Region, heliostats: int | None) -> Layou
 def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
     """Yield the rings of the zones that the user gave."""
     outermost = -math.inf
-    for index, (start, rings, pitch) in enumerate(zones):
+    for index, zone in enumerate(zones):
+        start, rings = zone.start, zone.rings
         if start < (outermost + clearance) * (1 - ROUNDING):
             raise StudyError(
                 Problem(
@@ -214,7 +196,7 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
                 )
             )
         count = 0
-        for ring in islice(_zone(clearance, start, *_pitch(clearance, start, pitch)), rings):
+        for ring in islice(_zone(clearance, start, *_pitch(clearance, start, zone.pitch)), rings):
             outermost = ring.radius
             count += 1
             yield ring
@@ -340,10 +322,10 @@ def _check(clearance: float, inner_radius: float | None, heliostats: int | None,
     if inner_radius is not None and check_radius(inner_radius, "inner_radius") and zones:
         message = f"must be the start of the first zone, {zones[0].start} m, or be left out (got {inner_radius})"
         require(inner_radius == zones[0].start, "inner_radius", message)
-    for index, (start, _, pitch) in enumerate(zones or ()):
-        if check_radius(start, f"zones.{index}.start") and pitch is not None:
-            finest = _angle_apart(start, start, clearance)
-            message = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {pitch:.6g})"
-            require(finest * (1 - ROUNDING) <= pitch, f"zones.{index}.pitch", message)
+    for index, zone in enumerate(zones or ()):
+        if check_radius(zone.start, f"zones.{index}.start") and zone.pitch is not None:
+            finest = _angle_apart(zone.start, zone.start, clearance)
+            message = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {zone.pitch:.6g})"
+            require(finest * (1 - ROUNDING) <= zone.pitch, f"zones.{index}.pitch", message)
     if problems:
         raise StudyError(problems)

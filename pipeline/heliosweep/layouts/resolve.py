@@ -31,7 +31,7 @@ from heliosweep.layouts.ground import (
 )
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.patterns import rows, spiral
-from heliosweep.layouts.radial_stagger import Zone, radial_stagger
+from heliosweep.layouts.radial_stagger import radial_stagger
 from heliosweep.layouts.spacing import Spacing
 
 #: Columns of a layout that are mirror sizes; they stand for ``heliostat.width`` and ``heliostat.height``.
@@ -110,8 +110,6 @@ class Layouts:
                 if given.get(key) is not None:
                     given[key] = int(given[key])  # a value of a sweep is a float
             if self._kind == "radial_stagger":
-                zones = given["zones"]
-                given["zones"] = None if zones is None else tuple(Zone(z.start, z.rings, z.pitch) for z in zones)
                 given["spacing"] = self._spacing(given["spacing"], given["inner_radius"], values)
             layout = _generated(self._kind, self._region(of), **given)
             return layout if self._block.terrain is None else self._raised(layout, of)
