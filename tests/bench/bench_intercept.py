@@ -58,11 +58,10 @@ def direct() -> Iterator[Row]:
         for slope in slopes:
             made = scene(far * np.sin(turn), far * np.cos(turn), receiver, slope, SPINNING_ELEVATION)
             count = len(far) * len(sun)
-            quick = (made.centre, made.target, made.sides, made.curve, SUN.spread, made.errors, receiver, sun)
             seconds = best(partial(intercepts, made, sun), 3) / count
             beside = {
                 f"2^{RAYS} rays in NumPy": best(partial(traced, made, 0, sun[0], RAYS), 1),
-                "HFLCAL": best(partial(hflcal.intercepts, *quick), 3) / count,
+                "HFLCAL": best(partial(hflcal.intercepts, made, SUN.spread, sun), 3) / count,
             }
             name = "cylinder" if receiver.kind == CYLINDER else "rectangle"
             yield Row(f"{name}, slope {slope:.0f} mrad, {1e6 * seconds:.1f} us", UNIT, seconds, beside)

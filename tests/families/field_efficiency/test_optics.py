@@ -77,7 +77,7 @@ def test_transmittance_at_one_kilometre():
         "ballestrin_hazy": 0.569813, "none": 1.0, "vant_hull": 0.850984,
     }  # fmt: skip
     for model, value in wanted.items():
-        assert transmittance(model, np.array([1000.0]))[0] == pytest.approx(value, abs=1e-6)
+        assert transmittance(model, np.array([1000.0]), Air())[0] == pytest.approx(value, abs=1e-6)
 
 
 def test_air_of_a_site(lit):

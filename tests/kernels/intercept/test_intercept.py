@@ -156,10 +156,8 @@ def test_a_gaussian_sun_on_a_face_square_to_the_ray_is_a_product_of_error_functi
     sigma = math.sqrt(2.73e-3**2 + 4 * 1e-6 + 0.25e-6) * np.linalg.norm(aim - place)
     wanted = erf(1.5 / sigma / math.sqrt(2)) * erf(2.5 / sigma / math.sqrt(2))
     assert intercepts(made, back[None])[0, 0] == pytest.approx(wanted, abs=1e-5)
-    quick = hflcal.intercepts(
-        made.centre, made.target, made.sides, made.curve, sunshapes.gaussian().spread, Errors(1e-3, 1e-3, 0.5e-3),
-        receiver, back[None],
-    )  # fmt: skip
+    plain = made._replace(errors=Errors(1e-3, 1e-3, 0.5e-3))
+    quick = hflcal.intercepts(plain, sunshapes.gaussian().spread, back[None])
     assert quick[0, 0] == pytest.approx(wanted, abs=1e-5)
 
 

@@ -61,7 +61,7 @@ class Air(NamedTuple):
     """Height of the receiver above the ground. [m]"""
 
 
-def transmittance(model: str, slant: Floats, air: Air | None = None) -> Floats:
+def transmittance(model: str, slant: Floats, air: Air) -> Floats:
     """Part of the light that passes the air between mirror and receiver.
 
     Parameters
@@ -71,8 +71,8 @@ def transmittance(model: str, slant: Floats, air: Air | None = None) -> Floats:
         Ballestrin and Marzo (2012), or the model of Vant-Hull as open ray tracers have it.
     slant : ndarray
         Slant range. [m]
-    air : Air, optional
-        Air of the model vant_hull; that of the defaults where left out.
+    air : Air
+        Air of the model vant_hull.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def transmittance(model: str, slant: Floats, air: Air | None = None) -> Floats:
         Between 0 and 1. [1]
     """
     far = slant / 1000
-    return np.clip(_vant_hull(far, air or Air()) if model == "vant_hull" else _FORMULAS[model](far), 0.0, 1.0)
+    return np.clip(_vant_hull(far, air) if model == "vant_hull" else _FORMULAS[model](far), 0.0, 1.0)
 
 
 def _vant_hull(far: Floats, air: Air) -> Floats:
@@ -91,10 +91,6 @@ def _vant_hull(far: Floats, air: Air) -> Floats:
     strength = (0.0105 * vapour + 0.724) * (extinction - 0.0037) ** power * math.exp(-thinning * air.tower / 1000)
     transmitted: Floats = np.exp(-strength * far**power)
     return transmitted
-
-
-#: Keys of the air, and what they are where left out.
-_AIR = {key: Air._field_defaults[key] for key in ("visibility", "water_vapour")}
 
 
 #: Fields whose tables are kept: one for each of many threads.
@@ -370,17 +366,16 @@ def light(
             latitude = None if place[0] is None else math.radians(place[0])
             table = way.inputs.field_table(way, mirrors, sun, latitude)
             return course(scene, sun, latitude, table=table)
-        spread = way.inputs.sun_of(values).spread
-        return hflcal.intercepts(*scene[:4], spread, scene.errors, scene.receiver, sun), np.zeros(stop - start)
+        return hflcal.intercepts(scene, way.inputs.sun_of(values).spread, sun), np.zeros(stop - start)
 
     if shared is None:
         intercept, error = intercepted()
     else:
         given = (place[0], *intercept_values(values))
         intercept, error = known.intercept(shared, sun, start, stop, given, intercepted)
-    visibility, water_vapour = (values[key] if values[key] is not None else default for key, default in _AIR.items())
+    known_air = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
     altitude = place[2] if values["altitude"] is None else values["altitude"]
-    air = Air(visibility, water_vapour, float(altitude or 0.0), float(values["height"]))
+    air = Air(**known_air, altitude=float(altitude or 0.0), tower=float(values["height"]))
     reflected = values["reflectivity"] * _cleanliness(way.study, values, months)
     return Light(intercept, transmittance(values["attenuation"], slant, air), reflected, error)
 

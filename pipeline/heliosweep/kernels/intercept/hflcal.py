@@ -17,30 +17,20 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.efficiency import Scene
-from heliosweep.kernels.intercept.mirror import Errors
-from heliosweep.kernels.intercept.receivers import CYLINDER, Receiver
+from heliosweep.kernels.intercept.receivers import CYLINDER
 from heliosweep.kernels.vectors import cross, dot, mixed, unit
 
 Floats = NDArray[np.float64]
 
 
-def intercepts(
-    centre: Floats,
-    target: Floats,
-    sides: Floats,
-    curve: Floats,
-    spread: float,
-    errors: Errors,
-    receiver: Receiver,
-    sun: Floats,
-) -> Floats:
+def intercepts(scene: Scene, spread: float, sun: Floats) -> Floats:
     """Intercept of mirrors at instants, shape (N, T), NaN with the sun down. [1]
 
-    `spread` is the variance of the sun per axis [rad^2]; all else is of `efficiency.Scene`. A cylinder counts as the
-    rectangle of its width that faces the heliostat.
+    `spread` is the variance of the sun per axis [rad^2]. A cylinder counts as the rectangle of its width that faces the
+    heliostat.
     """
-    out = np.full((len(centre), len(sun)), np.nan)
-    _run(centre, target, sides, curve, spread, errors, receiver, sun, np.zeros((0, 0)), out, np.zeros((0, 0)))
+    out = np.full((len(scene.centre), len(sun)), np.nan)
+    _run(scene, spread, sun, np.zeros((0, 0)), out, np.zeros((0, 0)))
     return out
 
 
@@ -51,16 +41,16 @@ def cells(scene: Scene, spread: float, sun: Floats, sent: Floats, intercept: Flo
     rectangle that faces the heliostat, seen along its normal.
     """
     made, out = np.zeros((rows, columns)), np.array(intercept, np.float64, order="C")
-    _run(*scene[:4], spread, scene.errors, scene.receiver, sun, np.array(sent, np.float64, order="C"), out, made)
+    _run(scene, spread, sun, np.array(sent, np.float64, order="C"), out, made)
     return made
 
 
-def _run(centre, target, sides, curve, spread, errors, receiver, sun, sent, out, made):
+def _run(scene: Scene, spread: float, sun: Floats, sent: Floats, out: Floats, made: Floats) -> None:
     """Call the kernel with arrays of one kind."""
+    errors = scene.errors
     slope = 0.5 * (errors.slope_u**2 + errors.slope_v**2)
-    arrays = (np.array(each, np.float64, order="C") for each in (centre, target, sides, curve))
-    sun = np.array(sun, np.float64, order="C")
-    _intercepts(*arrays, spread + errors.specularity**2, slope, receiver, sun, out, sent, made)
+    *mirrors, sun = (np.array(each, np.float64, order="C") for each in (*scene[:4], sun))
+    _intercepts(*mirrors, spread + errors.specularity**2, slope, scene.receiver, sun, out, sent, made)
 
 
 @kernel

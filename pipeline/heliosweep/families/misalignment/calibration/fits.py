@@ -68,13 +68,13 @@ class Mounts(NamedTuple):
         )
 
     def commands(self, known: Floats) -> Floats:
-        """Encoder angles for known errors of shape (H, ..., 6), shape (H, ..., T, 2). [rad]"""
-        wide = (slice(None), *[np.newaxis] * (known.ndim - 1))
-        return aim(self.frames[wide], self.sun, self.towards[wide], known[..., np.newaxis, :], self.offsets)
+        """Encoder angles for known errors of shape (H, ..., 1 or T, 6), shape (H, ..., T, 2). [rad]"""
+        wide = (slice(None), *[np.newaxis] * (known.ndim - 2))
+        return aim(self.frames[wide], self.sun, self.towards[wide], known, self.offsets)
 
     def ideal(self) -> Floats:
         """Encoder angles without errors, shape (H, T, 2). [rad]"""
-        return self.commands(np.zeros((len(self.pivots), len(ERRORS))))
+        return self.commands(np.zeros((len(self.pivots), 1, len(ERRORS))))
 
     def spots(self, actual: Floats, known: Floats) -> Floats:
         """Spots y and z for actual errors (H, K, 6) and known ones (the same, or (1, 1, 6)), shape (H, K, T, 2). [m]"""
@@ -243,7 +243,7 @@ def _pairs(name: str, values: Floats) -> dict[str, Floats]:
 
 def _commands(mounts: Mounts, known: Floats) -> Found:
     """Commands for known errors of shape (H, K, 6), and at how many instants with sun there is none."""
-    degrees: Floats = np.degrees(mounts.commands(known))
+    degrees: Floats = np.degrees(mounts.commands(known[..., np.newaxis, :]))
     some = np.all(np.isfinite(known), axis=-1)[..., np.newaxis]
     none = np.any(np.isnan(degrees), axis=-1) & some & (mounts.sun[:, 2] > 0.0)
     return {

@@ -60,11 +60,6 @@ class Site(NamedTuple):
     actual: Floats
     """True errors, shape (H, K, 6). [rad]"""
 
-    def commands(self, known: Floats) -> Floats:
-        """Angles for known errors of shape (H, K, 1 or T, 6), shape (H, K, T, 2). [rad]"""
-        frames, towards = self.mounts.frames[:, np.newaxis, np.newaxis], self.mounts.towards[:, np.newaxis, np.newaxis]
-        return aim(frames, self.mounts.sun, towards, known, self.mounts.offsets)
-
     def stand(self, angles: Floats) -> Stand:
         """Mirrors at commanded angles of shape (H, K, T, 2)."""
         frames, towards = self.mounts.frames[:, np.newaxis, np.newaxis], self.mounts.towards[:, np.newaxis, np.newaxis]
@@ -133,7 +128,7 @@ def run_loop(site: Site, options: Options, noise: Callable[[int], Floats | float
     """
     heliostats, draws, _ = site.actual.shape
     known = np.zeros((heliostats, draws, 1, len(ERRORS)))
-    angles = site.commands(known)
+    angles = site.mounts.commands(known)
     mirror = site.stand(angles)
     places, turned = site.crossings(mirror)
     before, left = site.left(mirror)
@@ -158,7 +153,7 @@ def run_loop(site: Site, options: Options, noise: Callable[[int], Floats | float
         else:
             estimate = np.nan_to_num(found["estimated_error"])[:, :, np.newaxis] * 1e-3
             known = np.where(np.isin(status, KNOWN), estimate, known)
-        angles = site.commands(known)
+        angles = site.mounts.commands(known)
         mirror = site.stand(angles)
         places, _ = site.crossings(mirror)
         after, left = site.left(mirror)
@@ -176,7 +171,7 @@ def from_table(site: Site, options: Options, numbers: NDArray[np.int64], measure
     `numbers` of the heliostats rise; `measured` are the crossings of all heliostats, with their suns.
     """
     count, most = numbers.size, measured.most
-    angles = site.commands(np.zeros((count, 1, 1, len(ERRORS))))
+    angles = site.mounts.commands(np.zeros((count, 1, 1, len(ERRORS))))
     mirror = site.stand(angles)
     values = sights(site, *site.crossings(mirror), mirror)
     order, of, position = measured.of(int(numbers[0]), count)
@@ -201,7 +196,7 @@ def from_table(site: Site, options: Options, numbers: NDArray[np.int64], measure
     found = _fit(site, seen, options)
     known = np.isin(found["calibration_status"], KNOWN)[..., np.newaxis]
     known_errors = np.where(known, np.nan_to_num(found["estimated_error"]) * 1e-3, np.nan)
-    degrees = np.degrees(site.commands(known_errors[:, :, np.newaxis]))
+    degrees = np.degrees(site.mounts.commands(known_errors[:, :, np.newaxis]))
     return values | found | {"corrected_azimuth": degrees[..., 0], "corrected_elevation": degrees[..., 1]}
 
 
