@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -167,6 +168,13 @@ def test_workers_without_work_take_no_memory():
     many = planned(workload({"a": 2}), Limits(60_000, 2**33, 2**40))
     assert many.workers == many.part_count
     assert many.peak_memory < 2 * few.peak_memory
+
+
+def test_the_time_follows_the_pace_of_the_machine_and_the_parts_do_not():
+    work = workload({"a": 100, "b": 7}, evaluations=10**7)
+    here, there = planned(work, replace(ROOMY, pace=1.0)), planned(work, replace(ROOMY, pace=2.5))
+    assert there.seconds == pytest.approx(2.5 * here.seconds)
+    assert there.cuts == here.cuts
 
 
 def test_a_refusal_for_memory_says_how_much_to_give():

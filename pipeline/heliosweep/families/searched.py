@@ -192,7 +192,7 @@ class Searched(Family):
             generation.workers,
             generation.peak_memory,
             bytes_of(variables, sizes) + EMPTY_FILE,
-            work.points * work.point_seconds / generation.workers,
+            work.points * generation.seconds / generation.workload.points,
         )
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:

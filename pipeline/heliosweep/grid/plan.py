@@ -55,7 +55,7 @@ class Workload:
     unit : str
         What one evaluation is, for instance ``heliostat-instants``.
     seconds : float
-        Time of one evaluation on one core, roughly. [s]
+        Time of one evaluation on a core of `machine.STATED_RATE`, roughly. [s]
     working_bytes : callable
         (points, length along `splittable`) -> working memory of the computation of one part. [bytes]
     splittable : str
@@ -101,7 +101,7 @@ class Workload:
 
     @property
     def point_seconds(self) -> float:
-        """Time of one parameter point on one core. [s]"""
+        """Time of one parameter point on the same core. [s]"""
         return self.evaluations * self.seconds + self.seconds_per_point
 
 
@@ -202,7 +202,7 @@ def make_plan(
             break
         if not _shorten(cuts, most, asked):
             raise PlanError(_refusal(workload, "the smallest part of the work", peak, limits.memory, "of memory"))
-    seconds = workload.points * workload.point_seconds / workers
+    seconds = limits.pace * workload.points * workload.point_seconds / workers
     return Plan(workload, variables, cuts, storage, workers, peak, output_bytes, seconds)
 
 
