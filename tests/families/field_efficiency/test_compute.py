@@ -184,6 +184,24 @@ def test_the_plan_foresees_low_suns_low_targets_and_few_instants(small):
         assert 1 / 1.5 < 2 * each(heliostats, height, site={"latitude": 30}, time=time) / measured < 1.5
 
 
+@pytest.mark.parametrize(
+    ("heliostats", "focus", "receiver", "seconds"),
+    [(600, "slant", (150, 7, 16), 0.12), (150, "flat", (100, 2, 5), 3.3)],
+)
+def test_the_plan_foresees_intercepts_that_cannot_be_interpolated(small, heliostats, focus, receiver, seconds):
+    """Before a large cylinder a table serves all; of flat mirrors before a small one all instants are computed."""
+    days = {"start": 1, "stop": 365, "step": 7}
+    time = {"clock": "solar", "days": days, "hours": {"start": 6, "stop": 18, "step": 1}, "sampling": "midpoint"}
+    blocks = {
+        "layout": {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}},
+        "heliostat": {"width": 11, "height": 11, "pivot_height": 7, "focus": focus},
+        "receiver": dict(zip(("height", "radius", "height_extent"), receiver, strict=True), kind="cylinder"),
+        "optics": {"sun_shape": {"kind": "limb_darkened"}, "slope_error": 1.5},
+    }
+    work = compute.workload(small(tracking="azimuth_elevation", site={"latitude": 30}, time=time, **blocks))
+    assert 1 / 1.5 < work.points * work.point_seconds / seconds < 1.5
+
+
 def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):
     """`output` is no part of the study's identity, so annual values must have the same bits with and without series."""
     plain, series = (small(output={"time_series": on}) for on in (False, True))

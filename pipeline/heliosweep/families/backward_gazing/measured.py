@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
 
 #: Time of a pixel on one core besides the methods of the study: rectification, and LM for the uncertainty. [s]
-SECONDS_PER_PIXEL = 4e-6
+SECONDS_PER_PIXEL = 9e-6
 #: Fewest pixels that tell the noise of the images.
 LEAST_PIXELS = 20
 #: Medians of chi squared, by degrees of freedom from 1.

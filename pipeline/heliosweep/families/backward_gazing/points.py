@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Variable
 
 Floats = NDArray[np.float64]
-#: Time of a pixel on one core by each method, for a tabulated profile. [s]
-SECONDS_PER_METHOD = {"A": 0.2e-6, "O1": 1.8e-6, "O2": 2e-6, "LM": 1.6e-6}
+#: Time of a pixel on one core by each method, with some noise. [s]
+SECONDS_PER_METHOD = {"A": 0.1e-6, "O1": 1.25e-6, "O2": 1.5e-6, "LM": 0.7e-6}
 #: Relative difference of focal lengths that is said, and over its standard error.
 NO_SPHERE, SURE = 0.03, 4.0
 #: Overhead of a point. [s]
-SECONDS_PER_POINT = 3e-3
+SECONDS_PER_POINT = 0.6e-3
 #: The largest kernels of all families, and what is needed to load them. [bytes]
 KERNEL_BYTES = 25 * 2**20
 

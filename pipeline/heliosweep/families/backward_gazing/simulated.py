@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 Pairs = tuple[tuple[float, float], ...]
 
 #: Time of a pixel's images on one core. [s]
-SECONDS_PER_IMAGE = 0.6e-6
+SECONDS_PER_IMAGE = 0.25e-6
 #: Stream of random numbers of the cameras' gains; `rendering` has others.
 _GAIN_STREAM = 4
 #: Pixels of a camera around the picture of the heliostat.

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 #: Time of one tilt, direction and instant on one core: where tilts share powers of one sine, with one tilt and with the
 #: other model, and with home offsets; and of one sun position, packed. [s]
-SECONDS_SHARED, SECONDS_PER_ERROR, SECONDS_OF_CHAIN, SECONDS_PER_SUN = 0.3e-9, 1.4e-9, 3e-9, 40e-9
+SECONDS_SHARED, SECONDS_PER_ERROR, SECONDS_OF_CHAIN, SECONDS_PER_SUN = 0.2e-9, 1.4e-9, 3e-9, 40e-9
 #: Stamps, vectors, weights and packed rows of one instant of a site, and what makes them. [bytes]
 BYTES_PER_INSTANT = 120
 #: Errors of one instant of a time series and what makes them; most numbers of a time series in a part.

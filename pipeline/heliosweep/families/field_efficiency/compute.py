@@ -11,7 +11,7 @@ import numpy as np
 
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SunDirections
-from heliosweep.families.field_efficiency import energy, known
+from heliosweep.families.field_efficiency import cost, energy, known
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import FIELDS, Inputs, Way, months_of, values_of
@@ -56,25 +56,26 @@ if TYPE_CHECKING:
 
 #: Time of one heliostat and instant on one core: with the sun in the zenith, and more by a power of 1 / sine of its
 #: elevation, for more mirrors stand in the way, up to nearly all of them, a time that grows with a power of their
-#: number; likewise with the elevation of the target. Suns of few instants are far apart: so many take twice as long,
-#: fewer still more, up to a factor. And the time of a heliostat at a point, beside its instants. Fitted to radial
-#: staggers of 317 to 100,000 heliostats, before towers down to a tenth as high as the field is wide. [s, 1]
+#: number; likewise with the elevation of the target. Suns of few instants are far apart: so many, times that power of
+#: the number of mirrors, take twice as long, fewer still more, up to a factor, less for blocking, for the target stays
+#: where it is. And the time of a heliostat at a point, beside its instants. Fitted to radial staggers of 317 to 100,000
+#: heliostats, before towers down to a tenth as high as the field is wide. [s, 1]
 SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS, GROWTH = 8.5e-9, 2.8e-9, 1.7, 45e-9, 0.25
-FEW_INSTANTS, MOST_FOR_FEW, SECONDS_OF_HELIOSTAT = 400, 12.0, 0.9e-6
-#: Time of the intercept of one heliostat and direction of the sun, by kind of receiver, of its interpolation to an
+FEW_INSTANTS, MOST_FOR_FEW, MOST_BLOCKED_FOR_FEW, SECONDS_OF_HELIOSTAT = 38, 12.0, 4.0, 0.9e-6
+#: Part of the time of shading that a mirror takes though none stands in its way. [1]
+ALONE = 0.3
+#: Time of the intercept of one heliostat and direction of the sun on a flat receiver, of its interpolation to an
 #: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
-SECONDS_INTERCEPT = {"rectangle": 10e-6, "cavity": 10e-6, "cylinder": 15e-6}
+SECONDS_INTERCEPT = 10e-6
 SECONDS_INTERPOLATED, SECONDS_GAUSSIAN, MISSED = 0.1e-6, 40e-9, 0.03
-#: Intercepts computed for a table that heliostats around a cylinder share, and for the checks of each.
-OF_TABLE, OF_CHECKS = 15_000, 5
 #: Of one value at each instant, what is held of the heliostats of a block; and their least number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
 #: Time of the sums of one heliostat and lit instant whose efficiencies are known. [s]
 SECONDS_KNOWN = 12e-9
-#: Overhead of a parameter point. [s]
-SECONDS_PER_POINT = 100e-6
+#: Overhead of a parameter point, and of each of its instants where the sky is one without clouds. [s]
+SECONDS_PER_POINT, SECONDS_OF_SKY = 100e-6, 2e-6
 #: Time of the angles of one heliostat at one instant, and of one heliostat whatever the instants. [s]
-SECONDS_OF_ANGLES, SECONDS_OF_MOUNT = 200e-9, 100e-6
+SECONDS_OF_ANGLES, SECONDS_OF_MOUNT = 85e-9, 100e-6
 #: Mirrors around a part that may stand in its way, with a low sun; and what is known of each of the field. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
 #: What is kept of each mirror of each of the fields whose tables are kept. [bytes]
@@ -122,14 +123,17 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
     seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts, kept_bytes = len(Layouts(study)), 0
+    sky = None if study.weather is None else study.weather.clear_sky
     optics = study.optics
     method = None if optics is None else optics.method
     if optics is not None and "accurate" in ends(method):
         few = isinstance(study.time, SunDirections) or instants * lit < 2 * course.COMPUTED
         share = lit if few else course.COMPUTED / instants + MISSED * lit
-        if study.receiver.kind == "cylinder" and optics.mount_errors is None and optics.slope_map is None:
-            share = min(share, (OF_TABLE / heliostats + OF_CHECKS) / instants)
-        seconds += SECONDS_INTERPOLATED * lit + SECONDS_INTERCEPT[str(study.receiver.kind)] * share
+        if study.receiver.kind == "cylinder":
+            seconds += cost.seconds_on_cylinder(study, _middle_layout(study), instants, lit)
+        else:
+            seconds += SECONDS_INTERCEPT * share
+        seconds += SECONDS_INTERPOLATED * lit
         kept_bytes = min(FIELDS, math.prod(parameters.sizes.values())) * heliostats * BYTES_OF_TABLE
     elif method is not None:
         seconds += SECONDS_GAUSSIAN * lit
@@ -151,10 +155,10 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         inner=inner,
         evaluations=heliostats * instants,
         unit="heliostat-instants",
-        seconds=seconds * (2 if _series(study) else 1) * (1 if study.keep is None else 2),
+        seconds=seconds * (2 if _series(study) else 1) * _fields(study, heliostats),
         splittable=split,
         working_bytes=working_bytes,
-        seconds_per_point=SECONDS_PER_POINT,
+        seconds_per_point=SECONDS_PER_POINT + (sky is not None) * SECONDS_OF_SKY * instants,
         coordinate_bytes=8 * (6 * layouts * heliostats + _series(study) * instants),
         axes={} if _series(study) else {"instants": instants},
         fixed_bytes=kept_bytes,
@@ -167,7 +171,9 @@ def _seconds(parameters: Parameters, heliostats: int, instants: int) -> tuple[fl
     From the sun, and with weather from the instants at which the field works, at a few points and instants.
     """
     study: Any = parameters.study
-    most, blocked = MOST_SECONDS * heliostats**GROWTH, _seconds_blocked(parameters)
+    layout = _middle_layout(study)
+    loose = cost.loose(layout, math.prod(cost.sides(study, layout)))
+    most, blocked = MOST_SECONDS * heliostats**GROWTH, loose * _seconds_blocked(parameters, layout)
     if instant_count(study.time) > MAX_INSTANTS:
         return 2 * SECONDS_SHADED + blocked, 1.0
     places = set(parameters.site_dims)
@@ -182,19 +188,33 @@ def _seconds(parameters: Parameters, heliostats: int, instants: int) -> tuple[fl
     lit = sine[sine > 0]
     if not lit.size:
         return SECONDS_OF_HELIOSTAT / instants, 0.0
-    each = 1.0 / (lit**POWER / SECONDS_SHADED + 1.0 / most) + blocked
+    # What a mirror takes by itself is there, whatever stands around it.
+    shaded = (ALONE + (1.0 - ALONE) * loose) * float(np.mean(1.0 / (lit**POWER / SECONDS_SHADED + 1.0 / most)))
     share = lit.size / sine.size
-    few = min(MOST_FOR_FEW, 1.0 + FEW_INSTANTS / (instants * share))
-    return float(few * each.sum() / sine.size + SECONDS_OF_HELIOSTAT / instants), share
+    few = 1.0 + FEW_INSTANTS * heliostats**GROWTH / (instants * share)
+    each = min(MOST_FOR_FEW, few) * shaded + min(MOST_BLOCKED_FOR_FEW, few) * blocked
+    return each * share + SECONDS_OF_HELIOSTAT / instants, share
 
 
-def _seconds_blocked(parameters: Parameters) -> float:
+def _fields(study: FieldEfficiencyStudy, heliostats: int) -> float:
+    """How many times the whole field is computed: where some are kept these once more, half of it if none knows."""
+    if study.keep is None:
+        return 1.0
+    number = study.keep.heliostats
+    return 1.5 if number is None else 1.0 + float(np.mean(ends(number))) / heliostats
+
+
+def _middle_layout(study: FieldEfficiencyStudy) -> Layout:
+    """The layout, or the one in the middle where several are swept."""
+    layouts = Layouts(study)
+    return layouts[tuple(len(dim) // 2 for dim in layouts.dimensions)]
+
+
+def _seconds_blocked(parameters: Parameters, layout: Layout) -> float:
     """Estimate of the part of the time of one heliostat and instant that blocking takes [s].
 
-    From the elevation of the target seen from some heliostats, of the layout in the middle where several are swept.
+    From the elevation of the target seen from some heliostats.
     """
-    layouts = Layouts(parameters.study)
-    layout = layouts[tuple(len(dim) // 2 for dim in layouts.dimensions)]
     some = slice(None, None, 1 + len(layout) // SAMPLED_INSTANTS)
     given = {key: value for key, _, value in parameters.study.parameters()}
     heights, pivots = (_few(given[key]) for key in ("receiver.height", "heliostat.pivot_height"))

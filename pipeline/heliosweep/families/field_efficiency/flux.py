@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 #: Direct normal irradiance of the sun where nothing else is told. [W/m2]
 IRRADIANCE = 1000.0
 #: Time of one cell, heliostat and instant on one core. [s]
-SECONDS_PER_CELL = 0.6e-6
+SECONDS_PER_CELL = 0.35e-6
 #: Directions of the sun from which maps of the year are interpolated: in the sine of the declination and in the hour
 #: angle over that of sunset.
 NODES = (4, 9)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
 
 #: Time of a spot on one core: least squares with all its iterations, aiming twice, spots before and after. [s]
-SECONDS_PER_SPOT = 6e-6
+SECONDS_PER_SPOT = 2e-6
 #: Working memory of a spot. [bytes]
 BYTES_PER_SPOT = 200
 

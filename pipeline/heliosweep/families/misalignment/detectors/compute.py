@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region
 
-#: Time of the crossings of both traces and one piece of an array at an instant, in one round, on one core. [s]
+#: Time of the crossings of both traces and one piece of an array at an instant, each time that errors are estimated
+#: from them, on one core. [s]
 SECONDS_PER_CROSSING = 12e-6
 #: Working memory of the same. [bytes]
 BYTES_PER_CROSSING = 3000
@@ -56,9 +57,8 @@ def workload(study: MisalignmentStudy) -> Workload:
     else:
         count += measured.most
     each, stated = max(1, draws) * count * rounds, variables(study)
-    return estimates.workload_of(
-        study, stated, inner, each, "crossings", SECONDS_PER_CROSSING, BYTES_PER_CROSSING, 2e-3
-    )
+    seconds = SECONDS_PER_CROSSING * (rounds + 1) / 2  # each round estimates from its own and all earlier ones
+    return estimates.workload_of(study, stated, inner, each, "crossings", seconds, BYTES_PER_CROSSING, 2e-3)
 
 
 def coordinates(study: MisalignmentStudy) -> xr.Dataset:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
 
 #: Time of one spot on one core, alone or within statistics. [s]
-SECONDS_PER_SPOT, SECONDS_WITHIN = 110e-9, 60e-9
+SECONDS_PER_SPOT, SECONDS_WITHIN = 110e-9, 35e-9
 #: Time of one draw of one error, and of what all instants share of a draw of all errors. [s]
 SECONDS_PER_DRAW, SECONDS_PER_SAMPLE = 35e-9, 250e-9
 #: Draws that are held at a time, and what the kernel holds of one draw of one heliostat. [bytes]
