@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 _COLUMNS, _HALF = 4, 0.25
 """Columns of the square, and half the width of each."""
 _LOW, _HIGH = 0, _COLUMNS * ROW
-_FLOOR = 2 * _COLUMNS * ROW
-_REACH = _FLOOR + ROW
+FLOOR = 2 * _COLUMNS * ROW
+_REACH = FLOOR + ROW
 COVER_ROWS = 2 * _COLUMNS + 3
 """Rows of a cover: lower and upper ends of what is covered of each column; the floor, up to which the square is covered
 from side to side; and how far a sphere of radius 1 reaches from the middle of its image, along x and y. [1, 1/m]"""
@@ -39,7 +39,7 @@ def uncover(cover: Floats, views: Floats, lanes: int) -> None:
         cover[k], cover[ROW + k], cover[2 * ROW + k], cover[3 * ROW + k] = 1.0, 1.0, 1.0, 1.0
         cover[_HIGH + k], cover[_HIGH + ROW + k] = -1.0, -1.0
         cover[_HIGH + 2 * ROW + k], cover[_HIGH + 3 * ROW + k] = -1.0, -1.0
-        cover[_FLOOR + k] = -_FAR
+        cover[FLOOR + k] = -_FAR
         ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
         vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
         cover[_REACH + k] = np.sqrt(ux * ux + uy * uy + uz * uz) * _SLACK
@@ -58,7 +58,7 @@ def in_view(cover: Floats, views: Floats, dx: float, dy: float, dz: float, radiu
         cy = dx * views[3 * ROW + k] + dy * views[4 * ROW + k] + dz * views[5 * ROW + k]
         rise = radius * cover[_REACH + ROW + k]
         near = (abs(cx) - radius * cover[_REACH + k] < 1.0) & (cy - rise < 1.0)
-        found |= np.int64(near & (cy + rise > larger(cover[_FLOOR + k], -1.0))) << k
+        found |= np.int64(near & (cy + rise > larger(cover[FLOOR + k], -1.0))) << k
     return found
 
 
@@ -99,7 +99,7 @@ def _cover_by(images, o, cover, at, some, floored, lanes):
         two = _more(cover, at + 2 * ROW + k, 0.25 - cx, cy, a, b, here)
         three = _more(cover, at + 3 * ROW + k, 0.75 - cx, cy, a, b, here)
         floor = smaller(smaller(zero, one), smaller(two, three))
-        cover[at + _FLOOR + k] = floor if floored >> k & 1 == 1 else -_FAR
+        cover[at + FLOOR + k] = floor if floored >> k & 1 == 1 else -_FAR
 
 
 @inline

@@ -81,11 +81,13 @@ def project(
     dz: float,
     apart: bool,
     some: np.int64,
+    floor: Floats,
     lanes: int,
 ) -> np.int64:
     """Project a mirror to the plane of the test mirror; returns the lanes in which it may cover something of that.
 
-    It is done for the groups of `some` lanes: outside them it is known to cover nothing.
+    It is done for the groups of `some` lanes: outside them it is known to cover nothing. So it is up to the `floor` of
+    each lane, below which others cover the whole square; where `some` is -1 there is none.
 
     Separating axes tell: the normals of the square's edges and of the image's. Image number `m` is written, but for its
     area.
@@ -95,17 +97,22 @@ def project(
     `apart` says that the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     """
     o, behind, found = m * IMAGE_ROWS * ROW, 0.0 if apart else -np.inf, np.int64(0)
-    near = some
     if some == -1:  # where it stands is not known: two of five mirrors are above or below
-        near = _project_along_v(images.rows, o, views, 0, frames, f, dx, dy, dz, lanes)
-    start, stop = next_run(0, near, lanes)
+        level = _project_along_v(images.rows, o, views, 0, frames, f, dx, dy, dz, lanes)
+    else:
+        level = np.int64(0)
+        start, stop = next_run(0, some, lanes)
+        while start < stop:
+            o_run, f_run = o + start, f + start
+            here = _project_above(images.rows, o_run, views, start, frames, f_run, dx, dy, dz, floor, stop - start)
+            level |= here << start
+            start, stop = next_run(stop, some, lanes)
+    start, stop = next_run(0, level, lanes)
     while start < stop:
-        o_run, f_run, filled, level = o + start, f + start, stop - start, near >> start
-        if some != -1:
-            level = _project_along_v(images.rows, o_run, views, start, frames, f_run, dx, dy, dz, filled)
+        o_run, f_run, filled = o + start, f + start, stop - start
         hits = _project_along_u(images.rows, o_run, views, start, frames, f_run, directions, dx, dy, dz, behind, filled)
-        found |= (hits & level) << start
-        start, stop = next_run(stop, near, lanes)
+        found |= (hits & level >> start) << start
+        start, stop = next_run(stop, level, lanes)
     images.apart[m], images.present[m] = apart, found
     return found
 
@@ -115,13 +122,30 @@ def _project_along_v(out, o, views, v, frames, f, dx, dy, dz, lanes):
     """Write the y of an image in a run of lanes; returns those in which it is neither above nor below the square."""
     o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
     for k in range(lanes):
-        vx, vy, vz = views[v + 3 * ROW + k], views[v + 4 * ROW + k], views[v + 5 * ROW + k]
-        cy = dx * vx + dy * vy + dz * vz
-        ay = frames[f + k] * vx + frames[f + ROW + k] * vy + frames[f + 2 * ROW + k] * vz
-        by = frames[f + 3 * ROW + k] * vx + frames[f + 4 * ROW + k] * vy + frames[f + 5 * ROW + k] * vz
-        out[o + ROW + k], out[o + 3 * ROW + k], out[o + 5 * ROW + k] = cy, ay, by
-        found |= np.int64(abs(cy) - abs(ay) - abs(by) < 1.0) << k
+        cy, rise = _along_v(out, o + k, views, v + k, frames, f + k, dx, dy, dz)
+        found |= np.int64(abs(cy) - rise < 1.0) << k
     return found
+
+
+@inner
+def _project_above(out, o, views, v, frames, f, dx, dy, dz, floor, lanes):
+    """The same; returns those in which it reaches above the floor too, which stands in rows as the axes do."""
+    o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
+    for k in range(lanes):
+        cy, rise = _along_v(out, o + k, views, v + k, frames, f + k, dx, dy, dz)
+        found |= np.int64((abs(cy) - rise < 1.0) & (cy + rise > floor[v + k])) << k
+    return found
+
+
+@inline
+def _along_v(out, o, views, v, frames, f, dx, dy, dz):
+    """Write the y of an image in one lane; returns that of its centre, and how far it reaches above."""
+    vx, vy, vz = views[v + 3 * ROW], views[v + 4 * ROW], views[v + 5 * ROW]
+    cy = dx * vx + dy * vy + dz * vz
+    ay = frames[f] * vx + frames[f + ROW] * vy + frames[f + 2 * ROW] * vz
+    by = frames[f + 3 * ROW] * vx + frames[f + 4 * ROW] * vy + frames[f + 5 * ROW] * vz
+    out[o + ROW], out[o + 3 * ROW], out[o + 5 * ROW] = cy, ay, by
+    return cy, abs(ay) + abs(by)
 
 
 @inner

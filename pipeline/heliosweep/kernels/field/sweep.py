@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.cover import COVER_ROWS, cover_by, in_view, take_out_hidden, uncover
+from heliosweep.kernels.field.cover import COVER_ROWS, FLOOR, cover_by, in_view, take_out_hidden, uncover
 from heliosweep.kernels.field.frames import forget, have_frame, kept, no_frames, with_room
 from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
 from heliosweep.kernels.field.neighbours import (
@@ -250,7 +250,7 @@ def _make_images(i, t, candidates, mirrors, tracking, halo, count, lines, direct
         if near & ~halo.made[j] != 0:
             count = have_frame(j, near, halo, count, lines.to_sun, mirrors, tracking, lanes)
         other = halo.place[j]
-        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, near, lanes)
+        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, near, cover[FLOOR:], lanes)
         if hits & twice != 0:
             if covering == first and not many:
                 uncover(cover, views, lanes)
