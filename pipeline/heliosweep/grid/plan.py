@@ -30,7 +30,8 @@ BASE_MEMORY, WORKER_PROCESS_MEMORY = 360 * 2**20, 100 * 2**20
 EMPTY_FILE = 56 * 2**10
 #: Values of all variables that a slab holds. [bytes]
 SLAB_BYTES = 16 * 2**20
-#: Work of one part on one core: what a kill may cost at the most, and much against handing it out. [s]
+#: Work of one part on a core of `machine.STATED_RATE`, whatever the pace here: what a kill may cost at the
+#: most, and much against handing it out. [s]
 PART_SECONDS, LEAST_SECONDS = 2.0, 0.02
 #: Parts that a study of middling length is cut into, so that workers end together.
 WANTED_PARTS = 64

@@ -82,7 +82,7 @@ def seconds_on_cylinder(study: FieldEfficiencyStudy, layout: Layout, instants: i
 
 
 def _mean(value: float | Sweep | None) -> float:
-    """A value, or that in the middle between the ends of a sweep; 0 where it is left out."""
+    """A value, or the mean of its `ends` where it is swept or drawn; 0 where it is left out."""
     if value is None:
         return 0.0
     return sum(map(float, ends(value))) / len(ends(value))
