@@ -170,8 +170,9 @@ class Spots(Shown):
         """Map of a variable, titled with its median; none without a value or the places."""
         values = at(self.result[quantity], stands).to_numpy()
         finite = values[np.isfinite(values)]
-        middle = f"median {number_text(float(np.median(finite)), 3)} {unit}" if finite.size else ""
-        return self.map(values, stands, middle) if finite.size else None
+        if not finite.size:
+            return None
+        return self.map(values, stands, f"median {number_text(float(np.median(finite)), 3)} {unit}")
 
     def parameter(self, index: int) -> str:
         """Name of an error of the mount."""

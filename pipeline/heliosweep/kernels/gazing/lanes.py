@@ -47,7 +47,7 @@ class SlopeFit(NamedTuple):
 
 def begun(images: ArrayLike, start: ArrayLike) -> tuple[Floats, Floats, Integers, Flags]:
     """Images as kernels take them, and what they fill: rows of `SlopeFit` with the start, evaluations and flags."""
-    seen = np.array(images, np.float64)
+    seen = np.array(images, np.float64, order="C")
     found = np.full((6, seen.shape[1]), np.nan)
     found[:2] = np.where(np.isfinite(start), start, 0.0)
     return seen, found, np.zeros(seen.shape[1], np.int64), np.zeros(seen.shape[1], np.uint8)

@@ -78,7 +78,7 @@ def search_slopes(
     with T of `geometry.transfers` and w_ideal of `linear.ideal_wavefront`. Other parameters as in `lm.fit_slopes`.
     """
     seen, found, evaluations, flags = begun(images, start)
-    places = np.zeros_like(found[:2]) if pixels is None else np.array(pixels, np.float64)
+    places = np.zeros_like(found[:2]) if pixels is None else np.array(pixels, np.float64, order="C")
     search(pixels is None, layout, profile, seen, places, threshold, fit_gain, found, evaluations, flags)
     return SlopeFit(found[:2], found[2:4], found[4], found[5], evaluations, flags)
 
