@@ -7,10 +7,12 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import metadata
+from threading import Thread
 from typing import Any
 
 import pytest
 
+from heliosweep.config.study import Study
 from heliosweep.families import family as registry
 
 ENTRIES = [
@@ -51,6 +53,25 @@ def test_a_broken_family_leaves_the_others_alone(found: Any, caplog: pytest.LogC
     assert caplog.text.count("cannot be loaded") == 1
     with pytest.raises(KeyError, match="nothing"):
         known["nothing"]
+
+
+class Odd(registry.Family):
+    """A family with a key of a type that no study file can hold."""
+
+    def study_class(self) -> type[Study]:
+        return type("OddStudy", (Study,), {"__annotations__": {"odd": Thread}})
+
+
+ODD = Odd()
+
+
+def test_a_family_whose_blocks_cannot_be_built_is_left_out(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    entry = metadata.EntryPoint("odd", f"{__name__}:ODD", registry.GROUP)
+    monkeypatch.setattr(registry, "_entries", lambda: {"odd": entry})
+    assert registry.study_classes.__wrapped__().get("odd") is None
+    assert "the family 'odd' cannot be loaded" in caplog.text
 
 
 @pytest.mark.usefixtures("with_others")

@@ -243,7 +243,13 @@ def families() -> Mapping[str, Family]:
 @cache
 def study_classes() -> Mapping[str, type[Study]]:
     """Study model of every family, for loading study files."""
-    return Found(_entries(), lambda family: family.study_class())
+
+    def built(family: Family) -> type[Study]:
+        model = family.study_class()
+        model.model_rebuild()  # blocks are built when they are used: what is wrong with one must show here
+        return model
+
+    return Found(_entries(), built)
 
 
 @cache

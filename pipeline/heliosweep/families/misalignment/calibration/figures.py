@@ -1,4 +1,4 @@
-"""Figures and tables of a calibration: spots before and after, errors found against true ones, how well known."""
+"""Figures of a calibration: spots before and after, errors found against true ones, how well known."""
 
 from __future__ import annotations
 
@@ -14,15 +14,12 @@ from heliosweep.families.misalignment.figures import (
     HELIOSTAT,
     HOUR,
     MOST_LINES,
-    MOST_ROWS,
     PARAMETER,
     Spots,
     aperture,
-    rows_of,
 )
 from heliosweep.report.colours import COLOURS, MARKERS
-from heliosweep.report.contents import NamedFigure, Table
-from heliosweep.report.labels import NOTHING, flag_text, is_flag, number_text
+from heliosweep.report.contents import NamedFigure
 from heliosweep.report.panels import Panel, curve_figure
 from heliosweep.report.pictures import picture_figure, symbols, within
 from heliosweep.report.selection import Point, at, evenly
@@ -51,19 +48,6 @@ _MEASURED = (
     "without this spot predicts (leave-one-out), drawn about the aim point; no corrected command was given."
 )
 _SYNTHETIC = "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects."
-
-#: Variables beside the errors in a table, what their columns are called, and decimals.
-_BESIDE = (
-    ("spots_used", "spots", 0),
-    ("crossings_used", "crossings", 0),
-    ("condition_number", "condition number", 1),
-    ("residual_rms", "residual rms (m)", 3),
-    ("leave_one_out_rms", "leave-one-out rms (m)", 3),
-    ("uncalibrated_beam_residual_rms", "beam residual without calibration (mrad)", 2),
-    ("beam_residual_rms", "with it (mrad)", 2),
-    ("least_known_direction", "least known", 0),
-    ("calibration_status", "status", 0),
-)
 
 
 def before_after(shown: Spots) -> Iterator[NamedFigure]:
@@ -201,43 +185,6 @@ def residual_map(shown: Spots) -> Iterator[NamedFigure]:
 FIGURES = (before_after, recovered, knowledge, residual_map)
 
 
-def tables(shown: Spots) -> Iterator[Table]:
-    """Errors found with their standard errors, a row for each heliostat and point of the sweep; how well known."""
-    result = shown.result
-    if not {_ERRORS, _SPREAD} <= set(result.data_vars) or not {PARAMETER, HELIOSTAT} <= set(result[_ERRORS].dims):
-        return
-    dims = [dim for dim in shown.swept(_ERRORS) if dim != "sample"]
-    if np.prod([result.sizes[dim] for dim in (*dims, HELIOSTAT)]) > MOST_ROWS:
-        dims = []
-    stands = {**shown.fixed(_ERRORS, PARAMETER, HELIOSTAT, *dims), **shown.best(_ERRORS, *dims)}
-    points, note = rows_of(shown, [*dims, HELIOSTAT])
-    known = [i for i in range(result.sizes[PARAMETER]) if at(result[_ERRORS], stands, {PARAMETER: i}).notnull().any()]
-    beside = [(result[name], title, decimals) for name, title, decimals in _BESIDE if name in result]
-    errors, others = [], []
-    for point in points:
-        found, error = (at(result[name], stands, point).to_numpy() for name in (_ERRORS, _SPREAD))
-        names = [
-            shown.heliostat(point) if dim == HELIOSTAT else shown.value(dim, index) for dim, index in point.items()
-        ]
-        errors.append(names + [_with_error(found[i], error[i]) for i in known])
-        values = [float(at(other, stands, point)) for other, *_ in beside]
-        cells = [
-            flag_text(other, value) if is_flag(other) else number_text(value, decimals)
-            for value, (other, _, decimals) in zip(values, beside, strict=True)
-        ]
-        others.append(names + cells)
-    head = [*map(shown.title, dims), "heliostat"]
-    first = range(len(head))
-    notes = [f"Errors found \N{PLUS-MINUS SIGN} their standard errors.{note}{shown.note(stands)}"]
-    if known:
-        titles = [f"{shown.parameter(i)} (mrad)" for i in known]
-        yield Table("Mount errors found", [*head, *titles], errors, frozenset(first), notes)
-    if beside:
-        words = {*first, *(len(head) + i for i, (other, *_) in enumerate(beside) if is_flag(other))}
-        titles = [title for _, title, _ in beside]
-        yield Table("How well they are known", [*head, *titles], others, frozenset(words), [] if known else notes[1:])
-
-
 def _run(shown: Spots) -> str | None:
     """Swept number that figures run along, days used first."""
     dims = shown.numbers(_ERRORS) if _ERRORS in shown.result else []
@@ -261,12 +208,3 @@ def _quantile(result: xr.Dataset, found: xr.DataArray, *points: Point) -> np.nda
 def _medians(array: xr.DataArray, *kept: str) -> xr.DataArray:
     """Medians over all but some dimensions of what is finite."""
     return array.where(np.isfinite(array)).median([dim for dim in array.dims if dim not in kept])
-
-
-def _with_error(value: float, error: float) -> str:
-    """A number with its standard error, to two digits of that."""
-    if not np.isfinite(value):
-        return NOTHING
-    known = np.isfinite(error) and error > 0
-    decimals = int(np.clip(1 - np.floor(np.log10(error)), 0, 4)) if known else 3
-    return f"{number_text(value, decimals)} \N{PLUS-MINUS SIGN} {number_text(error, decimals)}"

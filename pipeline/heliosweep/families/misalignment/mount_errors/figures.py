@@ -1,4 +1,4 @@
-"""Figures and the table of mounts with drawn errors: the spread of their spots, and how often they hit."""
+"""Figures of mounts with drawn errors: the spread of their spots, and how often they hit."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ from heliosweep.families.misalignment.figures import (
     any_known,
     aperture,
     mean,
-    rows_of,
 )
-from heliosweep.report.contents import NamedFigure, Table
-from heliosweep.report.labels import NOTHING, number_text
+from heliosweep.report.contents import NamedFigure
+from heliosweep.report.labels import number_text
 from heliosweep.report.panels import Panel, curve_figure, panels_over
 from heliosweep.report.pictures import Shades, picture_figure, symbols, within
 from heliosweep.report.selection import at
@@ -192,43 +191,3 @@ def remaining_tolerance(shown: Spots) -> Iterator[NamedFigure]:
 
 
 FIGURES = (spread, hits_over_day, hits_over_sweep, hit_map, remaining_tolerance)
-
-
-def tables(shown: Spots) -> Iterator[Table]:
-    """Hits of drawn mounts over each day, of all heliostats and of the worst; spread of their spots."""
-    result, name = shown.result, "day_hit_fraction"
-    if not {name, "spot_y_variance", "spot_z_variance"} <= set(result.data_vars):
-        return
-    hits = result[name]
-    if HELIOSTAT not in hits.dims:
-        return
-    dims = [str(dim) for dim in hits.dims if dim != HELIOSTAT]
-    several = result.sizes[HELIOSTAT] > 1
-    points, note = rows_of(shown, dims)
-    rows = []
-    for point in points:
-        values = 100 * at(hits, point).to_numpy()
-        known = np.isfinite(values)
-        row = [shown.value(dim, index) for dim, index in point.items()]
-        row.append(number_text(float(values[known].mean()), 1) if known.any() else NOTHING)
-        if several:
-            worst = int(np.nanargmin(values)) if known.any() else 0
-            row.append(number_text(float(values[worst]), 1))
-            differ = known.any() and values[worst] < values[known].max()
-            row.append(shown.heliostat({**point, HELIOSTAT: worst}) if differ else NOTHING)
-        for variance in ("spot_y_variance", "spot_z_variance"):
-            spots = at(result[variance], point).to_numpy()
-            spots = spots[np.isfinite(spots)]
-            row.append(number_text(float(np.sqrt(np.median(spots))), 2) if spots.size else NOTHING)
-        rows.append(row)
-    head = [*(shown.title(dim) for dim in dims), _INSIDE]
-    head += ["of the worst heliostat (%)", "worst heliostat"] if several else []
-    head += ["spread to the right (m)", "spread upwards (m)"]
-    words = {*range(len(dims)), *([len(dims) + 2] if several else [])}
-    among = f", mean of {result.sizes[HELIOSTAT]:,} heliostats" if several else ""
-    said = (
-        f"Spots inside: part of all draws and hours with sun in which the centre of the beam is inside the "
-        f"aperture{among}. Spread: standard deviation over the draws, median over "
-        f"{'heliostats and ' if several else ''}hours.{note}"
-    )
-    yield Table("Hits of mounts with drawn errors", head, rows, frozenset(words), [said])
