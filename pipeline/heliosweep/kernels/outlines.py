@@ -37,7 +37,7 @@ def _outlines(
     blockers, bundle = blockers_of(tests, mirrors, grid), beam(to_sun, np.int64(ROW), np.int64(1))
     shaders = search_all(tests, bundle, mirrors, grid, no_candidates(tests.shape[0]))
     frames, views, to_target, images = rows(2 * FRAME_ROWS), rows(AXES_ROWS), rows(3), images_of(1)
-    polygons = np.empty(3 * _ROOM)
+    polygons, floor = np.empty(3 * _ROOM), np.empty(0)
     for t in range(tests.shape[0]):
         i = tests[t]
         row = grid.names[i] - start
@@ -53,7 +53,7 @@ def _outlines(
                 reach = mirrors.radius[i] + mirrors.radius[j]
                 apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
                 half_sides(frames, FRAME_ROWS * ROW, to_sun, 0, mirrors, j, tracking, 1)
-                if project(images, 0, views, frames, FRAME_ROWS * ROW, direction, dx, dy, dz, apart, 1, 1) == 0:
+                if project(images, 0, views, frames, FRAME_ROWS * ROW, direction, dx, dy, dz, apart, -1, floor, 1) == 0:
                     continue
                 if measure(images, 0, frames, FRAME_ROWS * ROW, 0, dx, dy, dz, 1) == 0:
                     continue

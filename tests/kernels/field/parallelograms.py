@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from heliosweep.kernels.field.cover import COVER_ROWS, cover_by, take_out_hidden, uncover
+from heliosweep.kernels.field.cover import COVER_ROWS, FLOOR, cover_by, take_out_hidden, uncover
 from heliosweep.kernels.field.images import images_of, measure, project
 from heliosweep.kernels.field.unions import room_for, unions
 from heliosweep.kernels.vectors import PACKET, ROW, rows
@@ -23,9 +23,10 @@ def images_for(shapes, shading=None, hiding=0):
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views, frame = rows_of(one, none, cx, none, one, cy), rows_of(ax, ay, none, bx, by, none, one)
-        hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, -1, PACKET)
         if m in (0, shading):
             uncover(cover, views, PACKET)
+        floor = cover[FLOOR:] if hiding else cover[:0]
+        hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, -1, floor, PACKET)
         take_out_hidden(images, m, cover, hits & hiding, PACKET)
         measure(images, m, frame, 0, 0, 0.0, 0.0, 1.0, PACKET)
         cover_by(images, m, cover, hiding, PACKET)

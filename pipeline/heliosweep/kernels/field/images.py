@@ -86,8 +86,8 @@ def project(
 ) -> np.int64:
     """Project a mirror to the plane of the test mirror; returns the lanes in which it may cover something of that.
 
-    It is done for the groups of `some` lanes: outside them it is known to cover nothing. So it is up to the `floor` of
-    each lane, below which others cover the whole square; where `some` is -1 there is none.
+    Where there is a row of `floor`, up to which others cover the square from side to side, it covers nothing below, and
+    it is projected for the groups of `some` lanes only: outside them it is known to cover nothing.
 
     Separating axes tell: the normals of the square's edges and of the image's. Image number `m` is written, but for its
     area.
@@ -97,7 +97,7 @@ def project(
     `apart` says that the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
     """
     o, behind, found = m * IMAGE_ROWS * ROW, 0.0 if apart else -np.inf, np.int64(0)
-    if some == -1:  # where it stands is not known: two of five mirrors are above or below
+    if floor.shape[0] == 0:
         level = _project_along_v(images.rows, o, views, 0, frames, f, dx, dy, dz, lanes)
     else:
         level = np.int64(0)

@@ -236,6 +236,7 @@ def _make_images(i, t, candidates, mirrors, tracking, halo, count, lines, direct
     views, cover = lines.views, lines.cover
     once, twice, covering = np.int64(0), np.int64(0), first
     near, many = np.int64(-1), candidates.first[t + 1] - candidates.first[t] > _MANY
+    floor = cover[FLOOR:] if many else cover[:0]
     if many:
         uncover(cover, views, lanes)
     for m in range(candidates.first[t], candidates.first[t + 1]):
@@ -250,7 +251,7 @@ def _make_images(i, t, candidates, mirrors, tracking, halo, count, lines, direct
         if near & ~halo.made[j] != 0:
             count = have_frame(j, near, halo, count, lines.to_sun, mirrors, tracking, lanes)
         other = halo.place[j]
-        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, near, cover[FLOOR:], lanes)
+        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, near, floor, lanes)
         if hits & twice != 0:
             if covering == first and not many:
                 uncover(cover, views, lanes)
