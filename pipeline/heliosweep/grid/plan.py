@@ -25,7 +25,7 @@ from heliosweep.grid.regions import (
 )
 
 #: A process with the libraries loaded and figures drawn, before any data; and a worker process beside it. [bytes]
-BASE_MEMORY, WORKER_PROCESS_MEMORY = 360 * 2**20, 100 * 2**20
+BASE_MEMORY, WORKER_PROCESS_MEMORY = 328 * 2**20, 100 * 2**20
 #: A NetCDF file without any data. [bytes]
 EMPTY_FILE = 56 * 2**10
 #: Values of all variables that a slab holds. [bytes]
