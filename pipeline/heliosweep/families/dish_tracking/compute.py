@@ -357,9 +357,9 @@ def _reduced(
 def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.DataArray:
     """Label, a date or a direction, of the least value; the first of several, missing without a value."""
 
-    def label(values: Floats) -> NDArray[Any]:
-        known, missing = np.isfinite(values), labels.dtype.type("NaT" if labels.dtype.kind == "M" else "nan")
-        heights = np.where(known, values, np.inf)
+    def label(along: Floats) -> NDArray[Any]:
+        known, missing = np.isfinite(along), labels.dtype.type("NaT" if labels.dtype.kind == "M" else "nan")
+        heights = np.where(known, along, np.inf)
         first = np.argmax(heights <= heights.min(axis=-1, keepdims=True) + TIE, axis=-1)
         return np.where(known.any(axis=-1), labels[first], missing)
 

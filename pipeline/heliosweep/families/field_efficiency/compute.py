@@ -117,7 +117,8 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         instants = instants_of(parameters).size
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
     angles = study.output.tracking_angles
-    seconds, lit = _seconds(parameters, heliostats, instants)
+    layout = _middle_layout(study)
+    seconds, lit = _seconds(parameters, layout, heliostats, instants)
     held_bytes = _shared_bytes(study, heliostats)
     if held_bytes and not any(_moving(study)):
         seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
@@ -130,7 +131,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         few = isinstance(study.time, SunDirections) or instants * lit < 2 * course.COMPUTED
         share = lit if few else course.COMPUTED / instants + MISSED * lit
         if study.receiver.kind == "cylinder":
-            seconds += cost.seconds_on_cylinder(study, _middle_layout(study), instants, lit)
+            seconds += cost.seconds_on_cylinder(study, layout, instants, lit)
         else:
             seconds += SECONDS_INTERCEPT * share
         seconds += SECONDS_INTERPOLATED * lit
@@ -165,13 +166,12 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     )
 
 
-def _seconds(parameters: Parameters, heliostats: int, instants: int) -> tuple[float, float]:
+def _seconds(parameters: Parameters, layout: Layout, heliostats: int, instants: int) -> tuple[float, float]:
     """Estimate of the time of one heliostat and instant [s], and share of the instants with the sun up.
 
     From the sun, and with weather from the instants at which the field works, at a few points and instants.
     """
     study: Any = parameters.study
-    layout = _middle_layout(study)
     loose = cost.loose(layout, math.prod(cost.sides(study, layout)))
     most, blocked = MOST_SECONDS * heliostats**GROWTH, loose * _seconds_blocked(parameters, layout)
     if instant_count(study.time) > MAX_INSTANTS:
