@@ -226,6 +226,14 @@ class _Library(JITCodeLibrary):
         part._finalize_final_module()
         return part
 
+    def _optimize_functions(self, module: Any) -> None:
+        """Optimise functions that are defined: of six the compiler has passes for, five are only named."""
+        module.data_layout = self._codegen._data_layout
+        for each in module.functions:
+            if not each.is_declaration:
+                passes, settings = self._codegen._function_pass_manager()
+                passes.run(each, settings)
+
     def _optimize_final_module(self) -> None:
         if self._is_part:
             return
