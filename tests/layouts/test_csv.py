@@ -3,6 +3,7 @@
 import string
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -140,6 +141,14 @@ def test_a_large_file_is_read_fast(tmp_path):
     assert (
         time.process_time() - start < 10
     )  # 0.2 s on a free machine; minutes where time grows with the square of the lines
+
+
+def test_a_cell_that_stands_in_many_rows_is_read_once(monkeypatch):
+    number = Mock(wraps=tables._number)
+    monkeypatch.setattr(tables, "_number", number)
+    found = tables.numbers(["2", "nan", "x", "2"] * 100)
+    np.testing.assert_array_equal(found, [2.0, np.nan, np.nan, 2.0] * 100)
+    assert sorted(call.args[0] for call in number.call_args_list) == ["2", "nan", "x"]
 
 
 def test_files_that_cannot_be_read(tmp_path, monkeypatch):

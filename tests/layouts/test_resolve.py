@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -56,6 +57,21 @@ def test_every_key_can_be_swept(small, layout, dims):
     assert set(result["x"].dims) == {*dims, "heliostat"}
     count = result["x"].notnull().sum("heliostat")
     np.testing.assert_array_equal(count.transpose(*dims).to_numpy().ravel(), [len(one) for one in made])
+
+
+def test_layouts_are_made_once_to_know_how_long_they_are(small, monkeypatch):
+    study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": [1, 2, 3]}})
+    at = Mock(wraps=Layouts(study).at)
+    with monkeypatch.context() as patch:
+        patch.setattr(Layouts, "at", at)
+        lengths = [longest(study), longest(study)]
+    assert [call.args[0]["layout.radial_stagger.rings"] for call in at.call_args_list] == [1, 2, 3]
+    more = study.with_({"layout.radial_stagger.rings": [1, 4]})
+    assert lengths[0] == lengths[1] < longest(more)
+    bounded = small(**PLACE, layout={"radial_stagger": RINGS, "boundary": "site.wkt"})
+    before = longest(bounded)
+    Path("site.wkt").write_text(Path("narrow.wkt").read_text())
+    assert longest(bounded) < before
 
 
 def test_a_result_tells_the_polygons_of_its_field(small):

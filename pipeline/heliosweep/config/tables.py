@@ -226,9 +226,11 @@ class Table:
 
     def note_bad_numbers(self, key: str, texts: Sequence[str], values: NDArray[np.float64]) -> None:
         """Note the cells of a column that hold no finite number."""
-        for row in np.flatnonzero(~np.isfinite(values)).tolist():
+        bad = np.flatnonzero(~np.isfinite(values)).tolist()
+        for row in bad[:MAX_LISTED]:
             text = texts[row]
             self.add(f"{key} must be a finite number (got {text[:40]!r})" if text else f"{key} is empty", row, key)
+        self._found[key] += len(bad[MAX_LISTED:])
 
     def add(self, message: str, row: int | None = None, column: str | int | None = None, key: str = "") -> None:
         """Note what is wrong with the table, with a row or with one of its cells.
@@ -383,7 +385,8 @@ def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
             return np.array(list(map(float, texts)), float)
         except ValueError:
             pass
-    return np.array([_number(text) for text in texts], float)
+    found = {text: _number(text) for text in set(texts)}
+    return np.array([found[text] for text in texts], float)
 
 
 def _number(text: str) -> float:

@@ -118,7 +118,11 @@ def longest(study: Study, key: str = "layout") -> int:
     heliostats = layouts.heliostats
     if heliostats is not None:
         return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
-    return max(map(len, layouts))
+    found: dict[str, int] = study.__dict__.setdefault("_longest", {})  # copies forget it, as all that is found
+    most = found.get(key) or max(map(len, layouts))
+    if not layouts.of_files:
+        found[key] = most
+    return most
 
 
 def _counted(study: Study, key: str) -> Layouts:

@@ -199,7 +199,8 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
     count = len(key)
     position = np.arange(count)
     partner, distance, closeness = np.zeros(count, np.int64), np.zeros(count), np.ones(count)
-    for east, north, up in product((-1, 0, 1), repeat=3):
+    level = up_cell.max() == 1  # nothing is above or below
+    for east, north, up in product((-1, 0, 1), (-1, 0, 1), (0,) if level else (-1, 0, 1)):
         neighbour = key + (east * depth + north) * height + up
         first, end = np.searchsorted(key, neighbour), np.searchsorted(key, neighbour, side="right")
         start = np.clip(position - CROWD // 2, first, np.maximum(first, end - CROWD))

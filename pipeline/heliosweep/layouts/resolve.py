@@ -78,6 +78,11 @@ class Layouts:
         """Number of heliostats that the study asks for; None where it does not."""
         return None if self._kind == "file" else getattr(self._block, self._kind).heliostats
 
+    @property
+    def of_files(self) -> bool:
+        """Whether files say where heliostats stand, or may stand; they may be edited."""
+        return any(getattr(self._block, name) is not None for name in ("file", *AREAS))
+
     def __len__(self) -> int:
         return math.prod(map(len, self.dimensions))
 
@@ -92,7 +97,11 @@ class Layouts:
         return self.at(values_at(self._sweeps, index))
 
     def __iter__(self) -> Iterator[Layout]:
-        return (self[index] for index in itertools.product(*(range(len(dim)) for dim in self.dimensions)))
+        # All values of a key together: drawn one by one, they take a third as long as the layouts.
+        listed = ([np.array(sweep[:], object).tolist() for sweep in sweeps.values()] for sweeps in self._sweeps)
+        keys = [key for sweeps in self._sweeps for key in sweeps]
+        for values in itertools.product(*(zip(*columns, strict=True) for columns in listed)):
+            yield self.at(dict(zip(keys, itertools.chain(*values), strict=True)))
 
     def at(self, values: Mapping[str, Any]) -> Layout:
         """Layout for the values of what is swept, by dotted key; other keys are passed over. Raises StudyError."""
