@@ -125,13 +125,19 @@ def test_polygons_that_are_wrong(tmp_path, text, message):
     assert raised.value.problems[0].key == "boundary"
 
 
-@given(margin=st.floats(0.1, 60))
-def test_a_margin_is_kept_from_all_edges(margin):
+@pytest.fixture(scope="module")
+def edges():
+    """A site and a road, places all over them, and how far these are from all edges."""
     site, road = shapely.Polygon(SQUARE, [HOLE]), shapely.box(-200, -20, 200, -10)
-    without, region = (Region((), site, road, each) for each in (0.0, margin))
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(-220.5, 221, 7), np.arange(-70.5, 321, 7)))
-    far = np.array([min(shapely.Point(at).distance(edge) for edge in (site.exterior, *site.interiors, road))
-                    for at in zip(x, y, strict=True)])  # fmt: skip
+    far = [shapely.distance(shapely.points(x, y), edge) for edge in (site.exterior, *site.interiors, road)]
+    return site, road, x, y, np.min(far, axis=0)
+
+
+@given(margin=st.floats(0.1, 60))
+def test_a_margin_is_kept_from_all_edges(edges, margin):
+    site, road, x, y, far = edges
+    without, region = (Region((), site, road, each) for each in (0.0, margin))
     np.testing.assert_array_equal(region.inside(x, y), without.inside(x, y) & (far > margin))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +34,19 @@ SHAPES = {
 }  # fmt: skip
 
 
+@cache
+def tables_of(radius: bytes, share: bytes, variance: float, *errors: float) -> Any:
+    """Those of a sun and of errors, which are of many scenes."""
+    sun = sunshapes.SunShape(np.frombuffer(radius), np.frombuffer(share), variance)
+    return sun_tables(sun, Errors(*errors))
+
+
 def scene(
     receiver: Any, sun: Any, place: Any = (80.0, 300.0, 5.0), aim: Any = None, errors: Any = (1.5e-3, 1.5e-3, 0.0),
     sides: Any = (10.0, 8.0), curve: float = 0.0, cant: float = 0.0, turn: Any = (0.0, 0.0),
     facets: Facets = WHOLE, tracking: int = AZIMUTH_ELEVATION,
 ) -> Scene:  # fmt: skip
-    found, blurred = sun_tables(sun, Errors(*errors))
+    found, blurred = tables_of(sun.radius.tobytes(), sun.share.tobytes(), sun.variance, *errors)
     centre = np.atleast_2d(np.array(place, float))
     target = np.atleast_2d(np.array(receiver.centre if aim is None else aim, float)) + 0 * centre
     many = np.ones((len(centre), 1))
