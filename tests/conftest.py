@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from filelock import FileLock, Timeout
 from hypothesis import settings
 
 from heliosweep.api import build, family_of, load
@@ -51,12 +53,27 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     for number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
-    told: dict[str, Any] | None = getattr(session.config, "workerinput", None)
-    if told is None or session.config.option.collectonly or compiled.PURE_PYTHON:
+    alone = getattr(session.config, "workerinput", None) is None
+    if alone or session.config.option.collectonly or compiled.PURE_PYTHON:
         return
-    studies = sorted(STUDIES.glob("*.yaml"))
-    first = int(told["workerid"].removeprefix("gw")) * len(studies) // told["workercount"]
-    for path in [*studies[first:], *studies[:first]]:
+    families: dict[str, list[Path]] = {}
+    for path in sorted(STUDIES.glob("*.yaml")):
+        found = re.search(r"^family: (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+        families.setdefault(found[1] if found else "", []).append(path)
+    shared = session.config._tmp_path_factory.getbasetemp().parent  # type: ignore[attr-defined]
+    # First the families that no other process is at, those of many studies before others; then all have to be ready.
+    for wait in (False, True):
+        for name in sorted(families, key=lambda name: -len(families[name])):
+            with suppress(Timeout), FileLock(shared / f"{name}.lock", blocking=wait):
+                ready = shared / f"{name}.ready"
+                if not ready.exists():
+                    _prepare(families[name])
+                    ready.touch()
+
+
+def _prepare(studies: Iterable[Path]) -> None:
+    """Compile what studies call."""
+    for path in studies:
         with suppress(HeliosweepError):  # whatever is wrong with a study, its tests say so
             study = load(path)
             family_of(study).prepare(study)
