@@ -39,7 +39,7 @@ def uncover(cover: Floats, views: Floats, lanes: int) -> None:
         cover[k], cover[ROW + k], cover[2 * ROW + k], cover[3 * ROW + k] = 1.0, 1.0, 1.0, 1.0
         cover[_HIGH + k], cover[_HIGH + ROW + k] = -1.0, -1.0
         cover[_HIGH + 2 * ROW + k], cover[_HIGH + 3 * ROW + k] = -1.0, -1.0
-        cover[FLOOR + k] = -_FAR
+        cover[FLOOR + k] = -1.0
         ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
         vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
         cover[_REACH + k] = np.sqrt(ux * ux + uy * uy + uz * uz) * _SLACK
@@ -52,14 +52,16 @@ def in_view(cover: Floats, views: Floats, dx: float, dy: float, dz: float, radiu
 
     That is, whether its image meets the square above the floor.
     """
-    found = np.int64(0)
-    for k in range(lanes):
-        cx = dx * views[k] + dy * views[ROW + k] + dz * views[2 * ROW + k]
+    high = np.int64(0)
+    for k in range(lanes):  # first along y: most of those that are far are below the floor in all lanes
         cy = dx * views[3 * ROW + k] + dy * views[4 * ROW + k] + dz * views[5 * ROW + k]
         rise = radius * cover[_REACH + ROW + k]
-        near = (abs(cx) - radius * cover[_REACH + k] < 1.0) & (cy - rise < 1.0)
-        found |= np.int64(near & (cy + rise > larger(cover[FLOOR + k], -1.0))) << k
-    return found
+        high |= np.int64((cy - rise < 1.0) & (cy + rise > cover[FLOOR + k])) << k
+    found = np.int64(0)
+    for k in range(lanes if high != 0 else 0):
+        cx = dx * views[k] + dy * views[ROW + k] + dz * views[2 * ROW + k]
+        found |= np.int64(abs(cx) - radius * cover[_REACH + k] < 1.0) << k
+    return high & found
 
 
 @inner
@@ -99,7 +101,7 @@ def _cover_by(images, o, cover, at, some, floored, lanes):
         two = _more(cover, at + 2 * ROW + k, 0.25 - cx, cy, a, b, here)
         three = _more(cover, at + 3 * ROW + k, 0.75 - cx, cy, a, b, here)
         floor = smaller(smaller(zero, one), smaller(two, three))
-        cover[at + FLOOR + k] = floor if floored >> k & 1 == 1 else -_FAR
+        cover[at + FLOOR + k] = floor if floored >> k & 1 == 1 else -1.0
 
 
 @inline
