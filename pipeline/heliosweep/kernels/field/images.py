@@ -69,6 +69,25 @@ def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) ->
 
 
 @inner
+def turn_upright(views: Floats, frames: Floats, f: int, lanes: int) -> None:
+    """Turn the square by right angles, until what is above in the scene is above on it: areas do not see the turn.
+
+    `views` are U and V, from `axes`, and arguments as there. Images that stand on the lower side hide others behind
+    them (`field.cover`); on a mount whose first axis leads to the target they would stand on any side.
+    """
+    f = max(f, 0)
+    for k in range(lanes):
+        ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
+        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
+        rise_u, rise_v = frames[f + 2 * ROW + k], frames[f + 5 * ROW + k]
+        aside = abs(rise_u) > abs(rise_v)
+        sign = -1.0 if (rise_u if aside else rise_v) < 0.0 else 1.0
+        views[k], views[3 * ROW + k] = sign * (-vx if aside else ux), sign * (ux if aside else vx)
+        views[ROW + k], views[4 * ROW + k] = sign * (-vy if aside else uy), sign * (uy if aside else vy)
+        views[2 * ROW + k], views[5 * ROW + k] = sign * (-vz if aside else uz), sign * (uz if aside else vz)
+
+
+@inner
 def project(
     images: Images,
     m: int,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.cover import COVER_ROWS, FLOOR, cover_by, in_view, take_out_hidden, uncover
 from heliosweep.kernels.field.frames import forget, have_frame, kept, no_frames, with_room
-from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
+from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project, turn_upright
 from heliosweep.kernels.field.neighbours import (
     Candidates,
     Cells,
@@ -208,6 +208,7 @@ def _sweep_block(
         test = halo.place[i]
         if shaders.first[t + 1] > shaders.first[t]:
             axes(lines.views, frames, test, lines.to_sun, lanes)
+            turn_upright(lines.views, frames, test, lanes)
             shading, count = _make_images(
                 i, t, shaders, mirrors, tracking, halo, count, lines, lines.to_sun, images, shading, lanes
             )
@@ -215,6 +216,7 @@ def _sweep_block(
         if blockers.first[t + 1] > blockers.first[t]:
             _aim(lines.to_target, mirrors, i, lanes)
             axes(lines.views, frames, test, lines.to_target, lanes)
+            turn_upright(lines.views, frames, test, lanes)
             made, count = _make_images(
                 i, t, blockers, mirrors, tracking, halo, count, lines, lines.to_target, images, made, lanes
             )
