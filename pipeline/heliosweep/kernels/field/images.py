@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.polygons import CORNERS, edge_terms, larger, slopes, square_area
+from heliosweep.kernels.field.polygons import CORNERS, edge_terms, larger, slopes, smaller, square_area
 from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 AXES_ROWS = 6
@@ -22,6 +22,8 @@ AXES_ROWS = 6
 IMAGE_ROWS = 10
 """Rows of an image: centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none); and, only for
 mirrors that may straddle the plane of the test mirror, the heights over it: of the centre, and along a and b."""
+LOW_RISE = 0.26
+"""Sine of the elevation below which light is low, 15 degrees: mirrors have many images there."""
 AREA = 6 * ROW
 """Start of the row of areas."""
 _HEIGHT = 7 * ROW
@@ -69,19 +71,24 @@ def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) ->
 
 
 @inner
-def turn_upright(views: Floats, frames: Floats, f: int, lanes: int) -> None:
-    """Turn the square by right angles, until what is above in the scene is above on it: areas do not see the turn.
+def turn_upright(views: Floats, frames: Floats, f: int, to_sun: Floats, aim_rise: float, lanes: int) -> None:
+    """Turn the square by right angles where light comes in low, until what is above in the scene is above on it.
 
-    `views` are U and V, from `axes`, and arguments as there. Images that stand on the lower side hide others behind
-    them (`field.cover`); on a mount whose first axis leads to the target they would stand on any side.
+    Areas do not see the turn. Images that stand on the lower side hide others behind them (`field.cover`); on a mount
+    whose first axis leads to the target they would stand on any side.
+
+    `views` are U and V, from `axes`; the frame of the test mirror begins at `f` in `frames`, as there. Both turn alike,
+    those along the rows `to_sun` and those to the target: light is low below the sine `LOW_RISE` of either elevation,
+    `aim_rise` of the target's.
     """
     f = max(f, 0)
     for k in range(lanes):
         ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
         vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
         rise_u, rise_v = frames[f + 2 * ROW + k], frames[f + 5 * ROW + k]
-        aside = abs(rise_u) > abs(rise_v)
-        sign = -1.0 if (rise_u if aside else rise_v) < 0.0 else 1.0
+        low = smaller(to_sun[2 * ROW + k], aim_rise) < LOW_RISE
+        aside = low & (abs(rise_u) > abs(rise_v))
+        sign = -1.0 if low & ((rise_u if aside else rise_v) < 0.0) else 1.0
         views[k], views[3 * ROW + k] = sign * (-vx if aside else ux), sign * (ux if aside else vx)
         views[ROW + k], views[4 * ROW + k] = sign * (-vy if aside else uy), sign * (uy if aside else vy)
         views[2 * ROW + k], views[5 * ROW + k] = sign * (-vz if aside else uz), sign * (uz if aside else vz)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.cover import COVER_ROWS, FLOOR, cover_by, in_view, take_out_hidden, uncover
 from heliosweep.kernels.field.frames import forget, have_frame, kept, no_frames, with_room
-from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project, turn_upright
+from heliosweep.kernels.field.images import AXES_ROWS, LOW_RISE, axes, images_of, measure, project, turn_upright
 from heliosweep.kernels.field.neighbours import (
     Candidates,
     Cells,
@@ -124,8 +124,8 @@ def sweep(
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
         _sweep_block(
-            tests, start, mirrors, grid, tracking, halo, blockers, shaders, lines, images, room, packet, lanes, sums,
-            series, part, weighted,
+            tests, start, mirrors, grid, tracking, halo, blockers, shaders, lines, images, room, packet, lanes,
+            bundle.low, sums, series, part, weighted,
         )  # fmt: skip
 
 
@@ -192,15 +192,17 @@ def _sweep_block(
     room,
     packet,
     lanes,
+    lowest,
     sums,
     series,
     part,
     weighted,
 ):
-    """Efficiencies of all test heliostats at the instants of one packet."""
+    """Efficiencies of all test heliostats at the instants of one packet, the lowest sun at such a sine of elevation."""
     frames, count = halo.frames, np.int64(0)
     for t in range(tests.shape[0]):
         i, shading = tests[t], np.int64(0)
+        low = min(lowest, mirrors.aim[i, 2]) < LOW_RISE
         if count > kept(lanes):
             forget(halo, count)
             count = np.int64(0)
@@ -208,7 +210,8 @@ def _sweep_block(
         test = halo.place[i]
         if shaders.first[t + 1] > shaders.first[t]:
             axes(lines.views, frames, test, lines.to_sun, lanes)
-            turn_upright(lines.views, frames, test, lanes)
+            if low:
+                turn_upright(lines.views, frames, test, lines.to_sun, mirrors.aim[i, 2], lanes)
             shading, count = _make_images(
                 i, t, shaders, mirrors, tracking, halo, count, lines, lines.to_sun, images, shading, lanes
             )
@@ -216,7 +219,8 @@ def _sweep_block(
         if blockers.first[t + 1] > blockers.first[t]:
             _aim(lines.to_target, mirrors, i, lanes)
             axes(lines.views, frames, test, lines.to_target, lanes)
-            turn_upright(lines.views, frames, test, lanes)
+            if low:
+                turn_upright(lines.views, frames, test, lines.to_sun, mirrors.aim[i, 2], lanes)
             made, count = _make_images(
                 i, t, blockers, mirrors, tracking, halo, count, lines, lines.to_target, images, made, lanes
             )
