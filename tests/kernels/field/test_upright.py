@@ -32,8 +32,9 @@ def test_what_rises_most_is_above_where_light_is_low(tracking, height):
         seen = np.einsum("ack,bck->abk", sides, views.reshape(2, 3, ROW)[:, :, lanes[low]])  # of each side, its x and y
         np.testing.assert_allclose(np.abs(seen).round(), np.abs(seen), atol=1e-9)
         np.testing.assert_allclose(seen[0, 0] * seen[1, 1] - seen[0, 1] * seen[1, 0], 1.0, atol=1e-9)
-        above = np.abs(sides[:, 2]).argmax(axis=0)
-        of_above = np.take_along_axis(seen[:, 1], above[None], axis=0)[0]
-        np.testing.assert_allclose(of_above, np.sign(np.take_along_axis(sides[:, 2], above[None], axis=0)[0]), atol=1e-9)
+        rise = sides[:, 2]
+        above = np.abs(rise).argmax(axis=0)
+        there, of_rise = seen[above, 1, np.arange(len(above))], rise[above, np.arange(len(above))]
+        np.testing.assert_allclose(there, np.sign(of_rise), atol=1e-9)
         turned += np.count_nonzero(above == 0)
     assert (turned > 0) == (tracking == SPINNING_ELEVATION)
