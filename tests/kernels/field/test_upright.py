@@ -36,5 +36,5 @@ def test_what_rises_most_is_above_where_light_is_low(tracking, height):
         above = np.abs(rise).argmax(axis=0)
         there, of_rise = seen[above, 1, np.arange(len(above))], rise[above, np.arange(len(above))]
         np.testing.assert_allclose(there, np.sign(of_rise), atol=1e-9)
-        turned += np.count_nonzero(above == 0)
+        turned += int((above == 0).sum())
     assert (turned > 0) == (tracking == SPINNING_ELEVATION)
