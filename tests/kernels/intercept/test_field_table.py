@@ -126,10 +126,8 @@ def test_mirrors_that_differ_have_no_table():
 
 
 def test_a_table_that_many_mirrors_miss_is_not_taken():
-    made, sun = (
-        field(SPINNING_ELEVATION, count=1000, levels=6.5),
-        year(),
-    )  # the edges of spots are at those of the receiver
+    # The edges of spots are at those of the receiver.
+    made, sun = field(SPINNING_ELEVATION, count=1000, levels=6.5), year(14)
     assert list(field_tables(made, sun[sun[:, 2] > 0]))
     assert course.table_of(made, sun, 0.6) is None
 
