@@ -13,6 +13,8 @@ BENCH ?= kernels study
 PYTEST_ARGS ?=
 # two processes share the tests, or as many as make PYTEST_ARGS="--maxprocesses 8" test says; --pdb takes one
 SHARED := -n logical --maxprocesses 2 --dist worksteal
+# processes that share the processors gain nothing from threads of matrix products: these wait for each other
+test faults long: export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := studies
 .PHONY: studies run test faults long check docs reference index bench setup lock audit clean help
