@@ -12,10 +12,8 @@ from heliosweep.config.weather_files import WeatherFile, weather_files
 from heliosweep.grid.clock import civil_intervals
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of, sun_at
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.sun.clock import refracted
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Limits below or above which a field does not work, in the order in which a lost instant is counted under one.
 CAUSES = ("dni", "sun_elevation", "wind_speed")
@@ -47,7 +45,7 @@ class Irradiance(NamedTuple):
     """
     hours: Floats
     """Length of the interval that each instant stands for, also where it is only partly lit, shape (T,). [h]"""
-    month: Ints
+    month: Integers
     """Month, 1 to 12: of the middle of the interval, in standard time of the file, or of the civil date, shape (T,)."""
     wind: Floats
     """Wind speed, NaN where it is not known, shape (T,). [m/s]"""
@@ -176,7 +174,7 @@ def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
     return np.interp(day, _MONTHS + lengths / 2, of_month, period=365.0)
 
 
-def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Ints]:
+def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Integers]:
     """Instants at which the field works, and why not at others.
 
     Parameters

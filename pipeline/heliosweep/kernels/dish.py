@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 
 LANES = 64
@@ -44,8 +45,6 @@ UNTILTED_HOME_AXES = 1
 
 SMALL = 0.12
 """Largest sine for the series of the arcsine: cut after x^15, it is short by 2e-17."""
-
-Floats = NDArray[np.float64]
 
 
 class Windows(NamedTuple):

@@ -6,8 +6,8 @@ The images are those whose unions `heliosweep.kernels.field` measures, cut off a
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inner, kernel
 from heliosweep.kernels.field.efficiency import aimed
 from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, outline, project
@@ -16,8 +16,6 @@ from heliosweep.kernels.field.packets import FRAME_ROWS, Mirrors, half_sides
 from heliosweep.kernels.field.polygons import SQUARE, cut, square_area
 from heliosweep.kernels.field.sweep import blockers_of
 from heliosweep.kernels.vectors import ROW, rows
-
-Floats = NDArray[np.float64]
 
 CORNERS = 9
 """Most corners of an outline: four, one more from the plane of the mirror, and one from each of its edges."""

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import FARTHEST
-
-Floats = NDArray[np.float64]
 
 MAX_BYTES = 64 * 2**20
 """Largest file of polygons that is read."""

@@ -19,14 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from heliosweep.config.source import dotted, read
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import user_path
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import FARTHEST, MAX_LISTED, Layout
-
-Floats = NDArray[np.float64]
 
 #: Semi-major axis [m] and flattening of the ellipsoid WGS84.
 SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 from heliosweep.config.tables import MAX_LISTED
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import user_path
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.paint import Plant, Record, files_of, heliostat_files, local_positions, read_paint
-
-Floats = NDArray[np.float64]
 
 #: Ways by which the middles of spots were found, the usual one first.
 EVALUATIONS = ("UTIS", "HeliOS")

@@ -22,16 +22,14 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heliosweep.config.layouts import Zone
 from heliosweep.errors import Problem, StudyError
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.ground import Region
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 from heliosweep.layouts.patterns import MOST_PLACES, check_count
 from heliosweep.layouts.spacing import Spacing
-
-Floats = NDArray[np.float64]
 
 WIDEST_SPACING = 1.7
 """Spacing within a ring, in clearances, beyond which an automatic zone ends."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from heliosweep.kernels.arrays import Floats
 
 #: Dimension of the result of a search.
 EVALUATION = "evaluation"

@@ -17,7 +17,8 @@ from unittest import mock
 
 import numpy as np
 
-from heliosweep.search.course import BudgetSpent, Course, Evaluate, Floats, Space
+from heliosweep.kernels.arrays import Floats
+from heliosweep.search.course import BudgetSpent, Course, Evaluate, Space
 
 #: What the local search may take: a part of the budget, and no more evaluations for each searched key.
 REFINED, EACH = 0.3, 60

@@ -22,7 +22,6 @@ from heliosweep.families.backward_gazing.points import (
     KEYS,
     SECONDS_PER_POINT,
     Failure,
-    Floats,
     Point,
     by_axis,
     bytes_per_pixel,
@@ -33,6 +32,7 @@ from heliosweep.families.backward_gazing.variables import BEHIND, CAMERAS, NO_SU
 from heliosweep.grid.layout_axis import LayoutAxis, longest
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 
 if TYPE_CHECKING:

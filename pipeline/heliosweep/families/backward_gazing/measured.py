@@ -22,7 +22,6 @@ from heliosweep.families.backward_gazing.points import (
     KEYS,
     SECONDS_PER_METHOD,
     Failure,
-    Floats,
     Point,
     Solver,
     by_axis,
@@ -45,6 +44,7 @@ from heliosweep.families.backward_gazing.shots import (
 )
 from heliosweep.families.backward_gazing.variables import NEEDED, NOT_CONVERGED, NOT_IDENTIFIABLE, NOT_SEEN, SEEN
 from heliosweep.grid.parameters import Parameters, coordinate_attributes
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing import rectification as why
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.lanes import SlopeFit

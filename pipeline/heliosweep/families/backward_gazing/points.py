@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.families.backward_gazing.variables import NODES, NOT_IDENTIFIABLE, most_pixels
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing import linear
 from heliosweep.kernels.gazing.geometry import (
     EXACT,
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.grid.regions import Variable
 
-Floats = NDArray[np.float64]
 #: Time of a pixel on one core by each method, with some noise. [s]
 SECONDS_PER_METHOD = {"A": 0.1e-6, "O1": 1.25e-6, "O2": 1.5e-6, "LM": 0.7e-6}
 #: Relative difference of focal lengths that is said, and over its standard error.

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 from scipy.ndimage import map_coordinates, uniform_filter
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing.geometry import Modules, outline
 from heliosweep.kernels.gazing.rectification import homography, moved
-
-Floats = NDArray[np.float64]
 
 #: Side of the images that are correlated, largest turn and its steps, and steps of the scale. [pixels], [rad], [1]
 COARSE, MOST_TURN, STEP, SCALE_STEP = 96, math.radians(40.0), math.radians(4.0), 0.06

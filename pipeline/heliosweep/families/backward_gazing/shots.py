@@ -17,6 +17,7 @@ from scipy.ndimage import shift
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.files import Picture, ProfileTable, read_picture, read_profile
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing.geometry import mirror_grid
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope
 from heliosweep.kernels.sun.tables import SunDisc, disc_profile
@@ -24,7 +25,6 @@ from heliosweep.kernels.sun.tables import SunDisc, disc_profile
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
-Floats = NDArray[np.float64]
 
 #: Keys of the study that metadata may give instead, all the same in the four images: name in `points.Point`.
 GEOMETRY = {

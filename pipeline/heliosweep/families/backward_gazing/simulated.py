@@ -17,7 +17,6 @@ from heliosweep.families.backward_gazing.points import (
     KEYS,
     SECONDS_PER_METHOD,
     Failure,
-    Floats,
     Found,
     Point,
     Solver,
@@ -31,6 +30,7 @@ from heliosweep.families.backward_gazing.points import (
 )
 from heliosweep.families.backward_gazing.variables import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
 from heliosweep.grid.parameters import Parameters
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.linear import slope_bound
 from heliosweep.kernels.gazing.lm import graduated

@@ -27,6 +27,7 @@ from heliosweep.grid.plan import Workload
 from heliosweep.grid.regions import SERIES_SLAB_BYTES
 from heliosweep.grid.sun import instants_of, sun_attributes
 from heliosweep.kernels import dish
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.warm import warm_dish
 
 if TYPE_CHECKING:
@@ -44,7 +45,6 @@ BYTES_PER_ERROR, MOST_ERRORS = 40, SERIES_SLAB_BYTES // 24
 #: Tilts that are tried first [deg]; by how much the interval between two of them shrinks; and evaluations that takes.
 SCAN, NARROW, EVALUATIONS = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)]), 1e-13, 8
 
-Floats = NDArray[np.float64]
 #: Factors that differ by less are equal but for rounding: a rigid mount leans alike in phi and phi + 180 deg. [1]
 TIE = 1e-12
 

@@ -15,6 +15,7 @@ from heliosweep.config.values import Choice, Quantity
 from heliosweep.errors import Problem, listed
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.grid.layout_axis import mirror_size
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import MAX_LISTED
 from heliosweep.layouts.resolve import SIZE_COLUMNS
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
-Floats = NDArray[np.float64]
 
 STRATEGIES = {
     "centre": "all at the middle of the receiver; of a cylinder, at the point of this height that faces the heliostat",

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from heliosweep.config.times import CivilTime
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
-
-Floats = NDArray[np.float64]
 
 #: Squared sine below which a direction is along the primary axis, as in the kernel: the primary angle is then any.
 _ALONG = 1e-30

@@ -20,6 +20,7 @@ from heliosweep.families.misalignment.draws import standard_deviates, widths_of
 from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 from heliosweep.kernels.intercept import hflcal, sunshapes
 from heliosweep.kernels.intercept.course import course, table_of
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
-Floats = NDArray[np.float64]
 
 _NO_TABLES = Tables._make((0.0, *(np.zeros((1,) * dimensions) for dimensions in (1, 1, 1, 1, 2, 4, 3, 3, 2, 2, 2))))
 

@@ -20,8 +20,7 @@ from heliosweep.families.field_efficiency.variables import MONTHS
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Suns
 from heliosweep.grid.weather import CAUSES, Weathers, used
-
-Floats = NDArray[np.float64]
+from heliosweep.kernels.arrays import Floats
 
 #: Keys of the limits, in the order of the causes of lost hours.
 LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)

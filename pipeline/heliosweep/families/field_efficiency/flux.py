@@ -6,18 +6,17 @@ import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heliosweep.config.block import Block
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Quantity
 from heliosweep.grid.clock import instant_count
 from heliosweep.grid.regions import Variable, quantity
+from heliosweep.kernels.arrays import Floats
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-Floats = NDArray[np.float64]
 
 #: Direct normal irradiance of the sun where nothing else is told. [W/m2]
 IRRADIANCE = 1000.0

@@ -7,16 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heliosweep.families.field_efficiency.chain import Light
 from heliosweep.families.field_efficiency.energy import Hours
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, NODES, flux_sizes, has_instant
 from heliosweep.families.field_efficiency.values import Field
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency
 from heliosweep.kernels.intercept import flux, hflcal
-
-Floats = NDArray[np.float64]
 
 
 class FluxSums:

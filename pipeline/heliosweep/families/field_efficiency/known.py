@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency
 from heliosweep.layouts.layout import Layout
 
-Floats = NDArray[np.float64]
 Mirrors = tuple[Floats, Floats, Floats, Floats, Floats, float | Floats, int]
 """Arguments of `efficiency.sorted_field`, and code of the tracking method."""
 SortedMirrors = tuple[efficiency.SortedField, int]

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heliosweep.config.tables import Column, read_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.files import read_once
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import Layout
 
 if TYPE_CHECKING:  # they take longer to import than reading a study
@@ -20,7 +20,6 @@ if TYPE_CHECKING:  # they take longer to import than reading a study
 
     from heliosweep.kernels.intercept.mirror import Facets
 
-Floats = NDArray[np.float64]
 
 #: Largest map and table of a sun. [rows]
 MOST_POINTS, MOST_ANGLES = 1_000_000, 200

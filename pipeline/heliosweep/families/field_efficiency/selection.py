@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from heliosweep.families.field_efficiency.energy import Hours
 from heliosweep.families.field_efficiency.values import Field
 from heliosweep.families.field_efficiency.variables import DESIGN, EFFICIENCIES
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import Layout
-
-Floats = NDArray[np.float64]
 
 
 class Kept(NamedTuple):

@@ -24,13 +24,13 @@ from heliosweep.families.field_efficiency.variables import (
     MONTHS,
     SERIES,
 )
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.optics import FacetGrid
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-Floats = NDArray[np.float64]
 Values = dict[str, Floats]
 
 

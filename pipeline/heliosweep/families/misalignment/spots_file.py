@@ -16,6 +16,7 @@ from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_tab
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
+from heliosweep.kernels.arrays import Floats
 
 #: Largest file, and spots in it. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
@@ -89,8 +90,6 @@ CROSSING = {
     "z": _place("crossing on the receiver plane, above the aim point, in m"),
 }
 _SUN = ("sun_x", "sun_y", "sun_z")
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

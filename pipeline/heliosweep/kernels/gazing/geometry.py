@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+from heliosweep.kernels.arrays import Floats
 
 NONE, ROLL, EXACT = 0, 1, 2
 """Referentials: rows of `transfers`."""

@@ -14,12 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.rays import ideal_mirror, unit
 from heliosweep.kernels.sun.profiles import least_base, power
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4

@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import Scene
 from heliosweep.kernels.gazing.lanes import (
@@ -43,7 +44,6 @@ from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of,
 from heliosweep.kernels.sun.profiles import Profile, inverse_squares
 from heliosweep.kernels.sun.tables import smooth_fit
 
-Floats = NDArray[np.float64]
 _NEEDED = 3
 """Lit cameras that two slopes and the constant need."""
 _LEAST = 5e-324

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import Scene
 from heliosweep.kernels.gazing.lanes import (
@@ -41,8 +42,6 @@ from heliosweep.kernels.gazing.lanes import (
     A,
     B,
     Flags,
-    Floats,
-    Integers,
     SlopeFit,
     at,
     begun,

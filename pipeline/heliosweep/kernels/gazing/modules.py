@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules
 
-Floats = NDArray[np.float64]
 _BLOCKS = 4
 """Blocks along each side of a module for what neighbouring pixels share."""
 _FEW = 2 * _BLOCKS

@@ -2,12 +2,9 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline
 
-Floats = NDArray[np.float64]
 Row = Floats | tuple[float, float, float]
 
 

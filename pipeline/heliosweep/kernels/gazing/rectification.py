@@ -23,11 +23,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, outline
 from heliosweep.kernels.gazing.rays import ideal_mirror
-
-Floats = NDArray[np.float64]
 
 
 class Pinholes(NamedTuple):

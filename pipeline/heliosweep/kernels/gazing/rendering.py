@@ -14,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, product
 from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of, unit
 from heliosweep.kernels.gazing.rectification import Pinholes
 from heliosweep.kernels.sun.profiles import Profile, render_squares, rendered
 from heliosweep.kernels.sun.tables import normal_draws
-
-Floats = NDArray[np.float64]
 
 FULL_SCALE = 1.25
 """Brightness of the highest level of a camera, relative to the disc centre."""

@@ -15,6 +15,7 @@ References
 import numpy as np
 from numpy.typing import ArrayLike
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import Scene
 from heliosweep.kernels.gazing.lanes import (
@@ -27,8 +28,6 @@ from heliosweep.kernels.gazing.lanes import (
     A,
     B,
     Flags,
-    Floats,
-    Integers,
     SlopeFit,
     begun,
     block_size,

@@ -16,8 +16,9 @@ References
 
 import math
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.gazing.lanes import IDEAL_A, IDEAL_B, LANES, MERIT, OWN, A, B, Floats
+from heliosweep.kernels.gazing.lanes import IDEAL_A, IDEAL_B, LANES, MERIT, OWN, A, B
 
 VERTICES, VALUES, _CENTRE, _REFLECTED, POINT = OWN, OWN + 6, OWN + 9, OWN + 11, OWN + 13
 """First rows of the three vertices, best first, two of each; of their values; of the centre of the better two, the

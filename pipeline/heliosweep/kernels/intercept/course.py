@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
@@ -24,7 +25,6 @@ from heliosweep.kernels.intercept.field_table import FieldTable, field_tables, f
 from heliosweep.kernels.intercept.mirror import ROLLED
 from heliosweep.kernels.vectors import PACKET
 
-Floats = NDArray[np.float64]
 Nodes = tuple[Floats, Floats, Floats]
 
 NODES = ((3, 7), (5, 13), (9, 13), (17, 25))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.light import PART, RESULT, X, Y, collapse, extent, light_of, look_up, weigh
 from heliosweep.kernels.intercept.light import ROWS as PLACES
@@ -44,8 +45,6 @@ from heliosweep.kernels.intercept.sunshapes import SunShape
 from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Tables, stretched, tables
 from heliosweep.kernels.mounts.kinematics import stand_terms
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, dot, mixed, unit, whole
-
-Floats = NDArray[np.float64]
 
 LEAST_COSINE = 0.2
 """Cosine of incidence down to which errors are spread exactly; at grazing incidence by what they are here."""

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.intercept.efficiency import Scene
-
-Floats = NDArray[np.float64]
 
 
 def aims_of(scene: Scene) -> Floats:

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
@@ -24,8 +24,6 @@ from heliosweep.kernels.intercept.mirror import ROLLED
 from heliosweep.kernels.intercept.receivers import CYLINDER
 from heliosweep.kernels.vectors import PACKET, aligned
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Free = tuple[int, int, float, float]
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.efficiency import Rules, Scene, gauss_rules, image_shift, turn_at
 from heliosweep.kernels.intercept.expansion import chebyshev_suns
@@ -24,8 +25,6 @@ from heliosweep.kernels.intercept.receivers import LEAST_ERROR, RECTANGLE, apart
 from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, stretched
 from heliosweep.kernels.mounts.kinematics import stand_terms
 from heliosweep.kernels.vectors import GROUP, dot, mixed, unit, whole
-
-Floats = NDArray[np.float64]
 
 PANEL = 3
 """Nodes in each panel of an edge; a panel is at most as long as the standard deviation of the blur."""

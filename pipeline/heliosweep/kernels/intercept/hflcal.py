@@ -13,14 +13,12 @@ References
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.efficiency import Scene
 from heliosweep.kernels.intercept.receivers import CYLINDER
 from heliosweep.kernels.vectors import cross, dot, mixed, unit
-
-Floats = NDArray[np.float64]
 
 
 def intercepts(scene: Scene, spread: float, sun: Floats) -> Floats:

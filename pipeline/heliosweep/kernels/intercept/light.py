@@ -5,11 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner
 from heliosweep.kernels.intercept.tables import BLOCK
 from heliosweep.kernels.vectors import GROUP
-
-Floats = NDArray[np.float64]
 
 LOOKED = 512
 """Most places that are looked up at a time."""

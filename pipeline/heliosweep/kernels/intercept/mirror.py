@@ -3,15 +3,9 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.vectors import Vector, cross, dot, mixed, unit
-
-Floats = NDArray[np.float64]
-
 
 ROLLED = 2
 """Code of a mirror that is turned about its normal by a given angle, beside those of the tracking methods."""

@@ -14,12 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.light import LOOKED, PART, RESULT, X, Y, folded, look_up
 from heliosweep.kernels.intercept.sunshapes import DISC
 from heliosweep.kernels.vectors import GROUP, ROW, whole
-
-Floats = NDArray[np.float64]
 
 PANEL = 15.0
 """Length of a panel of an edge in that over which light changes, `Light.smooth`; beyond the disc that grows."""

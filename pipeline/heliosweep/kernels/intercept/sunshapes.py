@@ -15,12 +15,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.sun.profiles import jose as jose_profile
 from heliosweep.kernels.sun.profiles import render
-
-Floats = NDArray[np.float64]
 
 DISC = 4.65e-3
 """Angular radius of the sun's disc. [rad]"""

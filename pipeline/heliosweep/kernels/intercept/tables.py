@@ -21,10 +21,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.intercept.sunshapes import DISC, SunShape
-
-Floats = NDArray[np.float64]
 
 TAIL = 4e-6
 """Light beyond the reach of a table. [1]"""

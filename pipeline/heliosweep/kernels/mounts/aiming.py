@@ -27,14 +27,13 @@ vector code. Angles are pairs of cosine and sine: there is no trigonometric func
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.kinematics import TERMS, back, bore, error_terms, mount_frame, point, times, turn
 from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
 from heliosweep.kernels.vectors import PACKET
-
-Floats = NDArray[np.float64]
 
 AIM_ROWS = 11
 """Rows of what to aim: sun s (0 to 2), unit, and aim point d (3 to 5) in the frame of the tilted primary axis; cosine

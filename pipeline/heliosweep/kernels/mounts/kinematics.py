@@ -22,12 +22,10 @@ References
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.vectors import PACKET, Vector, cross, unit
-
-Floats = NDArray[np.float64]
 
 AZIMUTH_ELEVATION = 0
 """Mount with a vertical primary axis."""

@@ -28,13 +28,10 @@ References
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.spots.derivatives import CAUCHY, HUBER, SQUARED
 from heliosweep.kernels.spots.fit import PARAMETERS, fit_all
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Spots(NamedTuple):

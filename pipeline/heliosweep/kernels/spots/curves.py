@@ -49,12 +49,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.spots.deviation import CURVE_ROWS, Curve, curve_at, curve_lanes, draws_conic, prepared, spot_at
 from heliosweep.kernels.spots.receiver import REACHES, Face, Setting, face_vectors
 from heliosweep.kernels.vectors import PACKET, Vector, at_angle, cross, dot, mixed, turning
 
-Floats = NDArray[np.float64]
 Line = Vector
 """Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2."""
 Series = tuple[float, float, float, float, float, float, float]

@@ -19,15 +19,13 @@ lane, 0 for those that are not used. Robust least squares makes weights, slope, 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.kinematics import back, bore, times, turn
 from heliosweep.kernels.spots.least_squares import BLOCK, COLUMNS, total
 from heliosweep.kernels.spots.receiver import REACHES, rows_of, trace
 from heliosweep.kernels.vectors import PACKET, whole
-
-Floats = NDArray[np.float64]
 
 SEEN_ROWS = 9
 """Rows of what is known of spots: unit vector to the sun (0 to 2), cosine and sine of the encoder angles g and a,

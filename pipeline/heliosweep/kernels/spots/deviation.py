@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED, normal_lanes, primary_axis
 from heliosweep.kernels.spots.receiver import (
@@ -67,7 +68,6 @@ CURVE_ROWS = 42
 """Rows of a packet of curves: those of `_as_lane` come first, then the ways to the aim point, the axes z and x of the
 mounts, the normals, and what these need."""
 
-Floats = NDArray[np.float64]
 Parts = tuple[Vector, Vector, Vector]
 
 

@@ -4,8 +4,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.kinematics import TERMS, error_terms
 from heliosweep.kernels.spots.derivatives import (
@@ -60,9 +60,6 @@ STILL = 1e-14
 
 ROUNDING = 4e-16
 """Rounding of a spot, in parts of the distance between mirror and receiver."""
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Fit(NamedTuple):

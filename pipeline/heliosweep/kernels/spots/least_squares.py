@@ -14,9 +14,7 @@ References
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.vectors import PACKET
 
@@ -29,8 +27,6 @@ BLOCK = SIDES * COLUMNS * PACKET
 
 SWEEPS = 30
 """Sweeps of Jacobi rotations at the most; a matrix of six columns needs about six."""
-
-Floats = NDArray[np.float64]
 
 
 @kernel

@@ -10,8 +10,9 @@ of a spot depends on how spots are packed.
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.aiming import (
     AIM_ROWS,
@@ -35,8 +36,6 @@ from heliosweep.kernels.mounts.kinematics import (
 )
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, REACHES, Face, Setting, compiled_setting, face_vectors, trace
 from heliosweep.kernels.vectors import PACKET, whole
-
-Floats = NDArray[np.float64]
 
 SAMPLE = 21
 """Rows of a mount and one sample of its errors: the matrix Q^T Rtilt by rows (0 to 8), the point relative to the aim

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.aiming import AIM_ROWS, KNOWN, STATE_ROWS, WORK_ROWS, aim_lanes, aim_rows
 from heliosweep.kernels.spots.curves import canting_cotangent
@@ -37,8 +38,6 @@ from heliosweep.kernels.spots.receiver import (
     face_vectors,
 )
 from heliosweep.kernels.vectors import PACKET, Vector, cross, dot, whole
-
-Floats = NDArray[np.float64]
 
 
 def ranks_of(percentiles: ArrayLike, count: int) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:

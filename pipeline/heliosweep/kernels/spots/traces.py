@@ -29,9 +29,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
-
-Floats = NDArray[np.float64]
 
 ELEVATION, AZIMUTH = 0, 1
 """Traces: of the cylinder along the elevation axis, which errors about it move along itself, and of the other."""

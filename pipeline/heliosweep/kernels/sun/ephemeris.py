@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-
-Floats = NDArray[np.float64]
 
 DAY = 86_400_000_000_000
 """Nanoseconds in a day."""

@@ -16,11 +16,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-
-Floats = NDArray[np.float64]
 
 LIMB = 0.679
 """Brightness A at the limb relative to the centre [2]_. [1]"""

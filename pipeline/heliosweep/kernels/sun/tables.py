@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Philox
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.sun.profiles import POWER, Profile, analytic, falling_envelope, render, table_profile
-
-Floats = NDArray[np.float64]
 
 
 def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Profile:

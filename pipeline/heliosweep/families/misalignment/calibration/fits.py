@@ -22,13 +22,13 @@ from heliosweep.families.misalignment.calibration.variables import (
 from heliosweep.families.misalignment.points import Points
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT
 from heliosweep.families.misalignment.spots_file import MeasuredSpots
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import aim, mount_frames
 from heliosweep.kernels.spots.calibration import Calibration, Spots, calibrate
 from heliosweep.kernels.spots.fit import ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import Setting, face_axes
 
-Floats = NDArray[np.float64]
 Found = dict[str, NDArray[Any]]
 
 _NONE = np.zeros(len(ERRORS))

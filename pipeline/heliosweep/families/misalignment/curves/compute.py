@@ -25,6 +25,7 @@ from heliosweep.families.misalignment.points import (
 from heliosweep.families.misalignment.spots import SIDES, spot_values, status_remarks
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.curves import deviation_curves
 from heliosweep.kernels.spots.deviation import AZIMUTH, CANTING, ELEVATION, TILT, deviation_spots
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from heliosweep.grid.layout_axis import LayoutAxis
     from heliosweep.grid.regions import Region
 
-Floats = NDArray[np.float64]
 
 #: Time of a spot, and of what belongs to a whole curve at one instant, on one core. [s]
 SECONDS_PER_SPOT, SECONDS_PER_CURVE, SECONDS_PER_CROSSING = 40e-9, 700e-9, 500e-9

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.families.misalignment.blocks import Detectors
-
-Floats = NDArray[np.float64]
+from heliosweep.kernels.arrays import Floats
 
 #: Crossings of two pieces at their corner are one: places along an array that are no farther apart. [m]
 CORNER = 1e-9

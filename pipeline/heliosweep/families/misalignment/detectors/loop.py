@@ -26,11 +26,11 @@ from heliosweep.families.misalignment.detectors.variables import (
 )
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT
 from heliosweep.families.misalignment.spots_file import TRACES, MeasuredSpots
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import aim
 from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.traces import AZIMUTH, ELEVATION, ESTIMATED, INDISTINCT, TOO_FEW, Seen, Stand
 
-Floats = NDArray[np.float64]
 Found = dict[str, NDArray[Any]]
 
 
