@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import warnings
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,13 @@ from tests.conftest import STUDIES
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     from compliance_checker import runner
+    from compliance_checker.cf import util
 
     runner.CheckSuite.load_all_available_checkers()
+
+# The checker asks for these lists of a file's variables thousands of times, and goes through all attributes for each.
+for _name in ("get_auxiliary_coordinate_variables", "get_axis_variables", "get_time_variables"):
+    setattr(util, _name, cache(getattr(util, _name)))
 
 DATASET = {
     "creators": [
