@@ -19,6 +19,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels import compiled
 from heliosweep.report import layout
+from heliosweep.store import checks
 from tests.families.studies import study
 from tests.faults.attempts import attempts, pytest_addoption, pytest_configure
 
@@ -95,3 +96,9 @@ def small() -> Callable[..., Study]:
 def unplaced(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of figures is measured for their layout, which takes most of their time, in tests of what is in them."""
     monkeypatch.setattr(layout, "_around", lambda *_: layout._GUESS)
+
+
+@pytest.fixture
+def undamaged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Results without a manifest are checked in this process, in tests in which no file is damaged."""
+    monkeypatch.setattr(checks, "check_apart", checks.check)

@@ -16,7 +16,7 @@ from heliosweep.store.parts import PartStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study
 
-pytestmark = pytest.mark.usefixtures("unplaced")
+pytestmark = pytest.mark.usefixtures("unplaced", "undamaged")
 
 
 def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):

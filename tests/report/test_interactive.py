@@ -22,6 +22,8 @@ from heliosweep.report.payload import PAGE_VALUES, shares, thinned, view_payload
 from heliosweep.report.views import View, default_views, usable
 from tests.report.synthetic import BOTH, result, with_series
 
+pytestmark = pytest.mark.usefixtures("undamaged")
+
 EVIL = "</script><!-- \u2028\u2029 <script>alert(1)</script> & ]]>"
 
 

@@ -21,7 +21,7 @@ from heliosweep.report.page import linked
 from heliosweep.store.read import file_digest
 from tests.report.synthetic import BOTH, result
 
-pytestmark = pytest.mark.usefixtures("unplaced")
+pytestmark = pytest.mark.usefixtures("unplaced", "undamaged")
 
 
 def write_report(folder, study=None, family_of=lambda _: None, **how):
