@@ -261,11 +261,12 @@ def test_a_kernel_that_cannot_be_made_says_why(monkeypatch):
 def test_the_helper_compiles_what_fields_call(tmp_path):
     program = (
         "from heliosweep.kernels.warm import warm_field; print(warm_field()[1])\n"
+        "from heliosweep.kernels.field.neighbours import by_cells\n"
         "from heliosweep.kernels.field.packets import packet_order\n"
         "from heliosweep.kernels.field.unions import unions\n"
-        "for each in (unions.part, packet_order): print(sum(each.stats.cache_hits.values()))"
+        "for each in (unions.part, packet_order, by_cells): print(sum(each.stats.cache_hits.values()))"
     )
-    assert run(program, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["True", "1", "1"]
+    assert run(program, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["True", "1", "1", "1"]
 
 
 def test_options():

@@ -93,8 +93,8 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
     apart = options.pop("apart", False)
     make: Any = numba.njit  # its types tell of fewer options
-    compiled = make(function, **options)
-    part = make(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+    options |= {"no_cfunc_wrapper": True}  # C calls none of them
+    compiled, part = make(function, **options), make(function, no_cpython_wrapper=True, **options)
     try:
         compiled._cache = CodeCache(function)
         if apart:

@@ -35,38 +35,44 @@ def warm_field(outlines: bool = False, shared: bool = False, meanwhile: Sequence
 
     `meanwhile` is what else another process compiles, as of `helper.beside`.
     """
-    from heliosweep.kernels.field.efficiency import field_sums, known_energies, sorted_field
+    from heliosweep.kernels.field.efficiency import aimed, field_sums, known_energies, sorted_field
+    from heliosweep.kernels.field.neighbours import Cells
     from heliosweep.kernels.field.sweep import UNWEIGHTED, sweep
     from heliosweep.kernels.outlines import mirror_outlines
 
     place, side = np.array([10.0, 30.0]), np.ones(2)
-    sun = np.array([[0.0, 0.0, 1.0]])
+    sun, number = np.array([[0.0, 0.0, 1.0]]), np.zeros(1, np.int64)
     with beside("field_parts()", *meanwhile):
-        order, first = np.zeros(1, np.int64), np.array([0, 1])
-        sums, nothing = np.zeros((2, 4)), np.empty((4, 0, 0))
-        field = sorted_field(place, place, side, side, side, 50.0)
-        sweep(*field, 0, sun, order, first, 0, 2, sums, nothing, np.empty((0, 0)), UNWEIGHTED)
+        # No heliostats are tested, and no instants: their order and the grid are what the other process compiles.
+        mirrors = aimed(place, place, side, side, side, 50.0)
+        grid = Cells(number, number, 0.0, 0.0, 0.0, 1, 1, 0.0, 0.0, 0.0)
+        sums, nothing = np.zeros((0, 4)), np.empty((4, 0, 0))
+        sweep(mirrors, grid, 0, sun, number, number, 0, 0, sums, nothing, np.empty((0, 0)), UNWEIGHTED)
+    field = sorted_field(place, place, side, side, side, 50.0)
     field_sums(field, 0, sun, 0, 2)
     if shared:
-        number = np.zeros(1, np.int64)
         known_energies(np.ones((1, 1, 4)), number, sun, np.ones((2, 1)), number, 1)
     if outlines:
         mirror_outlines(place, place, side, side, side, 50.0, 0, sun[0], 0, 2, 1)
 
 
 def field_parts() -> None:
-    """Compile unions, a third of the kernel of heliostat fields, and the order of packets, for another process."""
-    from numba import int64
+    """Compile unions, a third of the kernel of heliostat fields, and grid and order of packets, for another process."""
+    from numba import typeof
 
-    from heliosweep.kernels.field.images import images_of
+    from heliosweep.kernels.field.boundaries import Group
+    from heliosweep.kernels.field.efficiency import sorted_field
+    from heliosweep.kernels.field.images import Images
     from heliosweep.kernels.field.packets import packet_order
-    from heliosweep.kernels.field.unions import room_for, unions
+    from heliosweep.kernels.field.unions import Room, unions
     from heliosweep.kernels.machine_code import compile_part
-    from heliosweep.kernels.vectors import rows
 
-    images, room, row = (compile_part(each, int64) for each in (images_of, room_for, rows))
-    compile_part(unions, images, int64, int64, row, room, int64)
+    row, names, side = np.empty(0), np.empty(0, np.int64), np.ones(1)
+    images, group = Images(row, np.empty(0, np.bool_), names), Group(row, names, names, names, names, row, row)
+    room = Room(names, names, names, row, group, row, names, names, row, row, names)
+    compile_part(unions, *(typeof(each) for each in (images, 0, 0, row, room, 0)))
     packet_order(np.ones((1, 3)))
+    sorted_field(side, side, side, side, side, 50.0)
 
 
 @_timed
