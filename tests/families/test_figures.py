@@ -42,6 +42,7 @@ def test_figures_are_few_and_can_be_read(family, name):
         assert all(len(axes.get_lines()) <= lines for axes in named.figure.axes), named.name
 
 
+@pytest.mark.usefixtures("unplaced")
 @pytest.mark.parametrize(
     ("family", "name", "dim"),
     [
@@ -74,6 +75,7 @@ FEW = {
 }
 
 
+@pytest.mark.usefixtures("unplaced")
 @pytest.mark.parametrize("name", FEW)
 def test_missing_variables_leave_figures_out(name):
     gallery, make, count = FEW[name]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -28,7 +29,8 @@ from tests.report.test_page import Page
 
 @pytest.fixture(scope="module")
 def pool(tmp_path_factory):
-    pool = Pool(tmp_path_factory.mktemp("hostile"))
+    # Beside other processes of tests one worker: each takes a dozen seconds to import and to warm up.
+    pool = Pool(tmp_path_factory.mktemp("hostile"), 1 if "PYTEST_XDIST_WORKER" in os.environ else 2)
     yield pool
     pool.close()
 

@@ -11,6 +11,8 @@ from heliosweep.report.comparison import Comparison, told
 from tests.families.backward_gazing import report_results as results
 from tests.families.gallery import Gallery, nothing
 
+pytestmark = pytest.mark.usefixtures("unplaced")
+
 PROFILES = {"sun_profile": ["jose", "noisy"]}
 SUNS = {"sun_azimuth": [60.0, 0.0, 30.0]}
 NOISES = {"camera_noise": [0.001, 0.01, 0.1]}
@@ -213,7 +215,6 @@ def test_errors_over_two_numbers_are_those_of_the_best_method():
         np.testing.assert_array_equal(shown, dataset[f"slope_rms_{end}"].transpose("camera_noise", "camera_radius"))
 
 
-@pytest.mark.usefixtures("unplaced")
 def test_captions_say_where_the_rest_stands():
     dataset = results.result({**SUNS, **NOISES}, methods=["LM"], modules=1).assign_coords(camera_radius=0.24)
     dataset["camera_radius"].attrs["units"] = "m"

@@ -326,6 +326,7 @@ def test_bad_studies(blocks, said):
     assert said in str(error.value)
 
 
+@pytest.mark.usefixtures("unplaced")
 def test_the_report_draws_the_crossings_and_the_loop(tmp_path):
     result = api.run(study({"noise": 0.05, "rounds": 2}), output=tmp_path / "out")
     names = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}

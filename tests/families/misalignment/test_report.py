@@ -12,6 +12,8 @@ from heliosweep.families.misalignment.figures import MOST_FIGURES, figures
 from tests.families.gallery import Gallery, nothing
 from tests.families.misalignment import report_results as results
 
+pytestmark = pytest.mark.usefixtures("unplaced")
+
 HOURS = np.arange(6.0, 19)
 SHUFFLED = {"axis": ["azimuth", "encoder_azimuth", "elevation"], "error_size": [4.0, -12.0, 0.0, 12.0, -4.0]}
 FIELD = {"axis": ["azimuth", "elevation"], "error_size": [-4.0, 4.0]}
@@ -259,7 +261,6 @@ def test_bars_of_few_spots_are_those_of_the_t_distribution():
     np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, quantiles * dataset["standard_error"][:, 0], rtol=1e-6)
 
 
-@pytest.mark.usefixtures("unplaced")
 def test_captions_say_where_the_rest_stands():
     dataset = results.curves(days=(80, 172, 355), hours=HOURS)
     caption = one_of(dataset, "deviation_curves").caption
