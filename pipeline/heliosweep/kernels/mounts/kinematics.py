@@ -270,7 +270,7 @@ def normal_lanes(rows: Floats, sun: int, to_target: int, r: float, normal: int, 
     are used. NaN where |r| is not smaller than |d|, or the sun stands opposite to the aim point.
     """
     for k in range(lanes):
-        s, d = _of(rows, sun, k), _of(rows, to_target, k)
+        s, d = of_lane(rows, sun, k), of_lane(rows, to_target, k)
         _, _, _, _, (across, along) = _half_way(s[0], s[1], s[2], d[0], d[1], d[2], r)
         rows[(work + 2) * PACKET + k], rows[(work + 3) * PACKET + k] = across, along
         rows[work * PACKET + k], rows[(work + 1) * PACKET + k], rows[(work + 4) * PACKET + k] = 1.0, 0.0, 1.0
@@ -287,15 +287,15 @@ def normal_lanes(rows: Floats, sun: int, to_target: int, r: float, normal: int, 
         if pending == 0.0:
             break
     for k in range(lanes):
-        s, d = _of(rows, sun, k), _of(rows, to_target, k)
+        s, d = of_lane(rows, sun, k), of_lane(rows, to_target, k)
         h, half, lengths, rho, _ = _half_way(s[0], s[1], s[2], d[0], d[1], d[2], r)
         n = _bisector(h, half, lengths, rho, rows[work * PACKET + k], rows[(work + 1) * PACKET + k])
         rows[normal * PACKET + k], rows[(normal + 1) * PACKET + k], rows[(normal + 2) * PACKET + k] = n
 
 
 @inline
-def _of(rows, row, k):
-    """Three rows of a lane."""
+def of_lane(rows: Floats, row: int, k: int) -> Vector:
+    """Vector of a lane, from three rows."""
     return rows[row * PACKET + k], rows[(row + 1) * PACKET + k], rows[(row + 2) * PACKET + k]
 
 

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED, normal_lanes, primary_axis
+from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED, normal_lanes, of_lane, primary_axis
 from heliosweep.kernels.spots.receiver import (
     BEHIND_FACE,
     MISSES,
@@ -316,8 +316,8 @@ def curve_lanes(
         h, t = (h, t + 1) if t + 1 < instants else (h + 1, 0)
     normal_lanes(rows, 0, _TO_TARGET, r, _NORMAL, _WORK, lanes)
     for k in range(lanes):
-        to_sun, to_target = _of_lane(rows, 0, k), _of_lane(rows, _TO_TARGET, k)
-        z, x, n = _of_lane(rows, _Z, k), _of_lane(rows, _X, k), _of_lane(rows, _NORMAL, k)
+        to_sun, to_target = of_lane(rows, 0, k), of_lane(rows, _TO_TARGET, k)
+        z, x, n = of_lane(rows, _Z, k), of_lane(rows, _X, k), of_lane(rows, _NORMAL, k)
         curve = _aligned_curve(source, axis, to_sun, to_target, z, x, n, r, pedestal)
         _as_lane(_before(curve, face, to_target), rows, k)
 
@@ -337,15 +337,9 @@ def _as_lane(curve, rows, k):
 @inline
 def curve_at(rows: Floats, k: int) -> Curve:
     """Curve in lane k."""
-    normal = _of_lane(rows, 3, k), _of_lane(rows, 6, k), _of_lane(rows, 9, k)
-    centre = _of_lane(rows, 12, k), _of_lane(rows, 15, k), _of_lane(rows, 18, k)
-    return Curve(int(rows[21 * PACKET + k]), _of_lane(rows, 0, k), _of_lane(rows, _AXIS, k), normal, centre)
-
-
-@inline
-def _of_lane(rows, row, k):
-    """Three rows of a lane."""
-    return rows[row * PACKET + k], rows[(row + 1) * PACKET + k], rows[(row + 2) * PACKET + k]
+    normal = of_lane(rows, 3, k), of_lane(rows, 6, k), of_lane(rows, 9, k)
+    centre = of_lane(rows, 12, k), of_lane(rows, 15, k), of_lane(rows, 18, k)
+    return Curve(int(rows[21 * PACKET + k]), of_lane(rows, 0, k), of_lane(rows, _AXIS, k), normal, centre)
 
 
 @kernel
