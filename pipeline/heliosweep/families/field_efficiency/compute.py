@@ -40,7 +40,7 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
 from heliosweep.grid.regions import of_kind, shape_of
 from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
-from heliosweep.grid.weather import CAUSES
+from heliosweep.grid.weather import CAUSES, LIMITS
 from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.intercept import course
@@ -324,7 +324,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
     shared = _shared_bytes(study, layouts.size) > 0
     mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking", *_KEEP)
-    keys = (*_SIZES, *mount, *PLACE, *energy.LIMITS, *KEYS)
+    keys = (*_SIZES, *mount, *PLACE, *LIMITS, *KEYS)
     for index, (width, height, pivot, target, levels, tracking, number, power, by, *rest) in parameters.points(*keys):
         place, limits, optics = rest[: len(PLACE)], rest[len(PLACE) : -len(KEYS)], rest[-len(KEYS) :]
         layout = layouts.at(parameters.position(index))

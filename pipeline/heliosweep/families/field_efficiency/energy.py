@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 from heliosweep.families.field_efficiency.variables import MONTHS
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Suns
-from heliosweep.grid.weather import CAUSES, Weathers, used
+from heliosweep.grid.weather import LIMITS, Weathers, used
 from heliosweep.kernels.arrays import Floats
 
-#: Keys of the limits, in the order of the causes of lost hours.
-LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 #: Direction to the sun at instants at which a field does not work: below the horizon.
 _DOWN = (0.0, 0.0, -1.0)
 #: From irradiance in W/m2 over hours to energy in MWh/m2.
