@@ -171,13 +171,13 @@ def test_threads_that_share_slopes_find_their_own(lit):
 
     class Kept(dict[Any, Any]):
         def __contains__(self, key: object) -> bool:
-            inputs._slopes = {}
+            inputs._last = {}
             return super().__contains__(key)
 
     slopes = SimpleNamespace(at_nodes=lambda *given: given)
     inputs.maps["map.csv"] = slopes
     for _ in range(2):
         found = inputs.slopes_of("map.csv", 9.0, 8.0, Facets(1, 1, 0.0), False)
-        inputs._slopes = Kept(inputs._slopes)
+        inputs._last = Kept(inputs._last)
         assert found == (9.0, 8.0, Facets(1, 1, 0.0), False)
     assert inputs.slopes_of("map.csv", 9.0, 8.0, Facets(1, 1, 0.0), False) == found

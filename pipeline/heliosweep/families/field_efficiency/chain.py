@@ -119,19 +119,16 @@ class Inputs(LayoutAxis):
         self.sun = next((sunshapes.table(*table) for table in read("sun_shape.file", read_sun).values()), None)
         self.maps = {PurePath(name).name: slopes for name, slopes in read("slope_map", read_slopes).items()}
         self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
-        self._tables: dict[Errors, tuple[Tables, Errors]] = {}
-        self._slopes: dict[tuple[Any, ...], tuple[Floats, Floats]] = {}
         self._fields: list[tuple[tuple[Any, ...], tuple[Any, ...], FieldTable | None]] = []
-        self._kept: dict[tuple[int, ...], Any] = {}
+        self._last: dict[str, tuple[Any, Any]] = {}
         self._shared: known.SharedField | None = None
 
-    def kept(self, position: tuple[int, ...], choose: Callable[[], Any]) -> Any:
-        """Heliostats that are kept at a point of the result, as `choose` tells; those of the last point are known."""
-        known = self._kept.get(position)
-        if known is None:
-            known = choose()
-            self._kept = {position: known}
-        return known
+    def last(self, what: str, key: Any, make: Callable[[], Any]) -> Any:
+        """What was made last under a name, if it was for this key; else it is made."""
+        known = self._last.get(what)
+        if known is None or known[0] != key:
+            self._last[what] = known = key, make()
+        return known[1]
 
     def shared_field(self, layout: Layout, mirrors: known.Mirrors) -> known.SharedField:
         """What is kept of a field from other points; nothing yet of another than the last."""
@@ -143,10 +140,7 @@ class Inputs(LayoutAxis):
     def slopes_of(self, name: str, width: float, height: float, facets: Facets, turned: bool) -> tuple[Floats, Floats]:
         """Slopes of a map at the nodes of a mirror, and what is finer: `SlopeMap.at_nodes`; the last ones are kept."""
         key = (PurePath(name).name, width, height, facets, turned)
-        found = self._slopes.get(key)
-        if found is None:
-            found = self.maps[key[0]].at_nodes(width, height, facets, turned)
-            self._slopes = {key: found}
+        found: tuple[Floats, Floats] = self.last("slopes", key, lambda: self.maps[key[0]].at_nodes(*key[1:]))
         return found
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
@@ -160,10 +154,7 @@ class Inputs(LayoutAxis):
         """Tables of that sun for some errors; the last ones are kept."""
         if values["kind"] != "table":
             return _tables(values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None, errors)
-        found = self._tables.get(errors)
-        if found is None:
-            found = sun_tables(self.sun_of(values), errors)
-            self._tables = {errors: found}
+        found: tuple[Tables, Errors] = self.last("tables", errors, lambda: sun_tables(self.sun_of(values), errors))
         return found
 
     def field_table(self, way: Way, mirrors: tuple[Any, ...], sun: Floats, latitude: float | None) -> FieldTable | None:

@@ -345,7 +345,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
         if study.keep is not None:
             blocks = _blocks(study, len(sun), 0, len(layout))
             choose = partial(select, (number, power, by), layout, field_of, sun, hours, months, blocks)
-            kept = layouts.kept(tuple(parameters.position(index).values()), choose)
+            kept = layouts.last("kept", tuple(parameters.position(index).values()), choose)
             told = {"kept": np.isin(np.arange(len(layout)), kept.rows), "selection_rank": kept.rank}
             _put(made, told, index, slice(len(layout)))
             layout = layout.part(kept.rows)
