@@ -229,8 +229,8 @@ def _points(coordinate: xr.DataArray, text: str) -> NDArray[np.bool_]:
     return chosen
 
 
-def _some(coordinate: xr.DataArray, most: int = 8) -> str:
-    kind, values = coordinate.dtype.kind, coordinate.to_numpy().ravel()[:most]
+def _some(coordinate: xr.DataArray) -> str:
+    kind, values = coordinate.dtype.kind, coordinate.to_numpy().ravel()[:8]
     texts = [f"{one:g}" if kind in "fiu" else str(one)[:10] if kind == "M" else str(one) for one in values]
     more = coordinate.size - len(texts)
     return ", ".join(texts) + (f" and {more} more" if more > 0 else "")

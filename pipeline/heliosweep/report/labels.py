@@ -158,9 +158,9 @@ def value_text(coordinate: xr.DataArray) -> str:
     return f"{value:g}{space}{unit}".rstrip().replace("-", MINUS)
 
 
-def shortened(text: str, number: int, most: int = MOST_LETTERS) -> str:
+def shortened(text: str, number: int) -> str:
     """Text as figures have room for it: a longer one is cut, and its number, counted from 1, tells it apart."""
-    return text if len(text) <= most else f"{text[:most].rstrip()}\N{HORIZONTAL ELLIPSIS} ({number})"
+    return text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS].rstrip()}\N{HORIZONTAL ELLIPSIS} ({number})"
 
 
 def folded(text: str, number: int, most: int = TICK_LETTERS) -> str:

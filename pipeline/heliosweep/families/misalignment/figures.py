@@ -200,9 +200,9 @@ def aperture(result: xr.Dataset, *points: Point) -> tuple[float, float] | None:
     return sides[0], sides[1]
 
 
-def mean(array: xr.DataArray, dim: str = HELIOSTAT) -> xr.DataArray:
+def mean(array: xr.DataArray) -> xr.DataArray:
     """Mean over the heliostats that have a value."""
-    return array.where(np.isfinite(array)).mean(dim)
+    return array.where(np.isfinite(array)).mean(HELIOSTAT)
 
 
 def any_known(arrays: Sequence[xr.DataArray]) -> bool:

@@ -192,18 +192,18 @@ def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> P
     return analytic((limb, 1.0 - limb, 0.0, 0.0), radius, power, np.empty(0))
 
 
-def tabulated(brightness: ArrayLike, radius: float = EPS_MAX, angle: ArrayLike | None = None) -> Profile:
+def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
     """A profile from a table of brightness, linear between its nodes.
 
     `brightness`, shape (n,), is relative to the disc centre, not negative, and taken as it is. The table ends at
-    `radius`, eps_max [rad], unless the `angle` of each value is given, rising from 0 [rad]; where these are not
-    uniform, the table is interpolated at as many uniform nodes as its smallest step asks for, 4096 at most.
+    eps_max, unless the `angle` of each value is given, rising from 0 [rad]; where these are not uniform, the table is
+    interpolated at as many uniform nodes as its smallest step asks for, 4096 at most.
 
     The tangent at the edge has the slope of the last cell or, where that is smaller, of the last twentieth of the
     nodes: noise may make the last cell rise, and a rising tangent has no inverse. Raises ValueError for fewer than 3
     nodes, numbers that are negative or not finite, and an edge that is no darker than the disc.
     """
-    values = np.ascontiguousarray(brightness, np.float64)
+    values, radius = np.ascontiguousarray(brightness, np.float64), EPS_MAX
     if angle is not None:
         values, radius = _uniform(np.asarray(angle, np.float64), values)
     if values.ndim != 1 or len(values) < 3 or not np.all(np.isfinite(values)) or not radius > 0.0:

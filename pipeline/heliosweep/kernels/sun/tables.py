@@ -115,12 +115,11 @@ class SunDisc(NamedTuple):
     """Level of the disc centre, in the scale of the image."""
 
 
-def disc_profile(image: ArrayLike, power: float = POWER) -> SunDisc:
+def disc_profile(image: ArrayLike) -> SunDisc:
     """Profile of a sun's disc in an image.
 
-    `image` has levels above the dark, shape (rows, columns), NaN where a pixel cannot be used; `power` is xi of the
-    continuation at the limb. [1] Raises ValueError if there is no disc, or it is too small, cut by the frame or not
-    round.
+    `image` has levels above the dark, shape (rows, columns), NaN where a pixel cannot be used. Raises ValueError if
+    there is no disc, or it is too small, cut by the frame or not round.
     """
     levels = np.asarray(image, np.float64)
     seen = levels[np.isfinite(levels)]
@@ -153,7 +152,7 @@ def disc_profile(image: ArrayLike, power: float = POWER) -> SunDisc:
         if values.size >= 5 and (node + 0.5) * step < radius - _LIMB:
             table[node] = np.median(values)
     u = np.linspace(0.0, 1.0, nodes)
-    c = np.sqrt(1.0 - u**power)
+    c = np.sqrt(1.0 - u**POWER)
     good = np.isfinite(table)
     if np.count_nonzero(good) < 8:
         raise ValueError("shows too few usable pixels of the disc")
