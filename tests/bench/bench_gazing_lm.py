@@ -143,7 +143,7 @@ def rows() -> Iterator[Row]:
         ("LM, noisy table, gain", table, tabled, True, merit),
     ]
     for name, profile, pictures, gain, beside in cases:
-        lm = partial(fit_slopes, layout, graduated(profile), pictures, *place, first(pictures, profile), fit_gain=gain)
+        lm = partial(fit_slopes, layout, graduated(profile), pictures, first(pictures, profile), place, fit_gain=gain)
         each = None if profile is table else counted(gazing_lanes.reflect, gazing_descent._step, gain)
         yield row(name, lm, beside, each)
     yield row("O2, noisy table", partial(search_slopes, layout, table, tabled, begin, place), merit)

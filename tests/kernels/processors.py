@@ -108,7 +108,7 @@ def gazing() -> Named:
     yield "A", slopes
     yield from _parts("O1", search_slopes(layout, profile, images, true))
     yield from _parts("O2", search_slopes(layout, profile, images, slopes[0], [y, z]))
-    yield from _parts("LM", fit_slopes(layout, profile, images, y, z, slopes[0]))
+    yield from _parts("LM", fit_slopes(layout, profile, images, slopes[0], [y, z]))
 
 
 def _parts(name: str, found: Any) -> Named:

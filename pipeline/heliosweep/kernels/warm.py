@@ -178,7 +178,7 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
         if "O2" in methods:
             search_slopes(layout, profile, images, true, [y, z])
         if "LM" in methods:
-            fit_slopes(layout, profile, images, y, z, true)
+            fit_slopes(layout, profile, images, true, [y, z])
             merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave
         if cameras:
             pictures = pinholes(layout, (8, 8), 240.0)

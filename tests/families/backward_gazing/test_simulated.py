@@ -38,7 +38,7 @@ def test_results_are_those_of_the_kernels():
     for defects, noise in ((canting, 0.004), (0 * canting, 0.0)):
         images, true = image_set(layout, mirror, jose(), module_spheres(themis_8(), 120.0, defects))
         images = expose(images, noise, 12 if noise else 0, 5) if noise else images
-        found.append((fit_slopes(layout, jose(), images, *place, np.zeros((2, len(place[0])))).slopes, true, images))
+        found.append((fit_slopes(layout, jose(), images, np.zeros((2, len(place[0]))), place).slopes, true, images))
     net = found[0][0] - found[1][0]
     error = 1e3 * (net - found[0][1] + found[1][1])
     keep = eroded(mirror, 1)

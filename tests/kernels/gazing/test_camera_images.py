@@ -178,7 +178,7 @@ def shot():
 
 def found_slopes(layout, grid, images):
     start, _ = twin.by_kernels(images, layout, jose(), grid.pixel_y, grid.pixel_z, transfers(layout)[EXACT:])
-    return fit_slopes(layout, jose(), images, grid.pixel_y, grid.pixel_z, start[0]).slopes
+    return fit_slopes(layout, jose(), images, start[0], [grid.pixel_y, grid.pixel_z]).slopes
 
 
 def test_rectified_images_are_those_of_the_grid(shot):

@@ -231,6 +231,6 @@ def test_bound_of_a_noisy_table_is_what_camera_noise_leaves_on_its_smooth_fit(se
     ratios = []
     for trial in range(20):
         seen = expose(images, noise=noise, seed=trial)
-        found = fit_slopes(layout, smooth, seen, grid.pixel_y, grid.pixel_z, true)
+        found = fit_slopes(layout, smooth, seen, true, [grid.pixel_y, grid.pixel_z])
         ratios.append((found.slopes - true) / bound)
     np.testing.assert_allclose(np.std(ratios, axis=(0, 2)), 1.0, atol=0.03)

@@ -30,7 +30,7 @@ def start(grid, images, profile):
 
 def fitted(grid, images, profile, **more):
     first = start(grid, images, profile)
-    return fit_slopes(LAYOUT, profile, images, grid.pixel_y, grid.pixel_z, first, **more)
+    return fit_slopes(LAYOUT, profile, images, first, [grid.pixel_y, grid.pixel_z], **more)
 
 
 def table_errors(grid, profile, method=fitted):
@@ -58,7 +58,7 @@ def test_undefected_mirror():
     grid = twin.paper_grid(0.2)
     images, true = pictures(grid, jose())
     for first in (np.zeros_like(true), np.full_like(true, 3e-4)):
-        found = fit_slopes(LAYOUT, jose(), images, grid.pixel_y, grid.pixel_z, first)
+        found = fit_slopes(LAYOUT, jose(), images, first, [grid.pixel_y, grid.pixel_z])
         assert np.max(np.abs(found.slopes - true)) < 2e-12
         assert not np.any(found.flags)
 
@@ -99,7 +99,7 @@ def test_minimum_of_scipy(fit_gain):
     images[3, :100] = 0.0
     some = np.arange(0, len(grid.pixel_y), 41)
     images, y, z = images[:, some], grid.pixel_y[some], grid.pixel_z[some]
-    found = fit_slopes(LAYOUT, jose(), images, y, z, np.zeros((2, len(some))), fit_gain=fit_gain)
+    found = fit_slopes(LAYOUT, jose(), images, np.zeros((2, len(some))), [y, z], fit_gain=fit_gain)
     for k in range(len(some)):
         lit = images[:, k] >= 0.3
 
@@ -139,7 +139,7 @@ def test_without_graduation_the_search_sticks_at_its_start():
     def errors(profile, stages):
         def method(grid, images, _):
             first = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))[0][NONE]
-            return fit_slopes(LAYOUT, stages, images, grid.pixel_y, grid.pixel_z, first)
+            return fit_slopes(LAYOUT, stages, images, first, [grid.pixel_y, grid.pixel_z])
 
         return table_errors(twin.paper_grid(0.2), profile, method)
 
@@ -166,14 +166,14 @@ def test_flags():
     images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
     images[:2, 5], images[3, 6], images[:, 8] = 0.2, np.nan, 0.0
     images[:, 9] = [0.95, 0.95, 0.31, 0.31]
-    found = fit_slopes(LAYOUT, jose(), images, grid.pixel_y, grid.pixel_z, np.full_like(true, np.nan))
+    found = fit_slopes(LAYOUT, jose(), images, np.full_like(true, np.nan), [grid.pixel_y, grid.pixel_z])
     assert found.flags[5] == found.flags[8] == UNLIT
     assert np.all(np.isnan(found.slopes[:, [5, 8]]))
     assert np.all(np.isnan(found.deviation[:, [5, 8]]))
     assert found.flags[6] == 0  # three cameras are enough
     assert np.max(np.abs(found.slopes - true)[:, 6]) < 1e-6
     assert found.flags[9] & OUTSIDE
-    few = fit_slopes(LAYOUT, jose(), images, grid.pixel_y, grid.pixel_z, np.full_like(true, 5e-4), limit=2)
+    few = fit_slopes(LAYOUT, jose(), images, np.full_like(true, 5e-4), [grid.pixel_y, grid.pixel_z], limit=2)
     assert np.mean(few.flags == NOT_CONVERGED) > 0.9
 
 
@@ -182,7 +182,7 @@ def test_no_direction_is_not_converged():
     grid = twin.paper_grid(0.2)
     profile = table_profile(np.array([1.0, 1.0, 1.0, 1.0, 0.5]), 4.36e-3)
     images, true = pictures(grid, profile)
-    found = fit_slopes(LAYOUT, [profile], images, grid.pixel_y, grid.pixel_z, np.full_like(true, 1e-5))
+    found = fit_slopes(LAYOUT, [profile], images, np.full_like(true, 1e-5), [grid.pixel_y, grid.pixel_z])
     assert np.all(found.flags == NOT_CONVERGED)
     np.testing.assert_allclose(found.slopes, 1e-5, rtol=1e-9)
 
@@ -192,9 +192,9 @@ def test_company_changes_no_bit(profile):
     grid = twin.paper_grid(0.2)
     images, _ = pictures(grid, profile, twin.paper_canting())
     first = start(grid, images, profile)
-    whole = fit_slopes(LAYOUT, profile, images, grid.pixel_y, grid.pixel_z, first)
+    whole = fit_slopes(LAYOUT, profile, images, first, [grid.pixel_y, grid.pixel_z])
     some = np.random.default_rng(0).permutation(len(grid.pixel_y))[:37]
-    part = fit_slopes(LAYOUT, profile, images[:, some], grid.pixel_y[some], grid.pixel_z[some], first[:, some])
+    part = fit_slopes(LAYOUT, profile, images[:, some], first[:, some], [grid.pixel_y[some], grid.pixel_z[some]])
     for one, other in zip(part, whole, strict=True):
         np.testing.assert_array_equal(one, np.asarray(other)[..., some])
 
@@ -205,7 +205,7 @@ def test_three_and_five_cameras():
         turn = 2.0 * np.pi * np.arange(cameras) / cameras
         layout = scene(SUN, TARGET, 0.24 * np.stack((np.cos(turn), np.sin(turn)), axis=1))
         images, true = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 0.5 * twin.paper_canting()))
-        found = fit_slopes(layout, jose(), images, grid.pixel_y, grid.pixel_z, np.zeros_like(true))
+        found = fit_slopes(layout, jose(), images, np.zeros_like(true), [grid.pixel_y, grid.pixel_z])
         assert np.max(np.abs(found.slopes - true)) < 1e-6
 
 
@@ -218,7 +218,7 @@ def test_dark_camera_counts_for_nothing(fit_gain):
     found = fitted(grid, images, jose(), fit_gain=fit_gain)
     three = scene(SUN, TARGET, places[[0, 2, 3]])
     first = start(grid, images, jose())
-    alone = fit_slopes(three, jose(), images[[0, 2, 3]], grid.pixel_y, grid.pixel_z, first, fit_gain=fit_gain)
+    alone = fit_slopes(three, jose(), images[[0, 2, 3]], first, [grid.pixel_y, grid.pixel_z], fit_gain=fit_gain)
     np.testing.assert_allclose(found.slopes, alone.slopes, atol=1e-12)
     np.testing.assert_allclose(found.deviation, alone.deviation, rtol=1e-9)
     np.testing.assert_allclose(found.merit, alone.merit, rtol=1e-9, atol=1e-20)

@@ -241,7 +241,7 @@ def reconstruct(
         else:
             smooth = solver.smooth and profile.table.size > 3
             stages = [smooth_fit(profile)] if smooth else graduated(profile)
-            found = fit = fit_slopes(layout, stages, images, y, z, start, **how)
+            found = fit = fit_slopes(layout, stages, images, start, [y, z], **how)
             slopes[row], quality[row] = fit.slopes, fit.flags
         spent = found.evaluations[found.evaluations > 0]
         evaluations[row] = spent.mean() if spent.size else 0.0

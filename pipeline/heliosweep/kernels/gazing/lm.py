@@ -85,9 +85,8 @@ def fit_slopes(
     layout: Scene,
     profile: Profile | Sequence[Profile],
     images: ArrayLike,
-    y: ArrayLike,
-    z: ArrayLike,
     start: ArrayLike,
+    pixels: ArrayLike,
     *,
     threshold: float = 0.3,
     fit_gain: bool = False,
@@ -103,10 +102,10 @@ def fit_slopes(
         The profile, which is graduated if it is a table; or the stages, from smooth to rough, from `graduated`.
     images : array_like, shape (K, N)
         Brightness relative to the disc centre. [1]
-    y, z : array_like, shape (N,)
-        Pixels, from the mirror centre. [m]
     start : array_like, shape (2, N)
         First guess of p, from method A; 0 where it is not finite. [rad]
+    pixels : array_like, shape (2, N)
+        Places y and z of the pixels, from the mirror centre. [m]
     threshold : float
         Least brightness of a lit camera; darker ones, and NaN, do not count. [1]
     fit_gain : bool
@@ -116,10 +115,10 @@ def fit_slopes(
     """
     stages = graduated(profile) if isinstance(profile, Profile) else list(profile)
     seen, found, evaluations, flags = begun(images, start)
-    pixels, deviation = np.array([y, z], np.float64), found[2:4]
+    places, deviation = np.array(pixels, np.float64, order="C"), found[2:4]
     for n, stage in enumerate(stages):
         enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
-        levenberg_marquardt(layout, stage, seen, pixels, threshold, fit_gain, enough, limit, found, evaluations, flags)
+        levenberg_marquardt(layout, stage, seen, places, threshold, fit_gain, enough, limit, found, evaluations, flags)
         if n == 0:  # the steepness of a noisy table says little about that of the sun's disc
             deviation = found[2:4].copy()
     return SlopeFit(found[:2], deviation, found[4], found[5], evaluations, flags)
