@@ -19,14 +19,11 @@ a level edge may be parallel to an upright one: elsewhere their crossings are we
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.polygons import larger, smaller, unit
 from heliosweep.kernels.vectors import GROUP, ROW, aligned
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SLOTS = 32
 """Most images of a group of lanes, each a bit of an integer."""

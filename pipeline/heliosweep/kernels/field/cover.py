@@ -8,14 +8,12 @@ many before they are projected.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner
 from heliosweep.kernels.field.images import IMAGE_ROWS, Images, next_run
 from heliosweep.kernels.field.polygons import larger, smaller
 from heliosweep.kernels.vectors import ROW
-
-Floats = NDArray[np.float64]
 
 _COLUMNS, _HALF = 4, 0.25
 """Columns of the square, and half the width of each."""

@@ -9,8 +9,8 @@ also depend on the order of packets, which depends on the sun vectors alone.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.field.neighbours import (
     Cells,
@@ -23,8 +23,6 @@ from heliosweep.kernels.field.packets import (
     packet_order,
 )
 from heliosweep.kernels.field.sweep import UNWEIGHTED, Weights, sweep
-
-Floats = NDArray[np.float64]
 
 
 class SortedField(NamedTuple):
@@ -118,7 +116,7 @@ def field_energies(
     start: int,
     stop: int,
     weight: Floats,
-    period: NDArray[np.int64],
+    period: Integers,
     periods: int,
     part: Floats | None = None,
 ) -> Floats:
@@ -180,10 +178,10 @@ def field_series(
 
 def known_energies(
     known: Floats,
-    row: NDArray[np.int64],
+    row: Integers,
     sun: Floats,
     weight: Floats,
-    period: NDArray[np.int64],
+    period: Integers,
     periods: int,
     part: Floats | None = None,
 ) -> Floats:
@@ -252,9 +250,7 @@ def aimed(
     return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
 
 
-def _sorted(
-    field: SortedField, sun: Floats, tracking: int, start: int, stop: int
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def _sorted(field: SortedField, sun: Floats, tracking: int, start: int, stop: int) -> tuple[Floats, Integers, Integers]:
     """Sun vectors as the kernels want them, the instants with the sun up in packet order, and where packets begin.
 
     Refused is what compiled code would read past the end of an array for, or make numbers of that mean nothing.

@@ -6,14 +6,12 @@ Those of the last packets and heliostats are forgotten in turn, so that what is 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.images import next_run
 from heliosweep.kernels.field.packets import FRAME_ROWS, half_sides
 from heliosweep.kernels.vectors import ROW, aligned, rows
-
-Floats = NDArray[np.float64]
 
 _KEPT = 1000
 """Frames of full packets after which others take their places, some made again: more would leave the cache."""
@@ -23,11 +21,11 @@ class Halo(NamedTuple):
     """Frames of a packet: of the test heliostats, and of those of the field that may stand in the way."""
 
     frames: Floats
-    place: NDArray[np.int64]
+    place: Integers
     """For each heliostat of the field where its frame begins; nothing where it has none."""
-    made: NDArray[np.int64]
+    made: Integers
     """Lanes for which each heliostat of the field has its frame, a bit for each."""
-    names: NDArray[np.int64]
+    names: Integers
     """Heliostats that have frames, in the order of these."""
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.polygons import CORNERS, edge_terms, larger, slopes, smaller, square_area
 from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
@@ -28,8 +29,6 @@ AREA = 6 * ROW
 """Start of the row of areas."""
 _HEIGHT = 7 * ROW
 
-Floats = NDArray[np.float64]
-
 
 class Images(NamedTuple):
     """Images on one test mirror: shading images, then blocking images."""
@@ -38,7 +37,7 @@ class Images(NamedTuple):
     """`IMAGE_ROWS` rows of lanes for each."""
     apart: NDArray[np.bool_]
     """True if the bounding spheres of the mirror and of the test mirror are disjoint."""
-    present: NDArray[np.int64]
+    present: Integers
     """Lanes in which each covers something of the test mirror, a bit for each lane."""
 
 

@@ -10,8 +10,8 @@ line distance, so |e| >= |D|: a contradiction. Both conditions say: the angle be
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.packets import Mirrors
 from heliosweep.kernels.vectors import GROUP, PACKET, whole
@@ -23,9 +23,9 @@ _SLACK = 1e-9
 class Cells(NamedTuple):
     """Uniform grid in plan over the field: heliostats of one cell, and of one row of cells, are contiguous."""
 
-    first: NDArray[np.int64]
+    first: Integers
     """The first heliostat of each cell; cells run from west to east, then from south to north."""
-    names: NDArray[np.int64]
+    names: Integers
     """What number each heliostat had before, rising within a cell."""
     west: float
     south: float
@@ -63,8 +63,8 @@ class Beam(NamedTuple):
 class Candidates(NamedTuple):
     """Heliostats that may occlude each of some test heliostats."""
 
-    names: NDArray[np.int64]
-    first: NDArray[np.int64]
+    names: Integers
+    first: Integers
     """Place in `names` of the first of each test heliostat, and the end of the last ones."""
 
 
@@ -111,7 +111,7 @@ def _reordered(mirrors, names):
 
 
 @kernel
-def places(grid: Cells, start: int, stop: int) -> NDArray[np.int64]:
+def places(grid: Cells, start: int, stop: int) -> Integers:
     """Where heliostats start..stop are among the sorted ones, rising."""
     found, count = np.empty(stop - start, np.int64), 0
     for i in range(grid.names.shape[0]):
@@ -137,7 +137,7 @@ def _range(values):
 
 
 @inner
-def beam(directions: NDArray[np.float64], stride: int, count: int) -> Beam:
+def beam(directions: Floats, stride: int, count: int) -> Beam:
     """Bundle of the first `count` of the unit vectors whose x, then y, then z stand `stride` apart in a flat array."""
     x = y = z = 0.0
     for k in range(count):
@@ -178,9 +178,9 @@ def search(
     limit: float,
     mirrors: Mirrors,
     grid: Cells,
-    found: NDArray[np.int64],
+    found: Integers,
     count: int,
-) -> tuple[NDArray[np.int64], int]:
+) -> tuple[Integers, int]:
     """Append to `found` every heliostat that may occlude heliostat i along some direction of the bundle.
 
     In plan, h ahead of i along the azimuth of d: the line distance has the components h sin a - dz cos a (a the
@@ -280,7 +280,7 @@ def no_candidates(tests: int) -> Candidates:
 
 
 @kernel
-def search_all(tests: NDArray[np.int64], bundle: Beam, mirrors: Mirrors, grid: Cells, found: Candidates) -> Candidates:
+def search_all(tests: Integers, bundle: Beam, mirrors: Mirrors, grid: Cells, found: Candidates) -> Candidates:
     """Replace the lists of the test heliostats by what `search` finds along a bundle to the sun."""
     names, first = found
     for t in range(tests.shape[0]):
@@ -292,9 +292,7 @@ def search_all(tests: NDArray[np.int64], bundle: Beam, mirrors: Mirrors, grid: C
 
 
 @kernel
-def offsets_of(
-    tests: NDArray[np.int64], mirrors: Mirrors, found: Candidates, offsets: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def offsets_of(tests: Integers, mirrors: Mirrors, found: Candidates, offsets: Floats) -> Floats:
     """Offsets of candidates from their test heliostats: as many x as the list has room for, y, z, and sums of radii."""
     names, stride = found.names, found.names.shape[0]
     if offsets.shape[0] < 4 * stride:
@@ -310,7 +308,7 @@ def offsets_of(
 
 
 @kernel
-def sift_all(bundle: Beam, wider: Candidates, offsets: NDArray[np.float64], found: Candidates) -> Candidates:
+def sift_all(bundle: Beam, wider: Candidates, offsets: Floats, found: Candidates) -> Candidates:
     """What `search_all` finds, out of what it found for a wider bundle, and the offsets of these."""
     names = found.names
     while names.shape[0] < wider.first[-1]:

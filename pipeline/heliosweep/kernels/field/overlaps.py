@@ -8,13 +8,11 @@ of the two images may tie: each step is a clamp there, continuous in the corners
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner
 from heliosweep.kernels.field.polygons import along, edge_terms, larger, slope, slopes, smaller, unit
 from heliosweep.kernels.vectors import ROW
-
-Floats = NDArray[np.float64]
 
 _LEAST = 1e-140
 """Component of an edge along an axis: the edge is taken as turned by next to nothing, so that nothing is infinite."""

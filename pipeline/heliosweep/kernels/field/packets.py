@@ -11,8 +11,8 @@ its width along u and its height along v. Vectors are kept for all lanes (instan
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inner, kernel
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW
 
@@ -25,7 +25,7 @@ too often, wider ones have too many candidates. Thousands of instants fill their
 
 
 @kernel
-def packet_order(sun: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     """Permutation that puts similar sun directions next to each other, and the packets that it is cut into.
 
     A k-d tree: cut at the median of the component with the largest range until a packet is left. A packet has 64 lanes
@@ -129,26 +129,26 @@ _PARALLEL = 1e-30
 class Mirrors(NamedTuple):
     """The heliostats of a field, one number (or vector) each."""
 
-    x: NDArray[np.float64]
+    x: Floats
     """Mirror centres: east, north, up. [m]"""
-    y: NDArray[np.float64]
-    z: NDArray[np.float64]
-    half_width: NDArray[np.float64]
+    y: Floats
+    z: Floats
+    half_width: Floats
     """Half sides along u and along v. [m]"""
-    half_height: NDArray[np.float64]
-    radius: NDArray[np.float64]
+    half_height: Floats
+    radius: Floats
     """Radius of the bounding sphere. [m]"""
-    aim: NDArray[np.float64]
+    aim: Floats
     """Unit vectors r from the centres to the target, shape (N, 3). [1]"""
-    throw: NDArray[np.float64]
+    throw: Floats
     """Distances to the target. [m]"""
 
 
 @inner
 def half_sides(
-    frames: NDArray[np.float64],
+    frames: Floats,
     f: int,
-    sun: NDArray[np.float64],
+    sun: Floats,
     at: int,
     mirrors: Mirrors,
     i: int,

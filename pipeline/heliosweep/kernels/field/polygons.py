@@ -5,9 +5,7 @@ x, y, x, y, ... from some place of a flat array on, counter-clockwise, and count
 continuously on the corners: coincident and nearly coincident edges cost rounding, never a wrong branch.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner
 
 SQUARE = 4.0
@@ -20,8 +18,6 @@ _NOTHING = 1e-17
 
 Four = tuple[float, float, float, float]
 """One number of each of four edges."""
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @inline

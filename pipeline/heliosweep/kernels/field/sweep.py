@@ -8,8 +8,8 @@ in the way of a few instants only.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.cover import COVER_ROWS, FLOOR, cover_by, in_view, take_out_hidden, uncover
 from heliosweep.kernels.field.frames import forget, have_frame, kept, no_frames, with_room
@@ -33,8 +33,6 @@ from heliosweep.kernels.field.packets import (
 from heliosweep.kernels.field.polygons import SQUARE
 from heliosweep.kernels.field.unions import room_for, unions
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, rows
-
-Floats = NDArray[np.float64]
 
 _TOGETHER, _FEW = 16, 96.0
 """Packets whose candidates are searched for together, and candidates up to which that pays: each packet sifts them."""
@@ -63,7 +61,7 @@ class Weights(NamedTuple):
 
     weight: Floats
     """Weight of each instant, and what mirrors reflect of it, shape (2, T)."""
-    period: NDArray[np.int64]
+    period: Integers
     """Number of the period that each instant is in, from 0, shape (T,)."""
     sums: Floats
     """Sums for each test heliostat and period, as `field_energies` returns them, shape (stop - start, P, 7)."""
@@ -79,8 +77,8 @@ def sweep(
     grid: Cells,
     tracking: int,
     sun: Floats,
-    order: NDArray[np.int64],
-    first: NDArray[np.int64],
+    order: Integers,
+    first: Integers,
     start: int,
     stop: int,
     sums: Floats,
@@ -130,7 +128,7 @@ def sweep(
 
 
 @kernel
-def blockers_of(tests: NDArray[np.int64], mirrors: Mirrors, grid: Cells) -> Candidates:
+def blockers_of(tests: Integers, mirrors: Mirrors, grid: Cells) -> Candidates:
     """Heliostats that may block each of the block, whatever the sun."""
     names, first = no_candidates(tests.shape[0])
     for t in range(tests.shape[0]):

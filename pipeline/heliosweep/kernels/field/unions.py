@@ -12,8 +12,8 @@ the order of the search, outward from the test mirror: the bits of a lane do not
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import apart, inline, inner, kernel
 from heliosweep.kernels.field.boundaries import (
     SLOT,
@@ -43,9 +43,6 @@ _KEPT = 64
 """Images of which it is kept in which lanes each two overlap."""
 _BLOCK, _BOTH = ROW, 2 * ROW
 """Rows of the totals, after that of shade."""
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Room(NamedTuple):
