@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import pickle
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -96,7 +98,7 @@ def test_of_two_results_the_one_of_the_manifest(tmp_path, small):
 def test_a_group_reads_like_the_netcdf_file(tmp_path, compression):
     path = write_zarr(tmp_path / "result.zarr", compression)
     with (
-        xr.open_dataset(write_netcdf(tmp_path / "result.nc")) as netcdf,
+        open_result(write_netcdf(tmp_path / "result.nc")) as netcdf,
         xr.open_zarr(path) as plain,
         open_result(path) as ours,
     ):
@@ -201,3 +203,21 @@ def test_an_interruption_while_waiting_leaves_it_free(monkeypatch):
 
 def test_pickled_it_is_the_lock_of_the_process():
     assert pickle.loads(pickle.dumps(LIBRARY_LOCK)) is LIBRARY_LOCK
+
+
+def test_a_file_may_be_open_as_often_as_one_likes(tmp_path):
+    """With strings in it, HDF5 reads what it has freed when the first of two that are open is closed."""
+    path = write_netcdf(tmp_path / "result.nc")
+    program = """
+import random, sys
+import xarray as xr
+draw, opened = random.Random(1), []
+for _ in range(200):
+    if opened and draw.random() < 0.5:
+        opened.pop(draw.randrange(len(opened))).close()
+    else:
+        opened.append(xr.open_dataset(sys.argv[1]))
+    if opened:
+        draw.choice(opened).copy().label.load()
+"""
+    subprocess.run([sys.executable, "-c", program, str(path)], check=True)

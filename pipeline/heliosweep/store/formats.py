@@ -34,6 +34,7 @@ Write = Callable[[Part, Mapping[str, np.ndarray]], None]
 CODECS = {"vlen-utf8", "shuffle", "zlib", "zstd"}
 #: Our key beside the consolidated metadata, which readers pass over: what NetCDF knows and Zarr does not.
 _RECORD = "heliosweep"
+_ENCODING = "utf-8"
 
 
 class _LibraryLock:
@@ -127,8 +128,15 @@ def _define(file: netCDF4.Dataset, skeleton: Skeleton, level: int) -> None:
         file.createDimension(dim, size)
     for name, coordinate in skeleton.coordinates.coords.items():
         values, attrs = encode(coordinate)
-        dtype = str if values.dtype == object else values.dtype
-        target = file.createVariable(str(name), dtype, coordinate.dims, fill_value=False)
+        dims = tuple(map(str, coordinate.dims))
+        if values.dtype == object:
+            # HDF5 crashes where a file with strings is open twice and one of the two is closed (netcdf-c, issue 2510).
+            values = _characters(values)
+            dims, attrs = (*dims, f"string{values.shape[-1]}"), {**attrs, "_Encoding": _ENCODING}
+            if dims[-1] not in file.dimensions:
+                file.createDimension(dims[-1], values.shape[-1])
+        target = file.createVariable(str(name), values.dtype, dims, fill_value=False)
+        target.set_auto_chartostring(False)
         target.setncatts(attrs)
         target[...] = values
     for name, variable in skeleton.variables.items():
@@ -145,6 +153,12 @@ def _define(file: netCDF4.Dataset, skeleton: Skeleton, level: int) -> None:
         for name in skeleton.of_kind("series"):
             # Each chunk is written once and whole: a cache would only hold memory, 64 MB a variable.
             file[name].set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
+
+
+def _characters(text: np.ndarray) -> np.ndarray:
+    """Text as characters along one more dimension, filled up with zeros."""
+    encoded = np.strings.encode(text.astype(str), _ENCODING)
+    return np.ascontiguousarray(encoded).view("S1").reshape(*text.shape, encoded.itemsize)
 
 
 def _write_chunks(file: netCDF4.Dataset, skeleton: Skeleton, region: Region, values: Mapping[str, np.ndarray]) -> None:

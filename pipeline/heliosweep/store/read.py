@@ -122,13 +122,13 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     if place.is_dir():
         read_metadata(place)
         result = xr.open_zarr(place.absolute(), chunks=None, consolidated=True, zarr_format=2)
-        # Text as NetCDF's readers give it.
-        text = [(name, item) for name, item in result.coords.items() if item.dtype.kind == "T"]
-        return result.assign_coords({n: item.copy(data=item.to_numpy().astype(object).astype(str)) for n, item in text})
-    if not is_netcdf(place):
+    elif is_netcdf(place):
+        with LIBRARY_LOCK:
+            result = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK)
+    else:
         raise StudyError(Problem("is no result; name a result folder", file=str(place)))
-    with LIBRARY_LOCK:
-        return xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK)
+    text = [(name, item) for name, item in result.coords.items() if item.dtype.kind in "OT"]
+    return result.assign_coords({n: item.copy(data=item.to_numpy().astype(object).astype(str)) for n, item in text})
 
 
 class Stored:
@@ -219,6 +219,7 @@ def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambd
     Raises HeliosweepError where it is no result, or damaged.
     """
     import xarray as xr
+    from xarray.conventions import decode_cf_variables
 
     from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
 
@@ -237,10 +238,18 @@ def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambd
             else:
                 with LIBRARY_LOCK:
                     store, record = xr.backends.NetCDF4DataStore.open(place, lock=LIBRARY_LOCK), {}
-                    variables, sizes = dict(store.get_variables()), dict(store.get_dimensions())
                     attributes = store.get_attrs()
+                    decoded, *_ = decode_cf_variables(  # of text: its characters are put together
+                        store.get_variables(), attributes,
+                        mask_and_scale=False, decode_times=False, decode_coords=False, decode_timedelta=False,
+                    )  # fmt: skip
+                    variables = dict(decoded)
+                    letters = {item.encoding.get("char_dim_name") for item in variables.values()}
+                    sizes = {dim: size for dim, size in store.get_dimensions().items() if dim not in letters}
                     for name, item in variables.items():
-                        if item.encoding.get("chunksizes") and item.dtype.kind != "O":
+                        if item.dtype.kind == "O":
+                            item.encoding.pop("chunksizes", None)  # of its characters
+                        elif item.encoding.get("chunksizes"):
                             store.ds[name].set_var_chunk_cache(size=0, nelems=1)  # every chunk is read once
             stored = Stored(place, variables, sizes, attributes, record, told)
         except HeliosweepError:
