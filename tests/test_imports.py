@@ -22,6 +22,7 @@ ORDER = [
     "processors",
     "errors",
     "files",
+    "netcdf",
     "config",
     "kernels",
     "layouts",

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from heliosweep.errors import HeliosweepError
+from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store import read as module
 from heliosweep.store.encoding import slab_rows, slabs_of
-from heliosweep.store.formats import LIBRARY_LOCK
 from heliosweep.store.read import Stored, content_digest, locate, open_result, open_stored, result_digest
 from tests.store.samples import (
     CUTS,
@@ -195,7 +195,7 @@ def test_an_interruption_while_waiting_leaves_it_free(monkeypatch):
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("heliosweep.store.formats.NETCDF4_PYTHON_LOCK", Interrupted())
+        patch.setattr("heliosweep.netcdf.NETCDF4_PYTHON_LOCK", Interrupted())
         with pytest.raises(KeyboardInterrupt):
             LIBRARY_LOCK.acquire()
     assert from_another_thread()

@@ -237,8 +237,10 @@ def _netcdf(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Flo
     """Places along x and y, and heights over (y, x), of a NetCDF file."""
     import xarray as xr
 
+    from heliosweep.netcdf import LIBRARY_LOCK
+
     try:
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as data:
+        with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:
             grids = [name for name, one in data.data_vars.items() if set(one.dims) == {"x", "y"}]
             sides = [data[side] if side in data.coords else None for side in "xy"]
             if len(grids) != 1 or any(side is None for side in sides):

@@ -11,20 +11,18 @@ from __future__ import annotations
 
 import itertools
 import json
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import netCDF4
 import numpy as np
-from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import why_not_written, writing
 from heliosweep.grid.regions import Part, Region, index_of
+from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store.encoding import Skeleton, encode, slab_rows, stored
 from heliosweep.store.folder import CONSOLIDATED
 
@@ -35,50 +33,6 @@ CODECS = {"vlen-utf8", "shuffle", "zlib", "zstd"}
 #: Our key beside the consolidated metadata, which readers pass over: what NetCDF knows and Zarr does not.
 _RECORD = "heliosweep"
 _ENCODING = "utf-8"
-
-
-class _LibraryLock:
-    """xarray's lock for the library, made reentrant: two threads must not enter it, not even for two files.
-
-    xarray reads values under its lock, but opens files and reads attributes without one; whoever holds this lock may
-    open a file with xarray, and nobody else, be it xarray itself, is in the library meanwhile.
-    """
-
-    def __init__(self) -> None:
-        self._own = threading.RLock()
-        self._depth = 0
-
-    def acquire(self, blocking: bool = True) -> bool:
-        if not self._own.acquire(blocking):
-            return False
-        got = self._depth > 0
-        try:
-            got = got or NETCDF4_PYTHON_LOCK.acquire(blocking)
-        finally:
-            if not got:
-                self._own.release()
-        self._depth += got
-        return got
-
-    def release(self) -> None:
-        self._depth -= 1
-        if not self._depth:
-            NETCDF4_PYTHON_LOCK.release()
-        self._own.release()
-
-    def __enter__(self) -> None:
-        self.acquire()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
-
-    def __reduce__(self) -> str:
-        return "LIBRARY_LOCK"  # there is one in each process
-
-
-LIBRARY_LOCK = _LibraryLock()
 
 
 @contextmanager

@@ -115,7 +115,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     import xarray as xr
 
-    from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
+    from heliosweep.netcdf import LIBRARY_LOCK
+    from heliosweep.store.formats import read_metadata
 
     import_no_other_arrays()
     place = locate(path)
@@ -221,7 +222,8 @@ def open_stored(path: str | os.PathLike[str], told: Callable[[], object] = lambd
     import xarray as xr
     from xarray.conventions import decode_cf_variables
 
-    from heliosweep.store.formats import LIBRARY_LOCK, read_metadata
+    from heliosweep.netcdf import LIBRARY_LOCK
+    from heliosweep.store.formats import read_metadata
 
     place = locate(path)
     store = None
