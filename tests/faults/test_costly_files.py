@@ -33,7 +33,8 @@ def refusal(read: Callable[[Path], object], path: Path) -> str:
             said.append(str(error))
             raise
 
-    assert judge(path, "", "a file", read=reading).outcome == "refused"
+    verdict = judge(path, "", "a file", read=reading)
+    assert verdict.outcome == "refused", verdict.defect
     return said[0]
 
 

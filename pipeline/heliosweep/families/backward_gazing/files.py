@@ -39,7 +39,7 @@ MIN_SIDE = 4
 LARGE, EMPTIEST = 1_000_000, 200
 #: Most that is read before the size of an image is known, portions in which a file is read, and tiles of a compressed
 #: FITS. [bytes, 1, 1]
-MAX_HEADER, MAX_READS, MAX_TILES = 2**20, 200_000, 100_000
+MAX_HEADER, MAX_READS, MAX_TILES = 2**20, 60_000, 100_000
 
 #: Largest table of the sun's brightness. [bytes]
 MAX_TABLE_BYTES = 2**20
