@@ -50,6 +50,8 @@ daemon = multiprocessing.get_context("fork").Process(target=lambda: result(int, 
 daemon.start()
 daemon.join()
 assert daemon.exitcode == 0
+beside.LONGEST = 0.1
+assert result(int, lambda what: threading.Event().wait()) is None
 beside.processors = lambda: 1
 assert result(int, int) is None
 """

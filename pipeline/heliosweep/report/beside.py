@@ -17,6 +17,9 @@ from typing import Any, Self
 
 from heliosweep.processors import processors
 
+#: How long a result is waited for: a copy may wait for a lock that a library held. [s]
+LONGEST = 120.0
+
 
 class Beside:
     """Another process, from `start` to the end of the context; where there is none, nothing comes of it.
@@ -68,9 +71,9 @@ class Beside:
                 self._pipe.send(what)
 
     def result(self) -> Any:
-        """What came of the work; None where there is no other process, or it failed."""
+        """What came of the work; None where there is no other process, or it failed or took too long."""
         with suppress(EOFError, OSError):
-            return self._pipe.recv() if self._process else None
+            return self._pipe.recv() if self._process and self._pipe.poll(LONGEST) else None
         return None
 
     def _serve(self, pipe: Connection) -> None:
