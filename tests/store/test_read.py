@@ -112,6 +112,15 @@ def test_a_group_reads_like_the_netcdf_file(tmp_path, compression):
         assert ours["noon"].dtype.kind == "M"
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_part_is_written_again_in_silence(tmp_path):
+    with open_result(write_netcdf(tmp_path / "result.nc")) as result:
+        result.isel(heliostat=slice(0, 3)).to_netcdf(tmp_path / "part.nc")
+        with xr.open_dataset(tmp_path / "part.nc") as part:
+            assert part["label"].to_numpy().tolist() == [*"abc"]
+            assert part["model"].item() == "rotary"
+
+
 def test_no_pickle_is_read(tmp_path):
     path = write_zarr(tmp_path / "result.zarr")
     metadata = path / ".zmetadata"

@@ -128,8 +128,11 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
             result = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK)
     else:
         raise StudyError(Problem("is no result; name a result folder", file=str(place)))
-    text = [(name, item) for name, item in result.coords.items() if item.dtype.kind in "OT"]
-    return result.assign_coords({n: item.copy(data=item.to_numpy().astype(object).astype(str)) for n, item in text})
+    text = {name: item for name, item in result.coords.items() if item.dtype.kind in "OT"}
+    for name, item in text.items():
+        text[name] = item.copy(data=item.to_numpy().astype(object).astype(str))
+        text[name].encoding.pop("char_dim_name", None)  # of fewer names, the longest may be shorter
+    return result.assign_coords(text)
 
 
 class Stored:
