@@ -138,5 +138,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     result = read.open_result(path)
     names = result.coords.get("name")
     if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
-        result = result.set_xindex("name")
+        named = result.set_xindex("name")
+        named.set_close(result.close)  # else it would close nothing
+        return named
     return result

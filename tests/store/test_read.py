@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import netCDF4
@@ -16,8 +17,10 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from xarray.backends.file_manager import FILE_CACHE
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
+import heliosweep
 from heliosweep.errors import HeliosweepError
 from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store import read as module
@@ -27,6 +30,7 @@ from tests.store.samples import (
     CUTS,
     NETCDF,
     SIZES,
+    SKELETON,
     SLABS,
     VARIABLES,
     ZARR,
@@ -119,6 +123,16 @@ def test_a_part_is_written_again_in_silence(tmp_path):
         with xr.open_dataset(tmp_path / "part.nc") as part:
             assert part["label"].to_numpy().tolist() == [*"abc"]
             assert part["model"].item() == "rotary"
+
+
+@pytest.mark.parametrize("label", ["label", "name"])  # by names, heliostats can be selected
+def test_a_closed_result_is_closed(tmp_path, label):
+    coordinates = SKELETON.coordinates.rename({"label": label})
+    path = write(tmp_path / "out", skeleton=replace(SKELETON, coordinates=coordinates))
+    with heliosweep.open_result(path) as result:
+        assert any(str(path) in str(key) for key in FILE_CACHE)
+        assert (label in result.xindexes) == (label == "name")
+    assert not any(str(path) in str(key) for key in FILE_CACHE)
 
 
 def test_no_pickle_is_read(tmp_path):

@@ -132,7 +132,9 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     for name, item in text.items():
         text[name] = item.copy(data=item.to_numpy().astype(object).astype(str))
         text[name].encoding.pop("char_dim_name", None)  # of fewer names, the longest may be shorter
-    return result.assign_coords(text)
+    decoded = result.assign_coords(text)
+    decoded.set_close(result.close)  # else it would close nothing
+    return decoded
 
 
 class Stored:
