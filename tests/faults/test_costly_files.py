@@ -121,6 +121,10 @@ IMAGES: dict[str, tuple[Callable[[Path], bytes], str]] = {
         lambda _: png(64, 64, chunk(b"IDAT") * 10**6, pixels(64)),
         "more pieces than any image needs",
     ),
+    "chunks of a large image": (
+        lambda _: png(900, 900, chunk(b"IDAT") * 10**6, pixels(900)),
+        "more pieces than any image needs",
+    ),
     "empty image": (
         lambda _: png(5000, 5000, pixels(5000)),
         "has 5,000 x 5,000 pixels in 24,372 bytes, which no photograph has",

@@ -99,7 +99,7 @@ def test_so_is_damage_of_groups(pair, capsys, reader, damage):
 PUBLISHERS = ["report B", "export B -o out.nc", "export B --csv out.csv", "table B -o out.csv"]
 
 
-@pytest.mark.parametrize("reader", PUBLISHERS)
+@pytest.mark.parametrize("reader", [*PUBLISHERS, "compare A B --page out.html"])
 def test_a_group_without_a_chunk_is_not_published(pair, capsys, reader):
     (pair("result.zarr") / "power" / "1.1.0").unlink()
     assert main(reader.split()) == 1

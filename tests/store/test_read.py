@@ -22,6 +22,7 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 import heliosweep
 from heliosweep.errors import HeliosweepError
+from heliosweep.layouts.ground import read_heights
 from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store import read as module
 from heliosweep.store.encoding import slab_rows, slabs_of
@@ -125,6 +126,18 @@ def test_a_part_is_written_again_in_silence(tmp_path):
             assert part["model"].item() == "rotary"
 
 
+def test_names_may_be_stored_compressed(tmp_path):
+    """As by tools that pack files again."""
+    path = tmp_path / "packed.nc"
+    with xr.open_dataset(write_netcdf(tmp_path / "result.nc")) as data:
+        data.to_netcdf(path, encoding={"label": {"dtype": "S1", "zlib": True, "chunksizes": (2, 4)}})
+    with netCDF4.Dataset(path) as file:
+        assert file["label"].chunking() == [2, 4]
+    with open_stored(path) as stored:
+        found = [text for index in stored.pieces("label") for text in stored.read("label", index)]
+        assert found == SKELETON.coordinates["label"].to_numpy().tolist()
+
+
 @pytest.mark.parametrize("label", ["label", "name"])  # by names, heliostats can be selected
 def test_a_closed_result_is_closed(tmp_path, label):
     coordinates = SKELETON.coordinates.rename({"label": label})
@@ -210,6 +223,21 @@ def test_waits_for_xarray():
     with NETCDF4_PYTHON_LOCK:
         assert not from_another_thread()
     assert from_another_thread()
+
+
+def test_files_are_opened_under_it(tmp_path, monkeypatch):
+    found = []
+
+    def opened(*given, **how):
+        found.append(from_another_thread())
+        return plain(*given, **how)
+
+    plain, path = xr.open_dataset, tmp_path / "heights.nc"
+    xr.Dataset({"z": (("x", "y"), np.zeros((2, 2)))}, {"x": [0.0, 9], "y": [0.0, 9]}).to_netcdf(path)
+    monkeypatch.setattr(xr, "open_dataset", opened)
+    open_result(write_netcdf(tmp_path / "result.nc")).close()
+    read_heights(path)
+    assert found == [False, False]
 
 
 def test_an_interruption_while_waiting_leaves_it_free(monkeypatch):

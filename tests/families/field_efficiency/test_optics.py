@@ -167,17 +167,23 @@ def test_instants_that_are_padded_leave_the_table_of_a_field_known(lit, monkeypa
 
 def test_threads_that_share_slopes_find_their_own(lit):
     """Another thread may replace what is kept at any time, as that of a point with another map."""
-    inputs = chain.Inputs(lit())
 
-    class Kept(dict[Any, Any]):
-        def __contains__(self, key: object) -> bool:
-            inputs._last = {}
-            return super().__contains__(key)
+    class Replaced(dict[str, Any]):
+        """What is kept is another's right after it was looked up or kept."""
 
-    slopes = SimpleNamespace(at_nodes=lambda *given: given)
-    inputs.maps["map.csv"] = slopes
-    for _ in range(2):
-        found = inputs.slopes_of("map.csv", 9.0, 8.0, Facets(1, 1, 0.0), False)
-        inputs._last = Kept(inputs._last)
-        assert found == (9.0, 8.0, Facets(1, 1, 0.0), False)
-    assert inputs.slopes_of("map.csv", 9.0, 8.0, Facets(1, 1, 0.0), False) == found
+        def get(self, what: str, other: Any = None) -> Any:
+            found = super().get(what, other)
+            self[what] = None
+            return found
+
+        def __setitem__(self, what: str, _: object) -> None:
+            super().__setitem__(what, ("their key", "theirs"))
+
+    inputs, made = chain.Inputs(lit()), []
+    inputs.maps["map.csv"] = SimpleNamespace(at_nodes=lambda *given: made.append(given) or given)
+    for width in (9.0, 7.0, 7.0):
+        inputs._last = Replaced(inputs._last)
+        one = (width, 8.0, Facets(1, 1, 0.0), False)
+        assert inputs.slopes_of("map.csv", *one) == one
+        inputs._last = {"slopes": (("map.csv", *one), one)}
+    assert len(made) == 2
