@@ -179,8 +179,12 @@ def test_threads_that_share_slopes_find_their_own(lit):
         def __setitem__(self, what: str, _: object) -> None:
             super().__setitem__(what, ("their key", "theirs"))
 
-    inputs, made = chain.Inputs(lit()), []
-    inputs.maps["map.csv"] = SimpleNamespace(at_nodes=lambda *given: made.append(given) or given)
+    def at_nodes(*given: Any) -> tuple[Any, ...]:
+        made.append(given)
+        return given
+
+    inputs, made = chain.Inputs(lit()), list[Any]()
+    inputs.maps["map.csv"] = SimpleNamespace(at_nodes=at_nodes)
     for width in (9.0, 7.0, 7.0):
         inputs._last = Replaced(inputs._last)
         one = (width, 8.0, Facets(1, 1, 0.0), False)
