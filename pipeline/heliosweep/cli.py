@@ -39,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         atexit.register(gc.freeze)
     # Results are written under names of their own and held by a claim; not every file system has HDF5's locks.
     os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
+    # Chunks of a Zarr group that are read at once: its ten take more memory than the plan says, and as much time.
+    os.environ.setdefault("ZARR_ASYNC__CONCURRENCY", "2")
     given = sys.argv[1:] if arguments is None else arguments
     if not given:
         parser().print_help(sys.stderr)
